@@ -15,7 +15,7 @@ from dissect.s7plus import layouts
 from dissect.s7plus.bodies import parse_contents
 from dissect.s7plus.contents import Address, Contents
 from dissect.s7plus.ids import AREAS, BLOCK_KINDS
-from dissect.s7plus.message import DIGEST_SIZE, PlusPdu, fixed_part, parse_plus
+from dissect.s7plus.message import PlusPdu, fixed_part, parse_plus
 from dissect.s7plus.summary import single_address
 from dissect.s7plus.tables import (
     CREATE_OBJECT,
@@ -25,7 +25,6 @@ from dissect.s7plus.tables import (
     REQUEST,
     SET_VAR_SUBSTREAMED,
     V1,
-    V3,
 )
 from dissect.transactions.open_requests import PLUS_KEY
 from dissect.transactions.side import Side
@@ -99,10 +98,9 @@ class PlusRules:
         starts = [(0, pdu.data_offset), *pdu.frame_starts.items()]
         for (taken, offset), (end, _) in zip(starts, [*starts[1:], (len(data), 0)], strict=True):
             new[offset : offset + end - taken] = data[taken:end]
-            if pdu.version == V3:
-                digest = slice(offset - DIGEST_SIZE, offset)
-                self._account.mask(account.PLUS, pdu.octets[digest])
-                new[digest] = bytes(DIGEST_SIZE)
+        for begin, end in pdu.digest_places:
+            self._account.mask(account.PLUS, pdu.octets[begin:end])
+            new[begin:end] = bytes(end - begin)
         return bytes(new)
 
     def _parts(self, pdu: PlusPdu, found: Contents, head: Layout, meaning: _Meaning) -> bytes:

@@ -58,7 +58,7 @@ class _Part:
 
 
 class _Frame:
-    """A whole TSDU of S7comm-plus: its parts, its octets, and whether it stands for itself, also between frames of a PDU."""
+    """A whole TSDU of S7comm-plus: its parts, its octets, and whether it is no part of a PDU, even between its frames."""
 
     __slots__ = ("alone", "octets", "parts")
 
@@ -316,6 +316,7 @@ class Survey(Observer):
             self._lay_frames(track, message)
         whole = assembler.push(frame.octets)
         message.frames.append(frame)
+        frame.alone = frame.alone or assembler.passed
         if assembler.left_out:
             self._blank_frames(track, message)
             return

@@ -8,7 +8,7 @@ from mypy_extensions import i64
 
 from dissect.findings.security_rules import SecurityWatch
 from dissect.s7plus.ids import plain_id
-from dissect.s7plus.message import INTEGRITY_SIZE
+from dissect.s7plus.plain import REQUEST_SIZE, SESSION_AT, data_of
 from dissect.s7plus.session import PANEL, Identity, PlusSession
 from dissect.s7plus.tables import CREATE_OBJECT, DELETE_OBJECT, INIT_SSL, SET_MULTI_VARIABLES, V3
 from dissect.tcp.link import within
@@ -17,10 +17,6 @@ from dissect.transactions.transaction import ANSWERED, Transaction
 from dissect.wire.octets import u32
 from dissect.wire.text import printable
 
-#: Offset of the session id in a request of protocol versions 1 and 2; in version 3 the digest stands before it.
-_SESSION: Final = 13
-#: Offset of the id of the object that a request is about.
-_OBJECT: Final = 18
 #: Ids up to this one are not sessions: a client that has none yet sends 288.
 _NO_SESSION: Final = 288
 #: Sessions that are remembered; beyond that the one given first is forgotten.
@@ -44,15 +40,11 @@ class PlusSessions:
         octets = transaction.request_octets
         if transaction.function == INIT_SSL:
             session.tls = transaction.outcome == ANSWERED and transaction.error_code < _ERROR
-        size: i64 = len(octets)
-        if size < _SESSION:
+        data, at, end = data_of(octets)
+        at += SESSION_AT
+        if at + 4 > end:
             return
-        at: i64 = _SESSION
-        if octets[1] == V3:
-            at += INTEGRITY_SIZE
-        if at + 4 > size:
-            return
-        number: i64 = u32(octets, at)
+        number: i64 = u32(data, at)
         if number > _NO_SESSION and number != session.latest:
             if len(session.given) > 0 and number in session.given:
                 session.latest = number
@@ -100,10 +92,10 @@ class PlusSessions:
             return
         if transaction.outcome != ANSWERED or transaction.error_code >= _ERROR or _incomplete(transaction.connection):
             return
-        if transaction.function == SET_MULTI_VARIABLES and octets[_OBJECT : _OBJECT + 4] == int(number).to_bytes(
-            4, "big"
-        ):
-            return
+        data, at, end = data_of(octets)
+        at += REQUEST_SIZE
+        if transaction.function == SET_MULTI_VARIABLES and at + 4 <= end and u32(data, at) == number:
+            return  # it writes attributes of the session itself
         if self._security.first_of(transaction, "security.unauthenticated"):
             text = f"{transaction.function_name}, {_ends(session, transaction.connection)}"
             self._security.tell("security.unauthenticated", transaction, text)

@@ -37,8 +37,8 @@ from dissect.s7plus.layouts import DIGEST, INTEGRITY_ID
 from dissect.s7plus.layouts import NOTIFICATION as NOTIFICATION_HEAD
 from dissect.s7plus.layouts import REQUEST as REQUEST_HEAD
 from dissect.s7plus.layouts import RESPONSE as RESPONSE_HEAD
-from dissect.s7plus.message import DIGEST_SIZE, parse_plus
-from dissect.s7plus.tables import NOTIFICATION, REQUEST, V1, V3
+from dissect.s7plus.message import PlusPdu, parse_plus
+from dissect.s7plus.tables import NOTIFICATION, REQUEST, V1
 from dissect.wire.layout import HOLDS_REFERENCE
 
 # Where references stand: (begin, end), counted from where each structure begins.
@@ -47,6 +47,8 @@ _UPLOAD: Final = UPLOAD_HEAD.places(HOLDS_REFERENCE)
 _PLUS_REQUEST: Final = REQUEST_HEAD.places(HOLDS_REFERENCE)
 _PLUS_RESPONSE: Final = RESPONSE_HEAD.places(HOLDS_REFERENCE)
 _PLUS_NOTIFICATION: Final = NOTIFICATION_HEAD.places(HOLDS_REFERENCE)
+#: Of an octet of a number of variable size, the bit that says that more octets follow.
+_MORE: Final = 0x80
 _PARAM_LENGTH: Final = 6
 # Of a userdata PDU, header included: function, syntax, type and group, sequence, data unit reference.
 _FUNCTION: Final = HEADER_SIZE
@@ -57,7 +59,6 @@ SEQUENCE, DATA_UNIT = (HEADER_SIZE + begin for begin, _ in USERDATA_EXTENDED.pla
 _TYPE: Final = 0xC0
 _GROUP: Final = 0x3F
 _RESPONSE: Final = 0x80
-_PLUS_HEADER: Final = 4
 _READ: Final = bytes((READ_VAR,))
 _WRITE: Final = bytes((WRITE_VAR,))
 _UPLOADS: Final = (bytes((UPLOAD,)), bytes((END_UPLOAD,)))
@@ -135,39 +136,31 @@ def mask_plus(octets: bytes) -> bytes:
     """Return an S7comm-plus PDU (its frames one behind the other) without numbers that count and digests. Never raises."""
     pdu = parse_plus(octets)
     masked = bytearray(octets)
-    at = pdu.data_offset
-    if pdu.version == V3:
-        _mask_digests(masked)
+    for begin, end in pdu.digest_places:
+        masked[begin:end] = bytes(end - begin)
     if pdu.opcode == NOTIFICATION and pdu.version != V1:
         if pdu.credit_tick >= 0:
-            _clear(masked, _PLUS_NOTIFICATION, at)
-            end = at + NOTIFICATION_HEAD.size
-            while end < len(masked) and end < at + NOTIFICATION_HEAD.size + 5:
-                more = masked[end] & 0x80
-                masked[end] = more
+            _clear_data(masked, pdu, _PLUS_NOTIFICATION)
+            begin = end = NOTIFICATION_HEAD.size
+            while end < len(pdu.data) and end < begin + 4 and pdu.data[end] & _MORE:
                 end += 1
-                if not more:
-                    break
+            _clear_data(masked, pdu, [(begin, end + 1)], _MORE)
     elif pdu.sequence >= 0:
         request = pdu.opcode == REQUEST and pdu.session_id >= 0
-        _clear(masked, _PLUS_REQUEST if request else _PLUS_RESPONSE, at)
+        _clear_data(masked, pdu, _PLUS_REQUEST if request else _PLUS_RESPONSE)
     found, secrets = shown_contents(pdu)
     for part in found.parts:
-        if part.layout is INTEGRITY_ID or part.layout is DIGEST:
-            start = pdu.place(part.offset) + (1 if part.layout is DIGEST else 0)
-            end = pdu.place(part.end - 1)
-            for place in range(start, end + 1):
-                masked[place] &= 0x80 if part.layout is INTEGRITY_ID else 0
+        if part.layout is INTEGRITY_ID:
+            _clear_data(masked, pdu, [(part.offset, part.end)], _MORE)
+        elif part.layout is DIGEST:
+            _clear_data(masked, pdu, [(part.offset + 1, part.end)])
     for begin, end in secrets:
         masked[begin:end] = bytes(end - begin)
     return bytes(masked)
 
 
-def _mask_digests(octets: bytearray) -> None:
-    at = 0
-    while at + _PLUS_HEADER < len(octets):
-        length = int.from_bytes(octets[at + 2 : at + 4], "big")
-        start = at + _PLUS_HEADER
-        if length > DIGEST_SIZE and octets[start] == DIGEST_SIZE and start + DIGEST_SIZE < len(octets):
-            octets[start + 1 : start + 1 + DIGEST_SIZE] = bytes(DIGEST_SIZE)
-        at = start + length
+def _clear_data(masked: bytearray, pdu: PlusPdu, places: list[tuple[int, int]], kept: int = 0) -> None:
+    """Put zeros in the data of a PDU, whatever frames they are in; the bits ``kept`` stay."""
+    for begin, end in places:
+        for at in range(begin, min(end, len(pdu.data))):
+            masked[pdu.place(at)] &= kept

@@ -42,6 +42,8 @@ _SMALL: Final = 256
 _MOST: Final = 4096
 #: At most so many octets of a PDU in its hex view, which takes five times their memory: an S7comm-plus PDU may have 8 MiB.
 MAX_HEX: Final = 1 << 20
+#: Frames of a PDU that are listed; more are counted.
+_MOST_FRAMES: Final = 100
 # Why no single packet carries the whole of an S7comm-plus PDU.
 REASSEMBLED: Final = "reassembled from several frames or fragments"
 DECRYPTED: Final = "decrypted"
@@ -142,19 +144,21 @@ def plus_tree_lines(
     if pdu.integrity:
         yield from _layout(s7plus.INTEGRITY, whole, at)
         yield line_of(span(at + 1, at + 1 + len(pdu.integrity)), "digest", words.octets(pdu.integrity))
-    layout = fixed_part(pdu)
-    at = base + pdu.data_offset
-    end = at + len(pdu.data)
-    if layout is not None:
-        yield from _layout(layout, whole[:end], at)
-        at += layout.size
-    found, hidden = contents if contents is not None else shown_contents(pdu)
     if pdu.frames > 1:
-        yield line_of("", "data", f"{words.count(len(pdu.data), 'byte')} in {pdu.frames} frames")
+        yield from _plus_frames(pdu, base)
+    layout = fixed_part(pdu)
+    taken = 0
+    if layout is not None:
+        yield f"    {layout.name}"
+        for value in layout.read(pdu.data, 0):
+            yield line_of(_plus_span(pdu, int(value.offset), int(value.end), base), value.field.label, meaning(value))
+        taken = layout.size
+    found, hidden = contents if contents is not None else shown_contents(pdu)
     if found.parts:
         yield from _plus_parts(pdu, found, base, hidden)
-    elif at < end:
-        yield line_of(span(at, end), "octets", words.octets(whole[at:end]))
+    elif taken < len(pdu.data):
+        rest = words.octets(pdu.data[taken:])
+        yield line_of(_plus_span(pdu, taken, len(pdu.data), base), "octets", rest)
     yield from _malformed([fact.at(pdu.place(fact.offset)) for fact in found.malformed], base)
     if pdu.whole and pdu.version not in {SYSTEM_EVENT, KEEP_ALIVE}:
         yield from _layout(s7plus.HEADER, whole, len(whole) - s7plus.HEADER.size, "S7comm-plus trailer")
@@ -162,6 +166,20 @@ def plus_tree_lines(
     yield from _octets(whole[:MAX_HEX], [(begin + base, stop + base) for begin, stop in hidden])
     if len(whole) > MAX_HEX:
         yield f"    {words.count(len(whole) - MAX_HEX, 'more byte')} left out of this view"
+
+
+def _plus_span(pdu: PlusPdu, begin: int, end: int, base: int) -> str:
+    """Return where octets of the data of a PDU stand in it."""
+    return span(pdu.place(begin) + base, pdu.place(max(begin, end - 1)) + 1 + base)
+
+
+def _plus_frames(pdu: PlusPdu, base: int) -> Iterator[str]:
+    """Yield where each frame of a PDU stands, with header and digest, and how much of the data it carries."""
+    yield line_of("", "data", f"{words.count(len(pdu.data), 'byte')} in {pdu.frames} frames")
+    for number, (at, begin, end) in enumerate(pdu.frame_places[:_MOST_FRAMES], 1):
+        yield line_of(span(at + base, end + base), f"frame {number}", words.count(end - begin, "byte"))
+    if pdu.frames > _MOST_FRAMES:
+        yield line_of("", "", words.count(pdu.frames - _MOST_FRAMES, "more frame"))
 
 
 def _plus_parts(pdu: PlusPdu, found: Contents, base: int, hidden: Sequence[tuple[int, int]]) -> Iterator[str]:

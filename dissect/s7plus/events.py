@@ -15,10 +15,10 @@ from dissect.s7plus.glance import OUTPUTS, Seen, glance
 from dissect.s7plus.identification import IDENTIFICATION
 from dissect.s7plus.ids import AREAS, BLOCK_KINDS, PASSWORDS, block_name
 from dissect.s7plus.loads import CONSISTENT, CONTAINERS, HARDWARE, LOADS, Loading, loading_of, said, written_code
-from dissect.s7plus.message import HEADER_SIZE, INTEGRITY_SIZE, PlusPdu, parsed
+from dissect.s7plus.message import PlusPdu, parsed
 from dissect.s7plus.objects import PlusObject, every_object, whole_numbers
 from dissect.s7plus.outlines import Outline, outline
-from dissect.s7plus.plain import REQUEST_SIZE, RESPONSE_SIZE, one_frame
+from dissect.s7plus.plain import REQUEST_SIZE, RESPONSE_SIZE, data_of, one_frame
 from dissect.s7plus.program import CODE
 from dissect.s7plus.program_tables import OPERATING_STATES, STATE_REQUESTS
 from dissect.s7plus.refusals import MARKS, glimpse
@@ -333,7 +333,8 @@ def _asks_what_matters(octets: bytes, skimmed: i64) -> bool:
     """Return False for a read that certainly requests neither the operating state nor the identification record."""
     if skimmed & SOUND:
         return skimmed & ASKS != 0
-    return any([octets.find(mark, HEADER_SIZE + REQUEST_SIZE) >= 0 for mark in _READ_MARKS])
+    data, at, end = data_of(octets)
+    return any([data.find(mark, at + REQUEST_SIZE, end) >= 0 for mark in _READ_MARKS])
 
 
 def _may_matter(session: PlusSession, function: i64, octets: bytes, skimmed: i64) -> bool:
@@ -345,16 +346,15 @@ def _may_matter(session: PlusSession, function: i64, octets: bytes, skimmed: i64
         return True  # reads that do not matter are not passed to this function
     if function != SET_VARIABLE and function != SET_VAR_SUBSTREAMED and function != SET_MULTI_VARIABLES:
         return False
-    at: i64 = HEADER_SIZE + REQUEST_SIZE
-    if octets[1] == V3:
-        at += INTEGRITY_SIZE
-    if at + 6 > len(octets):
+    data, at, end = data_of(octets)
+    at += REQUEST_SIZE
+    if at + 6 > end:
         return True
-    object_id: i64 = u32(octets, at)
+    object_id: i64 = u32(data, at)
     if function == SET_MULTI_VARIABLES:
         if object_id or not (session.outputs_told and session.elsewhere_told):
             return True
-        return any([octets.find(mark) >= 0 for mark in _WRITTEN_MARKS])
+        return any([data.find(mark, at, end) >= 0 for mark in _WRITTEN_MARKS])
     if function == SET_VAR_SUBSTREAMED or (
         object_id <= _LAST_AREA and (object_id == CPU_EXEC_UNIT or object_id == HARDWARE or object_id in AREAS)
     ):
@@ -362,9 +362,9 @@ def _may_matter(session: PlusSession, function: i64, octets: bytes, skimmed: i64
     kind: i64 = object_id >> 16
     if kind >= _FIRST_KIND and kind in BLOCK_KINDS:
         return True
-    first: i64 = octets[at + 5]
+    first: i64 = data[at + 5]
     if first >= _BIT_7:
-        first, _ = read_varint(octets, at + 5, len(octets), VLQ)
+        first, _ = read_varint(data, at + 5, end, VLQ)
     return 0 <= first < len(_WRITTEN_ATTRIBUTES) and _WRITTEN_ATTRIBUTES[first] != 0
 
 
@@ -577,15 +577,8 @@ def _state(session: PlusSession, events: list[Event], state: int) -> None:
 
 def subscription_of(octets: bytes) -> i64:
     """Return the id of the subscription of a notification, read in place; -1 if the PDU is too short."""
-    size: i64 = len(octets)
-    if size < HEADER_SIZE:
-        return -1
-    at: i64 = HEADER_SIZE + 1
-    if octets[1] == V3:
-        at += INTEGRITY_SIZE
-    if at + 4 > size:
-        return -1
-    return u32(octets, at)
+    data, at, end = data_of(octets)
+    return u32(data, at + 1) if at + 5 <= end else -1
 
 
 def _notified(session: PlusSession, octets: bytes, skimmed: i64) -> Facts | None:

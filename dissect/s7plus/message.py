@@ -147,6 +147,25 @@ class PlusPdu:
         frame = bisect_right(starts, at) - 1
         return begins[frame] + at - starts[frame]
 
+    @property
+    def frame_places(self) -> list[tuple[int, int, int]]:
+        """Where each frame begins within ``octets``, where its data begins, and where it ends; also of frames without data."""
+        octets = self.octets
+        found: list[tuple[int, int, int]] = []
+        at = 0
+        for _ in range(self.frames):
+            start = at + HEADER_SIZE
+            end = min(start + u16(octets, at + 2), len(octets))
+            begin = min(start + 1 + octets[start], end) if self.version == V3 and start < end else start
+            found.append((at, begin, end))
+            at = end
+        return found
+
+    @property
+    def digest_places(self) -> list[tuple[int, int]]:
+        """Begin and end of the digest of each frame within ``octets``; none before version 3."""
+        return [(at + HEADER_SIZE + 1, begin) for at, begin, _ in self.frame_places if begin > at + HEADER_SIZE + 1]
+
     def tell(self, reason: str, field: str, offset: int, needed: int, available: int) -> None:
         """Add a fault to ``malformed``."""
         limit = "snaplen" if self.cut else "tsdu"
@@ -232,7 +251,10 @@ def _read_event(pdu: PlusPdu, octets: bytes) -> None:
 
 
 def _read_frames(pdu: PlusPdu, octets: bytes) -> None:
-    """Split the PDU into frames: join what they carry in ``data``; the trailer ends the PDU."""
+    """Split the PDU into frames: join what they carry in ``data``; the trailer ends the PDU.
+
+    A frame before version 3 that carries nothing looks like a trailer: of two in a row the second is the trailer.
+    """
     size = len(octets)
     parts: list[bytes] = []
     at = 0
@@ -242,7 +264,7 @@ def _read_frames(pdu: PlusPdu, octets: bytes) -> None:
         length = u16(octets, at + 2)
         start = at + HEADER_SIZE
         end = start + length
-        if length == 0 and count:
+        if length == 0 and count and octets[end : end + HEADER_SIZE] != octets[at:end]:
             pdu.whole = True
             at = end
             break

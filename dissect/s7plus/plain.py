@@ -10,7 +10,7 @@ from typing import Final
 
 from mypy_extensions import i64
 
-from dissect.s7plus.message import DIGEST_SIZE, HEADER_SIZE, SHORT_HEADS, PlusPdu, is_beginning
+from dissect.s7plus.message import DIGEST_SIZE, HEADER_SIZE, SHORT_HEADS, PlusPdu, is_beginning, parsed
 from dissect.s7plus.tables import (
     FUNCTIONS,
     NO_RESPONSE,
@@ -54,6 +54,18 @@ def one_frame(octets: bytes) -> tuple[i64, i64]:
     if at > end or u16(octets, 2) != end - HEADER_SIZE or octets[end + 1] != version or u16(octets, end + 2):
         return -1, -1
     return at, end
+
+
+def data_of(octets: bytes) -> tuple[bytes, i64, i64]:
+    """Return the data of a PDU, from the opcode on: octets that hold it, and where it begins and ends within them.
+
+    This is the place that knows frames: what reads numbers at fixed offsets of a PDU begins here. Never raises.
+    """
+    at, end = one_frame(octets)
+    if at >= 0:
+        return octets, at, end
+    data = parsed(octets).data
+    return data, 0, len(data)
 
 
 class Head:

@@ -11,8 +11,8 @@ from mypy_extensions import i64
 
 from dissect.s7plus.bodies import parse_contents
 from dissect.s7plus.contents import Contents
-from dissect.s7plus.message import INTEGRITY_SIZE, PlusPdu, parsed
-from dissect.s7plus.plain import REQUEST_SIZE
+from dissect.s7plus.message import PlusPdu, parsed
+from dissect.s7plus.plain import REQUEST_SIZE, data_of
 from dissect.s7plus.program import CODE, TYPE_INFO
 from dissect.s7plus.session import ASKED_OF_OBJECTS
 from dissect.s7plus.skimming import CODES, PLACE, REFUSES, SOUND, VALUES, WORDS, skim, skim_again
@@ -24,7 +24,6 @@ from dissect.s7plus.tables import (
     REFUSED_ITEM,
     REFUSED_ITEM_3,
     SET_MULTI_VARIABLES,
-    V3,
     refuses,
 )
 from dissect.s7plus.walk import MAX_WORK
@@ -33,8 +32,8 @@ from dissect.wire.varint import VLQ, VLQ64, read_varint
 
 #: What matters in objects: code of a block, names of variables; and the attributes that are read.
 MARKS: Final = marks(CODE, frozenset((TYPE_INFO,)), ASKED_OF_OBJECTS)
-#: Offset of the item count in a request with a list of items; in version 3 the integrity part comes before.
-_COUNT: Final = 4 + REQUEST_SIZE + 4
+#: Offset of the item count in the data of a request with a list of items.
+_COUNT: Final = REQUEST_SIZE + 4
 #: How many items a text names.
 _NAMED: Final = 3
 
@@ -91,8 +90,8 @@ def count_mismatch(function: i64, request: bytes, response: bytes, skimmed: i64)
     if skimmed & SOUND:
         if function == SET_MULTI_VARIABLES and not skimmed & REFUSES:
             return ""
-        at: i64 = _COUNT + (INTEGRITY_SIZE if len(request) > 1 and request[1] == V3 else 0)
-        if skimmed >> VALUES > 0 and read_varint(request, at, len(request), VLQ)[0] == skimmed >> VALUES:
+        data, at, end = data_of(request)
+        if skimmed >> VALUES > 0 and read_varint(data, at + _COUNT, end, VLQ)[0] == skimmed >> VALUES:
             return ""
     return _compared(function, parsed(request), parsed(response))
 

@@ -34,12 +34,12 @@ from dissect.s7plus.events import (
     TEST_JOB,
     Event,
 )
-from dissect.s7plus.message import INTEGRITY_SIZE, parsed
+from dissect.s7plus.message import parsed
 from dissect.s7plus.pieces import addresses_of
+from dissect.s7plus.plain import REQUEST_SIZE, data_of
 from dissect.s7plus.refusals import glimpse, reads_again
 from dissect.s7plus.session import PlusSession
 from dissect.s7plus.skimming import PLACE
-from dissect.s7plus.tables import V3
 from dissect.transactions import operation as kinds
 from dissect.transactions.connection import Connection
 from dissect.transactions.operation import DONE, FAILED, MAX_SUBJECT, NOT_CAPTURED, REFUSED, Operation, OperationBook
@@ -74,8 +74,7 @@ _MANY: Final = 1024
 _ALL_KEPT: Final = MAX_PDU - 0x10004
 #: A poll is identified by its addresses if they have up to so many octets, else by a digest: a request may have 8 MiB.
 _LARGEST: Final = 2048
-#: Where the body of a request begins (in version 3 behind the integrity part), and what ends the addresses in it.
-_BODY: Final = 18
+#: What ends the addresses in a request.
 _QUALIFIER: Final = b"\x00\x00\x04\xe8"
 _THIRD: Final = 0x04
 _LAST: Final = 0xE8
@@ -122,24 +121,22 @@ class PlusOpen:
 
 def addresses_in(octets: bytes, end: i64 = 0) -> bytes:
     """Return the addresses that a read requests: its body up to the qualifier, which begins at ``end`` (0: not known)."""
-    size: i64 = len(octets)
-    begin: i64 = _BODY
-    if size > 1 and octets[1] == V3:
-        begin += INTEGRITY_SIZE
+    data, begin, size = data_of(octets)
+    begin += REQUEST_SIZE
     if end > 0:
-        return octets[begin:end]
+        return data[begin:end]
     at: i64 = begin + len(_QUALIFIER) - 1  # where the last octet of the qualifier may be
     while at < size:  # several times as fast as `bytes.find`: the octet there shows how far to go on at least
-        octet: i64 = octets[at]
-        if octet == _LAST and octets[at - len(_QUALIFIER) + 1 : at + 1] == _QUALIFIER:
-            return octets[begin : at - len(_QUALIFIER) + 1]
+        octet: i64 = data[at]
+        if octet == _LAST and data[at - len(_QUALIFIER) + 1 : at + 1] == _QUALIFIER:
+            return data[begin : at - len(_QUALIFIER) + 1]
         if octet == _THIRD:
             at += 1
         elif octet == 0:
             at += 2
         else:
             at += len(_QUALIFIER)
-    return octets[min(begin, size) :]
+    return data[min(begin, size) : size]
 
 
 class PlusOperations:

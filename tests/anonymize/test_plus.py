@@ -260,9 +260,9 @@ def test_the_same_name_becomes_the_same_in_every_capture(tmp_path: Path) -> None
     assert first == second
 
 
-@pytest.mark.parametrize("size", [40, 61, 333])
-def test_a_pdu_in_many_frames(tmp_path: Path, size: int) -> None:
-    """Names run across frames, and a keep-alive stands between two of them."""
+@pytest.mark.parametrize(("version", "size"), [(3, 40), (3, 61), (3, 333), (2, 40), (1, 61)])
+def test_a_pdu_in_many_frames(tmp_path: Path, version: int, size: int) -> None:
+    """Names run across frames; a keep-alive and an empty frame stand between two of them."""
     one = PlusObject(
         211,
         511,
@@ -274,12 +274,15 @@ def test_a_pdu_in_many_frames(tmp_path: Path, size: int) -> None:
             Attribute(2546, Value(0, BLOB, Blob(0, b"Kommentar" * 50))),
         ],
     )
-    body = answered(2, EXPLORE, b"\0" + bodies.rid(1) + b"\7" + build(one) + bodies.FILL)
+    id_ = b"\7" if version == 3 else b""
+    body = answered(2, EXPLORE, b"\0" + bodies.rid(1) + id_ + build(one) + bodies.FILL)
     pieces = [body[at : at + size] for at in range(0, len(body), size)]
     talk = begun()
-    sent(talk, 0, framed(asked(2, EXPLORE, body=bodies.rid(1) + b"\0\1\1\0\0\0" + bodies.end(5)), 3))
+    end = bodies.end(-1 if version == 1 else 5)
+    sent(talk, 0, framed(asked(2, EXPLORE, body=bodies.rid(1) + b"\0\1\1\0\0\0" + end), version))
+    between = [KEEP_ALIVE, event(9), framed(b"", version, trailer=False)]
     for number, piece in enumerate(pieces, 1):
-        sent(talk, 1, framed(piece, 3, trailer=number == len(pieces)), *([KEEP_ALIVE, event(9)] if number == 2 else []))
+        sent(talk, 1, framed(piece, version, trailer=number == len(pieces)), *(between if number == 2 else []))
     source, out, _ = written(tmp_path, talk.close())
     assert layouts_of(out) == layouts_of(source)
     assert surviving_texts(source, out) == []

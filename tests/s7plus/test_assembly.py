@@ -6,7 +6,10 @@ from hypothesis import strategies as st
 
 from dissect.s7plus.assembly import MAX_FRAMES, PlusAssembler
 from dissect.s7plus.message import parse_plus
-from tests.s7plus.pdus import KEEP_ALIVE, asked, event, framed, notified, told
+from dissect.s7plus.value_tables import DINT
+from dissect.s7plus.values import Value
+from tests.s7plus import bodies
+from tests.s7plus.pdus import KEEP_ALIVE, SET_VARIABLE, asked, event, framed, notified, told
 
 
 def test_a_frame_with_a_trailer_is_a_pdu() -> None:
@@ -53,6 +56,51 @@ def test_what_begins_another_pdu_interrupts_the_one_at_hand(frame: bytes, anothe
     assert not assembler.interrupted(frame)
     assembler.push(framed(told(1), trailer=False))
     assert assembler.interrupted(frame) == another
+
+
+def whole_request() -> bytes:
+    return asked(1, SET_VARIABLE, body=bodies.set_variable(52, [2167], Value(0, DINT, 1), -1))
+
+
+@pytest.mark.parametrize("version", [1, 2, 3])
+def test_a_trailer_may_come_alone(version: int) -> None:
+    assembler = PlusAssembler()
+    frame, trailer = framed(whole_request(), version, trailer=False), bytes((0x72, version, 0, 0))
+    assert assembler.push(frame) is None
+    assert assembler.push(trailer) == frame + trailer
+    assert assembler.parts is None
+
+
+@pytest.mark.parametrize("version", [1, 2])
+def test_an_empty_frame_within_a_pdu_is_not_its_trailer(version: int) -> None:
+    data, empty = whole_request(), bytes((0x72, version, 0, 0))
+    for place in range(1, len(data) - 4):
+        assembler = PlusAssembler()
+        first, last = framed(data[:place], version, trailer=False), framed(data[place:], version)
+        assert [assembler.push(one) for one in (first, empty, empty)] == [None] * 3
+        assert assembler.passed
+        assert not assembler.interrupted(last)
+        assert assembler.push(last) == first + last
+        assert not assembler.passed
+
+
+def test_empty_frames_without_end_are_bounded() -> None:
+    assembler = PlusAssembler()
+    frame, empty = framed(whole_request()[:20], trailer=False), b"\x72\2\0\0"
+    assert assembler.push(frame) is None
+    told_of = [assembler.push(empty) for _ in range(65)]
+    assert told_of == [None] * 64 + [frame + empty]
+
+
+def test_a_pdu_may_begin_with_empty_frames() -> None:
+    for version in (1, 2, 3):
+        assembler = PlusAssembler()
+        empty, whole = framed(b"", version, trailer=False), framed(whole_request(), version)
+        assert assembler.push(empty) is None
+        assert not assembler.interrupted(whole)
+        joined = assembler.push(whole)
+        assert joined == empty + whole
+        assert parse_plus(joined).data == whole_request()
 
 
 def test_what_is_damaged_ends_what_is_open() -> None:

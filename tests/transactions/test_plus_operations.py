@@ -442,7 +442,10 @@ def test_beginnings_that_are_remembered_are_bounded() -> None:
 @given(st.binary(max_size=12), st.lists(st.sampled_from(b"\x00\x04\xe8\x07"), max_size=40))
 def test_a_poll_is_known_by_what_stands_before_the_first_qualifier(ahead: bytes, more: list[int]) -> None:
     body = ahead + bytes(more)
-    for version, size in ((1, 18), (3, 51)):
-        head = bytes((0x72, version)) + bytes(size - 2)
-        assert addresses_in(head + body) == body.partition(b"\x00\x00\x04\xe8")[0]
-        assert addresses_in(head[: size - 3]) == b""
+    data = asked(1, body=body)
+    for version in (1, 3):
+        wanted = body.partition(b"\x00\x00\x04\xe8")[0]
+        assert addresses_in(framed(data, version)) == wanted
+        assert addresses_in(framed(data[:13], version)) == b""
+        for place in range(len(data) + 1):
+            assert addresses_in(framed(data[:place], version, False) + framed(data[place:], version)) == wanted
