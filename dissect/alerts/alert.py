@@ -86,7 +86,7 @@ class Alert:
         if self.since_ns and self.time_ns > self.since_ns:
             parts.append(f"for {words.duration(self.time_ns - self.since_ns)}")
         if self.repeated:
-            parts.append(f"repeated {words.count(self.repeated, 'time')}")
+            parts.append(f"{self.repeated} more")
         return ", ".join(parts)
 
     def line(self, clock: Clock | None = None) -> str:

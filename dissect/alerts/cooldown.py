@@ -35,7 +35,7 @@ class _Told:
         self.make = make
         self.told_ns = 0
         self.spoken = False  # an alert was given at least once
-        self.repeated = 0
+        self.repeated = 0  # how often it happened since then, without an alert
         self.since_ns = -1  # for a state: when it began, -1 while it does not hold
         self.looked_ns = 0  # when it was last found to hold
         self.counted = False  # an alert was given for this duration of the state, or counted
@@ -104,6 +104,7 @@ class Cooldown:
                 told.since_ns = -1
             waited = now_ns - told.told_ns >= rule.cooldown_ns
             if told.repeated and (waited or over) and not rule.once:
+                told.repeated -= 1  # the alert is about the latest one
                 self._say(told, now_ns)
             elif waited and not told.repeated and not rule.once and told.since_ns < 0:
                 del self._told[key]

@@ -2,6 +2,9 @@
 
 They speak no protocol, so that nothing else reports them. Only at the end is it known which of their ports matter: port 102,
 and ports on which another connection of this capture spoke ISO-on-TCP or another protocol that is followed.
+
+Connections to port 102 that were open before the capture began, and of which it has no more than a FIN, are counted apart: who
+closed them first is all that is known.
 """
 
 from __future__ import annotations
@@ -10,25 +13,39 @@ from typing import Final
 
 from mypy_extensions import i64
 
-from dissect.tcp.stream import MASK
+from dissect.tcp.stream import FIN, MASK
 from dissect.transactions.connection import ISO_TSAP_PORT
 from dissect.transactions.side import Side
+from dissect.wire.octets import u16
 
 #: How many ports they are counted on, besides 102.
 MAX_PORTS: Final = 1024
+#: Who closed a connection of which only FINs were captured: the keys of `BareConnections.ends`.
+BY_SERVER: Final = 0
+BY_CLIENT: Final = 1
+#: The key in `BareConnections.first` of the first of these.
+_ENDS: Final = -1
+#: How many of these are told apart; each has a FIN of either side.
+MAX_ENDS: Final = 4096
+#: Octets of the key of a connection: both addresses, then both ports.
+_IPV4: Final = 4
+_IPV6: Final = 16
+_PORTS: Final = 4
 
 
 class BareConnections:
     """Counts connections without octets by server port: ``counts``; ``first`` has the first packet of each port.
 
     ``spoken`` counts the connections that were followed on other ports than 102. All three have at most `MAX_PORTS` ports
-    beside 102.
+    beside 102. ``ends`` counts connections to port 102 of which only FINs were captured, by who closed first.
     """
 
     def __init__(self) -> None:
         self.counts: dict[int, int] = {}
         self.first: dict[int, int] = {}
         self.spoken: dict[int, int] = {}
+        self.ends: dict[int, int] = {}
+        self._ended: set[bytes] = set()
 
     def speaks(self, port: i64) -> None:
         """A connection to ``port`` is followed."""
@@ -43,6 +60,30 @@ class BareConnections:
         port: i64 = tcp.ends[1 - tcp.initiator].port
         if _count(self.counts, port) == 1:
             self.first[port] = tcp.first_frame
+
+    def take_end(self, key: bytes, flags: i64, frame: i64) -> None:
+        """Take a FIN or RST of a connection of which nothing was captured before; ``key``: addresses and ports of its packet.
+
+        A RST may also refuse what was sent to a closed port, so only a FIN shows that there was a connection.
+        """
+        if not flags & FIN:
+            return
+        size: i64 = _IPV6 if len(key) >= 2 * _IPV6 + _PORTS else _IPV4
+        source, target = u16(key, 2 * size), u16(key, 2 * size + 2)
+        if (source != ISO_TSAP_PORT and target != ISO_TSAP_PORT) or key in self._ended or len(self._ended) >= MAX_ENDS:
+            return
+        ports = key[2 * size + 2 : 2 * size + _PORTS] + key[2 * size : 2 * size + 2]
+        answer = key[size : 2 * size] + key[:size] + ports + key[2 * size + _PORTS :]  # behind them comes the VLAN
+        if answer in self._ended:
+            return
+        self._ended.add(key)
+        who = BY_SERVER if source == ISO_TSAP_PORT else BY_CLIENT
+        self.ends[who] = self.ends.get(who, 0) + 1
+        self.first.setdefault(_ENDS, int(frame))
+
+    def first_end(self) -> int:
+        """Return the packet that closes the first connection of which only FINs were captured, 0 for none."""
+        return self.first.get(_ENDS, 0)
 
     def found(self) -> tuple[int, int]:
         """Return how many such connections went to ports that matter, and the first packet of the first one (0 for none)."""

@@ -330,6 +330,7 @@ class Pipeline(PacketSink):
             if not (octets or missing or flags & SYN):
                 if flags & (FIN | RST):
                     self.silent.end(key)
+                    self.counters.bare.take_end(key, flags, self.counters.frames)
                 elif flags & ACK:
                     self.silent.take(key, seq, ack)
                 return NO_PAYLOAD

@@ -200,6 +200,8 @@ class Timers:
             if side.connection.followed:
                 self._counters.octets.holes += 1
                 self._counters.octets.missing += chunk.hole
+                if not side.at_rest:
+                    self._counters.octets.inside += 1
             side.holes += 1
             side.missing += chunk.hole
             if side.at_rest and chunk.hole in _EMPTY_DTS and not cut:

@@ -21,8 +21,11 @@ from dissect.wire.octets import Tally
 
 #: What of a pipeline is added up: numbers, tallies, lists and dictionaries of numbers.
 _COUNTERS: Final = (
-    *[f"counters.{name}" for name in ("frames", "cut_frames", "packets", "bare.counts", "bare.spoken")],
-    *[f"counters.octets.{name}" for name in ("delivered", "framed", "skipped", "buffered", "missing", "holes")],
+    *[f"counters.{name}" for name in ("frames", "cut_frames", "packets", "bare.counts", "bare.spoken", "bare.ends")],
+    *[
+        f"counters.octets.{name}"
+        for name in ("delivered", "framed", "skipped", "buffered", "missing", "holes", "inside")
+    ],
     *[f"counters.fragments.{name}" for name in ("used", "dropped", "invalid", "conflicts", "evicted", "expired")],
     *[f"table.{name}" for name in ("evicted", "half_open_evicted")],
     *[f"connections.{name}" for name in ("count", "left_out", "scans.forgotten")],

@@ -213,7 +213,7 @@ class Gathered(Observer):
             self.unusual.update((station_of(connection, 0), station_of(connection, 1)))
         self.tags.closed(connection)
         self.inventory.connection_closed(connection)
-        self._look_for_gap(connection, int(connection.tcp.last_ns))
+        self._look_for_gap(connection, int(connection.tcp.last_ns), 0)
         self._heard.pop(int(connection.number), None)
 
     def transaction(self, transaction: Transaction) -> None:
@@ -222,7 +222,7 @@ class Gathered(Observer):
         self.inventory.transaction(transaction)
         now = time_of(transaction)
         self._at(now)
-        self._look_for_gap(transaction.connection, now)
+        self._look_for_gap(transaction.connection, now, int(transaction.request_ns) if transaction.missed else 0)
         self._last_ns = now
         outcome = outcome_of(transaction)
         self.rates.add(now, outcome)
@@ -328,8 +328,11 @@ class Gathered(Observer):
             if begin < self.end_ns and end > self.start_ns
         ]
 
-    def _look_for_gap(self, connection: Connection, now: int) -> None:
-        """Note a gap if bytes of a connection went missing since its latest message."""
+    def _look_for_gap(self, connection: Connection, now: int, asked_ns: int) -> None:
+        """Note a gap if bytes of a connection went missing since its latest message, or since an unanswered request (0: none).
+
+        The gap ends with the packet that shows it: the connection may be idle until its next message.
+        """
         heard = self._heard.get(int(connection.number))
         one, other = connection.tcp.streams
         missing = int(one.position - one.octets + other.position - other.octets)
@@ -337,10 +340,12 @@ class Gathered(Observer):
             heard = self._heard.setdefault(int(connection.number), Heard(connection))
             heard.missing = missing
         if missing != heard.missing:
+            shown_ns = max(int(one.gap_ns), int(other.gap_ns)) or now
+            begin_ns = max(heard.time_ns, asked_ns) if asked_ns <= shown_ns else heard.time_ns
             self._gap(
                 Gap(
-                    min(heard.time_ns, now),
-                    now,
+                    min(begin_ns, shown_ns),
+                    shown_ns,
                     int(connection.number),
                     f"{counted(missing - heard.missing, 'byte is', 'bytes are')} missing",
                 )

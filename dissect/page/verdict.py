@@ -19,6 +19,7 @@ from dissect.findings.catalogue import (
 )
 from dissect.findings.reporter import Finding
 from dissect.page.gathered import Gathered
+from dissect.page.losses import gaps_in
 from dissect.page.numbers import counted, how_often
 from dissect.report import words
 from dissect.report.analysis import Analysis
@@ -35,7 +36,10 @@ _PAIRS: Final = 3
 
 
 class Verdict:
-    """Three sentences. ``severity`` is that of the worst finding, empty for none; ``finding`` the one they are about."""
+    """Three sentences, and one on what is missing from the capture.
+
+    ``severity`` is that of the worst finding, empty for none; ``finding`` the one they are about.
+    """
 
     def __init__(self, severity: str, sentences: list[str], finding: Finding | None = None) -> None:
         self.severity = severity
@@ -65,6 +69,12 @@ def by_weight(analysis: Analysis) -> list[Rule]:
 
 def verdict(gathered: Gathered) -> Verdict:
     """Return the verdict on a run."""
+    said = _verdict(gathered)
+    said.sentences += gaps_in(gathered)
+    return said
+
+
+def _verdict(gathered: Gathered) -> Verdict:
     analysis = gathered.analysis
     rules = [rule for rule in by_weight(analysis) if rule.severity != NOTE]
     if not analysis.total and not any([rule.kind != CAPTURE for rule in rules]):

@@ -23,9 +23,9 @@ from dissect.source.packet import SourceFile
 from dissect.stations.facts import Book, Fact
 from dissect.tcp.stream import Endpoint
 from dissect.transactions.connection import Connection
-from dissect.transactions.operation import Operation
+from dissect.transactions.operation import RUNNING, Operation
 from dissect.transactions.results import DOUBTS
-from dissect.transactions.transaction import ANSWERED, HOLE, ORPHAN, PUSH, UNANSWERED, Transaction
+from dissect.transactions.transaction import ANSWERED, CONNECTION_CLOSED, HOLE, ORPHAN, PUSH, UNANSWERED, Transaction
 
 #: Connections that are kept and described one by one; further ones are only counted.
 MAX_CONNECTIONS: Final = 1000
@@ -231,6 +231,7 @@ class Analysis(Observer):
         self._explained: Findings = Findings()
         self.explained: Sequence[Finding] = self._explained
         self.operations: dict[str, dict[str, int]] = {}  # by kind: how many ended with which result
+        self.ended_operations: dict[str, int] = {}  # by kind: how many of the running ones ended with their connection
         self.stations: Book = Book()  # what stations state of themselves
         self.own_book = self.stations
         self.wants_facts = type(self) is not Analysis  # a subclass may override `fact`
@@ -371,6 +372,8 @@ class Analysis(Observer):
         if results is None:
             results = self.operations[operation.kind] = {}
         results[operation.result] = results.get(operation.result, 0) + 1
+        if operation.result == RUNNING and operation.reason == CONNECTION_CLOSED:
+            self.ended_operations[operation.kind] = self.ended_operations.get(operation.kind, 0) + 1
 
     def fact(self, fact: Fact) -> None:
         """Keep what a station stated."""
@@ -416,6 +419,7 @@ class Analysis(Observer):
         self.connections_not_listed += later.connections_not_listed
         for kind, results in later.operations.items():
             add_counts(self.operations.setdefault(kind, {}), results)
+        add_counts(self.ended_operations, later.ended_operations)
         self.stations.merge(later.stations)
         for transaction in later.failed:
             self._keep_failed(transaction)

@@ -140,7 +140,7 @@ def named_value(known: NamedValue) -> str:
         why = f" ({printable(known.remark)})" if known.remark else ""
         return f"{name}{why} = {words.octets(known.data)}" if size else name
     unit = f" {shortened(known.unit, 20)}" if known.unit else ""
-    return f"{name} = {words.value(known.value)}{unit}"
+    return f"{name} = {words.value(known.value, known.data)}{unit}"
 
 
 def content(asked: Item, data: bytes) -> str:
@@ -154,7 +154,7 @@ def content(asked: Item, data: bytes) -> str:
     texts = number_texts(kind, data, words.SHOWN)
     if not texts:
         decoded = decode_value(kind, data)
-        return words.octets(data) if decoded is None else words.value(decoded)
+        return words.octets(data) if decoded is None else words.value(decoded, data)
     if len(texts) == 1:
         return texts[0]
     body = ", ".join(texts)

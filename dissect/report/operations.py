@@ -38,6 +38,8 @@ NAMES: Final = {
     "polling": "polling",
     "transfer": "data transfer",
 }
+#: What became of one that was running when its connection closed.
+ENDED: Final = "ended with the connection"
 _SUBJECT: Final = 120
 
 
@@ -98,7 +100,7 @@ def result(operation: Operation) -> str:
     """Return the result of an operation, and the reason for it."""
     shout = shouted(operation.result)
     if operation.result == RUNNING and operation.reason == CONNECTION_CLOSED:
-        return "ended with the connection"
+        return ENDED
     likely = f"{words.count(operation.likely, 'pair')} only likely" if operation.likely else ""
     if operation.error is not None:
         return f"{shout} {operation.error.coded}{f' ({likely})' if likely else ''}"

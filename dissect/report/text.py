@@ -8,13 +8,14 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Final
 
+from dissect.engine.bare import BY_CLIENT, BY_SERVER
 from dissect.engine.pipeline import Pipeline
 from dissect.findings.catalogue import CATALOGUE, SEVERITIES, Rule
 from dissect.findings.reporter import Finding
 from dissect.report import endings, facets, words
 from dissect.report.analysis import MAX_CONNECTIONS, Analysis, FunctionStatistics, Part
 from dissect.report.certainty import left_out, mark
-from dissect.report.operations import NAMES, shouted
+from dissect.report.operations import ENDED, NAMES, shouted
 from dissect.report.stations import TOLD, stations_that_state
 from dissect.report.styled import DIM, HEADING, PLAIN, Line
 from dissect.report.tls import tls_lines
@@ -24,7 +25,7 @@ from dissect.stations.facts import KEYS
 from dissect.tcp.link import vlan_text, within
 from dissect.transactions.accounts import CATEGORIES, FIRST_IGNORED
 from dissect.transactions.connection import Connection
-from dissect.transactions.operation import CONNECT, RESULTS
+from dissect.transactions.operation import CONNECT, RESULTS, RUNNING
 from dissect.transactions.operation import KINDS as KINDS_OF_OPERATIONS
 from dissect.transactions.transaction import Transaction
 from dissect.wire.text import Clock, printable, shortened
@@ -76,6 +77,7 @@ def completeness(pipeline: Pipeline, places: Places | None = None) -> Iterator[t
             f"{words.count(bare, 'connection')} to {ports} opened and closed without data, as port scans do: {begins}",
             _PLAIN,
         )
+    yield from _only_ends(pipeline, places)
     if pipeline.counters.cut_frames:
         yield f"{words.count(pipeline.counters.cut_frames, 'packet')} truncated by the capture (snaplen)", _WARNING
     octets = pipeline.counters.octets
@@ -97,6 +99,21 @@ def completeness(pipeline: Pipeline, places: Places | None = None) -> Iterator[t
     if forgotten:
         pairs = words.count(forgotten, "pair")
         yield f"{pairs} of client and server no longer watched for TSAP scans: too many", _WARNING
+
+
+def _only_ends(pipeline: Pipeline, places: Places | None) -> Iterator[tuple[str, str]]:
+    """Yield the line on connections to port 102 of which nothing but FINs was captured: who closed them."""
+    bare = pipeline.counters.bare
+    if not bare.ends:
+        return
+    total = sum(bare.ends.values())
+    names = {BY_SERVER: "the server", BY_CLIENT: "the client"}
+    deeds = [f"{f'{number} ' if total > 1 else ''}by {names[who]}" for who, number in sorted(bare.ends.items())]
+    frame = bare.first_end()
+    where = f"packet {places.mark(frame) if places is not None else frame}"
+    shown = where if total == 1 else f"the first at {where}"
+    number = words.count(total, "connection")
+    yield f"{number} to port 102 of which only the end was captured, closed {', '.join(deeds)} ({shown})", _PLAIN
 
 
 #: How many of each are shown; the rest is only counted. `_CELL` and `_DETAIL_SIZE` are characters.
@@ -441,9 +458,19 @@ def _operations(analysis: Analysis) -> Iterator[Line]:
     for kind in KINDS_OF_OPERATIONS:
         results = analysis.operations.get(kind, {})
         if results:
-            told = [f"{results[result]} {shouted(result)}" for result in RESULTS if result in results]
+            told = [f"{number} {said}" for said, number in results_of(results, analysis.ended_operations.get(kind, 0))]
             rows.append([NAMES[kind], str(sum(results.values())), ", ".join(told)])
     yield from table(rows, frozenset((1,)))
+
+
+def results_of(results: Mapping[str, int], ended: int) -> Iterator[tuple[str, int]]:
+    """Yield results in words, and how many operations had them; ``ended`` of the running ones ended with their connection."""
+    for result in RESULTS:
+        number = results.get(result, 0) - (ended if result == RUNNING else 0)
+        if number:
+            yield shouted(result), number
+        if result == RUNNING and ended:
+            yield ENDED, ended
 
 
 def _failed(analysis: Analysis, places: Places) -> Iterator[Line]:

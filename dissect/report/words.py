@@ -177,6 +177,12 @@ def size(octets: int) -> str:
     return f"{octets} B"
 
 
+def percent(part: int, whole: int) -> str:
+    """Return a share for a person: ``4.5 %``; below a twentieth of a percent ``less than 0.1 %``."""
+    share = part / whole * 100 if whole else 0.0
+    return "less than 0.1 %" if part and share < 0.05 else f"{share:.1f} %"
+
+
 def tsaps(calling: Tsap | None, called: Tsap | None, protocol: str) -> str:
     """Return the TSAPs of a connection that speaks ``protocol``; ``?`` for a TSAP that was not captured."""
     one = "?" if calling is None else printable(calling.means(protocol, False))
@@ -184,8 +190,11 @@ def tsaps(calling: Tsap | None, called: Tsap | None, protocol: str) -> str:
     return f"TSAP {one} → {other}"
 
 
-def value(shown: Value) -> str:
-    """Return a decoded value on one line; long arrays and texts are cut, with their length."""
+def value(shown: Value, data: bytes = b"") -> str:
+    """Return a decoded value on one line; long arrays and texts are cut, with their length.
+
+    ``data``: the bytes of the value, which are shown of elements that do not fit their type.
+    """
     if isinstance(shown, bool):
         return "true" if shown else "false"
     if isinstance(shown, str):
@@ -193,7 +202,13 @@ def value(shown: Value) -> str:
             return f"'{printable(shown[:SHOWN_TEXT])}'… ({len(shown)} characters)"
         return f"'{printable(shown)}'"
     if isinstance(shown, list):
-        body = ", ".join([value(element) for element in shown[:SHOWN]])
+        size = len(data) // len(shown) if shown else 0
+        body = ", ".join(
+            [
+                data[at * size : (at + 1) * size].hex(" ") if element is None and size else value(element)
+                for at, element in enumerate(shown[:SHOWN])
+            ]
+        )
         return f"[{body}]" if len(shown) <= SHOWN else f"[{body}, … {len(shown)} in all]"
     return "-" if shown is None else str(shown)
 

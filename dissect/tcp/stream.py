@@ -67,6 +67,7 @@ class HalfStream:
         "before",
         "before_at",
         "conflicts",
+        "gap_ns",
         "heard",
         "held",
         "held_octets",
@@ -90,6 +91,7 @@ class HalfStream:
         self.held_octets: i64 = 0
         self.ready: list[Chunk] = _NOTHING
         self.conflicts: i64 = 0
+        self.gap_ns: i64 = 0  # time of the packet that shows the latest gap
         # The two latest stretches passed on in place, to compare a retransmission with.
         self.last: bytes = b""
         self.last_at: i64 = 0
@@ -240,6 +242,7 @@ class HalfStream:
         """Declare the next ``hole`` octets missing (also used for octets the capture cut off)."""
         self.position += hole
         self.next_seq = (self.next_seq + hole) & MASK
+        self.gap_ns = time_ns
         self._append(Chunk(b"", hole, self.next_seq, -1, frame, time_ns))
 
     def finish(self) -> None:

@@ -57,10 +57,11 @@ class OctetAccount:
     """Octets of TCP payload, summed over the directions of connections that ended.
 
     ``delivered`` equals ``framed`` + ``skipped`` + ``buffered`` unless the analyzer failed on something; ``failed`` is the
-    difference. ``missing`` counts octets in gaps, which were not delivered; ``holes`` counts the gaps.
+    difference. ``missing`` counts octets in gaps, which were not delivered; ``holes`` counts the gaps, ``inside`` those of them
+    that begin inside a message.
     """
 
-    __slots__ = ("buffered", "delivered", "framed", "holes", "missing", "skipped")
+    __slots__ = ("buffered", "delivered", "framed", "holes", "inside", "missing", "skipped")
 
     def __init__(self) -> None:
         self.delivered: i64 = 0
@@ -69,6 +70,7 @@ class OctetAccount:
         self.buffered: i64 = 0
         self.missing: i64 = 0
         self.holes: i64 = 0
+        self.inside: i64 = 0
 
     @property
     def failed(self) -> int:
@@ -84,5 +86,6 @@ class OctetAccount:
             "buffered": self.buffered,
             "missing": self.missing,
             "holes": self.holes,
+            "holes_inside_messages": self.inside,
             "failed": self.failed,
         }

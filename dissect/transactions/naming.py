@@ -158,7 +158,9 @@ def _value_said(value: Value, data: bytes) -> str:
         return data[:_OCTETS].hex(" ") + (" …" if len(data) > _OCTETS else "")
     if isinstance(value, list):
         more = ", …" if len(value) > _ELEMENTS else ""
-        return f"[{', '.join([_value_said(element, b'') for element in value[:_ELEMENTS]])}{more}]"
+        size = len(data) // len(value) if value else 0
+        said = [_value_said(one, data[at * size : (at + 1) * size]) for at, one in enumerate(value[:_ELEMENTS])]
+        return f"[{', '.join(said)}{more}]"
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, str):

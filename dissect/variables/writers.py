@@ -93,7 +93,7 @@ def shown(variable: Variable, value: object, data: bytes | None, text: str = "")
     elif variable.type == _BLOB and isinstance(value, str):
         said = words.octets(bytes.fromhex(value)) if _HEXADECIMAL.fullmatch(value) else words.value(value)
     elif isinstance(value, (bool, int, float, str, list)):
-        said = words.value(value)
+        said = words.value(value, data if data is not None else b"")
     else:
         said = shortened(str(value), _STRUCT)
     if variable.unit:

@@ -16,7 +16,7 @@ def test_a_line_is_one_line() -> None:
     one = alert(ODD)
     one.repeated = 1
     assert one.line() == (
-        "2024-03-04 05:06:08.500000 UTC  ALERT warning  rule: TSAP \\x1b[2J\\u202egnp\\x0anext \\x7f \\xff é, repeated 1 time"
+        "2024-03-04 05:06:08.500000 UTC  ALERT warning  rule: TSAP \\x1b[2J\\u202egnp\\x0anext \\x7f \\xff é, 1 more"
     )
     assert UNSAFE.search(one.line()) is None
 

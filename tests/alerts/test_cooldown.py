@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from dissect.alerts import Alert, cooldown
 from dissect.alerts.cooldown import Cooldown
+from dissect.alerts.rules import Rule
 from tests.alerts.rules_of import alert, rule
 
 S = 1_000_000_000
@@ -42,7 +45,7 @@ def test_too_many_different_ones_are_counted(monkeypatch: pytest.MonkeyPatch) ->
     assert (book.crowded, len(book._told)) == (7, 3)
     book.event(one, 4, 2 * S, made)
     book.flush(2 * S, over=True)
-    assert told[-1].repeated == 1
+    assert (len(told), told[-1].repeated) == (11, 0)  # this one, and no more
 
 
 def test_a_state_whose_subject_is_gone_is_over() -> None:
@@ -56,4 +59,29 @@ def test_a_state_whose_subject_is_gone_is_over() -> None:
     book.flush(3 * S)
     assert len(told) == 1
     book.flush(70 * S)
-    assert [alert.repeated for alert in told] == [0, 1]
+    assert [alert.repeated for alert in told] == [0, 0]
+
+
+@given(st.lists(st.floats(0, 200), min_size=1, max_size=400), st.integers(1, 120))
+def test_alerts_and_what_they_count_add_up_to_all_events(times: list[float], cooldown_s: int) -> None:
+    """However events lie within and between cooldowns, and whether anybody looks at the clock between them or not."""
+    told: list[Alert] = []
+    book = Cooldown(told.append)
+    one = Rule("rule", "finding", cooldown_ns=cooldown_s * S, burst=0)
+    for at in sorted(times):
+        book.event(one, "same", int((1 + at) * S), made)
+        if int(at) % 3 == 0:
+            book.flush(int((1 + at) * S))
+    book.flush(300 * S, over=True)
+    assert sum([1 + alert.repeated for alert in told]) == len(times)
+
+
+def test_of_400_events_the_first_is_told_then_the_last_with_398_more() -> None:
+    told: list[Alert] = []
+    book = Cooldown(told.append)
+    one = Rule("rule", "finding", cooldown_ns=3600 * S, burst=0)
+    for number in range(400):
+        book.event(one, "same", (1 + number) * S, made)
+    book.flush(500 * S, over=True)
+    assert [alert.repeated for alert in told] == [0, 398]
+    assert told[1].message().endswith(", 398 more")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dissect.engine.bare import MAX_PORTS, BareConnections
+from dissect.engine.bare import BY_CLIENT, BY_SERVER, MAX_ENDS, MAX_PORTS, BareConnections
 from dissect.tcp.stream import MASK
 from dissect.transactions.table import ConnectionTable
 from tests.cases import each
@@ -85,3 +85,46 @@ def test_files_are_added_up() -> None:
     bare.first = {102: 5}
     bare.add_first({102: 1, 1102: 3}, 100)
     assert bare.first == {102: 5, 1102: 103}
+
+
+@each("closes", [CLIENT, SERVER])
+@each("answered", [False, True])
+def test_a_connection_of_which_only_fins_were_captured(closes: int, answered: bool) -> None:
+    talk = Talk()
+    talk.packet(closes, flags=FIN | ACK)
+    if answered:
+        talk.packet(1 - closes)
+        talk.packet(1 - closes, flags=FIN | ACK)
+        talk.packet(closes, flags=FIN | ACK)  # once more
+    talk.finish()
+    bare = talk.pipeline.counters.bare
+    assert (bare.ends, bare.first_end()) == ({BY_CLIENT if closes == CLIENT else BY_SERVER: 1}, 1)
+
+
+def test_what_has_more_than_an_end_is_none_of_them() -> None:
+    talk = Talk()
+    talk.open()
+    closed(talk)
+    Talk(50001, 80, beside=talk).packet(CLIENT, flags=FIN | ACK)
+    Talk(50002, beside=talk).packet(CLIENT, flags=RST | ACK)
+    talk.finish()
+    assert talk.pipeline.counters.bare.ends == {}
+
+
+def test_connections_of_which_only_the_end_was_captured_are_bounded() -> None:
+    bare = BareConnections()
+    for number in range(1000, 1000 + MAX_ENDS + 9):
+        bare.take_end(bytes((10, 0, 0, 1, 10, 0, 0, 2)) + number.to_bytes(2, "big") + (102).to_bytes(2, "big"), FIN, 7)
+    assert (bare.ends, bare.first_end()) == ({BY_CLIENT: MAX_ENDS}, 7)
+
+
+@each("size", [4, 16])
+@each("tag", [b"", b"\0\0\0\x14"])
+def test_both_fins_of_a_connection_are_one_end(size: int, tag: bytes) -> None:
+    bare = BareConnections()
+    one, other, mine, well_known = bytes(size), b"\1" * size, b"\xc3\x50", b"\0\x66"
+    bare.take_end(other + one + well_known + mine + tag, FIN, 3)
+    bare.take_end(one + other + mine + well_known + tag, FIN, 4)
+    assert (bare.ends, bare.first_end()) == ({BY_SERVER: 1}, 3)
+    bare.take_end(one + other + mine + well_known + tag + b"\1", FIN, 5)
+    assert bare.ends == {BY_SERVER: 1, BY_CLIENT: 1}

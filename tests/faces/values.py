@@ -79,7 +79,7 @@ def in_line(value: Value, told: str | None) -> bool:
     if isinstance(content, str):
         return _begins_text(content, told) or _begins_octets(content, told)
     if isinstance(content, list):
-        return _begins_list(content, told) or (octets is not None and _begins_octets(octets, told))
+        return _begins_list(content, told, octets or "") or (octets is not None and _begins_octets(octets, told))
     return True  # a structure has words of its own
 
 
@@ -111,20 +111,23 @@ def _begins_text(content: str, told: str) -> bool:
     return found["count"] is None or int(found["count"]) == len(content)
 
 
-def _begins_list(content: list[Any], told: str) -> bool:
+def _begins_list(content: list[Any], told: str, octets: str) -> bool:
+    """Tell whether a text is a list, or its beginning; an element that does not fit its type is shown as its octets."""
     found = _LISTED.match(told)
     if found is None:
         return False
     count = int(found["count"]) if found["count"] is not None else len(content)
     if count != len(content):
         return False
-    some = re.findall(r"'(?:\\.|[^'\\])*'|[^', ]+", found["some"])
-    return all([_same(one, shown) for one, shown in zip(content, some, strict=False)])
+    some = re.findall(r"'(?:\\.|[^'\\])*'|[^', ][^',]*", found["some"])
+    size = len(octets) // len(content) if content else 0
+    parts = [octets[at * size : (at + 1) * size] for at in range(len(content))]
+    return all([_same(one, shown, part) for one, shown, part in zip(content, some, parts, strict=False)])
 
 
-def _same(one: Any, shown: str) -> bool:
+def _same(one: Any, shown: str, octets: str) -> bool:
     if isinstance(one, bool):
         return shown == str(one).lower()
     if isinstance(one, (int, float)):
         return _is_number(one, shown)
-    return True if isinstance(one, str) else shown == "-"
+    return True if isinstance(one, str) else shown == (" ".join(re.findall("..", octets)) or "-")

@@ -78,6 +78,27 @@ def test_nothing_is_bridged_across_a_gap(tmp_path: Path) -> None:
     assert (poll.count, poll.periods.count) == (6, 4)
 
 
+@pytest.mark.parametrize("idle_s", [1, 3600])
+@pytest.mark.parametrize("answered", [True, False])
+def test_the_time_of_a_gap_is_not_the_idle_time_after_it(tmp_path: Path, idle_s: int, answered: bool) -> None:
+    """Bytes are missing before a packet that comes at once; the next message comes much later, or only the end."""
+    talk = polled([1, 1, 1])
+    before = len(talk.packets())
+    talk.skip(1, 400)
+    talk.send(
+        1, dt(messages.read_answer(77, [WORD], [b"\0\1"]))
+    )  # nobody asked for it: it is no answer, but shows the gap
+    shown = len(talk.packets())
+    if answered:
+        read(talk, 20, WORD, b"\x00\x02")
+    packets = talk.close().packets(step_ns=10 * MS)
+    late = [packet._replace(time_ns=packet.time_ns + idle_s * 10**9) for packet in packets[shown:]]
+    found = gathered_of([saved(tmp_path / "a.pcapng", [*packets[:shown], *late])], ["DB10.DBW4"])
+    (gap,) = found.gaps
+    assert packets[before - 2].time_ns <= gap.begin_ns <= packets[before].time_ns
+    assert gap.end_ns == packets[shown - 1].time_ns
+
+
 def test_files_apart_leave_a_gap_of_all(tmp_path: Path) -> None:
     first = saved(tmp_path / "a.pcapng", polled([1]).packets())
     later = saved(tmp_path / "b.pcapng", polled([2], 40001).packets(start_ns=EPOCH_NS + 3600 * 10**9))

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import pytest
+
 from dissect.page.verdict import by_weight, verdict
 from tests.page.support import gathered_of
 from tests.properties import messages
@@ -123,3 +125,38 @@ def test_a_flood_comes_before_the_first_write(tmp_path: Path) -> None:
     gathered = gathered_of([saved(tmp_path / "a.pcapng", talk.packets())])
     assert [rule.slug for rule in by_weight(gathered.analysis)] == ["security.flood", "security.write"]
     assert "What stands out: A connection floods a PLC" in verdict(gathered).sentences[0]
+
+
+def lost(*sizes: int, inside: bool = False, after: bytes = b"") -> Talk:
+    """Reads, with so many bytes of the server missing before one after the other."""
+    talk = begun()
+    for number, size in enumerate(sizes, 1):
+        if inside:
+            talk.send(1, dt(messages.read_answer(number, [WORD], [b"\0\1"]))[:9])
+        talk.skip(1, size)
+        if after:
+            talk.send(1, after)
+        read(talk, number, WORD)
+    return talk
+
+
+@pytest.mark.parametrize(
+    ("talk", "said"),
+    [
+        (lost(400), "1 gap, 400 B, {} %, between messages."),
+        (lost(400, 30), "2 gaps, 430 B, {} %, all between messages."),
+        (lost(*[7] * 7), "7 gaps, 49 B, {} %, all between messages."),
+        (lost(*[7] * 8), "8 gaps, 56 B, {} %, all between messages: a filtered capture."),
+        (lost(400, inside=True), "1 gap, 400 B, {} %, inside a message: packets were lost."),
+        (lost(*[400] * 9, inside=True), "9 gaps, 3.6 kB, {} %, 9 of them inside messages: packets were lost."),
+        (lost(400, after=b"\x77" * 5), "1 gap, 400 B, {} %, begins between messages."),
+    ],
+)
+def test_the_verdict_names_gaps(tmp_path: Path, talk: Talk, said: str) -> None:
+    gathered = gathered_of([saved(tmp_path / "a.pcapng", talk.close().packets())])
+    pipeline = gathered.analysis.pipeline
+    assert pipeline is not None
+    octets = pipeline.counters.octets
+    share = f"{100 * octets.missing / (octets.missing + octets.delivered):.1f}"
+    assert verdict(gathered).sentences[-1] == said.format(share)
+    assert len(verdict(gathered_of([saved(tmp_path / "b.pcapng", begun().close().packets())])).sentences) == 3

@@ -8,7 +8,7 @@ from dissect.transactions.operation import MAX_OPEN
 from tests.findings import events
 from tests.properties import messages
 from tests.properties.messages import dt
-from tests.properties.packets import Flow, Talk
+from tests.properties.packets import Flow, Packet, Talk
 from tests.report.support import analysed, begun, report, section
 
 
@@ -43,3 +43,18 @@ def test_connections_without_data_are_told() -> None:
     told = "1 connection to port 102 opened and closed without data, as port scans do: it begins with packet 1"
     assert told in section(report(analysis), "Completeness")
     assert analysis.as_dict()["connections_without_data"] == 1
+
+
+def test_who_closed_a_connection_of_which_only_the_end_was_captured() -> None:
+    def closing(number: int, side: int) -> list[Packet]:
+        whole = Talk(Flow(ports=(50000 + number, 102))).handshake().close(side).packets()
+        return whole[3:]
+
+    one = section(report(analysed(closing(1, 1))), "Completeness")
+    told = "1 connection to port 102 of which only the end was captured, closed"
+    assert f"{told} by the server (packet 1)" in one
+    three = [packet for number, side in ((1, 0), (2, 1), (3, 1)) for packet in closing(number, side)]
+    told = "3 connections to port 102 of which only the end was captured, closed"
+    assert f"{told} 2 by the server, 1 by the client (the first at packet 1)" in section(
+        report(analysed(three)), "Completeness"
+    )

@@ -148,7 +148,7 @@ SINGLES = struct.pack(">9f", 0.0, -0.0, 1.0, 123.456, 1e20, 1.5e-5, math.inf, -m
         (Item(0x03, 37, 1, 0x84, 0), b"p" * 37, f"DB1.DBB0 x37 = '{'p' * 36}'… (37 characters)"),
         (Item(0x0C, 1, 1, 0x84, 0), b"\x21\x23", "DB1.DBW0 = 'S5T#2m3s'"),
         (Item(0x0C, 1, 1, 0x84, 0), b"\x2f\xff", "DB1.DBW0 = 2f ff"),
-        (Item(0x0C, 2, 1, 0x84, 0), b"\x21\x23\x2f\xff", "DB1.DBW0 x2 = ['S5T#2m3s', -]"),
+        (Item(0x0C, 2, 1, 0x84, 0), b"\x21\x23\x2f\xff", "DB1.DBW0 x2 = ['S5T#2m3s', 2f ff]"),
         (Item(0x0B, 1, 1, 0x84, 0), b"\xff\xff\xff\xff", "DB1.DBD0 = 'T#-1ms'"),
         (Item(0x08, 3, 1, 0x84, 0), SINGLES[24:], "DB1.DBD0 x3 = [inf, -inf, nan]"),
     ],

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import json
 
+from dissect.report.analysis import Analysis
 from dissect.report.operations import operation_json, operation_line
+from dissect.report.text import results_of
 from dissect.report.words import Places
 from dissect.report.writers.text import transaction_line
 from dissect.source.packet import SourceFile
@@ -133,3 +135,26 @@ def test_an_operation_says_how_many_of_its_pairs_are_only_likely() -> None:
     assert complaints("operation", told, exact=True) == []
     operation.error = TransactionError(HEADER, 0xD401, "no such block", "The block does not exist.")
     assert line(operation).endswith("(1 pair only likely)")
+
+
+def test_analyze_and_operations_say_the_same_of_a_subscription() -> None:
+    """Two that ended with their connections, and one that runs on."""
+    first = Talk()
+    for number in range(3):
+        talk = first if not number else Talk(50000 + number, beside=first)
+        talk.open()
+        talk.ask(events.asks(1, 2, 1, events.CYCLIC))
+        talk.tell(events.tells(1, 2, 1, events.CYCLIC_VALUES, sequence=5))
+        if number:
+            talk.close()
+    first.finish()
+    whole, *parts = Analysis(), Analysis(), Analysis()
+    for number, operation in enumerate(first.operations):
+        whole.operation(operation)
+        parts[number % 2].operation(operation)
+    parts[0].merge(parts[1])
+    for analysis in (whole, parts[0]):
+        assert [*results_of(analysis.operations["cyclic"], analysis.ended_operations["cyclic"])] == [
+            ("running", 1),
+            ("ended with the connection", 2),
+        ]

@@ -9,6 +9,7 @@ from dissect.report import facets, words
 from dissect.s7.message import parse_pdu
 from dissect.s7.values import Value
 from dissect.source.packet import SourceFile
+from dissect.transactions.naming import item_subject
 from tests import build
 from tests.cases import each
 from tests.properties import messages
@@ -248,6 +249,31 @@ def test_a_refused_write_shows_what_it_would_have_written() -> None:
     talk = begun().send(0, dt(messages.write_job(1, [WORD], [b"\x04\xd2"])))
     talk.send(1, dt(messages.pdu(messages.ACK_DATA, 1, b"\x05\x01", b"\x05")))
     assert facets.subject(first_transaction(talk)) == "DB10.DBW4 = 1234: Invalid address"
+
+
+@pytest.mark.parametrize(
+    ("area", "size", "content", "shown"),
+    [
+        (0x1D, 0x1D, b"\x12\x34\xef\xbe", "T0 x2 = ['S5T#23s400ms', ef be]"),
+        (0x1C, 0x1C, b"\x00\x11\xca\xfe", "C0 x2 = [11, ca fe]"),
+        (0x1D, 0x1D, b"\xef\xbe", "T0 = ef be"),
+        (0x84, 0x0B, b"\0\0\0\1\xff\xff\xff\xff", "DB10.DBD4 x2 = ['T#1ms', 'T#-1ms']"),
+        (0x84, 0x0A, b"\xff\xff\xff\xff\0\0\0\1", "DB10.DBD4 x2 = [ff ff ff ff, 'TOD#00:00:00.001']"),
+    ],
+)
+def test_a_value_that_does_not_fit_its_type_is_shown_as_its_bytes(
+    area: int, size: int, content: bytes, shown: str
+) -> None:
+    """In the line of a transaction, and in findings about it."""
+    numbered = area != 0x84
+    width = 2 if numbered else 4
+    item = Item(size, len(content) // width, 0 if numbered else 10, area, 0 if numbered else 32)
+    block = bytes((messages.WRITE, 1)) + item.build()
+    talk = begun().send(0, dt(messages.pdu(messages.JOB, 1, block, build.data_item(0, 9, content))))
+    talk.send(1, dt(messages.pdu(messages.ACK_DATA, 1, b"\x05\x01", b"\x03")))
+    transaction = first_transaction(talk)
+    assert facets.subject(transaction) == f"{shown}: Access not allowed"
+    assert item_subject(transaction, 1, "") == shown
 
 
 def test_a_write_without_return_code_is_not_called_written() -> None:

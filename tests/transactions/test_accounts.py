@@ -31,6 +31,7 @@ def test_an_account_begins_empty_and_is_written_by_name() -> None:
         "buffered": 1,
         "missing": 0,
         "holes": 0,
+        "holes_inside_messages": 0,
         "failed": 0,
     }
 
