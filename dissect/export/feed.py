@@ -121,6 +121,7 @@ class TableFeed(Observer):
             "name": items.names,
             "number": items.values,
             "text": items.texts,
+            "spelled": items.spelled,
             "data": items.data,
         }
         return Batch(table, parts, columns)

@@ -96,6 +96,7 @@ class ItemColumns:
         self.ends: list[int] = []
         self.numbers: array[int] = array("q")
         self._names: list[str | None] = []
+        self._spelled: list[str | None] = []
         self.asked: Shared = Shared([_NO_ITEM])
         self.asked_at: array[int] = array("i")
         self.codes: Shared = Shared([*_CODES, _NO_CODE, _WHOLE])
@@ -117,6 +118,11 @@ class ItemColumns:
         """The name of each item."""
         return self._names + _NO_NAME * (len(self.data) - len(self._names))
 
+    @property
+    def spelled(self) -> list[str | None]:
+        """The text that the bytes of each item spell."""
+        return self._spelled + _NO_NAME * (len(self.data) - len(self._spelled))
+
     def clear(self) -> None:
         """Begin new columns; the present ones stay with whoever took them."""
         self._octets = 0
@@ -125,6 +131,7 @@ class ItemColumns:
         self.ends = []
         self.numbers = array("q")
         self._names = []
+        self._spelled = []
         self.asked_at = array("i")
         self.codes_at = array("i")
         self.values = []
@@ -266,7 +273,11 @@ class ItemColumns:
             if size == 1:
                 self._add(float(data[0]), None)
             elif item.size == size or item.fits(size):
-                self._add(None, spelled(data) or None)
+                text = spelled(data)
+                self._add(None, f"[{','.join(number_texts(kind, data, size))}]")
+                if text:
+                    self._spelled.extend(_NO_NAME * (len(self.texts) - 1 - len(self._spelled)))
+                    self._spelled.append(text)
             else:
                 self._add(None, None)
             return

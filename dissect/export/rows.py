@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from typing import Any, Final
+from typing import Any
 
 from dissect.export.item_columns import rounded
 from dissect.export.keys import connection_community_id, connection_uid
@@ -19,7 +19,7 @@ from dissect.report.words import Places
 from dissect.s7.message import Pdu, parse_pdu
 from dissect.s7plus.message import PlusPdu, parse_plus
 from dissect.s7plus.tables import FUNCTIONS as PLUS_FUNCTIONS
-from dissect.s7plus.tables import OPCODES
+from dissect.s7plus.tables import NOTIFICATION, OPCODES
 from dissect.select.items import ItemFacts, plus_facts, scd_facts
 from dissect.source.packet import SourceFile
 from dissect.tcp.link import vlan_ids
@@ -30,8 +30,6 @@ from dissect.transactions.payloads import ScdMessage
 from dissect.transactions.transaction import Transaction
 from dissect.variables.model import ValueRow
 from dissect.wire.text import encodable
-
-_SIDES: Final = ("client", "server")
 
 
 class Rows:
@@ -52,9 +50,10 @@ class Rows:
         """Return the row of a connection."""
         tcp = connection.tcp
         file, first = self._hot.files.locate(int(tcp.first_frame))
-        _, last = self._hot.files.locate(int(tcp.last_frame))
+        _, last = self._hot.files.locate(int(connection.last_frame))
         calling, called, granted = connection.tsap_calling, connection.tsap_called, connection.granted
-        ended_by = int(tcp.ended_by)
+        ending = connection.ending
+        side = int(ending.side) if ending is not None else -1
         streams = tcp.streams
         client = streams[connection.client_side]
         server = streams[1 - connection.client_side]
@@ -66,7 +65,7 @@ class Rows:
             first,
             last,
             int(tcp.first_ns),
-            int(tcp.last_ns),
+            int(connection.last_ns),
             *self._hot.ends(connection),
             bool(connection.client_known),
             "udp" if connection.udp else "tcp",
@@ -91,8 +90,8 @@ class Rows:
             int(connection.orphans),
             int(connection.unsolicited),
             int(connection.errors),
-            connection.closed_reason or tcp.ended or "open",
-            _SIDES[ended_by != connection.client_side] if ended_by >= 0 else None,
+            connection.ended,
+            connection.role(side) if side >= 0 else None,
             int(connection.open_at_end),
         )
 
@@ -136,7 +135,7 @@ class Rows:
             variable.unit or None,
             *_shown(row.value),
             row.data,
-            bool(row.changed),
+            bool(row.changed) if not row.first else None,
             _shown(row.previous)[0],
             encodable(row.remark) or None,
         )
@@ -327,7 +326,7 @@ def _plus(pdu: PlusPdu) -> Row:
     return (
         UPPER_NAMES[S7COMM_PLUS],
         OPCODES.name(pdu.opcode) if pdu.opcode >= 0 else None,
-        pdu.sequence if pdu.sequence >= 0 else None,
+        pdu.sequence if pdu.sequence >= 0 and pdu.opcode != NOTIFICATION else None,
         code if code >= 0 else None,
         PLUS_FUNCTIONS.name(code) if code >= 0 else None,
         *(None,) * 4,

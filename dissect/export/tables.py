@@ -111,8 +111,8 @@ CONNECTIONS: Final = Table(
         Column("orphans", INT, "", "responses without a request", "Connection.orphans"),
         Column("unsolicited", INT, "", "messages sent unasked", "Connection.unsolicited"),
         Column("with_errors", INT, "", "transactions with an error", "Connection.errors"),
-        Column("ended", WORD, "", "how it ended: fin, reset, open …", "TcpConnection.ended"),
-        Column("ended_by", WORD, "", "client or server, which closed it first", "TcpConnection.ended_by"),
+        Column("ended", WORD, "", "how it ended: fin, reset, disconnect (COTP DR), open …", "Ending.how"),
+        Column("ended_by", WORD, "", "client or server, which ended it", "Ending.side"),
         Column("open_at_end", INT, "", "requests pending when it ended", "Connection.open_at_end"),
     ),
 )
@@ -178,6 +178,7 @@ ITEMS: Final = Table(
         Column("refused", BOOL, "", "the answer refuses this item, or the whole request", "ItemResult.refused"),
         Column("number", REAL, "", "value: a number or truth value; of a single tag in its unit", "ItemResult.value"),
         Column("text", TEXT, "", "value where it is text, several numbers as JSON, an integer beyond 2^53", "ItemResult.value"),
+        Column("spelled", TEXT, "", "text that several bytes seem to spell, a guess", "dissect.s7.values.spelled"),
         Column("data", BYTES, "", "the bytes read or written", "ItemResult.data"),
     ),
 )
@@ -201,7 +202,7 @@ VALUES: Final = Table(
         Column("number", REAL, "unit", "value: a number or truth value", "ValueRow.value"),
         Column("text", TEXT, "", "value where it is text, several numbers as JSON, an integer beyond 2^53", "ValueRow.value"),
         Column("data", BYTES, "", "its bytes", "ValueRow.data"),
-        Column("changed", BOOL, "", "different from the one before it, whoever read or wrote that", "ValueRow.changed"),
+        Column("changed", BOOL, "", "different from the one before, whoever gave that; null for the first", "ValueRow.changed"),
         Column("previous_number", REAL, "unit", "the one before it: a number or truth value", "ValueRow.previous"),
         Column("remark", TEXT, "", "what is odd about it", "ValueRow.remark"),
     ),

@@ -213,7 +213,7 @@ class Gathered(Observer):
             self.unusual.update((station_of(connection, 0), station_of(connection, 1)))
         self.tags.closed(connection)
         self.inventory.connection_closed(connection)
-        self._look_for_gap(connection, int(connection.tcp.last_ns), 0)
+        self._look_for_gap(connection, int(connection.last_ns), 0)
         self._heard.pop(int(connection.number), None)
 
     def transaction(self, transaction: Transaction) -> None:

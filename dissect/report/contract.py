@@ -183,7 +183,8 @@ def connection_as_dict(connection: Connection, places: Places, clock: Clock | No
     """Return one connection: its ends, TSAPs, negotiated values, counts, how it ended. Many calls may share one ``clock``."""
     tcp = connection.tcp
     clock = clock or Clock()
-    ended_by = str(tcp.ends[tcp.ended_by]) if tcp.ended_by >= 0 else None
+    ending = connection.ending
+    side = int(ending.side) if ending is not None else -1
     return {
         "number": connection.number,
         "client": str(connection.client),
@@ -198,8 +199,8 @@ def connection_as_dict(connection: Connection, places: Places, clock: Clock | No
         "start": "syn" if tcp.known_start else ("cr" if connection.cr_seen else "mid_stream"),
         **_place("first", tcp.first_frame, places),
         "first_time": clock.iso(tcp.first_ns),
-        **_place("last", tcp.last_frame, places),
-        "last_time": clock.iso(tcp.last_ns),
+        **_place("last", connection.last_frame, places),
+        "last_time": clock.iso(connection.last_ns),
         "calling_tsap": tsap_as_dict(connection.tsap_calling),
         "called_tsap": tsap_as_dict(connection.tsap_called),
         "tpdu_size": connection.tpdu_size or None,
@@ -217,9 +218,9 @@ def connection_as_dict(connection: Connection, places: Places, clock: Clock | No
         "with_errors": connection.errors,
         "refused": connection.refused or None,
         "disconnected": connection.iso_ended or None,
-        "ended": connection.closed_reason or tcp.ended or "open",
-        "ended_by": ended_by,
-        **_place("ended", tcp.ended_frame, places),
+        "ended": connection.ended,
+        "ended_by": str(tcp.ends[side]) if side >= 0 else None,
+        **_place("ended", ending.frame if ending is not None else 0, places),
         "open_at_end": connection.open_at_end,
         "ending": ending_as_dict(connection, places),
     }

@@ -39,7 +39,7 @@ def phrase(connection: Connection, places: Places) -> str:
     if connection.udp:
         begun = ""
     if connection.udp and (ending is None or ending.how == OPEN):
-        said = f"last datagram at {places.phrase([int(connection.tcp.last_frame)])}"
+        said = f"last datagram at {places.phrase([int(connection.last_frame)])}"
     elif ending is None or ending.how == OPEN:
         said = "still open at the end of the capture"
     elif ending.how in _DROPPED:

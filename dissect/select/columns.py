@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 from mypy_extensions import i64
 
 from dissect.iso.upper import S7COMM, S7COMM_PLUS, SCD, UPPER_NAMES
 from dissect.report.writer import COTP, NETLINK, Writer
 from dissect.select.fields import NAMES, Field
+from dissect.select.getters import OfItem, items
 from dissect.select.things import MESSAGE, OPERATION, TRANSACTION, Context, Message
 from dissect.transactions.connection import Connection
 from dissect.transactions.operation import Operation
@@ -19,6 +21,8 @@ from dissect.wire.text import Clock, printable
 
 #: Separates several values of a field, as in tshark.
 SEPARATOR = ","
+#: Separates several values of one item.
+WITHIN = ";"
 
 
 class FieldsWriter(Writer):
@@ -76,6 +80,10 @@ class FieldsWriter(Writer):
     def _add(self, kind: str, thing: object) -> None:
         cells = []
         for field in self._fields:
+            of_item = field.of_item
+            if of_item is not None and kind in field.with_items:
+                cells.append(printable(SEPARATOR.join(self._places(field, of_item, thing))))
+                continue
             get = field.getters.get(kind)
             found = get(thing, self._context) if get is not None else None
             if found is None:
@@ -84,3 +92,12 @@ class FieldsWriter(Writer):
             values = found if type(found) is list or type(found) is tuple else [found]
             cells.append(printable(SEPARATOR.join([field.kind.shown(value) for value in values])))
         self.lines.append("\t".join(cells))
+
+    def _places(self, field: Field, of_item: OfItem, thing: Any) -> list[str]:
+        """Return a place for each item, empty where it has no value, so that the lists of all fields match."""
+        places = []
+        for item in items(thing, self._context):
+            found = of_item(item, self._context)
+            values = found if type(found) is list or type(found) is tuple else [] if found is None else [found]
+            places.append(WITHIN.join([field.kind.shown(value) for value in values]))
+        return places

@@ -58,11 +58,11 @@ class Field:
     """A field: its names, the type of its values, its meaning, a condition as an example, and which things have it.
 
     ``getters`` are by kind of thing (`dissect.select.things.KINDS`). ``of_item`` returns the value for one item; a field that
-    has it may be followed by an index in brackets. ``decided``: the value depends only on the ends and the number of a
-    connection, so that connections which are not selected need not be read.
+    has it may be followed by an index in brackets; ``with_items`` are the kinds of things whose items have it. ``decided``: the
+    value depends only on the ends and the number of a connection, so that connections which are not selected need not be read.
     """
 
-    __slots__ = ("about", "also", "decided", "example", "getters", "kind", "name", "of_item")
+    __slots__ = ("about", "also", "decided", "example", "getters", "kind", "name", "of_item", "with_items")
 
     def __init__(
         self,
@@ -73,6 +73,7 @@ class Field:
         getters: Mapping[str, Getter],
         also: tuple[str, ...] = (),
         of_item: OfItem | None = None,
+        with_items: frozenset[str] = frozenset(),
         decided: bool = False,
     ) -> None:
         self.name = name
@@ -82,6 +83,7 @@ class Field:
         self.getters = getters
         self.also = also
         self.of_item = of_item
+        self.with_items = with_items
         self.decided = decided
 
     def __repr__(self) -> str:
@@ -127,7 +129,9 @@ def _item(
         return found
 
     also = "items.transport_size" if name == "type" else f"items.{name}"
-    return Field(name, kind, about, example, {**dict.fromkeys(kinds, got), **(others or {})}, (also,), get)
+    further = others or {}
+    own = frozenset(kinds) - further.keys()
+    return Field(name, kind, about, example, {**dict.fromkeys(kinds, got), **further}, (also,), get, own)
 
 
 def _attribute(name: str) -> OfItem:

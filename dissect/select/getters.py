@@ -27,6 +27,7 @@ from dissect.s7.tables import (
 from dissect.s7plus.items import READS, WRITES
 from dissect.s7plus.parameters import PlusParameters
 from dissect.s7plus.tables import FUNCTIONS as PLUS_FUNCTIONS
+from dissect.s7plus.tables import NOTIFICATION
 from dissect.select.items import ItemFacts
 from dissect.select.literals import CodeValue
 from dissect.select.things import Context, Found, Message, Packet
@@ -131,7 +132,7 @@ def slot(connection: Connection) -> int | None:
 
 def ended(connection: Connection, _context: Context) -> CodeValue | None:
     """Return how a connection ended."""
-    return name_code(connection.ending.how) if connection.ending is not None else None
+    return name_code(connection.ended) if connection.ending is not None else None
 
 
 def protocol(thing: Any, _context: Context) -> CodeValue | None:
@@ -156,7 +157,7 @@ def frames(thing: Any, context: Context) -> list[int]:
     elif isinstance(thing, Found):
         found = thing.finding.frames
     elif isinstance(thing, Connection):
-        found = [thing.tcp.first_frame, thing.tcp.last_frame]
+        found = [thing.tcp.first_frame, thing.last_frame]
     else:
         found = [thing.frame]
     return [context.number(int(frame)) for frame in found if frame]
@@ -201,7 +202,7 @@ def response_time(thing: Transaction, _context: Context) -> int | None:
 def duration(thing: Operation | Connection, _context: Context) -> int:
     """Return how long an operation or a connection lasted, in nanoseconds."""
     if isinstance(thing, Connection):
-        return int(thing.tcp.last_ns - thing.tcp.first_ns)
+        return int(thing.last_ns - thing.tcp.first_ns)
     return thing.duration_ns
 
 
@@ -321,7 +322,8 @@ def pdu_ref(thing: Transaction | Message, _context: Context) -> int | None:
     if thing.pdu is not None:
         return thing.pdu.pdu_ref if thing.pdu.pdu_ref >= 0 else None
     if thing.plus is not None:
-        return thing.plus.sequence if thing.plus.sequence >= 0 else None
+        paired = thing.plus.opcode != NOTIFICATION  # a notification counts notifications
+        return thing.plus.sequence if paired and thing.plus.sequence >= 0 else None
     return thing.scd.message.tid if thing.scd is not None and "tid" in thing.scd.message.numbers else None
 
 

@@ -26,7 +26,7 @@ from dissect.s7.tables import (
 from dissect.tcp.connection import TcpConnection
 from dissect.tcp.stream import Endpoint
 from dissect.transactions.aside import Aside
-from dissect.transactions.ending import Ending
+from dissect.transactions.ending import OPEN, Ending
 from dissect.transactions.open_requests import OpenRequests
 from dissect.transactions.operation import Activation, OpenOperations
 from dissect.transactions.results import Subscription
@@ -455,6 +455,21 @@ class Connection:
         self._traits = None
         self._subscriptions = None
         self.begun = None
+
+    @property
+    def ended(self) -> str:
+        """How it ended (`Ending.how`): ``open`` while it is not over."""
+        return self.ending.how if self.ending is not None else OPEN
+
+    @property
+    def last_frame(self) -> i64:
+        """Its latest packet."""
+        return self.ending.last_frame if self.ending is not None else self.tcp.last_frame
+
+    @property
+    def last_ns(self) -> i64:
+        """The time of its latest packet."""
+        return self.ending.last_ns if self.ending is not None else self.tcp.last_ns
 
     def role(self, side: i64) -> str:
         """Name a side: ``client`` or ``server``."""

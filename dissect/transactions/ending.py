@@ -41,6 +41,8 @@ class Ending:
     for none) and ``time_ns`` its time. ``reset_side``, ``reset_frame`` and ``reset_ns`` are side, packet and time of a RST
     after an end of another kind, as S7-1200/1500 answer a FIN (-1, 0 and 0 for none).
 
+    ``last_frame`` and ``last_ns`` are the latest packet by then and its time: the TCP connection may go on with another talk.
+
     ``open_requests`` is how many requests were open, without those whose answer may be in a gap. ``oldest`` is the first of
     them, with its packet and time. ``connecting``: the connect request had no answer of any kind yet.
 
@@ -59,6 +61,8 @@ class Ending:
         "last_error",
         "last_error_code",
         "last_error_ns",
+        "last_frame",
+        "last_ns",
         "last_request",
         "last_request_ns",
         "oldest",
@@ -104,6 +108,8 @@ class Ending:
             and connection.pdus == 0
             and tcp.streams[1 - connection.client_side].octets == 0
         )
+        self.last_frame: i64 = tcp.last_frame
+        self.last_ns: i64 = tcp.last_ns
         self.last_request: Parameters | None = connection.last_request
         self.last_request_ns: i64 = connection.last_request_ns
         self.last_answer: Parameters | None = connection.last_answer

@@ -141,7 +141,7 @@ def test_values_are_those_of_the_command_and_follow_each_other() -> None:
     polled = rows_of(CAPTURES / "nodes7-poll.pcapng", options=tagged)["values"]
     pressures = [row for row in polled if row["name"] == "Valve.pressure"]
     assert {(row["number"], row["unit"], row["type"], row["operation"]) for row in pressures} == {(3.5, "bar", "REAL", "read")}
-    assert [row["changed"] for row in pressures] == [True, False, False, False, False]
+    assert [row["changed"] for row in pressures] == [None, False, False, False, False]
 
 
 def test_devices_are_those_of_the_command() -> None:

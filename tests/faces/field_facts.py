@@ -23,7 +23,7 @@ from tests.faces.records import Record
 
 
 def _all(one: Callable[[Record], Any]) -> Cell:
-    """Return a cell of the list of what every item has, those of SCD as well, without those that have nothing."""
+    """Return a cell of the list of what every item has, those of SCD as well, with a place for each item."""
 
     def made(value: Any, record: Record) -> Any:
         if record.get("protocol") == "s7comm_plus" and value is None:
@@ -32,8 +32,9 @@ def _all(one: Callable[[Record], Any]) -> Cell:
         found: list[Any] = []
         for item in [*(value or []), *scd]:
             told = one(item)
-            found += told if isinstance(told, list) else [] if told is None else [told]
-        return ",".join([_shown(told) for told in found]) or None
+            several = told if isinstance(told, list) else [] if told is None else [told]
+            found.append(";".join([_shown(each) for each in several]))
+        return ",".join(found) or None
 
     return Cell("items", made)
 
@@ -92,8 +93,8 @@ def _places(value: Any, record: Record) -> Any:
 
 
 def _counted(value: Any, _: Record) -> Any:
-    """Return how many places a list has; of values only one that has no list in it can be counted."""
-    return len(value.split(",")) if value else 0
+    """Return how many places a list has; an empty one may be that of one item without a value."""
+    return len(value.split(",")) if value else UNTOLD
 
 
 def _rows(record: str) -> Rows:

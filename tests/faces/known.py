@@ -17,49 +17,23 @@ class Known(NamedTuple):
     shared: bool = False
 
 
-_END: Final = (
-    "it has how the TCP connection ended; text and `ending` say what ended the talk: a COTP DR or ER before that"
-)
-_LATE: Final = (
-    "the report looks at a connection at the end: by then another one on the same addresses went on in its numbers"
-)
 _NOTIFIED: Final = "a notification has no function: some faces name it so, JSON gives only its opcode"
 _NO_FUNCTION: Final = "an answer without parameters has no function: a row says so in words"
-_SEQUENCE: Final = (
-    "the number of a notification counts notifications; it pairs nothing, and JSON does not call it a reference"
-)
 _CONTENTS: Final = "`show` decodes the contents of S7comm-plus and userdata as well, and counts their faults"
-_PLACES: Final = "an item that has none takes no place in the list, so that lists of several fields do not match"
 
 #: By kind of record, fact and face.
 KNOWN: Final[dict[tuple[str, str, str], Known]] = {
-    ("connection", "ended", "json"): Known(_END),
-    ("connection", "ended", "tables"): Known(_END),
-    ("connection", "ended", "ecs"): Known(_END),
-    ("connection", "ended_by", "json"): Known(_END),
-    ("connection", "ended_by", "tables"): Known(_END),
-    ("connection", "ended_by_role", "tables"): Known(_END),
-    ("connection", "ended_frame", "json"): Known(_END),
-    ("connection", "last_frame", "tables"): Known(_LATE),
-    ("connection", "last_frame", "-Y"): Known(_LATE),
-    ("connection", "last_time", "tables"): Known(_LATE),
-    ("connection", "last_time", "ecs"): Known(_LATE),
     ("item", "number", "tables"): Known("it numbers items of S7comm-plus by their place, not by their own numbers"),
     ("item", "value", "csv"): Known("a time of SCD is written as its two numbers; JSON and tables have it as a time"),
-    ("item", "value", "tables"): Known("several bytes have no number and, unless they spell a text, nothing in `text`"),
+    ("item", "value", "tables"): Known("a structure of S7comm-plus is the list of its values there, and an object in JSON"),
     ("pdu", "kind", "tables"): Known("a system event and a keep-alive of S7comm-plus have no opcode, so no kind", shared=True),
     ("pdu", "malformed", "fields"): Known(_CONTENTS),
     ("pdu", "malformed", "tables"): Known(_CONTENTS),
     ("pdu", "malformed_count", "tables"): Known(_CONTENTS),
-    ("pdu", "pdu_ref", "fields"): Known(_SEQUENCE),
-    ("pdu", "pdu_ref", "tables"): Known(_SEQUENCE),
     ("pdu", "pdu_ref", "zeek"): Known("of a PDU that ends inside its reference, the log has the octets that are there"),
     ("transaction", "function_name", "fields"): Known(_NO_FUNCTION),
     ("transaction", "function_name", "jsonl"): Known(f"{_NOTIFIED}; {_NO_FUNCTION}"),
     ("transaction", "item_count", "zeek"): Known("values of SCD are not counted"),
-    ("transaction", "places_of_data", "fields"): Known(_PLACES),
-    ("transaction", "places_of_return_codes", "fields"): Known(_PLACES),
-    ("value", "changed", "tables"): Known("the first value of a variable is taken for a change"),
 }  # fmt: skip
 
 

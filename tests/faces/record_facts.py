@@ -122,6 +122,7 @@ _item("value", WORD, jsonl=Cell("value", _value),
       csv=Cell("value", lambda value, _: value or None, values.in_cell),
       text=Cell("value", lambda value, _: value, values.in_line))
 _item("value_text", WORD, jsonl=Cell("text", lambda value, record: value or record.get("note")), csv="value_text")
+_item("spelled", WORD, jsonl=Cell("text", lambda value, record: value if "syntax_id" in record else None), tables="spelled")
 _item("octets", OCTETS, jsonl="data", tables="data", csv=Cell("octets", None, _in_octets))
 _item("name", WORD, jsonl=Cell("name", lambda value, record: value if "scd" in record else UNTOLD), tables="name", csv="name")
 _item("unit", WORD, jsonl="unit", csv="unit")
@@ -328,8 +329,9 @@ _of_value("value", WORD, jsonl=Cell("value", _variable),
           text=Cell("value", lambda value, _: value, _value_in_line))
 _of_value("value_text", WORD, jsonl="text", csv="value_text")
 _of_value("octets", OCTETS, jsonl="octets", tables="data", csv=Cell("octets", None, _in_octets))
-_of_value("changed", FLAG, jsonl=Cell("changed", lambda value, _: bool(value)), tables="changed",
-          csv=Cell("changed", lambda value, _: value == "true"), text="was")
+_of_value("changed", FLAG, jsonl="changed", tables="changed",
+          csv=Cell("changed", lambda value, _: value == "true" if value else None),
+          text=Cell("was", None, lambda value, told: told == bool(value)))
 _of_value("previous", WORD, jsonl=Cell("previous", _before),
           csv=Cell("previous", lambda value, _: value or None, values.in_cell),
           tables=Cell("previous_number", lambda value, _: value, _previous_number))

@@ -31,7 +31,7 @@ NAMES: Final = (
     "crafted/vlan.pcapng", "crafted/holes.pcapng", "crafted/refusals.pcapng", "crafted/cotp-refused.pcapng",
     "crafted/snaplen.pcapng", "scd/plant.pcapng", "program-python.pcapng", "blocks.pcapng", "crafted/negotiation.pcapng",
     "crafted/plc-asks.pcapng", "clock.pcapng",
-    "crafted/plus-answers.pcapng",
+    "crafted/plus-answers.pcapng", "multi-items.pcapng",
 )  # fmt: skip
 
 #: The capture that `tests.faces.made` makes.

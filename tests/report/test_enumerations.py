@@ -38,7 +38,7 @@ MEASURED = (
 )  # fmt: skip
 PLACES: list[tuple[str, str, set[str]]] = [
     ("analysis", "$defs/ending/properties/how/enum", {*ENDINGS, ending.OPEN}),
-    ("analysis", "properties/connections/items/properties/ended/enum", {*ENDINGS, ending.OPEN} - {"disconnect", "error_tpdu"}),
+    ("analysis", "properties/connections/items/properties/ended/enum", {*ENDINGS, ending.OPEN}),
     ("analysis", "properties/finding_details/items/properties/severity/enum", set(SEVERITIES)),
     ("analysis", "properties/finding_details/items/properties/kind/enum", set(FINDINGS)),
     ("operation", "properties/kind/enum", set(operation.KINDS)),

@@ -105,7 +105,7 @@ def test_a_whole_program_says_what_is_in_it() -> None:
     talk = begun()
     blocks = [block(0x8A0E0000 + number, 2574, f"d{number}", 5) for number in range(1, 9)]
     inside = [*blocks, OB, block(0x8A240001, 3932, "T", 0), PlusObject(0x9001, 4672, 0, 0, 0, [])]
-    create(talk, 1, 1, PlusObject(3, 2520, 0, 0, 0, inside))
+    create(talk, 1, 1, PlusObject(3, 2520, 0, 0, 0, [*inside]))
     (text,) = [one[0] for one in downloads(talk)]
     assert text == (
         "the program, 1 text container, 9 blocks and 1 type: OB1 'Main' (SCL), DB1 'd1' (DB), DB2 'd2' (DB), DB3 'd3' (DB), "

@@ -161,7 +161,7 @@ class ZeekExport(Export, Observer):
         if known is None or not known.device or log is None:
             return
         names = [known.device.get(index) for index in (1, 2, 3, 5)]
-        log.add([int(connection.tcp.last_ns), known.uid, *_ends(connection), *(None,) * 5, *names])
+        log.add([int(connection.last_ns), known.uid, *_ends(connection), *(None,) * 5, *names])
 
     # ---- rows -------------------------------------------------------------------------------------------------------
 
