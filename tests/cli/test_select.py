@@ -206,7 +206,7 @@ def test_fields_are_written_as_tshark_does(capfdbinary: Capture) -> None:
     assert ran.out == (
         "8,9\tSetup communication\t\t\t\n"
         "10,11\tRead Var\tDB99.DBB0 x4\t\tObject does not exist\n"
-        "18,19\tWrite Var\tDB99.DBB0 x2\t1,2\tObject does not exist\n"
+        "18,19\tWrite Var\tDB99.DBB0 x2\t1;2\tObject does not exist\n"
     )
     ran = run(capfdbinary, "show", ERRORS, "-T", "fields", "-e", "protocol", "-e", "src", "-e", "time", "-c", "1")
     assert ran.out == "cotp\t127.0.0.1:45840\t2026-11-21T01:31:05.693304306Z\n"

@@ -157,6 +157,6 @@ def test_the_verdict_names_gaps(tmp_path: Path, talk: Talk, said: str) -> None:
     pipeline = gathered.analysis.pipeline
     assert pipeline is not None
     octets = pipeline.counters.octets
-    share = f"{100 * octets.missing / (octets.missing + octets.delivered):.1f}"
+    share = f"{100 * int(octets.missing) / int(octets.missing + octets.delivered):.1f}"
     assert verdict(gathered).sentences[-1] == said.format(share)
     assert len(verdict(gathered_of([saved(tmp_path / "b.pcapng", begun().close().packets())])).sentences) == 3
