@@ -62,6 +62,7 @@ HOT: Final = (
     "dissect/s7/*.py",
     "dissect/s7plus/*.py",
     "dissect/transactions/*.py",
+    "dissect/acts/*.py",
     "dissect/findings/*.py",
     "dissect/engine/*.py",
     "dissect/jobs/spots.py",

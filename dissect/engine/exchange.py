@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 from mypy_extensions import i64, mypyc_attr
 
+from dissect.acts.book import ActBook
 from dissect.engine.observer import Observer
 from dissect.findings.explaining import Causes
 from dissect.findings.operation_rules import judge_loaded, judge_operation, judge_strays
@@ -99,7 +100,8 @@ class Watch:
         self._observer = observer
         self._reporter = reporter
         self.operations = Operations()
-        self.security = SecurityWatch(reporter)
+        self.acts = ActBook(self.operations)
+        self.security = SecurityWatch(reporter, self.acts)
         self.plus = PlusWatch(reporter, self.security, self.operations)
         self._blocks: BlockWatch | None = None
         self.stations = StationWatch(reporter, observer.own_book)
@@ -119,6 +121,7 @@ class Watch:
             self._tell()
             return
         self.operations.take(transaction)
+        act = self.acts.take(transaction)
         head = transaction.parameters.userdata
         if head is not None and head.group == GROUP_CPU:
             judge_szl(self._reporter, transaction)
@@ -126,7 +129,7 @@ class Watch:
             judge_body(self._reporter, transaction)  # of one that failed this came first
         if transaction.flags:
             judge_strays(self._reporter, transaction)
-        self.security.take(transaction)
+        self.security.take(transaction, act)
         if head is not None and head.group in TELLING:
             self._facts(self.stations.take(transaction))
         self._tell()
@@ -141,7 +144,8 @@ class Watch:
             if transaction.request_frame and transaction.parameters.written & ~traits.written:
                 self.security.write(transaction)
         elif function != READ_VAR:
-            self.security.take(transaction)
+            self.security.take(transaction, self.acts.take(transaction, alone=True))
+        self.tell_acts()
 
     def end(self, connection: Connection, reason: str) -> None:
         """A connection is over; ``reason`` is one of those of transactions."""
@@ -159,7 +163,16 @@ class Watch:
         """Nothing more comes: forget what stations said; it was kept to find contradictions."""
         self.stations = StationWatch(self._reporter)
 
+    def tell_acts(self) -> None:
+        """Hand the acts that are over to the observer."""
+        if self.acts.fresh:
+            fresh = self.acts.fresh
+            self.acts.fresh = []
+            for act in fresh:
+                self._observer.act(act)
+
     def _tell(self) -> None:
+        self.tell_acts()
         over = self.operations.over
         if not over:
             return
@@ -167,8 +180,10 @@ class Watch:
         for operation in over:
             if operation.oddities or operation.result != DONE:  # the rule is not compiled, and each setup comes here
                 judge_operation(self._reporter, operation)
-            if not operation.begun and operation.kind == DOWNLOAD:
-                self.security.loaded(operation)
+            act = self.acts.over(operation)
+            if act is not None and not operation.begun and operation.kind == DOWNLOAD:
+                self.security.loaded(act)
+            self.tell_acts()
             if operation.content and operation.kind in TRANSFERS:
                 self._look_at_block(operation)
             self._observer.operation(operation)
@@ -348,10 +363,12 @@ class Exchange:
                     self.watch.security.sample(transaction)
             if parameters.written & ~traits.written:
                 self.watch.security.write(transaction)
+                self.watch.tell_acts()
             elif parameters.written:
                 self.watch.security.write_again(transaction)
             if transaction.has_errors:
                 self.watch.security.refused_items(transaction)
+                self.watch.tell_acts()
 
     # ---- findings and bugs ------------------------------------------------------------------------------------------
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from mypy_extensions import i64, mypyc_attr
 
+from dissect.acts.act import Act
 from dissect.findings.reporter import Finding
 from dissect.stations.facts import Book, Fact
 from dissect.transactions.connection import Connection
@@ -53,6 +54,9 @@ class Observer:
 
     def operation(self, operation: Operation) -> None:
         """An operation (several transactions that belong together) is over."""
+
+    def act(self, act: Act) -> None:
+        """A client did something to a device, or tried to; comes before the operation that it was, if it took several steps."""
 
     def finding(self, finding: Finding) -> None:
         """Something deserves attention."""

@@ -6,12 +6,24 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterable, Sequence
 from typing import Any, Final
 
+from dissect.acts.act import Act
 from dissect.engine.observer import Observer
 from dissect.engine.pipeline import Pipeline
 from dissect.export.batch import Batch, Part
 from dissect.export.item_columns import ASKED, BEGIN, CODE, ROUTE, Collected, ItemColumns
 from dissect.export.rows import Rows
-from dissect.export.tables import CONNECTIONS, DEVICES, FINDINGS, ITEMS, OPERATIONS, PDUS, TRANSACTIONS, VALUES, Table
+from dissect.export.tables import (
+    ACTS,
+    CONNECTIONS,
+    DEVICES,
+    FINDINGS,
+    ITEMS,
+    OPERATIONS,
+    PDUS,
+    TRANSACTIONS,
+    VALUES,
+    Table,
+)
 from dissect.export.transaction_rows import ENDS, FUNCTION, OWN, STATE, Row, TransactionColumns
 from dissect.findings.reporter import Finding
 from dissect.inventory.collector import Inventory
@@ -59,6 +71,7 @@ class TableFeed(Observer):
         self._waiting: dict[str, list[Row]] = {table.name: [] for table in self.tables if table not in _BULK}
         self._connections = self._waiting.get(CONNECTIONS.name)
         self._operations = self._waiting.get(OPERATIONS.name)
+        self._acts = self._waiting.get(ACTS.name)
         self._findings = self._waiting.get(FINDINGS.name)
         self._pdus = self._waiting.get(PDUS.name)
         self._values = self._waiting.get(VALUES.name)
@@ -167,6 +180,13 @@ class TableFeed(Observer):
             self._inventory.operation(operation)
         if self._operations is not None:
             self._add(self._operations, self._made.operation(operation))
+
+    def act(self, act: Act) -> None:
+        """Add the row of an act."""
+        if self._devices is not None:
+            self._inventory.act(act)
+        if self._acts is not None:
+            self._add(self._acts, self._made.act(act))
 
     def fact(self, fact: Fact) -> None:
         """Take a fact that a device stated."""

@@ -118,12 +118,12 @@ ORDER BY different DESC, server_host, what""",
     ),
     Question(
         "interventions",
-        "Who loaded, read out, stopped or deleted something, and when?",
-        "The table operations has more kinds, such as polling and password.",
+        "Who loaded, read out, stopped, forced or deleted something, and when?",
+        "What was refused or not answered is among them; the column outcome says so.",
         """
-SELECT ts, client_host, server_host, kind, subject, bytes, result
-FROM operations WHERE kind IN ('download', 'upload', 'delete', 'control', 'password', 'test_job')
-ORDER BY ts_ns, operation""",
+SELECT ts, client_host, server_host, kind, subject, bytes, outcome
+FROM acts
+ORDER BY ts_ns, act""",
     ),
     Question(
         "talkers",

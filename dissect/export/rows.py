@@ -6,6 +6,7 @@ import json
 from collections.abc import Sequence
 from typing import Any
 
+from dissect.acts.act import Act
 from dissect.export.item_columns import rounded
 from dissect.export.keys import connection_community_id, connection_uid
 from dissect.export.tables import DEVICES, INT, Column
@@ -171,6 +172,33 @@ class Rows:
             operation.octets,
             operation.announced if operation.announced >= 0 else None,
             [odd.detail for odd in operation.oddities],
+        )
+
+    def act(self, act: Act) -> Row:
+        """Return the row of an act."""
+        connection = act.connection
+        file, first = self._hot.files.locate(act.first_frame)
+        _, last = self._hot.files.locate(act.last_frame)
+        return (
+            act.number,
+            int(connection.number),
+            file,
+            first,
+            last,
+            act.begin_ns,
+            act.end_ns,
+            *self._hot.ends(connection),
+            act.asked_by == connection.client_side,
+            act.kind,
+            encodable(act.subject),
+            [encodable(f"{block.label}{f' {block.name!r}' if block.name else ''}") for block in act.blocks()],
+            act.octets,
+            act.outcome,
+            act.reason or None,
+            act.error_code,
+            act.error.name if act.error is not None else None,
+            act.slug or None,
+            list(act.transactions),
         )
 
     def finding(self, finding: Finding, connection: Connection | None) -> Row:

@@ -237,6 +237,32 @@ OPERATIONS: Final = Table(
     ),
 )
 
+ACTS: Final = Table(
+    "acts",
+    "act: what a client did to a device, or tried to: stop, download, force, password …",
+    (
+        Column("act", INT, "", "number of the act in the run", "Act.number"),
+        _CONNECTION,
+        _FILE,
+        Column("first_frame", INT, "packet of its file", "first packet", "Act.first_frame"),
+        Column("last_frame", INT, "packet of its file", "last packet", "Act.last_frame"),
+        *_time("ts", "time of the first packet", "Act.begin_ns"),
+        *_time("end", "time of the last packet", "Act.end_ns"),
+        *_ENDS,
+        Column("from_client", BOOL, "", "the client of the connection did it", "Act.asked_by"),
+        Column("kind", WORD, "", "stop, start, download, force … (docs/export.md)", "Act.kind"),
+        Column("subject", TEXT, "", "what it is about", "Act.subject"),
+        Column("blocks", WORDS, "", "the blocks that it carried", "Act.blocks"),
+        Column("bytes", INT, "bytes", "size of what it carried, or of its request", "Act.octets"),
+        Column("outcome", WORD, "", "accepted, refused, unanswered … (docs/export.md)", "Act.outcome"),
+        Column("reason", TEXT, "", "why there is no answer", "Act.reason"),
+        Column("error_code", INT, "", "code of the refusal, 0 for none", "Act.error_code"),
+        Column("error_name", WORD, "", "its name", "Act.error"),
+        Column("slug", WORD, "", "the finding that it makes, null for none", "Act.slug"),
+        Column("transactions", INTS, "", "numbers of its transactions, the first thousand", "Act.transactions"),
+    ),
+)
+
 FINDINGS: Final = Table(
     "findings",
     "finding in detail (at most 100 a slug and connection, 1000 a slug)",
@@ -331,7 +357,7 @@ PDUS: Final = Table(
 
 #: Every table by its name, in the order in which they are listed.
 TABLES: Final[dict[str, Table]] = {
-    table.name: table for table in (CONNECTIONS, TRANSACTIONS, ITEMS, VALUES, OPERATIONS, FINDINGS, DEVICES, PDUS)
+    table.name: table for table in (CONNECTIONS, TRANSACTIONS, ITEMS, VALUES, OPERATIONS, ACTS, FINDINGS, DEVICES, PDUS)
 }
 
 

@@ -9,26 +9,20 @@ from typing import Final
 
 from mypy_extensions import i64
 
+from dissect.acts.act import Act
+from dissect.acts.plus import TEXT
 from dissect.findings.plus_sessions import PlusSessions, server_of
 from dissect.findings.reporter import Reporter
 from dissect.findings.security_rules import SecurityWatch
 from dissect.s7.items import WRITTEN_ELSEWHERE, WRITTEN_IO
 from dissect.s7plus.events import (
-    LOADED,
-    ORDERED,
-    PASSWORD,
     READ_OUT,
-    REMOVED,
     REPLAYED,
-    RESET,
     RUNNING,
     SESSION,
-    START,
-    STOP,
     STOPPED,
     SUBSCRIBED,
     SUBSCRIBED_ALARMS,
-    TEST_JOB,
     WRITTEN,
     WRITTEN_OUTPUTS,
     Event,
@@ -49,25 +43,14 @@ from dissect.transactions.transaction import ANSWERED, BEHIND_MALFORMED, UNANSWE
 from dissect.wire.malformed import Malformed
 from dissect.wire.text import shortened
 
+#: Findings of events that are no acts.
 _SLUGS: Final[dict[str, str]] = {
-    STOP: "security.plc_stop",
-    START: "security.plc_start",
-    RESET: "security.memory",
-    ORDERED: "security.unknown_service",
     STOPPED: "security.stopped",
     RUNNING: "security.mode_changed",
-    LOADED: "security.program_change",
-    REMOVED: "security.program_change",
-    READ_OUT: "security.program_read",
-    TEST_JOB: "security.debug",
     REPLAYED: "security.replay",
     WRITTEN: "security.write",
     WRITTEN_OUTPUTS: "security.write_outputs",
 }
-#: What the client does with what the text of an event names.
-_VERBS: Final[dict[str, str]] = {LOADED: "load ", REMOVED: "delete "}
-#: Reported once per connection.
-_ONCE: Final = frozenset((READ_OUT, TEST_JOB))
 #: The kind of area that an event of this kind writes to.
 _AREAS: Final[dict[str, int]] = {WRITTEN: WRITTEN_ELSEWHERE, WRITTEN_OUTPUTS: WRITTEN_IO}
 #: Return value "access denied": the client lacks the rights for a request.
@@ -81,8 +64,6 @@ MAX_SUBSCRIBERS: Final = 4096
 _OBJECT: Final = 18
 #: CPUs that are remembered; beyond that the one seen first is forgotten.
 MAX_CPUS: Final = 256
-#: Longest text of an event in a finding, in characters.
-_TEXT: Final = 200
 
 
 class PlusWatch:
@@ -92,6 +73,7 @@ class PlusWatch:
         self._operations = PlusOperations(book)
         self._reporter = reporter
         self._security = security
+        self._acts = security.acts
         self._sessions = PlusSessions(security)
         self._cpus: dict[str, tuple[Program, Identity]] = {}
         self._subscribers: set[tuple[str, str]] = set()  # (client, CPU)
@@ -124,8 +106,9 @@ class PlusWatch:
         if facts is not None:
             for event in facts.events:
                 code = _code_of(event, transaction)
-                self._operations.take(event, session, transaction, code)
-                self._tell(session, event, transaction, code)
+                act = self._acts.event(event, transaction, code)
+                self._operations.take(event, session, transaction, code, act.command if act is not None else "")
+                self._tell(session, event, transaction, code, act)
                 if event.kind == SESSION:
                     self._sessions.opened(session, event.object_id, transaction)
                 elif event.kind in _SUBSCRIBING:
@@ -148,7 +131,7 @@ class PlusWatch:
         facts = take(session, transaction.function, asked, b"", transaction.skimmed, -1)
         if facts is not None:
             for event in facts.events:
-                self._tell(session, event, transaction, 0)
+                self._tell(session, event, transaction, 0, self._acts.event(event, transaction, 0, alone=True))
             if facts.malformed:
                 self._odd_contents(transaction, facts)
 
@@ -209,34 +192,35 @@ class PlusWatch:
         connection.plus = session
         return session
 
-    def _tell(self, session: PlusSession, event: Event, transaction: Transaction, code: int) -> None:
-        """Report an event; ``code`` is its error, 0 for none."""
+    def _tell(self, session: PlusSession, event: Event, transaction: Transaction, code: int, act: Act | None) -> None:
+        """Report an event; ``code`` is its error, 0 for none, ``act`` what the event is, None for something else."""
         kind = event.kind
-        if kind == PASSWORD:
-            self._security.password(transaction, code)
-            return
         slug = _SLUGS.get(kind, "")
-        if not slug:
-            return
         area = _AREAS.get(kind, 0)
         if area:
             self._wrote(session, slug, area, event, transaction, code)
-        elif kind not in _ONCE or self._security.first_of(transaction, slug):
-            self._security.tell(slug, transaction, shortened(f"{_VERBS.get(kind, '')}{event.text}", _TEXT), code)
+        elif act is not None:
+            if kind != READ_OUT or self._security.first_of(transaction, act.slug):
+                self._security.act(act, transaction, code)
+        elif slug:
+            self._security.tell(slug, transaction, shortened(event.text, TEXT), code)
 
     def _wrote(
         self, session: PlusSession, slug: str, area: int, event: Event, transaction: Transaction, code: int
     ) -> None:
         """Report a write that was refused, or that goes to a kind of area that this connection did not write before."""
         traits = transaction.connection.traits
-        what = shortened(event.text, _TEXT)
+        what = shortened(event.text, TEXT)
         if code in {0, PARTIAL_ERROR}:
             self._security.wrote(
                 slug, area, transaction, what, code, transaction.outcome not in {UNANSWERED, BEHIND_MALFORMED}
             )
             session.outputs_told = traits.written & WRITTEN_IO != 0
             session.elsewhere_told = traits.written & WRITTEN_ELSEWHERE != 0
-        elif self._security.first_of(transaction, "security.write_refused"):
+            return
+        if area == WRITTEN_IO:
+            self._security.refused_outputs(transaction, what, code)
+        if self._security.first_of(transaction, "security.write_refused"):
             self._security.tell("security.write_refused", transaction, what, code)
 
     def programs(self) -> dict[str, Program]:

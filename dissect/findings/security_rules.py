@@ -10,48 +10,33 @@ from typing import Final
 
 from mypy_extensions import i64
 
+from dissect.acts.act import Act
+from dissect.acts.book import ActBook
+from dissect.acts.classic import Became, asked, is_push
+from dissect.acts.tables import COMMANDS
 from dissect.findings.reporter import Reporter
 from dissect.s7.diagnostics import event_name, states_stop
 from dissect.s7.errors import may_protect, protects
 from dissect.s7.items import WRITTEN_ELSEWHERE, WRITTEN_IO, ItemResult, written_areas
 from dissect.s7.layouts import DATA_HEAD
 from dissect.s7.parameters import HEADER_SIZE, UserdataHead
-from dissect.s7.parameters import PUSH as INDICATION
-from dissect.s7.services import NC_PREFIX, PI_SERVICES
 from dissect.s7.tables import (
-    ALARM_CHANGE,
-    CLOCK,
-    DEBUG,
     DIAGNOSTIC_MESSAGE,
-    FLASH,
-    FORCE,
-    FUNCTIONS,
     GROUP_BLOCKS,
     GROUP_CPU,
     GROUP_MODE,
-    GROUP_SECURITY,
-    MEMORY,
     MODE_STOP,
-    PI_SERVICE,
-    PROGRAM_CHANGE,
-    PROGRAM_READ,
-    READ,
     READ_SZL,
     RETURN_CODES,
-    SEND_PASSWORD,
-    START,
-    STOP,
     SUCCESS,
     USERDATA,
-    USERDATA_SUBFUNCTIONS,
 )
 from dissect.s7plus.tables import PARTIAL_ERROR
 from dissect.s7plus.tables import RETURN_CODES as PLUS_CODES
 from dissect.tcp.link import within
 from dissect.transactions.connection import Connection, Writes
 from dissect.transactions.naming import items_said, subject
-from dissect.transactions.operation import Operation
-from dissect.transactions.results import DATA, half_captured, refusal
+from dissect.transactions.results import DATA, refusal
 from dissect.transactions.transaction import (
     ANSWERED,
     BEHIND_MALFORMED,
@@ -101,6 +86,9 @@ _SECOND_NS: Final = 1_000_000_000
 #: A diagnostic message at most so long before a STOP states its cause: a CPU sends it as it stops.
 _CAUSE_NS: Final = 5_000_000_000
 
+#: What a connection remembers once a write to outputs was refused.
+_OUTPUTS_REFUSED: Final = "refused write to outputs"
+
 #: Events that a PLC reports about itself, whether it was asked or not.
 _REPORTS: Final = frozenset(("security.mode_changed", "security.stopped"))
 
@@ -113,7 +101,8 @@ _MAX_REMEMBERED: Final = 4096
 class SecurityWatch:
     """Judges transactions as security events. One object per analysis, because a new writer shows only across connections."""
 
-    def __init__(self, reporter: Reporter) -> None:
+    def __init__(self, reporter: Reporter, acts: ActBook) -> None:
+        self.acts = acts
         self._reporter = reporter
         self._writers: dict[str, str] = {}  # server: the client that wrote first
         self._pairs: set[tuple[str, str]] = set()  # pairs of client and server that were reported, or need no report
@@ -128,7 +117,7 @@ class SecurityWatch:
         if unanswered and not transaction.parameters.written & ~(traits.written | traits.sent):
             self._count_writes(transaction)
             return
-        became = _Became(transaction)
+        became = Became(transaction)
         naming = transaction.connection.naming
         for area, slug in _WRITES_TO:
             for found, said in ((became.written, ""), (became.unsure, "" if unanswered else ", without a return code")):
@@ -138,8 +127,11 @@ class SecurityWatch:
                     self.wrote(slug, area, transaction, what, sure=not said and not unanswered)
         self._refused(transaction, became)
 
-    def _refused(self, transaction: Transaction, became: _Became) -> None:
+    def _refused(self, transaction: Transaction, became: Became) -> None:
         """Report the first write of a connection that was refused, or of which items were."""
+        if written_areas([result.item for result in became.refused if result.item is not None]) & WRITTEN_IO:
+            what = items_said(transaction.connection.naming, became.refused, True)
+            self.refused_outputs(transaction, f"{transaction.function_name} {what}")
         if became.refused and self._first(transaction, "security.write_refused"):
             codes = "" if transaction.error_code else _item_codes(became.refused)
             what = (
@@ -147,12 +139,17 @@ class SecurityWatch:
             )
             self.tell("security.write_refused", transaction, what)
 
+    def refused_outputs(self, transaction: Transaction, what: str, code: int = -1) -> None:
+        """Take a write to outputs that was refused: the first of a connection is an act."""
+        if transaction.connection.traits.first(_OUTPUTS_REFUSED):
+            self.acts.wrote(transaction, what, code, refused=True)
+
     def write_again(self, transaction: Transaction) -> None:
         """Count a write to kinds of areas that this connection wrote to before."""
         if not transaction.has_errors:
             self._count_writes(transaction)
             return
-        became = _Became(transaction)
+        became = Became(transaction)
         done = written_areas([result.item for result in became.written + became.unsure if result.item is not None])
         self._count_writes(transaction, done)
         self._refused(transaction, became)
@@ -187,6 +184,8 @@ class SecurityWatch:
             traits.written |= area
         else:
             traits.sent |= area
+        if area == WRITTEN_IO:
+            self.acts.wrote(transaction, what, code)
         self.tell(slug, transaction, what, code)
         if sure:
             self._writer(transaction)
@@ -261,15 +260,23 @@ class SecurityWatch:
 
     # ---- everything else --------------------------------------------------------------------------------------------
 
-    def take(self, transaction: Transaction) -> None:
-        """Judge a transaction that is neither a read nor a write."""
+    def take(self, transaction: Transaction, act: Act | None) -> None:
+        """Judge a transaction that is neither a read nor a write; ``act`` is what it is, or begins, None for nothing."""
         head = transaction.parameters.userdata
-        if head is not None and transaction.rosctr == USERDATA:
+        if act is not None:
+            self.act(act, transaction)
+        elif head is not None and transaction.rosctr == USERDATA:
             self._userdata(transaction, head)
-        elif _asked(transaction):
-            self._job(transaction)
         if transaction.has_errors and _denied(transaction) and self._first(transaction, "security.protected"):
             self.tell("security.protected", transaction, transaction.function_name)
+
+    def act(self, act: Act, transaction: Transaction, code: int = -1) -> None:
+        """Report an act; ``code`` as for `tell`."""
+        slug = act.slug
+        if slug == "security.password":
+            self.password(transaction, code)
+        elif slug and (slug not in _ONCE or self.first_of(transaction, slug)):
+            self.tell(slug, transaction, act.text, code)
 
     def refused_items(self, transaction: Transaction) -> None:
         """Report a read or write that was refused by protection. Only the first refusals of a connection are looked at."""
@@ -291,61 +298,33 @@ class SecurityWatch:
             if self._first(transaction, "security.protected"):
                 self.tell("security.protected", transaction, subject(transaction) + why)
 
-    def _job(self, transaction: Transaction) -> None:
-        if transaction.function == PI_SERVICE:
-            self._pi_service(transaction)
-            return
-        slug = _SLUGS.get(FUNCTIONS.effect(transaction.function), "")
-        if slug:
-            self.tell(slug, transaction, "PLC stop" if slug == "security.plc_stop" else "")
-
-    def _pi_service(self, transaction: Transaction) -> None:
-        body = transaction.request_body
-        name = body.text("service") if body is not None else ""
-        slug = _service_slug(name)
-        if slug == "security.unknown_service" and _is_cut_short(transaction, name):
-            return
-        if slug:
-            self.tell(slug, transaction)
-
     def _userdata(self, transaction: Transaction, head: UserdataHead) -> None:
-        if _is_push(transaction, head):
-            if head.group == GROUP_MODE:
+        group, subfunction = head.group, head.subfunction
+        if is_push(transaction, head):
+            if group == GROUP_MODE:
                 self._mode(transaction, head)
-            elif head.group == GROUP_CPU and head.subfunction == DIAGNOSTIC_MESSAGE:
+            elif group == GROUP_CPU and subfunction == DIAGNOSTIC_MESSAGE:
                 event = _pushed_event(transaction)
                 if states_stop(event):
                     frame, time_ns = int(transaction.response_frame), int(transaction.response_ns)
                     transaction.connection.traits.stop_event = (event, frame, time_ns)
+        elif not asked(transaction):
             return
-        if not _asked(transaction):
-            return
-        group, subfunction = head.group, head.subfunction
-        table = USERDATA_SUBFUNCTIONS.get(group)
-        slug = _SLUGS.get(table.effect(subfunction), "") if table is not None else ""
-        if slug:
-            if slug in _ONCE and not self.first_of(transaction, slug):
-                return
-            self.tell(slug, transaction, _forced(transaction) if slug == "security.force" else "")
         elif group == GROUP_BLOCKS:
             self._inquiry(transaction, -subfunction)
         elif group == GROUP_CPU and subfunction == READ_SZL:
             szl_id = _szl_id(transaction)
             if szl_id >= 0:
                 self._inquiry(transaction, szl_id)
-        elif group == GROUP_SECURITY and subfunction == SEND_PASSWORD:
-            self.password(transaction)
 
-    def loaded(self, operation: Operation) -> None:
+    def loaded(self, act: Act) -> None:
         """Report a download whose beginning was not captured: its pieces show that a client loaded a block."""
-        number = operation.connection.number
-        first, last, end_ns = operation.first_frame, operation.last_frame, operation.end_ns
-        if self._reporter.wants("security.program_change", number, first, last, end_ns):
-            ends = operation.connection.tcp.ends
-            who = f"{ends[operation.asked_by]} to {ends[1 - operation.asked_by]}"
-            what = f"download {operation.subject}, {operation.octets} bytes, beginning not captured"
-            frames = sorted({first, last})
-            self._reporter.detail("security.program_change", number, frames, end_ns, f"{who}: {what}")
+        number = act.connection.number
+        if self._reporter.wants(act.slug, number, act.first_frame, act.last_frame, act.end_ns):
+            ends = act.connection.tcp.ends
+            who = f"{ends[act.asked_by]} to {ends[1 - act.asked_by]}"
+            what = f"download {act.subject}, {act.octets} bytes, beginning not captured"
+            self._reporter.detail(act.slug, number, act.frames, act.end_ns, f"{who}: {what}")
 
     def _mode(self, transaction: Transaction, head: UserdataHead) -> None:
         """Report the mode that a PLC sends; for a STOP, with the cause that a diagnostic message stated just before."""
@@ -443,7 +422,7 @@ class SecurityWatch:
             result = _unanswered(transaction)
         elif behind:
             result = "" if reports else ", not answered"
-        elif good and not reports and slug in _COMMANDS:
+        elif good and not reports and slug in COMMANDS:
             result = ", accepted"
         if transaction.outcome == ORPHAN:
             what = what or transaction.function_name
@@ -453,26 +432,6 @@ class SecurityWatch:
         what = what or _named(transaction)
         time_ns = max(int(transaction.request_ns), int(transaction.response_ns))
         self._reporter.detail(slug, number, frames, time_ns, f"{who}: {what}{result}")
-
-
-class _Became:
-    """The items of a write by their result: written, refused, or unsure (no return code)."""
-
-    __slots__ = ("refused", "unsure", "written")
-
-    def __init__(self, transaction: Transaction) -> None:
-        self.written: list[ItemResult] = []
-        self.refused: list[ItemResult] = []
-        self.unsure: list[ItemResult] = []
-        for result in transaction.results():
-            if result.item is None:
-                continue  # a return code without an item
-            if transaction.refused or result.refused:
-                self.refused.append(result)
-            elif result.return_code == SUCCESS:
-                self.written.append(result)
-            else:
-                self.unsure.append(result)
 
 
 def _denied(transaction: Transaction) -> bool:
@@ -488,23 +447,11 @@ def _item_codes(refused: list[ItemResult]) -> str:
     return f", refused: {', '.join(said)}" if said else ""
 
 
-def _asked(transaction: Transaction) -> bool:
-    """Return whether a client made the request: it was captured, or the capture explains why it is missing."""
-    return transaction.request_frame > 0 or (transaction.outcome == ORPHAN and half_captured(transaction))
-
-
 def _unanswered(transaction: Transaction) -> str:
     """Return how a request without an answer ended."""
     if transaction.unseen:
         return ", answer not captured"
     return ", the capture ends before an answer" if transaction.reason == CAPTURE_ENDED else ", not answered"
-
-
-def _is_push(transaction: Transaction, head: UserdataHead) -> bool:
-    """Return whether a PLC sent a userdata message without being asked."""
-    if transaction.outcome == BEHIND_MALFORMED:
-        return transaction.request_frame == 0 and head.type == INDICATION
-    return transaction.outcome == PUSH
 
 
 def _ends(transaction: Transaction) -> tuple[str, str]:
@@ -541,46 +488,5 @@ def _named(transaction: Transaction) -> str:
     return titled(transaction.function_name, notes)
 
 
-def _forced(transaction: Transaction) -> str:
-    """Return the function and the variables with the values that it sets; empty if the request does not name them."""
-    said = items_said(transaction.connection.naming, transaction.results(), True, _NAMED)
-    return f"{transaction.function_name} {said}" if said else ""
-
-
-def _is_cut_short(transaction: Transaction, name: str) -> bool:
-    """Return whether a request was captured in part, and ``name`` is how the name of a known PI service begins."""
-    request = transaction.request
-    return request is not None and bool(request.malformed) and any([row.startswith(name) for row in PI_SERVICES])
-
-
-def _service_slug(name: str) -> str:
-    """Return the slug for calling a PI service; empty if the service only reads, or has no name."""
-    row = PI_SERVICES.get(name)
-    if row is not None:
-        return "" if row.effect == READ else _SLUGS.get(row.effect, "security.nc_command")
-    if name.startswith(NC_PREFIX):
-        return "security.nc_command"
-    return "security.unknown_service" if name else ""
-
-
-#: Slugs of requests, by the effect of what they ask for.
-_SLUGS: Final[dict[str, str]] = {
-    ALARM_CHANGE: "security.alarm_change",
-    CLOCK: "security.clock_set",
-    DEBUG: "security.debug",
-    FLASH: "security.flash_led",
-    FORCE: "security.force",
-    MEMORY: "security.memory",
-    PROGRAM_CHANGE: "security.program_change",
-    PROGRAM_READ: "security.program_read",
-    START: "security.plc_start",
-    STOP: "security.plc_stop",
-}
-#: For these, the detail says that the request was accepted, because it is carried out then.
-_COMMANDS: Final = frozenset((
-    "security.alarm_change", "security.clock_set", "security.flash_led", "security.force", "security.memory",
-    "security.nc_command", "security.password", "security.plc_start", "security.plc_stop", "security.program_change",
-    "security.unknown_service",
-))  # fmt: skip
 #: Reported once per connection, because a session does them repeatedly.
 _ONCE: Final = frozenset(("security.debug", "security.alarm_change"))

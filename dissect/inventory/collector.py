@@ -10,6 +10,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from typing import Final
 
+from dissect.acts import tables as kinds
+from dissect.acts.act import Act
 from dissect.engine.observer import Observer
 from dissect.engine.pipeline import Pipeline
 from dissect.inventory.model import Asked, Device, Talk, Use
@@ -35,17 +37,7 @@ from dissect.stations.facts import MAC, Book, Fact
 from dissect.tcp.link import within
 from dissect.transactions.connection import Connection
 from dissect.transactions.naming import named_items
-from dissect.transactions.operation import (
-    DELETE,
-    DOWNLOAD,
-    FAILED,
-    NAMELESS,
-    NOT_CAPTURED,
-    REFUSED,
-    TRANSFERS,
-    UPLOAD,
-    Operation,
-)
+from dissect.transactions.operation import NAMELESS, Operation
 from dissect.transactions.plus_operations import addresses_in
 from dissect.transactions.transaction import ANSWERED, PUSH, Transaction
 
@@ -57,7 +49,7 @@ MAX_CODE: Final = 1024 * 1024
 
 _VARIABLES: Final = frozenset((READ_VAR, WRITE_VAR))
 #: What happened to a block.
-_BLOCKS: Final = {DOWNLOAD: "loaded", UPLOAD: "read out", DELETE: "deleted"}
+_BLOCKS: Final = {kinds.DOWNLOAD: "loaded", kinds.UPLOAD: "read out", kinds.DELETE: "deleted"}
 
 
 class Target:
@@ -82,8 +74,6 @@ class Traffic:
         "deeds",
         "latencies",
         "operations",
-        "plus_frame",
-        "plus_number",
         "pushes",
         "targets",
         "transactions",
@@ -96,8 +86,6 @@ class Traffic:
         self.pushes = 0
         self.answer_frames = [0, 0]  # the first answer of each side
         self.deeds = Deeds()
-        self.plus_number = 0  # the latest S7comm-plus transaction, and the packet that completed its request
-        self.plus_frame = 0
         self.targets: dict[tuple[int, bytes], Target] = {}
         self.operations: dict[str, int] = {}  # by kind: how many
 
@@ -261,7 +249,6 @@ class Inventory(Observer):
             traffic.deeds.asks(transaction)
             return
         elif transaction.is_plus:
-            traffic.plus_number, traffic.plus_frame = transaction.number, transaction.request_frame
             if transaction.function not in READS and transaction.function not in WRITES:
                 return
             key = transaction.asked_by, _plus_body(transaction)
@@ -280,30 +267,33 @@ class Inventory(Observer):
             target.count += 1
 
     def operation(self, operation: Operation) -> None:
-        """Count an operation, and note the block that it loads, reads out or deletes."""
-        traffic = self._open.get(operation.connection.number)
-        if traffic is None:
-            traffic = self._begin(operation.connection)
+        """Count an operation, and note what it shows about its client."""
+        traffic = self._traffic(operation.connection)
         traffic.operations[operation.kind] = traffic.operations.get(operation.kind, 0) + 1
-        frame = operation.first_frame
-        if traffic.plus_frame and operation.transactions[:1] == [traffic.plus_number]:
-            frame = traffic.plus_frame  # the first packet of a request in several frames shows nothing by itself
-        traffic.deeds.does(operation, frame)
-        done = _BLOCKS.get(operation.kind)
-        if done is None or operation.result in {REFUSED, FAILED}:
+        traffic.deeds.does(operation, operation.first_frame)
+
+    def act(self, act: Act) -> None:
+        """Note what an act shows about its client, and the blocks that it loads, reads out or deletes."""
+        self._traffic(act.connection).deeds.did(act)
+        done = _BLOCKS.get(act.kind)
+        operation = act.operation
+        if done is None or act.outcome in {kinds.REFUSED, kinds.FAILED}:
             return
-        if operation.result == NOT_CAPTURED and not operation.content:
+        if act.outcome == kinds.NOT_CAPTURED and (operation is None or not operation.content):
             return  # it may have been refused
-        tcp = operation.connection.tcp
-        device = self._device(str(tcp.ends[1 - operation.asked_by].host), int(tcp.vlan))
-        if device is not None and operation.content and operation.kind in TRANSFERS:
-            self._take_code(device, operation)
+        device = self._device(act.server, int(act.connection.tcp.vlan))
         if device is None:
             return
-        for name in _blocks_of(operation):
+        if operation is not None and operation.content:
+            self._take_code(device, operation)
+        for name in _blocks_of(act):
             names = device.block(name)
             if names is not None:
-                names.add(f"{done} (only likely)" if operation.likely else done)
+                names.add(f"{done} (only likely)" if act.likely else done)
+
+    def _traffic(self, connection: Connection) -> Traffic:
+        traffic = self._open.get(connection.number)
+        return traffic if traffic is not None else self._begin(connection)
 
     def _take_code(self, device: Device, operation: Operation) -> None:
         for block in carve(operation):
@@ -423,13 +413,13 @@ class Inventory(Observer):
                 use.refused += target.refused
 
 
-def _blocks_of(operation: Operation) -> list[str]:
-    """Return the names of the blocks of an operation; a transfer in S7comm-plus may carry several."""
-    name = operation.subject.removeprefix("block ")
-    if operation.connection.plus is None:
+def _blocks_of(act: Act) -> list[str]:
+    """Return the names of the blocks of an act; a transfer in S7comm-plus may carry several."""
+    name = act.subject.removeprefix("block ")
+    if act.connection.plus is None:
         name = name.partition(",")[0]  # without ", active" or ", passive": both are the same block
-    elif operation.content and operation.kind in TRANSFERS:
-        named = [f"{block.label}{f' {block.name!r}' if block.name else ''}" for block in carve(operation)]
+    else:
+        named = [f"{block.label}{f' {block.name!r}' if block.name else ''}" for block in act.blocks()]
         if named:
             return named
     return [name] if name and name != NAMELESS else []

@@ -5,6 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Final
 
+from dissect.acts.act import Act
+from dissect.acts.tables import DEEDS
+from dissect.acts.tables import REFUSED as ACT_REFUSED
 from dissect.inventory.model import BEHAVIOUR, CPU, ENGINEERING, OPC, PANEL, SERVER, STATED, TSAP, Device
 from dissect.iso.tsap import SIEMENS
 from dissect.s7.alarm_layouts import MESSAGE_REQUEST
@@ -14,15 +17,10 @@ from dissect.stations import facts
 from dissect.stations.evidence import asked_payload
 from dissect.transactions.connection import Connection
 from dissect.transactions.operation import (
-    CONTROL,
     CYCLIC,
-    DELETE,
-    DOWNLOAD,
     MESSAGES,
     REFUSED,
     SESSION,
-    TEST_JOB,
-    UPLOAD,
     Operation,
 )
 from dissect.transactions.transaction import ANSWERED, Transaction
@@ -31,15 +29,7 @@ from dissect.transactions.transaction import ANSWERED, Transaction
 _OF_CPU: Final = (facts.ORDER_NUMBER, facts.OPERATING_MODE, facts.PROTECTION)
 _PG: Final = 1
 _OP: Final = 2
-#: What engineering stations do, as text; and the text if the PLC refused it.
-_ENGINEERING: Final = {
-    DOWNLOAD: ("loads blocks", "tried to load blocks"),
-    UPLOAD: ("reads blocks out", "tried to read blocks out"),
-    DELETE: ("deletes blocks", "tried to delete blocks"),
-    TEST_JOB: ("runs test functions", "tried to run test functions"),
-    CONTROL: ("stops, starts or resets the PLC", "tried to stop, start or reset the PLC"),
-}
-#: The same for panels. A notification shows a subscription as well as a request does.
+#: What panels do, as text, and the text if the PLC refused it. A notification shows a subscription as well as a request does.
 _PANEL: Final = {
     CYCLIC: ("is subscribed to values", "tried to subscribe to values"),
     MESSAGES: ("is subscribed to alarms", "tried to subscribe to alarms"),
@@ -61,8 +51,8 @@ _PANEL_NAMES: Final = ("HMI_RT", "WINCC", "SIMATIC HMI", "SIMATIC PANEL")
 class Deeds:
     """What the client of a connection did that shows its role, each with the first packet that shows it.
 
-    ``done`` are kinds of operations that the server did not refuse, ``tried`` those that it refused; ``texts`` describe what is
-    not an operation. ``hints`` are what other devices do now and then as well.
+    ``done`` are kinds of operations that the server did not refuse, ``tried`` those that it refused; both have what acts show,
+    too. ``texts`` describe what is neither an act nor an operation. ``hints`` are what other devices do now and then as well.
     """
 
     __slots__ = ("done", "hints", "texts", "tried")
@@ -79,6 +69,12 @@ class Deeds:
         if kind == MESSAGES and operation.connection.plus is None:
             return  # the events it subscribes to are judged from its request
         (self.tried if operation.result == REFUSED else self.done).setdefault(kind, frame)
+
+    def did(self, act: Act) -> None:
+        """Note what an act shows (`dissect.acts.tables`)."""
+        deed = act.row.deed
+        if deed:
+            (self.tried if act.outcome == ACT_REFUSED else self.done).setdefault(deed, act.shown)
 
     def asks(self, transaction: Transaction) -> None:
         """Note a userdata request."""
@@ -142,12 +138,10 @@ def judge_client(
     if answered and connection.protocol in {"s7comm", "s7comm_plus"}:
         protocol = "S7comm" if connection.protocol == "s7comm" else "S7comm-plus"
         server.because(SERVER, BEHAVIOUR, f"answers {protocol} requests", answered)
-    for role, words in ((ENGINEERING, _ENGINEERING), (PANEL, _PANEL)):
-        for kind, (done, tried) in words.items():
-            if kind in deeds.done:
-                client.because(role, BEHAVIOUR, done, deeds.done[kind])
-            elif kind in deeds.tried:
-                client.because(role, BEHAVIOUR, tried, deeds.tried[kind], True)
+    for deed, tried in DEEDS.items():
+        _judge_deed(client, ENGINEERING, deeds, deed, deed, tried)
+    for kind, (done, tried) in _PANEL.items():
+        _judge_deed(client, PANEL, deeds, kind, done, tried)
     for text, frame in deeds.texts.items():
         client.because(ENGINEERING, BEHAVIOUR, text, frame)
     for text, frame in deeds.hints.items():
@@ -168,6 +162,14 @@ def judge_client(
     called = connection.tsap_called
     if answered and called is not None and called.of_panel:
         server.because(PANEL, STATED, f"answers at TSAP {called}, that of a panel's runtime", answered)
+
+
+def _judge_deed(client: Device, role: str, deeds: Deeds, key: str, done: str, tried: str) -> None:
+    """Add what a client did as a reason for its role; what it only tried is a weaker one."""
+    if key in deeds.done:
+        client.because(role, BEHAVIOUR, done, deeds.done[key])
+    elif key in deeds.tried:
+        client.because(role, BEHAVIOUR, tried, deeds.tried[key], True)
 
 
 def _judge_tsaps(client: Device, connection: Connection) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from dissect.acts.act import Act
 from dissect.engine.pipeline import Pipeline
 from dissect.export.feed import TableFeed
 from dissect.export.parquet import metadata_of
@@ -81,6 +82,10 @@ class ExportCompanion(Companion):
     def operation(self, operation: Operation) -> None:
         """Hand it on."""
         self._feed.operation(operation)
+
+    def act(self, act: Act) -> None:
+        """Hand it on."""
+        self._feed.act(act)
 
     def fact(self, fact: Fact) -> None:
         """Hand it on."""

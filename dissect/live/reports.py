@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 
+from dissect.acts.act import Act
 from dissect.engine.pipeline import Pipeline
 from dissect.findings.reporter import Finding
 from dissect.live.run import Companion
@@ -69,6 +70,10 @@ class ReportCompanion(Companion):
     def operation(self, operation: Operation) -> None:
         """Take an operation."""
         self._gathered.operation(operation)
+
+    def act(self, act: Act) -> None:
+        """Take an act."""
+        self._gathered.act(act)
 
     def finding(self, finding: Finding) -> None:
         """Take a finding."""

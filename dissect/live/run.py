@@ -14,6 +14,7 @@ from typing import Final, NamedTuple
 
 from mypy_extensions import i64
 
+from dissect.acts.act import Act
 from dissect.engine.observer import Observer
 from dissect.engine.pipeline import Options, Pipeline
 from dissect.findings.reporter import Finding
@@ -107,6 +108,10 @@ class Fanout(Observer):
     def operation(self, operation: Operation) -> None:
         """Hand it on."""
         self._each(lambda one: one.operation(operation), self._observers)
+
+    def act(self, act: Act) -> None:
+        """Hand it on."""
+        self._each(lambda one: one.act(act), self._observers)
 
     def fact(self, fact: Fact) -> None:
         """Hand it on."""

@@ -9,6 +9,7 @@ from __future__ import annotations
 import heapq
 from typing import Any, Final
 
+from dissect.acts.act import Act
 from dissect.engine.observer import Observer
 from dissect.engine.pipeline import Pipeline
 from dissect.findings.reporter import Finding
@@ -241,6 +242,10 @@ class Gathered(Observer):
             self._mode(now, host, text, int(transaction.response_frame or transaction.request_frame))
         self.requests.take(transaction)
         self.tags.take(transaction)
+
+    def act(self, act: Act) -> None:
+        """Take an act: the inventory reads it."""
+        self.inventory.act(act)
 
     def operation(self, operation: Operation) -> None:
         """Take an operation; connection setups are only counted, as connections have a table of their own."""

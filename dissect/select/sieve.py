@@ -10,6 +10,7 @@ from collections import OrderedDict
 from collections.abc import Sequence
 from typing import Final
 
+from dissect.acts.act import Act
 from dissect.engine.observer import Observer
 from dissect.engine.pipeline import Pipeline
 from dissect.findings.reporter import Finding
@@ -153,6 +154,18 @@ class Sieve(Observer):
         self._count(OPERATION, wanted)
         if wanted:
             self._observer.operation(operation)
+
+    def act(self, act: Act) -> None:
+        """Pass on an act of which the transaction or, for a transfer, the operation is selected."""
+        operation = act.operation
+        if operation is None or not act.row.lasts:
+            wanted = self._passing  # it comes right after its transaction
+        elif self._by_itself[OPERATION]:
+            wanted = self._where.operation(operation)
+        else:
+            wanted = any([number in self._numbers for number in act.transactions])
+        if wanted:
+            self._observer.act(act)
 
     def finding(self, finding: Finding) -> None:
         """Pass on a finding that is selected, or that names a packet of a selected transaction."""

@@ -2,7 +2,7 @@
 
 It takes every transaction except reads and writes, in the order in which they end, and collects finished operations in
 ``over``. It only states facts; findings are made elsewhere. Downloads and uploads are followed by
-`dissect.transactions.transfers`.
+`dissect.transactions.transfers`; operations that are one command, such as a stop, are made by `dissect.acts.book`.
 """
 
 from __future__ import annotations
@@ -11,8 +11,6 @@ from typing import TYPE_CHECKING, Final
 
 from dissect.s7.layouts import DATA_HEAD
 from dissect.s7.parameters import HEADER_SIZE, UserdataHead
-from dissect.s7.services import DELETE as DELETE_BLOCKS
-from dissect.s7.services import PROGRAM
 from dissect.s7.tables import (
     ACKNOWLEDGED,
     ALARM_8,
@@ -32,19 +30,15 @@ from dissect.s7.tables import (
     GROUP_CYCLIC,
     GROUP_MODE,
     GROUP_PBC,
-    GROUP_SECURITY,
     GROUP_TEST,
     LOCKED,
     MESSAGE_SERVICE,
     MODIFY_VARIABLE,
     NOTIFY,
     NOTIFY_8,
-    PI_SERVICE,
-    PLC_STOP,
     READ_SZL,
     REQUEST_DOWNLOAD,
     SCAN,
-    SEND_PASSWORD,
     SETUP_COMMUNICATION,
     UNLOCKED,
     UNSUBSCRIBE,
@@ -55,16 +49,13 @@ from dissect.transactions.connection import Connection
 from dissect.transactions.operation import (
     BSEND,
     CONNECT,
-    CONTROL,
     CYCLIC,
-    DELETE,
     DONE,
     FAILED,
     LONG_ANSWER,
     MAX_SUBJECT,
     MESSAGES,
     NOT_CAPTURED,
-    PASSWORD,
     POLLING,
     REFUSED,
     RUNNING,
@@ -159,8 +150,6 @@ class Operations(OperationBook):
                 self._userdata(transaction, head)
         elif parameters.function == SETUP_COMMUNICATION:
             self._set_up(transaction)
-        elif parameters.function == PLC_STOP or parameters.function == PI_SERVICE:
-            self._command(transaction)
         elif REQUEST_DOWNLOAD <= parameters.function <= END_UPLOAD:
             if self._transfers is None:
                 from dissect.transactions.transfers import Transfers  # late, because few captures have transfers
@@ -179,28 +168,6 @@ class Operations(OperationBook):
                 self.close(operation, RUNNING, reason)
             else:
                 self.break_off(operation, reason)
-
-    # ---- commands ---------------------------------------------------------------------------------------------------
-
-    def _command(self, transaction: Transaction) -> None:
-        """Take a command that stops or starts a PLC, or activates or deletes blocks; an answer alone only shows a stop."""
-        body = transaction.request_body
-        if transaction.function == PLC_STOP:
-            if body is not None or half_captured(transaction):
-                operation = self.begin(CONTROL, "", transaction, transaction.function_name)
-                self.settle(operation, transaction, DONE, REFUSED)
-        elif body is None:
-            return
-        elif body.text("service") == PROGRAM:
-            self.settle(self.begin(CONTROL, "", transaction, subject_of(transaction)), transaction, DONE, REFUSED)
-        else:
-            from dissect.transactions.transfers import follow_blocks  # late, as above
-
-            follow_blocks(transaction, body)
-            if body.text("service") == DELETE_BLOCKS:
-                blocks = [note.removeprefix("block ") for note in body.notes if note.startswith("block ")]
-                subject = ", ".join(blocks)[:MAX_SUBJECT] or subject_of(transaction)
-                self.settle(self.begin(DELETE, "", transaction, subject), transaction, DONE, REFUSED)
 
     # ---- connections ------------------------------------------------------------------------------------------------
 
@@ -239,8 +206,6 @@ class Operations(OperationBook):
             self._test_job(transaction, head, told)
         elif head.group == GROUP_CPU and head.subfunction == MESSAGE_SERVICE:
             self._messages(transaction)
-        elif head.group == GROUP_SECURITY and head.subfunction == SEND_PASSWORD and transaction.request_frame:
-            self.settle(self.begin(PASSWORD, "", transaction, ""), transaction, DONE, REFUSED)
 
     def _part_of_long_answer(self, transaction: Transaction, head: UserdataHead, told: UserdataHead | None) -> bool:
         """Follow an answer in parts: the first says that more follow, which are then requested by its sequence number.

@@ -18,16 +18,9 @@ from dissect.s7plus.events import (
     DELETED,
     LISTED,
     LOADED,
-    ORDERED,
-    PASSWORD,
-    READ_OUT,
-    REMOVED,
-    RESET,
     SEQUENCE_BEGUN,
     SEQUENCE_ENDED,
     SESSION,
-    START,
-    STOP,
     STREAMED,
     SUBSCRIBED,
     SUBSCRIBED_ALARMS,
@@ -46,20 +39,12 @@ from dissect.transactions.operation import DONE, FAILED, MAX_SUBJECT, NOT_CAPTUR
 from dissect.transactions.plus_loads import Load, beginning_of
 from dissect.transactions.transaction import ANSWERED, PUSH, Transaction
 
-#: Kinds of operations by the events that begin them.
+#: Kinds of operations by the events that begin them, without those that are acts (`dissect.acts`).
 _KINDS: Final[dict[str, str]] = {
     SESSION: kinds.SESSION,
     SUBSCRIBED: kinds.CYCLIC,
     SUBSCRIBED_ALARMS: kinds.MESSAGES,
-    TEST_JOB: kinds.TEST_JOB,
-    REMOVED: kinds.DELETE,
-    READ_OUT: kinds.UPLOAD,
     STREAMED: kinds.TRANSFER,
-    PASSWORD: kinds.PASSWORD,
-    STOP: kinds.CONTROL,
-    START: kinds.CONTROL,
-    RESET: kinds.CONTROL,
-    ORDERED: kinds.CONTROL,
 }
 #: Events whose operations go on until their object is deleted; others are over with their transaction.
 _LASTING: Final = frozenset((SESSION, SUBSCRIBED, SUBSCRIBED_ALARMS, TEST_JOB))
@@ -150,8 +135,11 @@ class PlusOperations:
         self._polling: dict[int, PlusOpen] = {}  # connections with polls, by number
         self._poll_count = 0
 
-    def take(self, event: Event, session: PlusSession, transaction: Transaction, code: int) -> None:
-        """Take an event of a transaction: it may begin an operation, or end one. ``code`` is its error, 0 for none."""
+    def take(self, event: Event, session: PlusSession, transaction: Transaction, code: int, kind: str = "") -> None:
+        """Take an event of a transaction: it may begin an operation, or end one.
+
+        ``code`` is its error, 0 for none; ``kind`` is the kind of operation that the event is as an act, empty for none.
+        """
         if event.kind == DELETED:
             if event.object_id in session.given:
                 _open_on(transaction.connection).load.close(self._book)
@@ -163,7 +151,7 @@ class PlusOperations:
         if event.kind in _LOADING:
             self._load(event, transaction, code)
             return
-        kind = _KINDS.get(event.kind, "")
+        kind = kind or _KINDS.get(event.kind, "")
         subject = session.describe() if event.kind == SESSION else event.text
         if event.kind == STREAMED and session.identity.kind:
             server = " ".join([text for text in (session.identity.kind, session.identity.order_number) if text])

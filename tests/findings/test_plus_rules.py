@@ -8,6 +8,7 @@ from unittest.mock import ANY
 import pytest
 
 import dissect
+from dissect.acts.book import ActBook
 from dissect.findings.plus_rules import MAX_CPUS, PlusWatch
 from dissect.findings.reporter import Reporter
 from dissect.findings.security_rules import SecurityWatch
@@ -318,7 +319,8 @@ def test_names_that_passed_are_used() -> None:
 
 def test_names_of_a_cpu_are_known_on_all_its_connections() -> None:
     reporter = Reporter()
-    watch = PlusWatch(reporter, SecurityWatch(reporter), OperationBook())
+    book = OperationBook()
+    watch = PlusWatch(reporter, SecurityWatch(reporter, ActBook(book)), book)
     talk = begun()
     explore(talk, 1, build_object(type_of(0x92000003, ("level", variable(14)))))
     do(

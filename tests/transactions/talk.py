@@ -14,6 +14,7 @@ from __future__ import annotations
 import struct
 from typing import Final
 
+from dissect.acts.act import Act
 from dissect.engine.exchange import PayloadDecoder
 from dissect.engine.pipeline import Observer, Options, Pipeline
 from dissect.findings.reporter import Finding
@@ -138,6 +139,7 @@ class Talk(Observer):
         self.findings: list[Finding] = []
         self.connections: list[Connection] = []
         self.operations: list[Operation] = []
+        self.acts: list[Act] = []
         self.messages: list[ScdMessage] = []
         self.now_ns = START_NS
         #: Who is told, and whose clock counts: another talk may be captured in the same run.
@@ -185,6 +187,9 @@ class Talk(Observer):
 
     def operation(self, operation: Operation) -> None:
         self.operations.append(operation)
+
+    def act(self, act: Act) -> None:
+        self.acts.append(act)
 
     def connection_closed(self, connection: Connection) -> None:
         self.connections.append(connection)

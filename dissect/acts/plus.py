@@ -1,0 +1,42 @@
+"""Which act an event of S7comm-plus is (`dissect.s7plus.events` recognises events by what requests carry)."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from dissect.acts import tables as kinds
+from dissect.acts.act import Act, act_of
+from dissect.s7plus import events
+from dissect.transactions.operation import CONTROL, TEST_JOB
+from dissect.transactions.transaction import Transaction
+from dissect.wire.text import shortened
+
+_ACTS: Final[dict[str, str]] = {
+    events.STOP: kinds.STOP,
+    events.START: kinds.START,
+    events.RESET: kinds.RESET,
+    events.ORDERED: kinds.UNKNOWN,
+    events.LOADED: kinds.DOWNLOAD,
+    events.READ_OUT: kinds.UPLOAD,
+    events.REMOVED: kinds.DELETE,
+    events.PASSWORD: kinds.PASSWORD,
+    events.TEST_JOB: kinds.TEST,
+    events.WRITTEN_OUTPUTS: kinds.OUTPUTS,
+}
+#: Kinds of operations, where they are not those of the act.
+_COMMANDS: Final[dict[str, str]] = {events.ORDERED: CONTROL, events.TEST_JOB: TEST_JOB}
+#: What the client does with what the text of an event names.
+_VERBS: Final[dict[str, str]] = {events.LOADED: "load ", events.REMOVED: "delete "}
+#: Longest text of an event in a finding, in characters.
+TEXT: Final = 200
+
+
+def act_of_event(event: events.Event, transaction: Transaction, code: int) -> Act | None:
+    """Return the act that an event is; None if it is none. ``code`` is its error, 0 for none."""
+    kind = _ACTS.get(event.kind, "")
+    if not kind:
+        return None
+    act = act_of(kind, transaction, event.text, code)
+    act.command = _COMMANDS.get(event.kind, act.row.operation)
+    act.text = shortened(f"{_VERBS.get(event.kind, '')}{event.text}", TEXT)
+    return act
