@@ -8,6 +8,7 @@ from typing import Final
 
 from mypy_extensions import i64
 
+from dissect.acts.act import Act
 from dissect.alerts.alert import Alert
 from dissect.alerts.cooldown import Cooldown
 from dissect.alerts.loading import AlertRules, RuleError
@@ -111,6 +112,12 @@ class AlertEngine(Observer):
                 if watch.ends(pair, connection, self.now_ns):
                     self._cooldown.state(watch.rule, watch.about(pair, connection), self.now_ns, None)
                 watch.take(pair, transaction, self.now_ns)
+
+    def act(self, act: Act) -> None:
+        """Apply the rules to an act."""
+        if self._watch is not None:
+            for deviation in self._watch.act(self._pairs.of(act.connection), act):
+                self._deviates(deviation, act.connection)
 
     def finding(self, finding: Finding) -> None:
         """Apply the rules to a finding that no other explains."""

@@ -4,10 +4,14 @@ from __future__ import annotations
 
 from typing import Final
 
+from dissect.acts.act import Act
+from dissect.acts.tables import DOWNLOAD, OUTPUTS, UPLOAD
 from dissect.baseline.measures import AnswerTimes, RateWindow
 from dissect.baseline.norms import Baseline, PairNorm
 from dissect.baseline.subjects import Pair, Pairs, Subjects, moment, tsaps
 from dissect.engine.observer import Observer
+from dissect.s7.tables import DOWNLOAD_BLOCK, DOWNLOAD_ENDED, END_UPLOAD, FUNCTIONS, REQUEST_DOWNLOAD, START_UPLOAD
+from dissect.s7.tables import UPLOAD as UPLOAD_PIECE
 from dissect.transactions.connection import Connection
 from dissect.transactions.transaction import BEHIND_MALFORMED, Transaction
 from dissect.wire.text import Clock
@@ -18,6 +22,11 @@ MAX_ENTRIES: Final = 65536
 MAX_SET: Final = 4096
 
 _S: Final = 1_000_000_000
+#: The functions of S7comm that are steps of a transfer.
+_STEPS: Final = {
+    DOWNLOAD: [FUNCTIONS.name(code) for code in (REQUEST_DOWNLOAD, DOWNLOAD_BLOCK, DOWNLOAD_ENDED)],
+    UPLOAD: [FUNCTIONS.name(code) for code in (START_UPLOAD, UPLOAD_PIECE, END_UPLOAD)],
+}
 _MS: Final = 1_000_000
 
 
@@ -25,7 +34,7 @@ class _Learned:
     """What was learned of one pair so far, and the times in the present capture."""
 
     __slots__ = (
-        "answers", "connections", "first_ns", "functions", "last_ns", "ports", "reads", "second", "seconds_ns",
+        "acted", "acts", "answers", "connections", "first_ns", "functions", "last_ns", "ports", "reads", "second", "seconds_ns",
         "silence_ns", "ten", "top_1s", "top_10s", "transactions", "tsaps", "writes",
     )  # fmt: skip
 
@@ -33,6 +42,8 @@ class _Learned:
         self.ports: set[int] = set()
         self.tsaps: set[str] = set()
         self.functions: set[str] = set()
+        self.acts: dict[str, int] = {}  # by kind: how many
+        self.acted: set[str] = set()  # functions by which they were asked for
         self.reads: set[str] = set()
         self.writes: set[str] = set()
         self.connections = 0
@@ -77,6 +88,7 @@ class Learner(Observer):
         self._subjects = Subjects()
         self._asked: set[int] = set()  # open connections that had a transaction
         self._entries = 0
+        self._latest = (0, "")  # the latest transaction, and its function
         self._begin_ns = -1
         self._end_ns = -1
 
@@ -98,6 +110,7 @@ class Learner(Observer):
             self._learn_ends(learned, connection)  # now, as alerts do; they may change later
         subject = self._subjects.of(transaction)
         self._keep(learned.functions, (subject.function,))
+        self._latest = (int(transaction.number), subject.function)
         self._keep(learned.reads, subject.reads)
         self._keep(learned.writes, subject.writes)
         now_ns = moment(transaction)
@@ -107,6 +120,19 @@ class Learner(Observer):
         latency_ns = transaction.latency_ns
         if latency_ns is not None:  # that of a pair that is only likely is not known
             learned.answers.add(latency_ns)
+
+    def act(self, act: Act) -> None:
+        """Note an act, which is not normal only because it was captured."""
+        learned = self._learned(act.connection)
+        if learned is None:
+            return
+        learned.acts[act.kind] = learned.acts.get(act.kind, 0) + 1
+        if act.connection.plus is not None or act.kind == OUTPUTS:
+            return  # their functions serve other purposes, too
+        if act.operation is not None and act.row.lasts:
+            learned.acted.update(_STEPS[act.kind])
+        elif act.transactions[:1] == [self._latest[0]]:  # it comes right after its transaction
+            learned.acted.add(self._latest[1])
 
     def connection_closed(self, connection: Connection) -> None:
         """Learn the port and the TSAPs of a connection."""
@@ -163,7 +189,10 @@ def _norm(pair: Pair, learned: _Learned) -> PairNorm:
     norm = PairNorm(*pair)
     norm.server_ports = frozenset(learned.ports)
     norm.tsaps = frozenset(learned.tsaps)
-    norm.functions = frozenset(learned.functions)
+    norm.functions = frozenset(learned.functions - learned.acted)
+    norm.functions_seen = frozenset(learned.functions & learned.acted)
+    norm.acts = frozenset()
+    norm.acts_seen = dict(learned.acts)
     norm.reads = frozenset(learned.reads)
     norm.writes = frozenset(learned.writes)
     norm.connections = learned.connections

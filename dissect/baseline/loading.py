@@ -7,9 +7,11 @@ from functools import cache
 from ipaddress import ip_address
 from typing import Final
 
+from dissect.acts.tables import ACTS
 from dissect.baseline.norms import MAX_CAPTURES, NAME_KEYS, Baseline, PairNorm
 from dissect.baseline.subjects import Pair
 from dissect.baseline.writing import FORMAT
+from dissect.config.hints import close_to
 from dissect.s7.tables import AREA_LETTERS, DB_AREAS
 from dissect.scd.errors import shown
 from dissect.scd.reading import Table
@@ -81,6 +83,9 @@ def _norm(table: Table) -> PairNorm:
         meant = _function_meant(name)
         if meant:
             raise table.fail("functions", f"{shown(name)} is not how a function is written: {shown(meant)}")
+    for name in sorted(norm.acts or ()):
+        if name not in ACTS:
+            raise table.fail("acts", f"{shown(name)} is not an act{close_to(name, ACTS)}")
     for key, areas in (("reads", norm.reads), ("writes", norm.writes)):
         for name in sorted(areas or ()):
             meant = _area_meant(name)

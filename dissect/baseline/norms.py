@@ -8,7 +8,7 @@ from typing import Final, TypeVar
 from dissect.baseline.subjects import Pair
 
 #: The sets of a pair, by their keys in the file.
-NAME_KEYS: Final = ("tsaps", "functions", "reads", "writes")
+NAME_KEYS: Final = ("tsaps", "functions", "reads", "writes", "acts")
 #: Measures of a pair that a further capture can only raise.
 _HIGHEST: Final = ("highest_1s", "highest_10s", "median_ms", "p99_ms", "longest_ms", "longest_silence")
 #: Greatest number of captures that a baseline names.
@@ -23,6 +23,9 @@ class PairNorm:
 
     ``highest_1s`` and ``highest_10s`` are transactions within so many seconds; ``longest_silence`` and ``seconds`` (from the
     first transaction to the last, all captures together) are seconds; answer times are milliseconds.
+
+    ``acts`` are kinds of acts (`dissect.acts.tables`) that the client may do. Learning allows none: ``acts_seen`` says how many
+    of each kind were in what was learned, and ``functions_seen`` which functions only served acts of S7comm.
     """
 
     client: str
@@ -32,6 +35,9 @@ class PairNorm:
     functions: frozenset[str] | None = None
     reads: frozenset[str] | None = None
     writes: frozenset[str] | None = None
+    acts: frozenset[str] | None = None
+    acts_seen: dict[str, int] = field(default_factory=dict)
+    functions_seen: frozenset[str] = frozenset()
     connections: int = 0
     transactions: int = 0
     seconds: float = 0.0
@@ -74,6 +80,10 @@ def _joined(one: PairNorm, other: PairNorm) -> PairNorm:
     norm.server_ports = _either(one.server_ports, other.server_ports)
     for key in NAME_KEYS:
         setattr(norm, key, _either(getattr(one, key), getattr(other, key)))
+    norm.acts_seen = dict(one.acts_seen)
+    for kind, count in other.acts_seen.items():
+        norm.acts_seen[kind] = norm.acts_seen.get(kind, 0) + count
+    norm.functions_seen = one.functions_seen | other.functions_seen
     norm.connections = one.connections + other.connections
     norm.transactions = one.transactions + other.transactions
     norm.seconds = one.seconds + other.seconds

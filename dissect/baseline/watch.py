@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection
 from typing import Final
 
+from dissect.acts.act import Act
 from dissect.baseline.norms import Baseline, PairNorm
 from dissect.baseline.subjects import NOT_CAPTURED_CALLED, NOT_CAPTURED_CALLING, Pair, Subject, Subjects, tsaps
 from dissect.transactions.connection import Connection
@@ -18,8 +19,9 @@ TSAP: Final = "tsap"
 FUNCTION: Final = "function"
 READ: Final = "read"
 WRITE: Final = "write"
+ACT: Final = "act"
 
-KINDS: Final = (CLIENT, PAIR, PORT, TSAP, FUNCTION, READ, WRITE)
+KINDS: Final = (CLIENT, PAIR, PORT, TSAP, FUNCTION, READ, WRITE, ACT)
 
 _MAX_CACHED: Final = 16384
 
@@ -61,6 +63,15 @@ class BaselineWatch:
             found = tuple(self._about(pair, subject))
             self._judged[pair, subject] = found
         return found
+
+    def act(self, pair: Pair, act: Act) -> list[Deviation]:
+        """Return the deviation that an act of ``pair`` is; empty if the baseline allows it."""
+        client, server = pair
+        allowed = self._pairs.get(pair, _NOTHING).acts
+        if allowed is None or act.kind in allowed:
+            return []
+        said = act.kind.replace("_", " ")
+        return [Deviation(ACT, pair, act.kind, f"{said} on {server} by {client} ({act.outcome.replace('_', ' ')})")]
 
     def connection(self, pair: Pair, connection: Connection) -> list[Deviation]:
         """Return deviations in the pair, the port and the TSAPs of a connection."""
@@ -106,7 +117,7 @@ class BaselineWatch:
 
 
 #: The norm of a pair that is not in the baseline: nothing is allowed.
-_NOTHING: Final = PairNorm("", "", functions=frozenset(), reads=frozenset(), writes=frozenset())
+_NOTHING: Final = PairNorm("", "", functions=frozenset(), reads=frozenset(), writes=frozenset(), acts=frozenset())
 
 
 def _is_known(named: str, known: Collection[str]) -> bool:

@@ -9,7 +9,7 @@ from typing import Final
 
 from dissect.baseline.norms import NAME_KEYS, Baseline, PairNorm
 from dissect.baseline.subjects import Pair
-from dissect.wire.text import encodable
+from dissect.wire.text import count, encodable
 
 FORMAT: Final = 1
 
@@ -19,6 +19,8 @@ _HEAD: Final = """\
 # `when = "new"` and by `s7dissect baseline --against THIS_FILE CAPTURE`.
 #
 # A missing key is not checked: without `writes` a pair may write anything. An empty list allows nothing.
+# Acts, such as a stop, a download or a password, are never learned as normal: what was captured of them stands in comments,
+# with the functions that served them. Remove the first # of a line to allow what it names.
 # rate: transactions in any second and in any ten; answer_ms: milliseconds; longest_silence: seconds between transactions.
 """
 #: Greatest width of a line.
@@ -59,7 +61,8 @@ def _pair(norm: PairNorm) -> Iterator[str]:
     for key in NAME_KEYS:
         names: frozenset[str] | None = getattr(norm, key)
         if names is not None:
-            yield from _list(key, [toml_text(name) for name in sorted(names, key=_naturally)])
+            entries = [toml_text(name) for name in sorted(names, key=_naturally)]
+            yield from _list(key, entries, _commented(norm, key, names))
     yield f"connections = {norm.connections}"
     yield f"transactions = {norm.transactions}"
     seconds = _number(norm.seconds)
@@ -79,9 +82,21 @@ def _table(key: str, values: Iterable[tuple[str, float | None]]) -> Iterator[str
         yield f"{key} = {{ {', '.join(known)} }}"
 
 
-def _list(key: str, entries: list[str]) -> Iterator[str]:
+def _commented(norm: PairNorm, key: str, allowed: frozenset[str]) -> list[str]:
+    """Return the entries of a list that were learned and are not allowed, each with a comment."""
+    if key == "acts":
+        left = [(toml_text(kind), count(times, "time")) for kind, times in sorted(norm.acts_seen.items())]
+        return [f"{kind},  # {times} in what was learned" for kind, times in left if kind[1:-1] not in allowed]
+    if key == "functions":
+        served = sorted(norm.functions_seen - allowed, key=_naturally)
+        return [f"{toml_text(name)},  # only of acts" for name in served]
+    return []
+
+
+def _list(key: str, entries: list[str], commented: list[str] | None = None) -> Iterator[str]:
+    """Yield a list on one line or, if that is too long or entries are ``commented`` out, on several."""
     line = f"{key} = [{', '.join(entries)}]"
-    if len(line) <= _WIDTH:
+    if len(line) <= _WIDTH and not commented:
         yield line
         return
     yield f"{key} = ["
@@ -91,7 +106,10 @@ def _list(key: str, entries: list[str]) -> Iterator[str]:
             yield row
             row = "   "
         row += f" {entry},"
-    yield row
+    if row.strip():
+        yield row
+    for entry in commented or ():
+        yield f"    # {entry}"
     yield "]"
 
 

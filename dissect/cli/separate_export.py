@@ -44,7 +44,7 @@ if TYPE_CHECKING:
     from dissect.engine.pipeline import Options
     from dissect.export.transaction_rows import Row
 
-#: Numbers that one capture has for its connections, transactions, operations, findings and PDUs.
+#: Numbers that one capture has for its connections, transactions, operations, acts, findings and PDUs.
 NUMBERS: Final = 10**9
 _PARQUET: Final = "parquet"
 _BYTES: Final = "base64"
@@ -137,6 +137,7 @@ def _export_task(of: Task, target: Target, only: Sequence[str], chosen: Chosen, 
     before = of.place * NUMBERS
     count_from(run.pipeline, Offsets(0, before, before))
     run.pipeline.exchange.watch.operations.count = before
+    run.pipeline.exchange.watch.acts.count = before
     export.observer.count_from(before)
     try:
         read_file(run)

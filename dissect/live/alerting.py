@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dissect.acts.act import Act
 from dissect.alerts.dispatcher import Dispatcher
 from dissect.alerts.engine import AlertEngine
 from dissect.findings.reporter import Finding
@@ -32,6 +33,10 @@ class AlertCompanion(Companion):
     def transaction(self, transaction: Transaction) -> None:
         """Pass it on."""
         self.engine.transaction(transaction)
+
+    def act(self, act: Act) -> None:
+        """Pass it on."""
+        self.engine.act(act)
 
     def finding(self, finding: Finding) -> None:
         """Pass it on."""

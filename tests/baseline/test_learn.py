@@ -2,14 +2,22 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
 
+from dissect.alerts import Alert, AlertEngine, AlertRules, Rule
+from dissect.alerts.rules import NEW
 from dissect.baseline import Learner, baseline_toml, learn
+from dissect.baseline.loading import parse_baseline
+from dissect.session import Run
 from tests.baseline.wire import Client, Wire, learned
 from tests.properties import messages
 from tests.properties.messages import dt
 from tests.properties.packets import Flow, Talk
 from tests.report.support import WORD
+
+CRAFTED = Path(__file__).parents[2] / "captures" / "crafted"
 
 
 def test_a_pair_is_learned() -> None:
@@ -101,3 +109,57 @@ def test_memory_is_bounded_and_told(monkeypatch: pytest.MonkeyPatch, bound: str,
     if bound == "MAX_SET":
         assert all(len(norm.functions or ()) == 1 for norm in baseline.pairs.values())
     assert "# NOT COMPLETE" in baseline_toml(baseline)
+
+
+def stopped(*capture: str) -> str:
+    """The baseline of a recorded capture, as a file."""
+    learner = Learner()
+    Run([str(CRAFTED / name) for name in capture], learner).read()
+    return baseline_toml(learner.baseline())
+
+
+@pytest.mark.parametrize(
+    ("capture", "acts"),
+    [
+        ("plus-plant.pcapng", {"download": 1, "start": 1, "stop": 1}),
+        ("coverage-functions.pcapng", {"stop": 1, "copy_ram_to_rom": 1, "compress": 1}),
+    ],
+)
+def test_acts_are_learned_as_comments(capture: str, acts: dict[str, int]) -> None:
+    """They are never normal only because they were captured, and neither are functions that served nothing else."""
+    text = stopped(capture)
+    baseline = parse_baseline(text)
+    for norm in baseline.pairs.values():
+        assert norm.acts == frozenset()
+        assert "PLC stop" not in (norm.functions or ())
+    for kind, times in acts.items():
+        assert f'    # "{kind}",  # {times} time' in text
+    allowed = parse_baseline(text.replace("    # ", "    "))
+    assert frozenset(acts) <= frozenset().union(*[norm.acts or frozenset() for norm in allowed.pairs.values()])
+
+
+def test_a_function_that_served_more_than_an_act_stays() -> None:
+    """S7comm-plus asks for acts by the functions that it writes variables with; a write to outputs is a Write Var."""
+    text = stopped("plus-plant.pcapng")
+    assert '"S7comm-plus SetVariable"' in text
+    assert '# "S7comm-plus' not in text
+
+
+def test_an_act_that_is_not_allowed_is_new() -> None:
+    told: list[Alert] = []
+    for allowed, count in ((False, 3), (True, 0)):
+        text = stopped("plus-plant.pcapng")
+        baseline = parse_baseline(text.replace("    # ", "    ") if allowed else text)
+        engine = AlertEngine(
+            AlertRules((Rule("new", NEW, kinds=frozenset(("act",)), once=True),)), baseline, told.append
+        )
+        Run([str(CRAFTED / "plus-plant.pcapng")], engine).read()
+        engine.finish()
+        assert len(told) == count
+        if told:
+            assert [alert.text for alert in told] == [
+                "stop on 192.0.2.20 by 192.0.2.10 (accepted)",
+                "start on 192.0.2.20 by 192.0.2.10 (accepted)",
+                "download on 192.0.2.20 by 192.0.2.10 (accepted)",
+            ]
+        told.clear()

@@ -56,6 +56,12 @@ def test_nothing_is_new_in_what_was_learned(capfdbinary: Capture, tmp_path: Path
     factor = "10" if path.stem == "plus-plant" else "1"
     against = ("--against", tmp_path / "plant.toml", "--silence-factor", factor)
     told = run(capfdbinary, "baseline", path, *against)
+    plant_ = tmp_path / "plant.toml"
+    allowed = plant_.read_text().replace("    # ", "    ")
+    if allowed != plant_.read_text():  # acts are never learned, and are in the file to be allowed
+        assert told.code == 1
+        plant_.write_text(allowed)
+        told = run(capfdbinary, "baseline", path, *against)
     assert told.out == ""
     assert told.code == learned.code
 
