@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dissect.findings.catalogue import CATALOGUE, KINDS, SEVERITIES, Rule
+from dissect.findings.catalogue import CATALOGUE, EACH, KINDS, REPORTED, SEVERITIES, Rule
 from dissect.findings.cause_tables import CAUSES
 from dissect.findings.mitre import TECHNIQUES
 
@@ -46,6 +46,20 @@ def document() -> str:
             f"| `{rule.slug}` | {rule.kind} | {rule.sentence} | {rule.advice} | {_techniques(rule)} |" for rule in rules
         ]
     lines += [
+        "",
+        "## How often a rule reports",
+        "",
+        "Most rules report each event. What is said of events is counted from all of them, also from those that are not",
+        "reported or not shown in detail: `finding_facts` in JSON, the table `finding_counts`, and `27 writes on 1 connection,",
+        "17:50:20 to 19:58:01` in the text. Others report",
+        "",
+        *[
+            f"- {reported}: {', '.join([f'`{rule.slug}`' for rule in CATALOGUE.values() if rule.reported == reported])}"
+            for reported in REPORTED
+            if reported != EACH
+        ],
+        "",
+        "Of what is reported once per distinct request, nobody counts how often the request is sent.",
         "",
         "## Causes",
         "",

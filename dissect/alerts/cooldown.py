@@ -10,7 +10,7 @@ from collections.abc import Callable, Hashable
 from typing import Final
 
 from dissect.alerts.alert import Alert
-from dissect.alerts.rules import Rule
+from dissect.alerts.rules import FINDING, Rule
 from dissect.report import words
 from dissect.wire.text import Clock
 
@@ -19,6 +19,9 @@ MAX_REMEMBERED: Final = 16384
 #: How often (capture time) all entries are checked, and with each so many entries it is done more rarely.
 _FLUSH_NS: Final = 1_000_000_000
 _MANY: Final = 1024
+#: Servers of which the first alert of a minute is given beyond the limit `Rule.burst`, and named when they are more.
+MAX_SERVERS: Final = 100
+_NAMED: Final = 3
 #: The period for the limit `Rule.burst`.
 BURST_NS: Final = 60_000_000_000
 
@@ -44,13 +47,26 @@ class _Told:
 class _Burst:
     """The alerts of one kind and severity that a rule gave since ``since_ns``, and those held back."""
 
-    __slots__ = ("given", "held", "last", "since_ns")
+    __slots__ = ("further", "given", "held", "last", "servers", "since_ns")
 
     def __init__(self, since_ns: int) -> None:
         self.since_ns = since_ns
         self.given = 0
         self.held = 0
         self.last: Alert | None = None
+        self.servers: set[str] = set()  # of the alerts that were given
+        self.further: dict[str, None] = {}  # of those held back, servers of which none was given
+
+    def spares(self, alert: Alert) -> bool:
+        """Return whether an alert is given beyond the limit: the first of a server, so that a flood does not hide it."""
+        server = alert.pair[1] if alert.pair is not None else ""
+        if not server or server in self.servers:
+            return False
+        if len(self.servers) < MAX_SERVERS:
+            return True
+        if len(self.further) < MAX_SERVERS:
+            self.further[server] = None
+        return False
 
 
 class Cooldown:
@@ -68,6 +84,16 @@ class Cooldown:
         told = self._entry(rule, about, make)
         told.make = make
         self._speak(rule, told, now_ns)
+
+    def more(self, rule: Rule, about: Hashable, number: int, now_ns: int, make: Make) -> None:
+        """Take ``number`` events at once, which are told with the next alert about the same."""
+        told = self._entry(rule, about, make)
+        if told.spoken:
+            told.repeated += number
+            return
+        told.make = make
+        told.repeated = number - 1
+        self._say(told, now_ns)
 
     def state(self, rule: Rule, about: Hashable, now_ns: int, make: Make | None) -> None:
         """Note that a state that ``rule`` looks for holds, or (``make`` is None) does not."""
@@ -161,8 +187,10 @@ class Cooldown:
             if burst is not None:
                 self._sum_up(burst, now_ns)
             burst = self._bursts[key] = _Burst(now_ns)
-        if burst.given < rule.burst:
+        if burst.given < rule.burst or (rule.when == FINDING and burst.spares(alert)):
             burst.given += 1
+            if alert.pair is not None and len(burst.servers) < MAX_SERVERS:
+                burst.servers.add(alert.pair[1])
             self._tell(alert)
         else:
             burst.held += 1
@@ -175,10 +203,20 @@ class Cooldown:
             return
         what = f" ({last.kind})" if last.kind else ""
         span = words.duration(max(now_ns - burst.since_ns, 1))
-        text = f"{words.count(burst.held, 'more alert')}{what} in {span}; the last: {last.text}"
+        text = f"{words.count(burst.held, 'more alert')}{what} in {span}{_further(burst)}; the last: {last.text}"
         summary: dict[str, object] = {"alerts": burst.held, "kind": last.kind, "since": Clock().iso(burst.since_ns)}
         alert = Alert(
             last.rule, now_ns, last.severity, last.pair, text, {"summary": summary, **last.detail}, last.connection
         )
         alert.repeated = burst.held
         self._tell(alert)
+
+
+def _further(burst: _Burst) -> str:
+    """Return the servers of which every alert was held back."""
+    if not burst.further:
+        return ""
+    named = ", ".join(list(burst.further)[:_NAMED])
+    more = f" and {len(burst.further) - _NAMED} more" if len(burst.further) > _NAMED else ""
+    least = "at least " if len(burst.further) == MAX_SERVERS else ""
+    return f", of {least}{words.count(len(burst.further), 'further server')} {named}{more}"

@@ -15,7 +15,7 @@ from dissect.alerts.loading import AlertRules, RuleError
 from dissect.alerts.rules import EVENTS, FINDING, NEW, Rule
 from dissect.alerts.states import StateWatch, state_watch
 from dissect.baseline.norms import Baseline
-from dissect.baseline.subjects import Pair, Pairs, moment
+from dissect.baseline.subjects import Pair, Pairs, moment, pair_of
 from dissect.baseline.watch import BaselineWatch, Deviation
 from dissect.engine.observer import Observer
 from dissect.findings.catalogue import WARNING
@@ -130,6 +130,16 @@ class AlertEngine(Observer):
             if finding.slug in rule.slugs and rule.covers(pair):
                 make = partial(self._found, rule, finding, pair)
                 self._cooldown.event(rule, (finding.slug, pair), self.now_ns, make)
+
+    def repeated(self, finding: Finding) -> None:
+        """Count findings that were only counted by those who make them."""
+        if finding.time_ns > self.now_ns:
+            self._advance(int(finding.time_ns))
+        pair = pair_of(finding.client, finding.server)
+        for rule in self._finding_rules:
+            if finding.slug in rule.slugs and rule.covers(pair):
+                make = partial(self._found, rule, finding, pair)
+                self._cooldown.more(rule, (finding.slug, pair), int(finding.repeated), self.now_ns, make)
 
     # ---- time -------------------------------------------------------------------------------------------------------
 

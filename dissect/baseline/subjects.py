@@ -146,6 +146,11 @@ def moment(transaction: Transaction) -> int:
     return int(transaction.response_ns or transaction.request_ns)
 
 
+def pair_of(client: str, server: str) -> Pair | None:
+    """Return the pair of two hosts as findings name them, which may be in a VLAN; None for no hosts."""
+    return (client.partition(" ")[0], server.partition(" ")[0]) if client else None
+
+
 class Pairs:
     """The pairs of the latest connections, by number; bounded."""
 

@@ -109,8 +109,6 @@ def command(
         run = Run(files, chosen.sieve(rows), chosen.narrow(options))
         rows.files = run.files
         chosen.begin(run, files)
-        if chosen.findings is None:
-            rows.reporter = run.pipeline.exchange.reporter
         code = drive(run, files)
         write_lines(rows.lines())
         complain(run, code)

@@ -95,8 +95,8 @@ def command(
 ) -> int:
     """Write tables and logs for other tools: Parquet, DuckDB, SQLite, CSV, Arrow, Zeek, Elastic, STIX.
 
-    The tables are connections, transactions, items, values, operations, acts, findings, devices and pdus, with the same
-    columns in every form (`s7dissect help tables`). Parquet, Arrow and DuckDB need the extra [data].
+    The tables are connections, transactions, items, values, operations, acts, findings, finding_counts, devices and pdus, with
+    the same columns in every form (`s7dissect help tables`). Parquet, Arrow and DuckDB need the extra [data].
 
     FILE is a pcap or pcapng file, plain or compressed with gzip or zstd; - is standard input. With several files Parquet is
     divided into folders by day. OUT is written whole or not at all.

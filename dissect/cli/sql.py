@@ -52,9 +52,9 @@ def command(
 ) -> int:
     """Query captures in SQL (DuckDB), without a file in between.
 
-    QUERY is SQL over the tables connections, transactions, items, values, operations, acts, findings, devices and pdus
-    (`s7dissect help tables`), or the name of a question, such as slowest. Only the tables it names are made. Needs the extra
-    [data].
+    QUERY is SQL over the tables connections, transactions, items, values, operations, acts, findings, finding_counts, devices
+    and pdus (`s7dissect help tables`), or the name of a question, such as slowest. Only the tables it names are made. Needs the
+    extra [data].
 
     FILE is a pcap or pcapng file, plain or compressed with gzip or zstd; - is standard input.
     """

@@ -275,7 +275,7 @@ class Connections:
         exchange.watch.end(side.connection, reason)
         exchange.causes.forget(side.connection)
         exchange.observer.connection_closed(side.connection)
-        exchange.reporter.ledger.over(side.connection.number)
+        exchange.reporter.over(side.connection.number)
         side.connection.let_go()
 
 

@@ -18,6 +18,7 @@ from mypy_extensions import i64, mypyc_attr
 from dissect.acts.book import ActBook
 from dissect.engine.observer import Observer
 from dissect.findings.explaining import Causes
+from dissect.findings.ledger import Ledger
 from dissect.findings.operation_rules import judge_loaded, judge_operation, judge_strays
 from dissect.findings.plus_rules import PlusWatch
 from dissect.findings.reporter import Reporter
@@ -211,6 +212,7 @@ class Exchange:
     def __init__(self, observer: Observer, decoder: PayloadDecoder | None, strict: bool, slow_ns: i64) -> None:
         self.observer: Observer = observer
         self.reporter: Reporter = Reporter()
+        self.reporter.every = observer.wants_every_finding
         self.dialogue: Dialogue = Dialogue()
         self.causes: Causes = Causes(self.reporter, slow_ns)
         self.behind: Behind = Behind(self.dialogue)
@@ -372,13 +374,32 @@ class Exchange:
 
     # ---- findings and bugs ------------------------------------------------------------------------------------------
 
+    @property
+    def ledger(self) -> Ledger:
+        """The facts of each rule; where the observer selects, of the findings that are selected."""
+        selected = self.observer.own_ledger
+        return selected if selected is not None else self.reporter.ledger
+
+    def tick(self, now_ns: i64) -> None:
+        """Time has passed."""
+        self.causes.tick(now_ns)
+        self.reporter.tick(now_ns)
+
+    def finish(self) -> None:
+        """The capture ends: say what was only counted."""
+        self.reporter.remind()
+        self.report_findings()
+
     def report_findings(self) -> None:
         """Hand detailed findings to the observer."""
         fresh = self.reporter.fresh
         self.reporter.fresh = []
         for finding in fresh:
             try:
-                self.observer.finding(finding)
+                if finding.repeated:
+                    self.observer.repeated(finding)
+                else:
+                    self.observer.finding(finding)
             except Exception:
                 if self.strict:
                     raise

@@ -5,6 +5,7 @@ from __future__ import annotations
 from mypy_extensions import i64, mypyc_attr
 
 from dissect.acts.act import Act
+from dissect.findings.ledger import Ledger
 from dissect.findings.reporter import Finding
 from dissect.stations.facts import Book, Fact
 from dissect.transactions.connection import Connection
@@ -20,11 +21,16 @@ class Observer:
 
     An observer that keeps what stations say may set ``own_book`` before the pipeline is made. The engine then notes each fact
     in that book, instead of one of its own, before it calls `fact`. Clear ``wants_facts`` if the book is enough.
+
+    With ``wants_every_finding`` it gets each finding, before any bound, and each event that is no finding (`Finding.bare`).
+    An observer that passes on only what is selected has ``own_ledger``: the facts of the findings that are.
     """
 
     def __init__(self) -> None:
         self.own_book: Book | None = None
+        self.own_ledger: Ledger | None = None
         self.wants_facts: bool = True
+        self.wants_every_finding: bool = False
         self.wants_pdus: bool = False
         self.wants_tpdus: bool = False
 
@@ -60,6 +66,9 @@ class Observer:
 
     def finding(self, finding: Finding) -> None:
         """Something deserves attention."""
+
+    def repeated(self, finding: Finding) -> None:
+        """So many findings of a rule (`Finding.repeated`) were only counted since the last time, to bound what is said."""
 
     def fact(self, fact: Fact) -> None:
         """A station said something of itself, new or not; comes after the event in which it did (with ``wants_facts``)."""

@@ -527,7 +527,7 @@ class Pipeline(PacketSink):
             timers.give_up_waiting()
             self._forget_closed()
             timers.look_overdue()
-            self.exchange.causes.tick(self.counters.now_ns)
+            self.exchange.tick(self.counters.now_ns)
         except Exception as bug:
             if self._strict:
                 raise
@@ -597,4 +597,4 @@ class Pipeline(PacketSink):
         if self.datagrams is not None:
             self.datagrams.finish()
         self.timers.finish()
-        self.exchange.report_findings()
+        self.exchange.finish()

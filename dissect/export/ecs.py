@@ -14,11 +14,14 @@ from collections.abc import Mapping
 from typing import Any, Final, TextIO
 
 from dissect.engine.observer import Observer
+from dissect.engine.pipeline import Pipeline
 from dissect.export.attack_tables import TACTICS, TECHNIQUES
 from dissect.export.forms import ECS_PARTS, Export, Request
 from dissect.export.keys import connection_community_id, connection_uid
 from dissect.export.rows import Rows
-from dissect.export.tables import CONNECTIONS, FINDINGS, Table
+from dissect.export.tables import CONNECTIONS, FINDING_COUNTS, FINDINGS, Table
+from dissect.findings.bounds import KEPT
+from dissect.findings.catalogue import CAPTURE, CATALOGUE
 from dissect.findings.reporter import Finding
 from dissect.select.things import Context
 from dissect.session import Run
@@ -59,6 +62,11 @@ def index_template() -> dict[str, Any]:
         "pdu_reference": {"type": "long"},
         "advice": {"type": "text", "index": False},
         "file": keyword,
+        "last_file": keyword,
+        "scope": keyword,
+        "reported": keyword,
+        "events": {"type": "long"},
+        "reports": {"type": "long"},
     }
     fields: dict[str, Any] = {
         "@timestamp": {"type": "date_nanos"},
@@ -104,7 +112,7 @@ def index_template() -> dict[str, Any]:
 
 
 class EcsExport(Export, Observer):
-    """Writes ``transactions.ndjson``, ``findings.ndjson``, ``connections.ndjson`` and the index template into a folder."""
+    """Writes a file of documents for each of `ECS_PARTS`, and the index template, into a folder."""
 
     def __init__(self, request: Request) -> None:
         Observer.__init__(self)
@@ -117,6 +125,7 @@ class EcsExport(Export, Observer):
         template = json.dumps(index_template(), indent=1)
         (request.path / "index-template.json").write_text(f"{template}\n", encoding="ascii")
         self._counts = dict.fromkeys(self._files, 0)
+        self._run: Run | None = None
         self._context = Context()
         self._rows = Rows([])
         self._clock = Clock()
@@ -129,12 +138,15 @@ class EcsExport(Export, Observer):
     def begin(self, run: Run) -> None:
         """Take the files of the run, by which packets are named."""
         self._rows = Rows(run.files)
+        self._run = run
 
     def flush(self) -> None:
         """Do nothing: documents are written as they come."""
 
     def close(self) -> None:
-        """Close the files."""
+        """Write the facts of rules, and close the files."""
+        if self._run is not None:
+            self._write_counts(self._run.pipeline)
         for file in self._files.values():
             file.close()
 
@@ -215,15 +227,17 @@ class EcsExport(Export, Observer):
 
     def finding(self, finding: Finding) -> None:
         """Write a finding."""
-        if "findings" not in self._files:
+        if "findings" not in self._files or finding.room != KEPT:
             return
         connection = self._context.connection(int(finding.connection))
         row = _named(FINDINGS, self._rows.finding(finding, connection))
-        told = self._document("finding", row["ts_ns"] or 0, connection, None)
         rule = finding.rule
+        of_capture = rule.kind == CAPTURE  # says how good the capture is, and nothing of the network
+        kind = "capture_quality" if of_capture else "finding"
+        told = self._document(kind, row["ts_ns"] or 0, connection, None)
         told["event"] |= {
-            "kind": "event" if finding.because else "alert",
-            "category": ["network", "intrusion_detection"],
+            "kind": "event" if finding.because or of_capture else "alert",
+            "category": ["network"] if of_capture else ["network", "intrusion_detection"],
             "type": ["info"],
             "action": rule.slug,
             "severity": _SEVERITIES[rule.severity],
@@ -257,6 +271,35 @@ class EcsExport(Export, Observer):
             "because_of": row["because_of"],
         }
         self._write("findings", told)
+
+    def _write_counts(self, pipeline: Pipeline) -> None:
+        """Write the facts of each rule, of all its events."""
+        counters = pipeline.counters
+        for row in self._rows.finding_counts(pipeline.exchange.ledger, counters.earliest_ns, counters.latest_ns):
+            named = _named(FINDING_COUNTS, row)
+            told = self._document("finding_counts", named["end_ns"] or 0, None, None)
+            rule = CATALOGUE[named["slug"]]
+            told["event"] |= {
+                "kind": "metric",
+                "category": ["network"],
+                "type": ["info"],
+                "action": rule.slug,
+                "severity": _SEVERITIES[rule.severity],
+                "start": self._clock.iso(named["ts_ns"]) if named["ts_ns"] else None,
+                "end": self._clock.iso(named["end_ns"]) if named["end_ns"] else None,
+            }
+            told["rule"] = {"id": rule.slug, "name": rule.sentence, "category": rule.kind, "ruleset": "s7dissect"}
+            for side in ("client", "server"):
+                if named[f"{side}_host"] is not None:
+                    told[side] = {"ip": named[f"{side}_host"].partition(" ")[0], "address": named[f"{side}_host"]}
+            told["s7dissect"] |= {
+                name: named[name]
+                for name in (
+                    "scope", "severity", "reported", "because_of", "events", "reports", "connections", "hosts",
+                    "connections_at_least", "in_last_tenth", "file", "first_frame", "last_file", "last_frame",
+                )
+            }  # fmt: skip
+            self._write("finding_counts", told)
 
     # ---- documents --------------------------------------------------------------------------------------------------
 

@@ -16,6 +16,7 @@ from dissect.export.tables import (
     ACTS,
     CONNECTIONS,
     DEVICES,
+    FINDING_COUNTS,
     FINDINGS,
     ITEMS,
     OPERATIONS,
@@ -25,6 +26,7 @@ from dissect.export.tables import (
     Table,
 )
 from dissect.export.transaction_rows import ENDS, FUNCTION, OWN, STATE, Row, TransactionColumns
+from dissect.findings.bounds import KEPT
 from dissect.findings.reporter import Finding
 from dissect.inventory.collector import Inventory
 from dissect.select.things import Context
@@ -73,6 +75,7 @@ class TableFeed(Observer):
         self._operations = self._waiting.get(OPERATIONS.name)
         self._acts = self._waiting.get(ACTS.name)
         self._findings = self._waiting.get(FINDINGS.name)
+        self._finding_counts = self._waiting.get(FINDING_COUNTS.name)
         self._pdus = self._waiting.get(PDUS.name)
         self._values = self._waiting.get(VALUES.name)
         self._collector = Collector()
@@ -144,6 +147,11 @@ class TableFeed(Observer):
         if self._devices is not None:
             self._inventory.take(pipeline, list(files))
             self._devices += [self._made.device(device) for device in self._inventory.devices]
+        if self._finding_counts is not None:
+            counters = pipeline.counters
+            self._finding_counts += self._made.finding_counts(
+                pipeline.exchange.ledger, counters.earliest_ns, counters.latest_ns
+            )
         self.flush()
 
     def connection_opened(self, connection: Connection) -> None:
@@ -195,7 +203,7 @@ class TableFeed(Observer):
 
     def finding(self, finding: Finding) -> None:
         """Add the row of a finding."""
-        if self._findings is not None:
+        if self._findings is not None and finding.room == KEPT:
             self._add(self._findings, self._made.finding(finding, self._context.connection(int(finding.connection))))
 
     def pdu(self, frame: int, time_ns: int, side: Side, octets: bytes, cut: bool) -> None:

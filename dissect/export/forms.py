@@ -173,7 +173,7 @@ def duckdb_export(request: Request) -> Export:
 
 
 #: The parts of an export in `dissect.export.ecs`.
-ECS_PARTS: Final = ("transactions", "findings", "connections")
+ECS_PARTS: Final = ("transactions", "findings", "finding_counts", "connections")
 _HERE: Final = "dissect.export.forms:"
 _ZEEK: Final = "dissect.export.zeek.export:"
 #: All forms by name.

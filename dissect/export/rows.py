@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 from dissect.acts.act import Act
@@ -11,6 +11,8 @@ from dissect.export.item_columns import rounded
 from dissect.export.keys import connection_community_id, connection_uid
 from dissect.export.tables import DEVICES, INT, Column
 from dissect.export.transaction_rows import Row, TransactionRows
+from dissect.findings.catalogue import CATALOGUE
+from dissect.findings.ledger import Ledger, Occurrences, Pair
 from dissect.findings.reporter import Finding
 from dissect.inventory.model import Device
 from dissect.inventory.rows import device_row
@@ -207,7 +209,7 @@ class Rows:
         frames = [int(frame) for frame in finding.frames]
         ends = self._hot.ends(connection) if connection is not None else (None,) * 4
         return (
-            self._before + int(finding.number),
+            self._before + int(finding.number) if finding.number else None,
             rule.slug,
             rule.severity,
             rule.kind,
@@ -225,6 +227,54 @@ class Rows:
             [technique.name for technique in rule.techniques],
             self._before + int(finding.explained_by) if finding.explained_by else None,
             finding.because or None,
+        )
+
+    def finding_counts(self, ledger: Ledger, begin_ns: int, end_ns: int) -> Iterator[Row]:
+        """Yield the rows of the facts of rules, in a capture of this time."""
+        for slug, found in ledger.rules.items():
+            yield self._facts("rule", slug, found, begin_ns, end_ns, hosts=ledger.hosts_of(slug))
+            for pair in ledger.pairs_of(slug):
+                yield self._facts("pair", slug, pair.records[slug], begin_ns, end_ns, pair)
+            if slug in ledger.rest:
+                yield self._facts("further_pairs", slug, ledger.rest[slug], begin_ns, end_ns)
+        for (cause, slug), found in ledger.explained.items():
+            yield self._facts("explained", slug, found, begin_ns, end_ns, because=cause)
+
+    def _facts(
+        self,
+        scope: str,
+        slug: str,
+        found: Occurrences,
+        begin_ns: int,
+        end_ns: int,
+        pair: Pair | None = None,
+        because: str = "",
+        hosts: int | None = None,
+    ) -> Row:
+        rule = CATALOGUE[slug]
+        first_file, first = self._hot.files.locate(int(found.first_frame)) if found.first_frame else (None, None)
+        last_file, last = self._hot.files.locate(int(found.last_frame)) if found.last_frame else (None, None)
+        return (
+            scope,
+            slug,
+            rule.severity,
+            rule.kind,
+            rule.reported,
+            pair.client if pair is not None else None,
+            pair.server if pair is not None else None,
+            because or None,
+            int(found.events),
+            int(found.reports),
+            int(found.connections),
+            found.at_least,
+            hosts,
+            found.lasts(begin_ns, end_ns),
+            first_file,
+            first,
+            int(found.first_ns) or None,
+            last_file,
+            last,
+            int(found.last_ns) or None,
         )
 
     def device(self, device: Device) -> Row:

@@ -18,8 +18,12 @@ from dissect.export.attack_tables import TACTICS, TECHNIQUES
 from dissect.export.forms import Export, Request
 from dissect.export.keys import connection_community_id
 from dissect.export.rows import Rows
+from dissect.findings.bounds import KEPT
+from dissect.findings.catalogue import CATALOGUE, Rule
+from dissect.findings.ledger import Ledger, Occurrences, Pair
 from dissect.findings.mitre import Technique
 from dissect.findings.reporter import Finding
+from dissect.report.happened import times
 from dissect.select.things import Context
 from dissect.session import Run
 from dissect.tcp.stream import Endpoint
@@ -43,6 +47,8 @@ class StixExport(Export, Observer):
         self._path: Path = request.path
         self._version = request.version
         self._objects: dict[str, dict[str, Any]] = {}
+        self._run: Run | None = None
+        self._told: dict[tuple[str, str, str], int] = {}  # findings in detail, by slug and hosts
         self._findings = 0
         self._context = Context()
         self._rows = Rows([])
@@ -56,12 +62,15 @@ class StixExport(Export, Observer):
     def begin(self, run: Run) -> None:
         """Take the files of the run, by which packets are named."""
         self._rows = Rows(run.files)
+        self._run = run
 
     def flush(self) -> None:
         """Do nothing: the bundle is written at the end."""
 
     def close(self) -> None:
         """Write the bundle."""
+        if self._run is not None:
+            self._add_counts(self._run.pipeline.exchange.ledger)
         objects = list(self._objects.values())
         key = json.dumps(objects, sort_keys=True)
         bundle: dict[str, Any] = {"type": "bundle", "id": f"bundle--{uuid.uuid5(_OURS, key)}"}
@@ -83,12 +92,17 @@ class StixExport(Export, Observer):
 
     def finding(self, finding: Finding) -> None:
         """Add the objects of a finding."""
+        if finding.room != KEPT:
+            return  # it is one of those that `_add_counts` adds up
         self._findings += 1
         connection = self._context.connection(int(finding.connection))
         time = self._time(int(finding.time_ns))
         tool = self._identity(time)
         # One that another finding explains is a note of its own, but no observation: nothing else was seen there.
         seen = [self._traffic(connection)] if connection is not None and not finding.because else []
+        if not finding.because:
+            place = (finding.slug, finding.client, finding.server)
+            self._told[place] = self._told.get(place, 0) + 1
         text = self._text(finding, connection)
         if not seen:
             self._note(finding, tool, time, text, [tool])
@@ -101,26 +115,76 @@ class StixExport(Export, Observer):
             tool,
             first_observed=time,
             last_observed=time,
-            number_observed=max(1, len(finding.frames)),
+            number_observed=1,
             object_refs=seen,
         )
         self._note(finding, tool, time, text, [observed])
         for technique in finding.rule.techniques:
             if technique.v18 in TECHNIQUES:
-                self._add(
-                    "sighting",
-                    f"{key} {technique.v18}",
-                    time,
-                    tool,
-                    sighting_of_ref=self._technique(technique, time),
-                    observed_data_refs=[observed],
-                    where_sighted_refs=[tool],
-                    first_seen=time,
-                    last_seen=time,
-                    count=1,
-                )
+                self._sighting(key, technique, tool, observed, time, time, 1)
+
+    def _add_counts(self, ledger: Ledger) -> None:
+        """Add the events that are no findings in detail: one observation for each rule between each two hosts."""
+        for pair in ledger.pairs.values():
+            for slug, found in pair.records.items():
+                more = int(found.events) - self._told.get((slug, pair.client, pair.server), 0)
+                if more > 0:
+                    self._add_more(CATALOGUE[slug], pair, found, more)
+
+    def _add_more(self, rule: Rule, pair: Pair, found: Occurrences, more: int) -> None:
+        first, last = self._time(int(found.first_ns)), self._time(int(found.last_ns))
+        tool = self._identity(last)
+        ends = [self._host(pair.client), self._host(pair.server)]
+        traffic = self._observable(
+            "network-traffic", {"start": first, "src_ref": ends[0], "dst_ref": ends[1], "protocols": ["tcp"]}
+        )
+        key = f"{rule.slug} more {pair.client} {pair.server}"
+        observed = self._add(
+            "observed-data",
+            key,
+            last,
+            tool,
+            first_observed=first,
+            last_observed=last,
+            number_observed=more,
+            object_refs=[traffic],
+        )
+        said = (
+            f"{rule.sentence} {times(rule, int(found.events))} between {pair.client} and {pair.server};"
+            f" {more} of them have no object of their own."
+        )
+        labels = [rule.slug, rule.severity, rule.kind]
+        self._add(
+            "note",
+            key,
+            last,
+            tool,
+            abstract=rule.sentence,
+            content=said,
+            object_refs=[observed],
+            labels=labels,
+        )
+        for technique in rule.techniques:
+            if technique.v18 in TECHNIQUES:
+                self._sighting(key, technique, tool, observed, first, last, more)
 
     # ---- objects ----------------------------------------------------------------------------------------------------
+
+    def _sighting(
+        self, key: str, technique: Technique, tool: str, observed: str, first: str, last: str, number: int
+    ) -> None:
+        self._add(
+            "sighting",
+            f"{key} {technique.v18}",
+            last,
+            tool,
+            sighting_of_ref=self._technique(technique, last),
+            observed_data_refs=[observed],
+            where_sighted_refs=[tool],
+            first_seen=first,
+            last_seen=last,
+            count=number,
+        )
 
     def _note(self, finding: Finding, tool: str, time: str, text: str, about: list[str]) -> None:
         rule = finding.rule
@@ -189,6 +253,11 @@ class StixExport(Export, Observer):
 
     def _address(self, end: Endpoint) -> str:
         address = ipaddress.ip_address(end.address)
+        return self._observable(f"ipv{address.version}-addr", {"value": str(address)})
+
+    def _host(self, host: str) -> str:
+        """Add the object of a host as facts name it, which may have a VLAN."""
+        address = ipaddress.ip_address(host.partition(" ")[0])
         return self._observable(f"ipv{address.version}-addr", {"value": str(address)})
 
     def _observable(self, type_: str, known: dict[str, Any]) -> str:

@@ -288,6 +288,34 @@ FINDINGS: Final = Table(
     ),
 )
 
+FINDING_COUNTS: Final = Table(
+    "finding_counts",
+    "rule that applied, and each pair of hosts it applied between: the facts of all its events, also of those that are not in"
+    " findings; rows come when everything was read",
+    (
+        Column("scope", WORD, "", "rule, or of its events pair, further_pairs; or explained", "Ledger"),
+        Column("slug", WORD, "", "stable name (docs/findings.md)", "Rule.slug"),
+        Column("severity", WORD, "", "error, warning or note", "Rule.severity"),
+        Column("kind", WORD, "", "what it is about", "Rule.kind"),
+        Column("reported", WORD, "", "how often the rule reports: each, once a connection …", "Rule.reported"),
+        Column("client_host", WORD, "", "address of the client, in the rows of pairs", "Pair.client"),
+        Column("server_host", WORD, "", "address of the server, in the rows of pairs", "Pair.server"),
+        Column("because_of", WORD, "", "slug of the finding that explains these, null for none", "Ledger.explained"),
+        Column("events", INT, "", "how often it applied", "Occurrences.events"),
+        Column("reports", INT, "", "how many findings there were of it", "Occurrences.reports"),
+        Column("connections", INT, "", "connections on which it applied", "Occurrences.connections"),
+        Column("connections_at_least", BOOL, "", "there may be more connections", "Occurrences.at_least"),
+        Column("hosts", INT, "", "hosts that it concerns, in the row of a rule", "Ledger.hosts_of"),
+        Column("in_last_tenth", BOOL, "", "it still applied in the last tenth of the capture", "Occurrences.lasts"),
+        _FILE,
+        Column("first_frame", INT, "packet of its file", "packet of the first event", "Occurrences.first_frame"),
+        *_time("ts", "time of the first event", "Occurrences.first_ns"),
+        Column("last_file", WORD, "", "capture file of the last event", "SourceFile.name"),
+        Column("last_frame", INT, "packet of its file", "packet of the last event", "Occurrences.last_frame"),
+        *_time("end", "time of the last event", "Occurrences.last_ns"),
+    ),
+)
+
 DEVICES: Final = Table(
     "devices",
     "station: what it is and said of itself (docs/devices.md); rows come when everything was read",
@@ -357,7 +385,8 @@ PDUS: Final = Table(
 
 #: Every table by its name, in the order in which they are listed.
 TABLES: Final[dict[str, Table]] = {
-    table.name: table for table in (CONNECTIONS, TRANSACTIONS, ITEMS, VALUES, OPERATIONS, ACTS, FINDINGS, DEVICES, PDUS)
+    table.name: table
+    for table in (CONNECTIONS, TRANSACTIONS, ITEMS, VALUES, OPERATIONS, ACTS, FINDINGS, FINDING_COUNTS, DEVICES, PDUS)
 }
 
 

@@ -70,6 +70,17 @@ _REPORTED: Final[dict[str, str]] = {
     "session.unusual_port": CONNECTION,
     "transaction.odd_data_code": CONNECTION,
 }
+#: What changes a running plant comes before everything else of its severity: whether it runs, its program, its outputs, its
+#: memory.
+_GRAVE: Final = (
+    "security.plc_stop",
+    "security.stopped",
+    "security.plc_start",
+    "security.program_change",
+    "security.write_outputs",
+    "security.force",
+    "security.memory",
+)
 #: What the events of a rule are called where they are counted; those of all other rules are times.
 _NOUNS: Final[dict[str, str]] = {
     "s7.odd_address": "distinct request",
@@ -92,16 +103,18 @@ class Rule:
     """One row of the catalogue: a stable slug, its severity, what it is about (kind), one sentence, and advice what to do.
 
     ``techniques`` are the MITRE ATT&CK for ICS techniques that the finding may be part of; most rules have none. ``reported``
-    says how often the rule reports (`REPORTED`), ``noun`` what its events are called.
+    says how often the rule reports (`REPORTED`), ``noun`` what its events are called. ``gravity`` orders rules of one severity,
+    the lowest first.
     """
 
-    __slots__ = ("advice", "kind", "noun", "reported", "sentence", "severity", "slug", "techniques")
+    __slots__ = ("advice", "gravity", "kind", "noun", "reported", "sentence", "severity", "slug", "techniques")
 
     def __init__(
         self, slug: str, severity: str, kind: str, sentence: str, advice: str, techniques: tuple[Technique, ...] = ()
     ) -> None:
         self.reported = _REPORTED.get(slug, EACH)
         self.noun = _NOUNS.get(slug, "time")
+        self.gravity = _GRAVE.index(slug) if slug in _GRAVE else len(_GRAVE)
         self.slug = slug
         self.severity = severity
         self.kind = kind

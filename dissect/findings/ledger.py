@@ -227,6 +227,29 @@ class Ledger:
         if pair is not NO_PAIR:
             self._of_hosts(pair, slug).take(connection, first_frame, last_frame, time_ns, reported)
 
+    def add(
+        self,
+        slug: str,
+        because: str,
+        client: str,
+        server: str,
+        connection: i64,
+        frames: list[int],
+        time_ns: i64,
+        reported: bool,
+    ) -> None:
+        """Count an event by what a finding says of it: ``because`` is the rule that explains it, empty for none."""
+        first: i64 = 0
+        last: i64 = 0
+        if frames:
+            first = frames[0]
+            last = frames[-1]
+        if because:
+            self.explain(because, slug, connection, first, last, time_ns, reported)
+            return
+        pair = self.between(client, server) if client else NO_PAIR
+        self.take(slug, pair, connection, first, last, time_ns, reported)
+
     def explain(
         self, cause: str, slug: str, connection: i64, first_frame: i64, last_frame: i64, time_ns: i64, reported: bool
     ) -> None:
@@ -282,14 +305,14 @@ class Ledger:
 
     def pairs_of(self, slug: str) -> list[Pair]:
         """Return the pairs of hosts that a rule applied between: those with most events first, then the earliest."""
-        found = [(_weight(pair, slug), pair) for pair in self.pairs.values() if slug in pair.records]
+        found = [(_weight(pair, slug), pair) for pair in list(self.pairs.values()) if slug in pair.records]
         found.sort(key=itemgetter(0))
         return [pair for _, pair in found]
 
     def hosts_of(self, slug: str) -> int:
         """Return how many hosts a rule concerns, of the pairs with records of their own."""
         hosts: set[str] = set()
-        for pair in self.pairs.values():
+        for pair in list(self.pairs.values()):  # a screen may ask while packets come
             if slug in pair.records:
                 hosts.add(pair.client)
                 hosts.add(pair.server)

@@ -1,8 +1,8 @@
 """Findings: something in the traffic that deserves attention, with the packets that show it.
 
-Rules report findings to the `Reporter`, which counts all of them and details a bounded number. A flood of a million bad PDUs
-must not become a million lines: each slug gets at most `MAX_DETAILED` detailed findings for a connection and `MAX_DETAILED_ALL`
-altogether. The counters stay exact, and so do the facts of each rule (`dissect.findings.ledger`).
+Rules report findings to the `Reporter`, which counts all of them and details a bounded number (`dissect.findings.bounds`): a
+flood of a million bad PDUs must not become a million lines. The counters stay exact, and so do the facts of each rule
+(`dissect.findings.ledger`).
 
 A finding may be explained by another one, its cause (`dissect.findings.cause_tables`). This is the one place where that table
 is applied: while `Reporter.because` is set, what that cause explains is counted apart, and names it.
@@ -14,6 +14,7 @@ from typing import Final
 
 from mypy_extensions import i64
 
+from dissect.findings.bounds import COUNTED, KEPT, MAX_DETAILED, MAX_DETAILED_ALL, Bounds
 from dissect.findings.catalogue import CATALOGUE, Rule
 from dissect.findings.cause_tables import EXPLAINS, WAITS
 from dissect.findings.known_bugs_tables import SEEN
@@ -21,8 +22,8 @@ from dissect.findings.ledger import NO_PAIR, Ledger, Occurrences, Pair
 from dissect.transactions.connection import Connection
 from dissect.transactions.transaction import Transaction
 
-MAX_DETAILED: Final = 100
-MAX_DETAILED_ALL: Final = 1000
+__all__ = ["MAX_DETAILED", "MAX_DETAILED_ALL", "Finding", "Reporter"]
+
 #: At most so many characters of a cause are said in what it explains.
 _SAID: Final = 200
 
@@ -33,21 +34,30 @@ class Finding:
     ``connection`` is the number of the connection, 0 for the capture as a whole. ``frames`` are the packets that show the
     finding, ``time_ns`` is the time of the last of them, ``detail`` says what was seen this time.
 
-    ``number`` counts the findings of a run from 1, in the order in which they are reported; it is 0 before that. ``because``
+    ``number`` counts the findings of a run that are kept for its report, from 1, in the order in which they are reported; it is
+    0 before that, and for all others. ``because``
     is the slug of the cause of a finding that is explained, empty for all others, and ``explained_by`` the cause's number: 0
     if the cause itself was only counted. ``client`` and ``server`` are the hosts that it is about, empty for none.
+
+    ``room`` says what becomes of it (`dissect.findings.bounds`). ``bare`` is True for an event that is no finding, as another
+    one says all there is to say; ``reported`` whether it counts as one. ``repeated`` is 0, or how many findings without detail
+    this one sums up (`Observer.repeated`).
     """
 
     __slots__ = (
         "_first_frame",
         "_frames",
         "_last_frame",
+        "bare",
         "because",
         "client",
         "connection",
         "detail",
         "explained_by",
         "number",
+        "repeated",
+        "reported",
+        "room",
         "rule",
         "server",
         "time_ns",
@@ -67,6 +77,10 @@ class Finding:
         self.because: str = ""
         self.client: str = ""
         self.server: str = ""
+        self.room: i64 = KEPT
+        self.bare: bool = False
+        self.reported: bool = True
+        self.repeated: i64 = 0
         self.frames = frames
 
     def __repr__(self) -> str:
@@ -100,16 +114,6 @@ class Finding:
         return self.rule.severity
 
 
-class _Detailed:
-    """How many findings of a slug were detailed: in all, and by connection (until `MAX_DETAILED_ALL` is reached)."""
-
-    __slots__ = ("by_connection", "count")
-
-    def __init__(self) -> None:
-        self.count: i64 = 0
-        self.by_connection: dict[int, int] = {}
-
-
 class _Waiting:
     """Findings of a connection that wait for a cause: the facts of each rule, and the findings that are detailed.
 
@@ -130,6 +134,9 @@ class Reporter:
     ``counts`` is exact, ``explained`` as well: how many findings a cause explains, by the slugs of both. ``ledger`` has more
     facts of each rule. ``fresh`` collects the detailed findings, also the explained ones, until the pipeline hands them to its
     observer. ``because`` is the finding that is to blame for what is judged at the moment.
+
+    With ``every`` each finding is passed on, and each event that is no finding (`Finding.bare`), for an observer that selects
+    before anything is bounded; ``room`` says which of them would have been.
     """
 
     def __init__(self) -> None:
@@ -141,8 +148,10 @@ class Reporter:
         self.latest: Finding | None = None  # the one that was counted last, None if it was not detailed
         self.number: i64 = 0  # of the latest finding in `fresh`
         self._pair: Pair = NO_PAIR  # the hosts of the one that was counted last
-        self._detailed: dict[str, _Detailed] = {}  # by slug
-        self._detailed_explained: dict[str, _Detailed] = {}  # the same of explained ones, which must hide no others
+        self.every: bool = False
+        self._room: i64 = COUNTED  # of the finding that was counted last
+        self._bounds: Bounds = Bounds()
+        self._explained_bounds: Bounds = Bounds()  # of explained ones, which must hide no others
         self._waiting: dict[int, _Waiting] = {}  # by connection
         #: When the source last said that it lost packets, of whichever connection; -1 for never.
         self.lost_ns: i64 = -1
@@ -152,10 +161,27 @@ class Reporter:
     def count(self, slug: str, connection: i64, frame: i64, time_ns: i64) -> None:
         """Count a finding, of which one that was detailed says all there is to say."""
         self._count(slug, self.ledger.pair(connection), connection, frame, frame, time_ns, True)
+        if self.every:
+            self._pass_bare(slug, connection, frame, time_ns, True)
 
     def again(self, slug: str, connection: i64, frame: i64, time_ns: i64) -> None:
         """Count an event that is no finding: the rule reported an earlier one, and reports no others."""
         self._count(slug, self.ledger.pair(connection), connection, frame, frame, time_ns, False)
+        if self.every:
+            self._pass_bare(slug, connection, frame, time_ns, False)
+
+    def _pass_bare(self, slug: str, connection: i64, frame: i64, time_ns: i64, reported: bool) -> None:
+        """Pass on an event without a detail."""
+        frames: list[int] = []
+        if frame:
+            frames.append(frame)
+        self._room = COUNTED
+        self.detail(slug, connection, frames, time_ns, "")
+        finding = self.latest
+        if finding is not None:
+            finding.bare = True
+            finding.reported = reported
+        self.latest = None
 
     def first(self, connection: Connection, slug: str, frame: i64, time_ns: i64) -> bool:
         """Return whether an event is the first of a connection, of which the rule reports no others; count the others."""
@@ -189,7 +215,7 @@ class Reporter:
     def wants(self, slug: str, connection: i64, first_frame: i64, last_frame: i64, time_ns: i64) -> bool:
         """Count a finding of these packets; True if it should be detailed. Ask this first, to build no sentence in vain."""
         self._count(slug, self.ledger.pair(connection), connection, first_frame, last_frame, time_ns, True)
-        return self._has_room(slug, connection)
+        return self._has_room(slug, connection, last_frame, time_ns)
 
     def wants_of(self, slug: str, transaction: Transaction) -> bool:
         """Count a finding about a transaction, as `wants` does."""
@@ -201,25 +227,44 @@ class Reporter:
     def wants_between(self, slug: str, client: str, server: str, first_frame: i64, frame: i64, time_ns: i64) -> bool:
         """Count a finding about two hosts that is on no connection, as `wants` does."""
         self._count(slug, self.ledger.between(client, server), 0, first_frame, frame, time_ns, True)
-        return self._has_room(slug, 0)
+        return self._has_room(slug, 0, frame, time_ns)
 
-    def _has_room(self, slug: str, connection: i64) -> bool:
+    def _has_room(self, slug: str, connection: i64, frame: i64, time_ns: i64) -> bool:
         """Return whether one more finding is detailed."""
-        bounds = self._detailed if self.cause_of(slug, connection) is None else self._detailed_explained
-        detailed = bounds.get(slug)
-        if detailed is None:
-            detailed = bounds[slug] = _Detailed()
-        if detailed.count >= MAX_DETAILED_ALL:
-            return False
-        by_connection = detailed.by_connection
-        here = by_connection.get(connection, 0)
-        if here >= MAX_DETAILED:
-            return False
-        by_connection[connection] = here + 1
-        detailed.count += 1
-        if detailed.count == MAX_DETAILED_ALL:
-            detailed.by_connection = {}  # nothing more will be detailed, on any connection
-        return True
+        pair = self._pair
+        if self.cause_of(slug, connection) is not None:
+            self._room = self._explained_bounds.take(slug, pair.client, pair.server, connection)
+        else:
+            bounds = self._bounds
+            self._room = bounds.take(slug, pair.client, pair.server, connection)
+            if self._room == COUNTED and not self.every and not (self._waiting and self._waits(slug, connection)):
+                bounds.leave(slug, pair.client, pair.server, frame, time_ns)
+            if bounds.due(time_ns):
+                self.remind()
+        return self.every or self._room != COUNTED
+
+    def remind(self) -> None:
+        """Pass on how many findings were only counted."""
+        for one in self._bounds.remind():
+            frames: list[int] = []
+            if one.frame:
+                frames.append(one.frame)
+            finding = Finding(CATALOGUE[one.slug], 0, frames, one.time_ns, one.detail)
+            finding.client, finding.server = one.client, one.server
+            finding.repeated = one.repeated
+            finding.room = COUNTED
+            self.fresh.append(finding)
+
+    def tick(self, now_ns: i64) -> None:
+        """Time has passed."""
+        if self._bounds.due(now_ns):
+            self.remind()
+
+    def over(self, connection: i64) -> None:
+        """A connection is over, and everything about it was reported."""
+        self.ledger.over(connection)
+        self._bounds.over(connection)
+        self._explained_bounds.over(connection)
 
     def note(self, slug: str, connection: i64, frames: list[int], time_ns: i64, detail: str = "") -> None:
         """Count a finding and, within the bounds, detail it."""
@@ -229,7 +274,7 @@ class Reporter:
             first_frame = frames[0]
             last_frame = frames[-1]
         self._count(slug, self.ledger.pair(connection), connection, first_frame, last_frame, time_ns, True)
-        if self._has_room(slug, connection):
+        if self._has_room(slug, connection, last_frame, time_ns):
             self.detail(slug, connection, frames, time_ns, detail)
 
     def detail(self, slug: str, connection: i64, frames: list[int], time_ns: i64, detail: str) -> None:
@@ -237,6 +282,7 @@ class Reporter:
         finding = Finding(CATALOGUE[slug], connection, frames, time_ns, detail)
         finding.client = self._pair.client
         finding.server = self._pair.server
+        finding.room = self._room
         self.latest = finding
         cause = self.cause_of(slug, connection)
         if cause is not None:
@@ -247,8 +293,9 @@ class Reporter:
         self._report(finding)
 
     def _report(self, finding: Finding) -> None:
-        self.number += 1
-        finding.number = self.number
+        if finding.room == KEPT:
+            self.number += 1
+            finding.number = self.number
         self.fresh.append(finding)
 
     # ---- causes -----------------------------------------------------------------------------------------------------
@@ -269,7 +316,7 @@ class Reporter:
         found = self.latest
         if found is None or found.slug != slug:
             return Finding(CATALOGUE[slug], 0, [], 0, "")  # it was only counted: there are too many of its kind
-        return None if found.because or found.number == 0 else found
+        return None if found.because or (found.number == 0 and found.room == KEPT) else found
 
     def blame(self, slug: str) -> None:
         """What is judged at the moment is at fault, says the finding that was noted last."""
@@ -319,14 +366,13 @@ class Reporter:
 
     def renew(self) -> None:
         """Begin the bounds anew: a user who watches a line for days wants today's findings in detail, too."""
-        self._detailed = {}
-        self._detailed_explained = {}
+        self._bounds.renew()
+        self._explained_bounds.renew()
 
     def forget(self) -> None:
         """Nothing more comes: free what was remembered by connection."""
-        for bounds in (self._detailed, self._detailed_explained):
-            for detailed in bounds.values():
-                detailed.by_connection = {}
+        self._bounds = Bounds()
+        self._explained_bounds = Bounds()
 
 
 def _explain(finding: Finding, cause: Finding) -> None:

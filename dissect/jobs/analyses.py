@@ -7,7 +7,8 @@ get the numbers that they have in one run, and every bounded list keeps what com
 from __future__ import annotations
 
 from dissect.engine.options import Options
-from dissect.findings.reporter import MAX_DETAILED, MAX_DETAILED_ALL, Finding
+from dissect.findings.bounds import KEPT, Bounds
+from dissect.findings.reporter import Finding
 from dissect.jobs.sums import FilePart, Sum
 from dissect.report.analysis import Analysis
 from dissect.transactions.naming import Naming
@@ -20,8 +21,8 @@ class Analyses:
         self.found = Analysis()
         self._sum = Sum(options)
         self._naming: Naming | None = options.naming
-        self._detailed: dict[tuple[str, bool], int] = {}
-        self._detailed_of: dict[tuple[str, bool, int], int] = {}
+        self._bounds = Bounds()
+        self._explained_bounds = Bounds()
         self.found.take(self._sum.pipeline, self._sum.files)
 
     def add(self, part: FilePart) -> None:
@@ -51,21 +52,16 @@ class Analyses:
             if not self._keeps(finding):
                 continue
             if later.part is not None:
-                finding.number, finding.explained_by = before + own, cause and before + cause
+                finding.number, finding.explained_by = own and before + own, cause and before + cause
             else:
                 numbers[own] = finding.number = len(self.found.findings) + len(self.found.explained) + 1
                 finding.explained_by = numbers.get(cause, 0)
             self.found.finding(finding)
 
     def _keeps(self, finding: Finding) -> bool:
-        """Return whether one run would keep this finding in detail (bounds in `dissect.findings.reporter`)."""
-        kind = (finding.slug, bool(finding.because))
-        here = (*kind, int(finding.connection))
-        if self._detailed.get(kind, 0) >= MAX_DETAILED_ALL or self._detailed_of.get(here, 0) >= MAX_DETAILED:
-            return False
-        self._detailed[kind] = self._detailed.get(kind, 0) + 1
-        self._detailed_of[here] = self._detailed_of.get(here, 0) + 1
-        return True
+        """Return whether one run would keep this finding in detail (`dissect.findings.bounds`)."""
+        bounds = self._explained_bounds if finding.because else self._bounds
+        return bounds.take(finding.slug, finding.client, finding.server, finding.connection) == KEPT
 
 
 def _number(finding: Finding) -> int:

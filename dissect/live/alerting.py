@@ -42,6 +42,10 @@ class AlertCompanion(Companion):
         """Pass it on."""
         self.engine.finding(finding)
 
+    def repeated(self, finding: Finding) -> None:
+        """Pass it on."""
+        self.engine.repeated(finding)
+
     def tick(self, now_ns: int, drops: Drops) -> None:
         """Give the engine the time, by which it notices silence and rates; start delivery, also of an earlier run's alerts."""
         self.dispatcher.start()

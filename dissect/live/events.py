@@ -110,6 +110,10 @@ class Collector(Observer):
         if FINDING in self._kinds:
             self.fresh.append(Event(FINDING, finding.time_ns, finding))
 
+    def repeated(self, finding: Finding) -> None:
+        """Keep how many findings were only counted."""
+        self.finding(finding)
+
     def fact(self, fact: Fact) -> None:
         """Keep a new fact; a MAC address only if it replaces another one, and no names of blocks."""
         if DEVICE in self._kinds and fact.fresh and fact.key != BLOCK and (fact.before or fact.key != MAC):

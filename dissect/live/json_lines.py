@@ -64,7 +64,8 @@ class JsonLines:
             facts = event.facts or connection_as_dict(what, self._places)
             return self._event(event.kind, event.time_ns, "connection", facts)
         if isinstance(what, Finding):
-            return self._event(event.kind, event.time_ns, "finding", finding_as_dict(what, self._places))
+            facts = finding_as_dict(what, self._places)
+            return self._event(event.kind, event.time_ns, "finding", facts, int(what.repeated))
         if isinstance(what, Fact):
             return self._event(event.kind, event.time_ns, "device", _stated(what))
         return self._event(event.kind, event.time_ns, "text", encodable(what))
@@ -88,8 +89,10 @@ class JsonLines:
         }
         return self._event("summary", status.now_ns, "summary", told)
 
-    def _event(self, kind: str, time_ns: int, key: str, value: object) -> str:
+    def _event(self, kind: str, time_ns: int, key: str, value: object, repeated: int = 0) -> str:
         told = {"schema": EVENT_SCHEMA, "event": kind, "time": self._clock.iso(time_ns), key: value}
+        if repeated:
+            told["repeated"] = repeated
         return json.dumps(told, separators=(",", ":")).replace("\x7f", "\\u007f")
 
 

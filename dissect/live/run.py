@@ -17,6 +17,7 @@ from mypy_extensions import i64
 from dissect.acts.act import Act
 from dissect.engine.observer import Observer
 from dissect.engine.pipeline import Options, Pipeline
+from dissect.findings.bounds import COUNTED
 from dissect.findings.reporter import Finding
 from dissect.source.live.reader import Drops, LiveReader
 from dissect.source.packet import PacketSink, Reader, SourceFile
@@ -44,6 +45,7 @@ class Fanout(Observer):
         self._failed = failed
         self.wants_pdus = any([observer.wants_pdus for observer in self._observers])
         self.wants_tpdus = any([observer.wants_tpdus for observer in self._observers])
+        self.wants_every_finding = any([observer.wants_every_finding for observer in self._observers])
 
     @property
     def observers(self) -> list[Observer]:
@@ -119,7 +121,14 @@ class Fanout(Observer):
 
     def finding(self, finding: Finding) -> None:
         """Hand it on."""
-        self._each(lambda one: one.finding(finding), self._observers)
+        observers = self._observers
+        if self.wants_every_finding and (finding.bare or finding.room == COUNTED):
+            observers = [one for one in observers if one.wants_every_finding]
+        self._each(lambda one: one.finding(finding), observers)
+
+    def repeated(self, finding: Finding) -> None:
+        """Hand it on."""
+        self._each(lambda one: one.repeated(finding), self._observers)
 
     def comment(self, frame: int, text: str) -> None:
         """Hand it on."""

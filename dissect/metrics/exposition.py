@@ -18,7 +18,7 @@ from prometheus_client.registry import Collector
 
 from dissect import __version__
 from dissect.engine.pipeline import Pipeline
-from dissect.findings.catalogue import CATALOGUE
+from dissect.findings.catalogue import CATALOGUE, CONNECTION
 from dissect.ibh.tables import KINDS
 from dissect.iso.tables import TPDU_TYPES
 from dissect.iso.upper import UPPER_NAMES
@@ -113,6 +113,7 @@ FAMILIES: Final[tuple[Family, ...]] = (
     Family("connections_ended", COUNTER, ("how",), "Ended connections, by how they ended."),
     Family("connections_open", GAUGE, (), "Connections tracked now."),
     Family("findings", COUNTER, ("slug", "severity"), "Findings by slug."),
+    Family("finding_events", COUNTER, ("slug", "severity"), "Events of what is reported once per connection."),
     Family("queue_events", GAUGE, (), "Events waiting to be shown or written."),
     Family("events_lost", COUNTER, (), "Events not shown or written because too many were waiting."),
     Family("build_info", GAUGE, ("version", "build"), "Always 1; the version of s7dissect, compiled or interpreted."),
@@ -209,6 +210,7 @@ def _traffic(pipeline: Pipeline) -> dict[str, list[Sample]]:
     opcodes = {row.number: row.name for row in OPCODES}
     types = {row.number: row.name for row in TPDU_TYPES}
     findings = pipeline.finding_counts.copy()
+    events = pipeline.exchange.reporter.ledger.rules.copy()
     return {
         "tpdus": _named(pipeline.iso.tpdus.counts(), types),
         "tsdus": [Sample((name,), count) for name, count in zip(UPPER_NAMES, pipeline.iso.tsdus.counts(), strict=True)],
@@ -217,6 +219,11 @@ def _traffic(pipeline: Pipeline) -> dict[str, list[Sample]]:
         "ibh_packets": [Sample((kind,), count) for kind, count in zip(KINDS, pipeline.ibh.packets.copy(), strict=True)],
         "open_requests": [Sample((), int(pipeline.exchange.dialogue.open))],
         "findings": [Sample((slug, rule.severity), findings.get(slug, 0)) for slug, rule in CATALOGUE.items()],
+        "finding_events": [
+            Sample((slug, rule.severity), int(events[slug].events) if slug in events else 0)
+            for slug, rule in CATALOGUE.items()
+            if rule.reported == CONNECTION
+        ],
     }
 
 

@@ -30,6 +30,7 @@ from dissect.monitor.rows import PLACES, entry_line
 from dissect.monitor.screens import HELP, Bar, PageScreen, ValuesScreen
 from dissect.recording.names import time_word
 from dissect.report import words
+from dissect.report.happened import Told, times_of
 from dissect.report.styled import HEADING, Line
 from dissect.report.text import connection_lines, finding_lines
 from dissect.report.words import Places
@@ -218,7 +219,12 @@ class MonitorApp(App[bool]):
         left_out = f", {self.model.connections_left_out} not listed" if self.model.connections_left_out else ""
         title = f"CONNECTIONS {status.connections_open} open of {status.connections}{left_out}"
         self.connections.update_rows(facts, title)
-        found = self.model.findings(dict(self._session.run.pipeline.finding_counts))
+        pipeline = self._session.run.pipeline
+        counts = {
+            slug: times_of(slug, number, pipeline.exchange.ledger)
+            for slug, number in dict(pipeline.finding_counts).items()
+        }
+        found = self.model.findings(counts)
         self.findings.update_rows(found, self._findings_title(status, found))
         self.entries.update_rows(self.model.entries, self._entries_title(status))
         self._arrange()
@@ -397,7 +403,7 @@ class MonitorApp(App[bool]):
                 f"Connection {one.key}", details.connection_details(one, self.model.entries, self._clock, self._places)
             )
         elif event.pane is self.findings and (found := self.findings.selected) is not None:
-            self._open(f"Finding {found.key}", details.finding_details(found, self._places))
+            self._open(f"Finding {found.key}", details.finding_details(found, self._places, self._facts(found)))
         elif event.pane is self.entries and (entry := self.entries.selected) is not None:
             what = entry.what
             title = "SCD message" if isinstance(what, tuple) else f"{type(what).__name__} {what.number}"
@@ -453,6 +459,12 @@ class MonitorApp(App[bool]):
         latest = [value_line(facts.latest, self._clock, self._places) for facts in screen.pane.rows]
         return [Line(f"{screen.head.left}  {screen.head.right}", HEADING), *[Line(f"  {text}") for text in latest]]
 
+    def _facts(self, found: FindingFacts) -> str:
+        """Return how often and when a rule applied, and between whom."""
+        pipeline = self._session.run.pipeline
+        counters = pipeline.counters
+        return Told(pipeline.exchange.ledger, self._clock, counters.earliest_ns, counters.latest_ns).phrase(found.rule)
+
     def _shown(self) -> Iterator[Line]:
         """Yield the full contents of all panes."""
         yield Line(f"{self.head.left}  {self.head.right}", HEADING)
@@ -467,4 +479,7 @@ class MonitorApp(App[bool]):
         yield Line("")
         yield Line(self.findings.title, HEADING)
         for found in self.findings.rows:
-            yield from finding_lines(found.rule, found.times, found.details, self._places, len(found.details))
+            said = self._facts(found)
+            yield from finding_lines(
+                found.rule, found.times, found.details, self._places, len(found.details), facts=said
+            )

@@ -134,10 +134,10 @@ def _same(one: Connection, other: Connection) -> bool:
     return one.number == other.number
 
 
-def finding_details(facts: FindingFacts, places: Places = PLACES) -> list[Line]:
-    """Return the details of the findings of a rule, the newest first."""
+def finding_details(facts: FindingFacts, places: Places = PLACES, said: str = "") -> list[Line]:
+    """Return the details of the findings of a rule, the newest first; ``said`` are the facts of the rule in words."""
     details = list(reversed(facts.details))
-    lines = list(finding_lines(facts.rule, facts.times, details, places, len(details)))
+    lines = list(finding_lines(facts.rule, facts.times, details, places, len(details), facts=said))
     if details and len(details) < facts.times:
         lines.append(Line("      newest first; findings without detail were only counted", DIM, 8))
     return lines

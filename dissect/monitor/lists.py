@@ -165,8 +165,8 @@ class FindingList:
         self._details: dict[str, deque[Finding]] = {}
 
     def note(self, finding: Finding) -> None:
-        """Note a finding, unless another one explains it."""
-        if finding.because:
+        """Note a finding, unless another one explains it, or it only sums up others."""
+        if finding.because or finding.repeated:
             return
         kept = self._details.get(finding.slug)
         if kept is None:

@@ -18,9 +18,10 @@ from dissect.page.rows import OUTCOME_NAMES, Station, host_filter, selecting, st
 from dissect.page.tag_steps import TagSteps
 from dissect.page.verdict import by_weight
 from dissect.report import words
+from dissect.report.happened import facts_of, times_of
 from dissect.report.operations import NAMES as KINDS
 from dissect.select.getters import function_names
-from dissect.wire.text import printable, shortened
+from dissect.wire.text import cut_inside, printable, shortened
 
 #: Bins of time in a plot.
 _BINS: Final = 480
@@ -515,7 +516,9 @@ def findings_of(gathered: Gathered) -> list[dict[str, Any]]:
     for finding in gathered.analysis.findings:
         details.setdefault(finding.slug, []).append(finding)
     told = []
+    facts = facts_of(gathered.analysis, gathered.rows.clock)
     for rule in by_weight(gathered.analysis):
+        times = times_of(rule.slug, counts[rule.slug], facts.ledger)
         shown = sorted(details.get(rule.slug, []), key=lambda one: int(one.time_ns))[:_DETAILS]
         rows = []
         for one in shown:
@@ -525,7 +528,7 @@ def findings_of(gathered: Gathered) -> list[dict[str, Any]]:
                     "time": gathered.rows.clock.moment(int(one.time_ns)),
                     "connection": int(one.connection),
                     "packets": gathered.rows.places.phrase(one.frames),
-                    "detail": shortened(gathered.rows.places.named(one.detail), _DETAIL),
+                    "detail": cut_inside(gathered.rows.places.named(one.detail), _DETAIL),
                     "show": show,
                     "filter": display,
                 }
@@ -533,8 +536,9 @@ def findings_of(gathered: Gathered) -> list[dict[str, Any]]:
         told.append(
             {
                 "rule": CATALOGUE[rule.slug],
-                "count": counts[rule.slug],
-                "times": how_often(counts[rule.slug]),
+                "count": times,
+                "times": how_often(times),
+                "facts": facts.phrase(rule) if times > 1 else "",
                 "rows": rows,
                 "explains": words.explained(explained.get(rule.slug, {})),
                 "techniques": ", ".join([str(technique) for technique in rule.techniques]),

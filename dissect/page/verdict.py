@@ -17,14 +17,16 @@ from dissect.findings.catalogue import (
     SEVERITIES,
     Rule,
 )
+from dissect.findings.ledger import Pair
 from dissect.findings.reporter import Finding
 from dissect.page.gathered import Gathered
 from dissect.page.losses import gaps_in
 from dissect.page.numbers import counted, how_often
 from dissect.report import words
 from dissect.report.analysis import Analysis
+from dissect.report.happened import Told, by_gravity, facts_of, times_of
 from dissect.report.words import PROTOCOLS
-from dissect.wire.text import duration_text, shortened
+from dissect.wire.text import cut_inside, duration_text
 
 #: Kinds of findings in the order in which they are preferred among findings of equal severity.
 _KINDS: Final = (FUNCTION, OPERATION, NEGOTIATION, PROTOCOL, SECURITY, CAPTURE)
@@ -33,6 +35,8 @@ _EVERYDAY: Final = frozenset(("security.write",))
 #: Characters of what was seen, and pairs of hosts that are named.
 _DETAIL: Final = 160
 _PAIRS: Final = 3
+#: How the name of a host goes on that is in a VLAN (`dissect.tcp.link.within`).
+_IN_VLAN: Final = " in VLAN "
 
 
 class Verdict:
@@ -48,23 +52,13 @@ class Verdict:
 
 
 def by_weight(analysis: Analysis) -> list[Rule]:
-    """Return the rules that applied, the heaviest first; of those that weigh the same the unusual, most frequent, earliest."""
-    counts = analysis.finding_counts
-    rules = [CATALOGUE[slug] for slug in counts]
-    first: dict[str, int] = {}
-    for finding in analysis.findings:
-        first[finding.slug] = min(first.get(finding.slug, int(finding.time_ns)), int(finding.time_ns))
-    return sorted(
-        rules,
-        key=lambda rule: (
-            SEVERITIES.index(rule.severity),
-            _KINDS.index(rule.kind),
-            rule.slug in _EVERYDAY,
-            -counts[rule.slug],
-            first.get(rule.slug, 0),
-            rule.slug,
-        ),
-    )
+    """Return the rules that applied, the heaviest first: what changes a running plant, then what failed, then by time."""
+    rules = by_gravity([CATALOGUE[slug] for slug in analysis.finding_counts], analysis.ledger)
+    return sorted(rules, key=_weight)  # of equal weight, the order stays
+
+
+def _weight(rule: Rule) -> tuple[int, int, int, bool]:
+    return SEVERITIES.index(rule.severity), rule.gravity, _KINDS.index(rule.kind), rule.slug in _EVERYDAY
 
 
 def verdict(gathered: Gathered) -> Verdict:
@@ -83,13 +77,14 @@ def _verdict(gathered: Gathered) -> Verdict:
         return Verdict("", _sound(gathered))
     rule = rules[0]
     found = sorted([finding for finding in analysis.findings if finding.slug == rule.slug], key=_time)
-    count = analysis.finding_counts[rule.slug]
+    told = facts_of(analysis, gathered.rows.clock)
+    count = times_of(rule.slug, analysis.finding_counts[rule.slug], told.ledger)
     if not found:
         return Verdict(rule.severity, [f"{rule.sentence} This happened {how_often(count)}.", *_sound(gathered)[1:]])
-    first, last = found[0], found[-1]
+    first = found[0]
     return Verdict(
         rule.severity,
-        [_what(gathered, rule, first), _since(gathered, first, last, count), _who(gathered, found, rules)],
+        [_what(gathered, rule, first), _since(gathered, rule, first, told), _who(gathered, found, rules)],
         first,
     )
 
@@ -100,7 +95,7 @@ def _time(finding: Finding) -> tuple[int, int]:
 
 def _what(gathered: Gathered, rule: Rule, first: Finding) -> str:
     """What broke, with the packets that show it."""
-    detail = shortened(gathered.rows.places.named(first.detail), _DETAIL).rstrip(".")
+    detail = cut_inside(gathered.rows.places.named(first.detail), _DETAIL).rstrip(".")
     shown = gathered.rows.places.phrase(first.frames)
     # The detail is appended to the sentence of the rule: it is not a sentence, and may begin with a name in lower case.
     broke = rule.sentence[:-1]
@@ -112,31 +107,42 @@ def _what(gathered: Gathered, rule: Rule, first: Finding) -> str:
     return said
 
 
-def _since(gathered: Gathered, first: Finding, last: Finding, count: int) -> str:
-    """Return the sentence on since when and how often it happened."""
-    moment = gathered.rows.clock.moment(int(first.time_ns))
+def _since(gathered: Gathered, rule: Rule, first: Finding, told: Told) -> str:
+    """Return the sentence on since when and how often it happened, from the facts of all events."""
+    found = told.ledger.rules.get(rule.slug)
+    first_ns, last_ns, number = int(first.time_ns), int(first.time_ns), gathered.analysis.finding_counts[rule.slug]
+    if found is not None and found.events:
+        first_ns, last_ns = int(found.first_ns), int(found.last_ns)
+        number = times_of(rule.slug, number, told.ledger)
+    moment = gathered.rows.clock.moment(first_ns)
     after = ""
     if gathered.analysis.part is None:
-        after = f", {duration_text(max(0, int(first.time_ns) - gathered.start_ns))} after the capture began"
-    if count == 1:
+        after = f", {duration_text(max(0, first_ns - gathered.start_ns))} after the capture began"
+    if number == 1:
         return f"It happened once, at {moment}{after}."
-    spread = int(last.time_ns) - int(first.time_ns)
+    spread = last_ns - first_ns
     until = f", the last time {duration_text(spread)} later" if spread > 0 else ""
-    return f"It happened {how_often(count)}: the first time at {moment}{after}{until}."
+    return f"It happened {how_often(number)}: the first time at {moment}{after}{until}."
 
 
 def _who(gathered: Gathered, found: list[Finding], rules: list[Rule]) -> str:
     """Return the sentence on who is concerned, and on other findings."""
+    ledger = gathered.analysis.ledger
     named: dict[str, None] = {}
     ends = {int(connection.number): connection for connection in gathered.analysis.connections}
     for finding in found:
         connection = ends.get(int(finding.connection))
         if connection is not None:
             named[gathered.rows.talk(connection, int(connection.client_side))] = None
-    pairs = list(named)
-    if pairs:
-        more = f" and {counted(len(pairs) - _PAIRS, 'more pair')}" if len(pairs) > _PAIRS else ""
-        said = f"It concerns {', '.join(pairs[:_PAIRS])}{more}"
+    pairs = ledger.pairs_of(found[0].slug)
+    if pairs and len(pairs) > len(named):
+        named = dict.fromkeys([_talk(gathered, pair) for pair in pairs[:_PAIRS]])
+    count = max(len(pairs), len(named))
+    if named:
+        shown = list(named)[:_PAIRS]
+        least = "at least " if ledger.further(found[0].slug) else ""
+        more = f" and {least}{counted(count - len(shown), 'more pair')}" if count > len(shown) else ""
+        said = f"It concerns {', '.join(shown)}{more}"
     else:
         said = "It concerns the capture as a whole"
     others = len(rules) - 1
@@ -149,6 +155,13 @@ def _who(gathered: Gathered, found: list[Finding], rules: list[Rule]) -> str:
         [words.count(number, f"more kind of {what}", f"more kinds of {what}s") for number, what in weights if number]
     )
     return f"{said}; there {'are' if others > 1 else 'is'} {kinds} below."
+
+
+def _talk(gathered: Gathered, pair: Pair) -> str:
+    """Return two hosts by their names, and their VLAN, as `Rows.talk` does."""
+    client, inside, vlan = pair.client.partition(_IN_VLAN)
+    server = pair.server.partition(_IN_VLAN)[0]
+    return f"{gathered.rows.host(client)} → {gathered.rows.host(server)}{inside}{vlan}"
 
 
 def _sound(gathered: Gathered) -> list[str]:

@@ -8,6 +8,7 @@ because the pipeline reports its findings in between; without a next packet, `Ev
 from __future__ import annotations
 
 import os
+from collections import deque
 from collections.abc import Collection
 from pathlib import Path
 from typing import Final
@@ -22,9 +23,48 @@ from dissect.source.packet import PacketSink
 from dissect.source.pcapng_writer import PcapngWriter
 from dissect.wire.text import Clock
 
-#: After so many octets a new file begins, if triggers keep coming; and the greatest number of files.
+#: After so many octets a new file begins, if triggers keep coming.
 MAX_FILE_OCTETS: Final = 1_000_000_000
+#: The greatest number of files that are kept, and of their octets. Beyond that the oldest file goes of the two hosts that have
+#: most, so that a flood between two hosts does not cost the evidence of others.
 MAX_FILES: Final = 1000
+MAX_ALL_OCTETS: Final = 10_000_000_000
+
+
+class KeptFiles:
+    """The files of a run by the hosts that they are about, and how much they hold."""
+
+    def __init__(self) -> None:
+        self.files = 0
+        self.octets = 0
+        self._by_hosts: dict[str, deque[tuple[int, Path, int]]] = {}  # each with its number and size, the oldest first
+        self._number = 0
+
+    def add(self, hosts: str, path: Path, octets: int) -> None:
+        """Remember a file."""
+        self._number += 1
+        self._by_hosts.setdefault(hosts, deque()).append((self._number, path, octets))
+        self.files += 1
+        self.octets += octets
+
+    def make_room(self, files: int, octets: int) -> int:
+        """Delete files until there are no more than so many, and not more in them; the latest stays. Return how many."""
+        removed = 0
+        while self.files > files or (self.octets > octets and self.files > 1):
+            self._remove_one()
+            removed += 1
+        return removed
+
+    def _remove_one(self) -> None:
+        """Delete the oldest file of the hosts that have most of them; of several such hosts, the oldest of all."""
+        hosts = min(self._by_hosts, key=lambda one: (-len(self._by_hosts[one]), self._by_hosts[one][0][0]))
+        kept = self._by_hosts[hosts]
+        _, path, octets = kept.popleft()
+        if not kept:
+            del self._by_hosts[hosts]
+        path.unlink(missing_ok=True)
+        self.files -= 1
+        self.octets -= octets
 
 
 class EventCapture(PacketSink):
@@ -35,7 +75,8 @@ class EventCapture(PacketSink):
     ``slugs`` are the findings that trigger; `trigger` may also be called for other reasons. A trigger while a file is open
     keeps it open for longer. At most ``max_octets`` of packets wait in memory; if that covers less than ``before_ns``, a
     comment in the file says so. ``finished`` are the latest files; ``files`` counts all files, ``triggers`` all triggers,
-    ``refused`` triggers after `MAX_FILES` files, ``untold`` comments that came too late to be written.
+    ``removed`` files that gave way to newer ones (`MAX_FILES`, `MAX_ALL_OCTETS`), ``untold`` comments that came too late to be
+    written.
 
     A file is called ``SLUG_20160208T145137.916123000Z.pcapng`` after its first trigger, and ends with ``.part`` while it grows.
     """
@@ -55,7 +96,7 @@ class EventCapture(PacketSink):
         self.frames = 0
         self.files = 0
         self.triggers = 0
-        self.refused = 0
+        self.removed = 0
         self.untold = 0
         self.finished: list[Path] = []
         self._directory = Path(directory)
@@ -69,6 +110,8 @@ class EventCapture(PacketSink):
         self._late: list[str] = []  # comments on packets that were already written
         self._writer: PcapngWriter | None = None
         self._path = Path()
+        self._pair = ""  # the hosts of the first trigger of the present file
+        self._kept = KeptFiles()
         self._until_ns = 0
         self._clock = Clock()
         self._directory.mkdir(parents=True, exist_ok=True)
@@ -132,20 +175,25 @@ class EventCapture(PacketSink):
         frames = [int(frame) for frame in finding.frames]
         comment = finding_comment(finding)
         if finding.slug in self._slugs and not finding.because:
-            self.trigger(finding.slug, int(finding.time_ns), comment, frames)
+            hosts = f"{finding.client} {finding.server}" if finding.client else ""
+            self.trigger(finding.slug, int(finding.time_ns), comment, frames, hosts)
         else:
             self._say(comment, frames)
 
-    def trigger(self, name: str, time_ns: int, comment: str = "", frames: Collection[int] = ()) -> None:
-        """Keep the packets around the latest one. ``name`` becomes part of the file name; ``comment`` is about ``frames``."""
+    def trigger(
+        self, name: str, time_ns: int, comment: str = "", frames: Collection[int] = (), hosts: str = ""
+    ) -> None:
+        """Keep the packets around the latest one. ``name`` becomes part of the file name; ``comment`` is about ``frames``.
+
+        ``hosts`` are those that it is about, in any form that is the same each time.
+        """
         self.triggers += 1
         if comment:
             self._say(comment, list(frames))
         latest = self._latest
         now_ns = latest.time_ns if latest is not None else time_ns
-        if self._writer is None and not self._begin(name, now_ns):
-            self.refused += 1
-            return
+        if self._writer is None:
+            self._begin(name, now_ns, hosts)
         self._until_ns = now_ns + self._after_ns
 
     def _say(self, comment: str, frames: list[int]) -> None:
@@ -176,10 +224,10 @@ class EventCapture(PacketSink):
 
     # ---- the file ---------------------------------------------------------------------------------------------------
 
-    def _begin(self, name: str, time_ns: int) -> bool:
-        """Begin a file with the packets in memory, except the latest; return False if there are too many files."""
-        if self.files >= MAX_FILES:
-            return False
+    def _begin(self, name: str, time_ns: int, hosts: str) -> None:
+        """Begin a file with the packets in memory, except the latest."""
+        self.removed += self._kept.make_room(MAX_FILES - 1, MAX_ALL_OCTETS)
+        self._pair = hosts
         stem = f"{names.file_word(name)}_{names.time_word(time_ns, self._clock, fraction=True)}"
         self._path = names.unused(self._directory, stem)
         writer = names.begin(self._path, self._about, comment=self._told_before())
@@ -188,7 +236,6 @@ class EventCapture(PacketSink):
         for packet in self._recent.within(time_ns):
             if packet is not self._latest:
                 self._write(writer, packet)
-        return True
 
     def _told_before(self) -> str:
         """Return the comment for a file whose beginning is missing because there was not enough memory; else empty."""
@@ -216,5 +263,7 @@ class EventCapture(PacketSink):
         self._late = []
         writer.close()
         names.finish(self._path)
+        self._kept.add(self._pair, self._path, int(writer.octets))
+        self.removed += self._kept.make_room(MAX_FILES, MAX_ALL_OCTETS)
         self.finished.append(self._path)
         del self.finished[:-MAX_COMMENTS]

@@ -14,6 +14,7 @@ from typing import Final
 from mypy_extensions import i64
 
 from dissect.engine.observer import Observer
+from dissect.findings.bounds import KEPT
 from dissect.findings.reporter import Finding
 from dissect.ibh.packet import parse_packet
 from dissect.ibh.tables import KIND_CONFIRM, KIND_CONNECT, KIND_DISCONNECT, KIND_GO_AHEAD, KIND_SERVICE
@@ -248,7 +249,8 @@ class Selection(Observer):
 
     def finding(self, finding: Finding) -> None:
         """Remember a finding."""
-        self._findings.append(finding)  # needs no bound: the reporter passes on only so many
+        if finding.room == KEPT:  # of these there are only so many
+            self._findings.append(finding)
 
     # ---- what came of it --------------------------------------------------------------------------------------------
 

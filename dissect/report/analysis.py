@@ -10,6 +10,8 @@ from mypy_extensions import i64
 
 from dissect.engine.observer import Observer
 from dissect.engine.pipeline import Pipeline
+from dissect.findings.bounds import KEPT
+from dissect.findings.ledger import Ledger
 from dissect.findings.reporter import Finding
 from dissect.iso.tsap import Tsap
 from dissect.report.certainty import add_doubt
@@ -146,7 +148,7 @@ class Part:
     ``transactions``, ``operations``, ``findings`` and ``connections`` count what was read but not selected. ``not_read`` counts
     connections of which nothing was read, because their addresses or numbers ruled them out. ``findings_not_judged`` counts
     findings that had no detail kept by which they could be selected. ``finding_counts`` are the selected findings, by slug,
-    ``explained_counts`` those of them that others explain, as `Reporter.explained`.
+    ``explained_counts`` those of them that others explain, as `Reporter.explained`. ``ledger`` has the facts of the selected.
     """
 
     __slots__ = (
@@ -155,6 +157,7 @@ class Part:
         "finding_counts",
         "findings",
         "findings_not_judged",
+        "ledger",
         "not_read",
         "operations",
         "transactions",
@@ -171,6 +174,7 @@ class Part:
         self.not_read: i64 = 0
         self.finding_counts: dict[str, int] = {}
         self.explained_counts: dict[tuple[str, str], int] = {}
+        self.ledger: Ledger = Ledger()
 
     def merge(self, other: Part) -> None:
         """Add what the same expression left out in another run."""
@@ -180,6 +184,7 @@ class Part:
         self.findings_not_judged += other.findings_not_judged
         self.connections += other.connections
         self.not_read += other.not_read
+        self.ledger.merge(other.ledger)
         add_counts(self.finding_counts, other.finding_counts)
         for pair, count in other.explained_counts.items():
             self.explained_counts[pair] = self.explained_counts.get(pair, 0) + count
@@ -272,6 +277,13 @@ class Analysis(Observer):
         if self.part is not None:
             return self.part.explained_counts
         return self.pipeline.exchange.reporter.explained if self.pipeline is not None else {}
+
+    @property
+    def ledger(self) -> Ledger:
+        """The facts of each rule; empty before `take`."""
+        if self.part is not None:
+            return self.part.ledger
+        return self.pipeline.exchange.ledger if self.pipeline is not None else Ledger()
 
     def by_cause(self) -> dict[str, dict[str, int]]:
         """Return how many findings each cause explains: by its slug, then by theirs."""
@@ -381,7 +393,9 @@ class Analysis(Observer):
             self.stations.note(fact)
 
     def finding(self, finding: Finding) -> None:
-        """Keep a detailed finding."""
+        """Keep a detailed finding, within the bounds."""
+        if finding.room != KEPT:
+            return
         if finding.because:
             self._explained.append(finding)
             return

@@ -6,16 +6,17 @@ from collections import Counter
 from collections.abc import Iterator, Mapping
 from typing import Final
 
-from dissect.findings.catalogue import CATALOGUE, SEVERITIES
+from dissect.findings.catalogue import CATALOGUE
 from dissect.report import endings, words
 from dissect.report.analysis import Analysis
+from dissect.report.happened import Told, by_gravity, facts_of, times_of
 from dissect.report.styled import DIM, HEADING, PLAIN, Line
 from dissect.report.text import completeness, table
 from dissect.report.words import Places, named
 from dissect.stations import facts
 from dissect.tcp.link import within
 from dissect.transactions.connection import Connection
-from dissect.wire.text import Clock, printable, shortened
+from dissect.wire.text import Clock, cut_inside, printable, shortened
 
 #: At most so many lines in all, and in each part; a last line of the part says how many were left out.
 MOST: Final = 40
@@ -44,8 +45,9 @@ def brief_lines(
 ) -> Iterator[Line]:
     """Yield the report in at most `MOST` lines. ``hosts`` are names of hosts by address."""
     places = Places(analysis.files, len(analysis.files) > 1, hosts)
-    yield from _files(analysis, interrupted, clock or Clock())
-    yield from _findings(analysis, places)
+    clock = clock or Clock()
+    yield from _files(analysis, interrupted, clock)
+    yield from _findings(analysis, places, facts_of(analysis, clock))
     yield from _plcs(analysis, places)
     yield from _connections(analysis, places)
     if analysis.pipeline is not None:
@@ -92,7 +94,7 @@ def _files(analysis: Analysis, interrupted: bool, clock: Clock) -> Iterator[Line
     yield Line(f"  {'; '.join(said)}", "warning" if interrupted or analysis.part is not None else PLAIN, 4)
 
 
-def _findings(analysis: Analysis, places: Places) -> Iterator[Line]:
+def _findings(analysis: Analysis, places: Places, told: Told) -> Iterator[Line]:
     counts = analysis.finding_counts
     yield Line("Findings" if counts else "Findings: none", HEADING)
     details: dict[str, str] = {}
@@ -100,14 +102,12 @@ def _findings(analysis: Analysis, places: Places) -> Iterator[Line]:
         details.setdefault(
             finding.slug, f"{places.phrase(finding.frames[:2])}: {places.named(finding.detail)}".rstrip(": ")
         )
-    rules = sorted(
-        [CATALOGUE[slug] for slug in counts],
-        key=lambda rule: (SEVERITIES.index(rule.severity), -counts[rule.slug], rule.slug),
-    )
+    rules = by_gravity([CATALOGUE[slug] for slug in counts], told.ledger)
     explained = analysis.by_cause()
     for rule in rules[:_FINDINGS]:
-        detail = shortened(details.get(rule.slug, ""), _TEXT)
-        times = f" ({counts[rule.slug]})" if counts[rule.slug] > 1 else ""
+        detail = cut_inside(details.get(rule.slug, ""), _TEXT)
+        events = times_of(rule.slug, counts[rule.slug], told.ledger)
+        times = f" ({told.phrase(rule) or events})" if events > 1 else ""
         if rule.slug in explained:
             detail += f"; because of it {words.explained(explained[rule.slug])}"
         yield Line(f"  {rule.severity:<7}  {rule.slug}{times}: {detail or rule.sentence}", rule.severity, 11)

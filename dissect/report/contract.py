@@ -7,13 +7,14 @@ from collections.abc import Iterator, Sequence
 from typing import Final
 
 from dissect.engine.pipeline import Pipeline
-from dissect.findings.catalogue import SEVERITIES
+from dissect.findings.catalogue import CATALOGUE, SEVERITIES
 from dissect.findings.reporter import Finding
 from dissect.iso.tsap import Tsap
 from dissect.report.analysis import Analysis, FunctionStatistics
 from dissect.report.certainty import left_out
 from dissect.report.endings import ending_as_dict
 from dissect.report.facets import facet_of_row
+from dissect.report.happened import facts_of
 from dissect.report.stations import station_as_dict, stations_that_state
 from dissect.report.tls import tls_as_dict
 from dissect.report.words import Places
@@ -75,6 +76,8 @@ def analysis_sections(analysis: Analysis, interrupted: bool = False) -> Iterator
     yield "slowest", (json.loads(lines.line(transaction)) for transaction in analysis.slowest())
     yield "findings", dict(sorted(analysis.finding_counts.items()))
     yield "findings_explained", analysis.by_cause()
+    told = facts_of(analysis, clock)
+    yield "finding_facts", {slug: told.as_dict(CATALOGUE[slug], places) for slug in sorted(analysis.ledger.rules)}
     details = by_weight(analysis.findings, analysis.explained)
     yield "finding_details", (finding_as_dict(finding, places, clock) for finding in details)
     yield "loss", _loss(pipeline)

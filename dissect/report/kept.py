@@ -74,7 +74,7 @@ class Findings(Sequence[Finding]):
             rows.append(
                 (
                     (finding.slug, int(finding.connection), finding.frames, int(finding.time_ns), finding.detail),
-                    (int(finding.number), finding.because, int(finding.explained_by)),
+                    (int(finding.number), finding.because, int(finding.explained_by), finding.client, finding.server),
                 )
             )
         packer = zlib.compressobj(zlib.Z_BEST_SPEED, zlib.DEFLATED, _WINDOW_BITS, _MEMORY_LEVEL)
@@ -82,8 +82,9 @@ class Findings(Sequence[Finding]):
 
     def _unpack(self, packed: bytes) -> list[Finding]:
         found = []
-        for (slug, *rest), (number, because, explained_by) in json.loads(zlib.decompress(packed)):
+        for (slug, *rest), (number, because, explained_by, client, server) in json.loads(zlib.decompress(packed)):
             finding = Finding(self._rules[slug], *rest)
             finding.number, finding.because, finding.explained_by = number, because, explained_by
+            finding.client, finding.server = client, server
             found.append(finding)
         return found

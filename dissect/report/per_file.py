@@ -7,8 +7,8 @@ from collections.abc import Iterator, Sequence
 from typing import Final
 
 from dissect.engine.observer import Observer
-from dissect.findings.catalogue import CATALOGUE, SEVERITIES
-from dissect.findings.reporter import Finding, Reporter
+from dissect.findings.catalogue import SEVERITIES
+from dissect.findings.reporter import Finding
 from dissect.report.styled import DIM, HEADING, PLAIN, Line
 from dissect.report.text import table
 from dissect.source.packet import SourceFile
@@ -35,17 +35,14 @@ class FileCounts:
 class PerFile(Observer):
     """Counts by file. ``files`` are the files of the run; more may be added while it goes on.
 
-    ``reporter`` is that of the run. It passes on only so many findings with details; further ones are counted for the file that
-    was being read then. Without ``reporter``, as in a selection, only findings with details are counted.
+    It gets every finding, before any bound, so that each counts for the file of its own first packet.
     """
 
     def __init__(self) -> None:
         super().__init__()
         self.files: Sequence[SourceFile] = []
-        self.reporter: Reporter | None = None
+        self.wants_every_finding = True
         self._counts: dict[int, FileCounts] = {}
-        self._counted: dict[str, int] = {}
-        self._total = 0
 
     def of(self, index: int) -> FileCounts:
         """Return the counts of the file with this index in ``files``."""
@@ -54,24 +51,8 @@ class PerFile(Observer):
     def _at(self, frame: int) -> FileCounts:
         return self.of(max(0, bisect_right(self.files, frame, key=lambda file: int(file.first_frame)) - 1))
 
-    def _count_others(self, counts: FileCounts) -> None:
-        """Count new findings that come without details in ``counts``, those of the file that is being read."""
-        reporter = self.reporter
-        if reporter is None or sum(reporter.counts.values()) == self._total:
-            return
-        coming = [finding.slug for finding in reporter.fresh if not finding.because]
-        for slug, count in reporter.counts.items():
-            others = count - self._counted.get(slug, 0) - coming.count(slug)
-            counts.findings[CATALOGUE[slug].severity] += others
-            self._count(slug, others)
-
-    def _count(self, slug: str, count: int) -> None:
-        self._counted[slug] = self._counted.get(slug, 0) + count
-        self._total += count
-
     def transaction(self, transaction: Transaction) -> None:
         """Count a transaction."""
-        self._count_others(self._at(max(transaction.request_frame, transaction.response_frame)))
         counts = self._at(transaction.request_frame or transaction.response_frame)
         counts.transactions += 1
         if transaction.has_errors:
@@ -85,15 +66,13 @@ class PerFile(Observer):
 
     def finding(self, finding: Finding) -> None:
         """Count a finding that no other explains; one that names no packet counts for the latest file."""
-        if finding.because:
+        if finding.because or not finding.reported:
             return
-        self._count(finding.slug, 1)
         counts = self._at(finding.frames[0]) if finding.frames else self.of(max(0, len(self.files) - 1))
         counts.findings[finding.severity] += 1
 
     def lines(self) -> Iterator[Line]:
         """Yield a heading, a row for each file, and where there are several files a row with the sums."""
-        self._count_others(self.of(max(0, len(self.files) - 1)))
         total = FileCounts()
         rows = [["file", "packets", "connections", "transactions", "errors", "no answer", *SEVERITIES, ""]]
         packets = 0

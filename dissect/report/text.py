@@ -10,11 +10,12 @@ from typing import Final
 
 from dissect.engine.bare import BY_CLIENT, BY_SERVER
 from dissect.engine.pipeline import Pipeline
-from dissect.findings.catalogue import CATALOGUE, SEVERITIES, Rule
+from dissect.findings.catalogue import CATALOGUE, Rule
 from dissect.findings.reporter import Finding
 from dissect.report import endings, facets, words
 from dissect.report.analysis import MAX_CONNECTIONS, Analysis, FunctionStatistics, Part
 from dissect.report.certainty import left_out, mark
+from dissect.report.happened import Told, by_gravity, facts_of, times_of
 from dissect.report.operations import ENDED, NAMES, shouted
 from dissect.report.stations import TOLD, stations_that_state
 from dissect.report.styled import DIM, HEADING, PLAIN, Line
@@ -28,7 +29,7 @@ from dissect.transactions.connection import Connection
 from dissect.transactions.operation import CONNECT, RESULTS, RUNNING
 from dissect.transactions.operation import KINDS as KINDS_OF_OPERATIONS
 from dissect.transactions.transaction import Transaction
-from dissect.wire.text import Clock, printable, shortened
+from dissect.wire.text import Clock, cut_inside, printable, shortened
 
 _PLAIN: Final = ""
 _WARNING: Final = "warning"
@@ -136,7 +137,8 @@ def analysis_lines(
     ``hosts`` are names of hosts by address.
     """
     places = Places(analysis.files, len(analysis.files) > 1, hosts)
-    yield from _files(analysis, places, clock or Clock())
+    clock = clock or Clock()
+    yield from _files(analysis, places, clock)
     if interrupted:
         yield Line("  INTERRUPTED: this report covers the packets read until then", "error")
     if analysis.part is not None:
@@ -146,7 +148,7 @@ def analysis_lines(
     yield from _transactions(analysis)
     yield from _scd(analysis)
     yield from _operations(analysis)
-    yield from _findings(analysis, places)
+    yield from _findings(analysis, places, facts_of(analysis, clock))
     yield from _failed(analysis, places)
     yield from _slowest(analysis, places)
     yield from _completeness(analysis, places)
@@ -511,7 +513,7 @@ def _rows(transactions: Sequence[Transaction], places: Places) -> Iterator[Line]
 # ---- findings -------------------------------------------------------------------------------------------------------
 
 
-def _findings(analysis: Analysis, places: Places) -> Iterator[Line]:
+def _findings(analysis: Analysis, places: Places, told: Told) -> Iterator[Line]:
     counts = analysis.finding_counts
     if not counts:
         if analysis.total:
@@ -522,10 +524,12 @@ def _findings(analysis: Analysis, places: Places) -> Iterator[Line]:
     yield Line("Findings", HEADING)
     details = _shown(analysis.findings)
     explained = analysis.by_cause()
-    rules = [CATALOGUE[slug] for slug in counts]
-    for rule in sorted(rules, key=lambda rule: (SEVERITIES.index(rule.severity), -counts[rule.slug], rule.slug)):
+    for rule in by_gravity([CATALOGUE[slug] for slug in counts], told.ledger):
         explains = words.explained(explained.get(rule.slug, {}))
-        yield from finding_lines(rule, counts[rule.slug], details.get(rule.slug, []), places, explains=explains)
+        events = times_of(rule.slug, counts[rule.slug], told.ledger)
+        yield from finding_lines(
+            rule, events, details.get(rule.slug, []), places, explains=explains, facts=told.phrase(rule)
+        )
 
 
 def _shown(findings: Iterable[Finding]) -> dict[str, list[Finding]]:
@@ -544,17 +548,25 @@ def _shown(findings: Iterable[Finding]) -> dict[str, list[Finding]]:
 
 
 def finding_lines(
-    rule: Rule, count: int, details: Sequence[Finding], places: Places, most: int = _DETAILS, explains: str = ""
+    rule: Rule,
+    count: int,
+    details: Sequence[Finding],
+    places: Places,
+    most: int = _DETAILS,
+    explains: str = "",
+    facts: str = "",
 ) -> Iterator[Line]:
     """Yield the lines of a rule that applied ``count`` times, with up to ``most`` of its findings in detail.
 
-    ``explains`` are the findings that it explains, in words.
+    ``explains`` are the findings that it explains, in words; ``facts`` say when it applied, and between whom.
     """
     times = f" ({count} times)" if count > 1 else ""
     yield Line(f"  {rule.severity}  {rule.slug}{times}: {rule.sentence}", rule.severity, 6)
+    if facts and count > 1:
+        yield Line(f"      {facts}", PLAIN, 8)
     for finding in details[:most]:
         where = f"connection {finding.connection}, " if finding.connection else ""
-        said = f": {shortened(places.named(finding.detail), _DETAIL_SIZE)}" if finding.detail else ""
+        said = f": {cut_inside(places.named(finding.detail), _DETAIL_SIZE)}" if finding.detail else ""
         yield Line(f"      {where}{places.phrase(finding.frames)}{said}", PLAIN, 8)
     shown = min(most, len(details))  # some rules have details only for the first time
     if details and count > shown:

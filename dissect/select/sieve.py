@@ -13,6 +13,8 @@ from typing import Final
 from dissect.acts.act import Act
 from dissect.engine.observer import Observer
 from dissect.engine.pipeline import Pipeline
+from dissect.findings.bounds import COUNTED, Bounds
+from dissect.findings.ledger import Ledger
 from dissect.findings.reporter import Finding
 from dissect.iso.upper import S7COMM, S7COMM_PLUS, SCD, UPPER_NAMES
 from dissect.report.analysis import Part
@@ -31,6 +33,8 @@ from dissect.transactions.transaction import Transaction
 #: `Numbers` takes a bit for each number, in pages of `_PAGE` bits. It keeps up to `_PAGES` pages: 16 million numbers in 2 MiB.
 _PAGE: Final = 32_768
 _PAGES: Final = 512
+#: So many findings wait for a transaction that may select them; further ones are judged by the transactions so far.
+MAX_WAITING: Final = 20_000
 
 
 class Numbers:
@@ -59,7 +63,7 @@ class Sieve(Observer):
     """Passes on to ``observer`` what ``where`` selects.
 
     ``left_out`` counts what was not passed on, by kind; ``findings`` what was, by slug, and ``explained`` those of it that
-    another finding explains, by the slugs of both. With ``at_once``, for live runs, a
+    another finding explains, by the slugs of both; ``own_ledger`` has their facts. With ``at_once``, for live runs, a
     finding is judged when it comes. Otherwise a finding that is selected with its transactions waits until its connection is
     over, since its transaction may come later.
     """
@@ -68,10 +72,12 @@ class Sieve(Observer):
         super().__init__()
         self.wants_pdus = observer.wants_pdus
         self.wants_tpdus = observer.wants_tpdus
+        self.wants_every_finding = True  # what is selected is counted before any bound, and bounded here
         self.passed = dict.fromkeys((TRANSACTION, OPERATION, FINDING, CONNECTION), 0)
         self.left_out = dict.fromkeys(self.passed, 0)
         self.findings: dict[str, int] = {}
         self.explained: dict[tuple[str, str], int] = {}
+        self.own_ledger: Ledger | None = Ledger()
         self._observer = observer
         self._where = where
         self._at_once = at_once
@@ -82,6 +88,9 @@ class Sieve(Observer):
         self._numbers = Numbers()
         self._frames = Numbers()
         self._waiting: dict[int, list[Finding]] = {}
+        self._waiting_count = 0
+        self._bounds = Bounds()
+        self._explained_bounds = Bounds()
         self._passing = False  # whether the latest transaction or operation was selected
         self._by_itself = {kind: where.knows(kind) for kind in PLURALS}
 
@@ -105,6 +114,7 @@ class Sieve(Observer):
         part.findings_not_judged = max(0, sum(reporter.counts.values()) + sum(reporter.explained.values()) - judged)
         part.finding_counts = dict(self.findings)
         part.explained_counts = dict(self.explained)
+        part.ledger = self.own_ledger or Ledger()
         return part
 
     def connection_opened(self, connection: Connection) -> None:
@@ -119,8 +129,12 @@ class Sieve(Observer):
         number = int(connection.number)
         self._where.context.closed(connection)
         self._open.discard(number)
-        for finding in self._waiting.pop(number, ()):
+        waited = self._waiting.pop(number, ())
+        self._waiting_count -= len(waited)
+        for finding in waited:
             self._pass_finding(finding, self._shows_selected(finding))
+        self._bounds.over(number)
+        self._explained_bounds.over(number)
         wanted = self._where.connection(connection) if self._by_itself[CONNECTION] else number in self._connections
         self._connections.discard(number)
         self._count(CONNECTION, wanted)
@@ -171,10 +185,12 @@ class Sieve(Observer):
         """Pass on a finding that is selected, or that names a packet of a selected transaction."""
         if self._by_itself[FINDING]:
             self._pass_finding(finding, self._where.finding(finding))
-        elif self._at_once or finding.connection not in self._open:
-            self._pass_finding(finding, self._shows_selected(finding))
+        elif self._shows_selected(finding):
+            self._pass_finding(finding, True)
+        elif self._at_once or finding.connection not in self._open or self._waiting_count >= MAX_WAITING:
+            self._pass_finding(finding, False)
         else:
-            # This list needs no bound: the reporter passes on only so many findings.
+            self._waiting_count += 1
             self._waiting.setdefault(int(finding.connection), []).append(finding)
 
     def fact(self, fact: Fact) -> None:
@@ -186,14 +202,37 @@ class Sieve(Observer):
         return any([int(frame) in self._frames for frame in finding.frames])
 
     def _pass_finding(self, finding: Finding, wanted: bool) -> None:
-        self._count(FINDING, wanted)
-        if wanted:
-            if finding.because:
-                pair = (finding.because, finding.slug)
-                self.explained[pair] = self.explained.get(pair, 0) + 1
-            else:
-                self.findings[finding.slug] = self.findings.get(finding.slug, 0) + 1
+        """Count a finding, or an event that is none, and pass it on within the bounds, which are those of the selection."""
+        if finding.reported:
+            self._count(FINDING, wanted)
+        if not wanted:
+            return
+        self._note(finding)
+        if self._at_once or self._observer.wants_every_finding:
             self._observer.finding(finding)
+            return
+        if finding.bare:
+            return
+        bounds = self._explained_bounds if finding.because else self._bounds
+        finding.room = bounds.take(finding.slug, finding.client, finding.server, finding.connection)
+        if finding.room != COUNTED:
+            self._observer.finding(finding)
+
+    def _note(self, finding: Finding) -> None:
+        """Count what is selected."""
+        if self.own_ledger is not None:
+            place = (finding.client, finding.server, finding.connection, finding.frames, finding.time_ns)
+            self.own_ledger.add(finding.slug, finding.because, *place, finding.reported)
+        if not finding.reported:
+            return
+        if finding.because:
+            pair = (finding.because, finding.slug)
+            self.explained[pair] = self.explained.get(pair, 0) + 1
+        else:
+            self.findings[finding.slug] = self.findings.get(finding.slug, 0) + 1
+
+    def repeated(self, finding: Finding) -> None:
+        """Nothing: what was only counted is not known to be selected."""
 
     def _count(self, kind: str, wanted: bool) -> None:
         if wanted:

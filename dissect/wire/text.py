@@ -167,6 +167,14 @@ def count(number: int, one: str, many: str = "") -> str:
     return f"{number} {one if number == 1 else many or one + 's'}"
 
 
+def cut_inside(text: str, most: int) -> str:
+    """Return `printable` text; of one longer than ``most`` characters the end stays, which says what became of it."""
+    if len(text) <= most:
+        return printable(text)
+    tail: int = most // 3
+    return f"{printable(text[: most - tail])} … {printable(text[len(text) - tail :])}"
+
+
 def shortened(text: str, most: int) -> str:
     """Return `printable` text, cut after ``most`` characters with a note of how many there are."""
     if len(text) <= most:

@@ -44,7 +44,7 @@ def test_what_cannot_be_an_output(capfdbinary: Capture, tmp_path: Path) -> None:
         ((ERRORS, "-o", f"sqlite:{tmp_path}"), "is a folder, and this export writes a file"),
         ((ERRORS, "-o", "sqlite:/dev/null"), "device or pipe"),
         ((ERRORS, "-o", tmp_path / "a.xlsx"), "form of"),
-        ((ERRORS, "-o", tmp_path / "a.csv", "--only", "finding"), "Did you mean findings?"),
+        ((ERRORS, "-o", tmp_path / "a.csv", "--only", "finding"), "Did you mean findings or finding_counts?"),
         ((ERRORS, "-o", tmp_path / "none" / "a.csv"), "No such file or directory"),
         ((ERRORS, "-o", tmp_path / "none" / "a.db"), "a.db: No such file or directory"),
         ((ERRORS, "-o", tmp_path / "b.csv", "-Y", "hots == 1"), "host"),

@@ -78,7 +78,7 @@ def test_every_document_keeps_to_the_schema(tmp_path: Path) -> None:
             event = told["event"]
             for category in event["category"]:
                 assert set(event["type"]) <= EXPECTED[category], event
-            assert event["kind"] in {"event", "alert"}
+            assert event["kind"] in {"event", "alert", "metric"}
             assert event.get("outcome", "unknown") in {"success", "failure", "unknown"}
             assert re.fullmatch(r"[a-z0-9._-]+", event["action"]), event
             assert re.fullmatch(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d\.\d{9}Z", told["@timestamp"])
@@ -100,8 +100,11 @@ def test_counts_roles_and_results(tmp_path: Path) -> None:
     assert {name: len(some) for name, some in found.items()} == {
         "transactions": analysis.total,
         "findings": len(analysis.findings),
+        "finding_counts": len(found["finding_counts"]),
         "connections": len(analysis.connections),
     }
+    rules = [told for told in found["finding_counts"] if told["s7dissect"]["scope"] == "rule"]
+    assert {told["rule"]["id"] for told in rules} == set(analysis.finding_counts)
     downloads = [told for told in found["transactions"] if told["event"]["action"] == "request-download"]
     assert {told["event"]["outcome"] for told in downloads} == {"success", "failure"}
     assert {tuple(told["event"]["category"]) for told in downloads} == {("network", "file")}

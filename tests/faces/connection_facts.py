@@ -71,7 +71,11 @@ _function("p95", DURATION, json="latency_ns.p95", text=none("95 %", "-"))
 _function("most", DURATION, json="latency_ns.max", tables="most", text=none("max", "-"))
 
 _slug = Rows("slug")
-_slug("count", COUNT, json="count", text="count")
+_slug("count", COUNT, json="events", text="count", tables="events", ecs="events")
+_slug("reports", COUNT, json="reports", tables="reports", ecs="reports")
+_slug("connections", COUNT, json="connections", tables="connections", ecs="connections")
+_slug("first_frame", COUNT, json="first_frame", tables="first_frame", ecs="first_frame")
+_slug("last_frame", COUNT, json="last_frame", tables="last_frame", ecs="last_frame")
 
 _kind = Rows("kind")
 _kind("results", WORD, json="results", tables="results", text="results")

@@ -55,7 +55,8 @@ ALONE: Final[dict[tuple[str, str], tuple[str, ...]]] = {
         "ibh.*", "scd*", "connections_without_data", "loss.*", "transactions.unanswered_reasons.*", "transactions.likely_*",
         "latency_ns.*",
         # records of their own
-        "devices", "failed", "slowest", "finding_details", "functions", "findings.*", "findings_explained.*", "operations.*",
+        "devices", "failed", "slowest", "finding_details", "functions", "findings.*", "finding_facts.*",
+        "findings_explained.*", "operations.*",
     ),
     ("connection", "ecs"): _FRAME,
     ("connection", "json"): (

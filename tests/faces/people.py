@@ -320,6 +320,8 @@ def findings(report: dict[str, list[str]]) -> Iterator[Record]:
             record["techniques"] = re.findall(r"\bT\d{4}(?:\.\d{3})?(?=,| \(|$)", line)
         elif found := re.match(r"      and (\d+) more", line):
             record["more"] = int(found[1])
+        elif re.match(r"      \d", line):
+            record["facts"] = line.strip()
         elif not line.startswith("      because of it: "):
             detail = _DETAIL.fullmatch(line)
             assert detail is not None, line

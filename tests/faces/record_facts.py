@@ -228,8 +228,6 @@ _finding("frames", COUNTS, tables="frames", json="frames", ecs=Cell("s7dissect.f
          where=Cell("frame", lambda value, _: [int(one) for one in value.split(",")] if value else []),
          text=Cell("frames", _frames_said),
          stix=Cell("content", _frames_in_content))
-_finding("frame_count", COUNT, tables=Cell("frames", lambda value, _: max(1, len(value))),
-         stix=Cell("observed", lambda value, _: value["number_observed"] if value else UNTOLD))
 _finding("time", TIME, tables="ts_ns", json="time",
          ecs=Cell("@timestamp", lambda value, _: None if value.startswith("1970") else value), where="time",
          stix=Cell("created", None, _microseconds))

@@ -165,7 +165,7 @@ def _stix(told: Told) -> Iterable[tuple[Hashable, Record]]:
             sightings.setdefault(one["observed_data_refs"][0], []).append(technique)
     number = 0
     for one in objects.values():
-        if one["type"] != "note":
+        if one["type"] != "note" or "have no object of their own" in one["content"]:
             continue
         number += 1
         seen = objects[one["object_refs"][0]]
@@ -189,6 +189,24 @@ def _said_findings(told: Told) -> Iterable[tuple[Hashable, Record]]:
     for rule in people.findings(_report(told)):
         for number, detail in zip(numbers.get(rule["slug"], []), rule["details"], strict=False):
             yield (number,), {**rule, **detail}
+
+
+def _facts(found: dict[str, Record]) -> Iterable[tuple[Hashable, Record]]:
+    for slug, facts in found.items():
+        yield (slug,), {name: facts[name] for name in ("events", "reports", "connections", "first_frame", "last_frame")}
+
+
+def _rules(rows: Iterable[Record]) -> list[Record]:
+    return [row for row in rows if row["scope"] == "rule"]
+
+
+def _rule_documents(told: Told) -> list[Record]:
+    """Return what the documents say of rules, each with its slug."""
+    return [
+        {"slug": one["rule"]["id"], **one["s7dissect"]}
+        for one in told.documents["ecs.finding_counts"]
+        if one["s7dissect"]["scope"] == "rule"
+    ]
 
 
 def _slugs(rows: Iterable[str]) -> Iterable[tuple[Hashable, Record]]:
@@ -304,7 +322,9 @@ FACES: Final[dict[str, tuple[Face, ...]]] = {
         Face("tables", "tables", _functions_of_tables),
     ),
     "slug": (
-        Face("json", "json", lambda told: [((slug,), {"count": n}) for slug, n in _analysis(told)["findings"].items()]),
+        Face("json", "json", lambda told: _facts(_analysis(told)["finding_facts"])),
+        Face("tables", "tables", lambda told: _by(_rules(told.rows["finding_counts"]), "slug")),
+        Face("ecs", "json", lambda told: _by(_rule_documents(told), "slug")),
         Face("text", "people", lambda told: _by(people.findings(_report(told)), "slug")),
     ),
     "detailed": (

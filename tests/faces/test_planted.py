@@ -224,6 +224,8 @@ WRITTEN: Final[dict[tuple[str, str, str], Callable[[Told], None]]] = {
     ("capture", "total", "json"): in_lines("analysis", "json", r'"total": 8', '"total": 9'),
     ("function", "most", "text"): in_lines("analysis", "text", r"(Read Var .*)80 µs", r"\g<1>81 µs"),
     ("slug", "count", "text"): in_lines("analysis", "text", r"item_error \(13 times\)", "item_error (14 times)"),
+    ("slug", "count", "tables"): in_rows("finding_counts", "events", 99),
+    ("slug", "reports", "ecs"): in_document("ecs.finding_counts", _set("s7dissect", "reports", to=99)),
     ("detailed", "count", "tables"): in_rows("findings", "slug", "transaction.slow"),
     ("kind", "results", "tables"): in_rows("operations", "result", "failed"),
     ("connection", "ended", "text"): in_lines("analysis", "text", r"closed by the client", "reset by the client"),

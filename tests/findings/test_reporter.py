@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import pytest
 
+from dissect.findings.bounds import KEPT
 from dissect.findings.catalogue import CATALOGUE, ERROR, SEVERITIES
 from dissect.findings.reporter import MAX_DETAILED, MAX_DETAILED_ALL, Finding, Reporter
 
@@ -34,25 +35,29 @@ def test_so_many_are_told_of_one_connection(count: int) -> None:
     assert [finding.frames[0] for finding in reporter.fresh] == [*range(MAX_DETAILED)]
 
 
-def test_the_bound_is_by_slug_and_connection() -> None:
+def test_the_bound_is_by_slug_and_pair_of_hosts() -> None:
     reporter = Reporter()
-    for slug in ("s7.malformed", "tpkt.garbage"):
-        for connection in (0, 1, 2):
-            for frame in range(MAX_DETAILED + 5):
-                reporter.note(slug, connection, [frame], frame)
-    assert reporter.counts == {"s7.malformed": 3 * (MAX_DETAILED + 5), "tpkt.garbage": 3 * (MAX_DETAILED + 5)}
+    for slug in ("stream.refused", "session.idle"):
+        for host in ("a", "b", "c"):
+            for frame in range(1, MAX_DETAILED + 6):
+                if reporter.wants_between(slug, host, "plc", frame, frame, frame):
+                    reporter.detail(slug, 0, [frame], frame, "")
+    assert reporter.counts == {"stream.refused": 3 * (MAX_DETAILED + 5), "session.idle": 3 * (MAX_DETAILED + 5)}
     assert len(reporter.fresh) == 6 * MAX_DETAILED
 
 
-def test_so_many_are_told_of_all_connections() -> None:
+def test_the_first_of_each_connection_is_told_and_so_many_are_kept() -> None:
     reporter = Reporter()
-    for connection in range(5 * MAX_DETAILED_ALL):
+    for connection in range(1, 5 * MAX_DETAILED_ALL + 1):
         reporter.note("tpkt.garbage", connection, [1], 1)
         reporter.note("tpkt.garbage", connection, [2], 2)
     assert reporter.counts["tpkt.garbage"] == 10 * MAX_DETAILED_ALL
-    assert len(reporter.fresh) == MAX_DETAILED_ALL
+    assert {finding.connection for finding in reporter.fresh} == {*range(1, 5 * MAX_DETAILED_ALL + 1)}
+    kept = [finding for finding in reporter.fresh if finding.room == KEPT]
+    assert [finding.number for finding in kept] == [*range(1, MAX_DETAILED_ALL + 1)]
+    assert {finding.number for finding in reporter.fresh if finding.room != KEPT} == {0}
     reporter.note("tpkt.bad_length", 1, [3], 3)
-    assert len(reporter.fresh) == MAX_DETAILED_ALL + 1
+    assert reporter.fresh[-1].number == MAX_DETAILED_ALL + 1
 
 
 def test_nobody_builds_a_sentence_in_vain() -> None:

@@ -96,9 +96,9 @@ def test_the_heaviest_finding_comes_first() -> None:
 def test_what_was_seen_goes_on_where_the_sentence_ends_and_notes_are_not_counted() -> None:
     gathered = gathered_of([OWN / "crafted" / "reference-examples.pcapng"])
     what, _, who = verdict(gathered).sentences
-    assert what == (
-        "A connection does not begin with a connect request and its confirm: the first TPDU of the server is AK, after a "
-        "connect request (packet 100)."
+    assert (
+        what
+        == "A client sent a PLC stop command: 192.0.2.10:49152 to 192.0.2.20:102: PLC stop, accepted (packets 46, 47)."
     )
     left = [rule.severity for rule in by_weight(gathered.analysis)[1:]]
     errors, warnings = left.count("error"), left.count("warning")

@@ -56,7 +56,7 @@ def test_what_was_before_and_after_is_kept(tmp_path: Path) -> None:
     assert seconds(path) == [6, 7, 8, 9, 10, 11]
     assert comments(path) == [(8, SAID), (9, SAID)]
     keeper.close()
-    assert (keeper.frames, keeper.files, keeper.triggers, keeper.refused, keeper.untold) == (20, 1, 1, 0, 0)
+    assert (keeper.frames, keeper.files, keeper.triggers, keeper.removed, keeper.untold) == (20, 1, 1, 0, 0)
 
 
 def test_wireshark_shows_the_comments(tmp_path: Path) -> None:
@@ -171,8 +171,48 @@ def test_files_are_bounded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> N
         feed(keeper, [second])
         keeper.finding(found(STOP, second + 1))
     keeper.close()
-    assert [seconds(path) for path in keeper.finished] == [[0], [1], [2]]
-    assert (keeper.triggers, keeper.refused) == (5, 2)
+    assert sorted([seconds(path) for path in tmp_path.iterdir()]) == [[2], [3], [4]]
+    assert (keeper.triggers, keeper.files, keeper.removed) == (5, 5, 2)
+
+
+def of(server: str, frame: int) -> Finding:
+    finding = found(STOP, frame)
+    finding.client, finding.server = "10.0.0.1", server
+    return finding
+
+
+def test_a_flood_of_two_hosts_does_not_cost_the_evidence_of_others(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(keeper_module, "MAX_FILES", 4)
+    keeper = EventCapture(str(tmp_path), 0, 0, slugs=[STOP])
+    for second in range(20):
+        feed(keeper, [second])
+        keeper.finding(of({3: "10.0.0.3", 5: "10.0.0.5"}.get(second, "10.0.0.2"), second + 1))
+    keeper.close()
+    assert sorted([seconds(path) for path in tmp_path.iterdir()]) == [[3], [5], [18], [19]]
+    assert (keeper.files, keeper.removed) == (20, 16)
+
+
+def test_files_are_bounded_by_size_and_the_latest_stays(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(keeper_module, "MAX_ALL_OCTETS", 1000)
+    keeper = EventCapture(str(tmp_path), 0, 0, slugs=[STOP])
+    for second in range(20):
+        feed(keeper, [second])
+        keeper.finding(of(f"10.0.0.{second}", second + 1))
+    keeper.close()
+    kept = sorted(tmp_path.iterdir())
+    assert sum([path.stat().st_size for path in kept]) <= 1000
+    assert seconds(kept[-1]) == [19]
+    assert keeper.removed == 20 - len(kept) > 0
+    monkeypatch.setattr(keeper_module, "MAX_ALL_OCTETS", 1)
+    for name in kept:
+        name.unlink()
+    keeper = EventCapture(str(tmp_path), 0, 0, slugs=[STOP])
+    feed(keeper, [1])
+    keeper.finding(of("10.0.0.1", 1))
+    keeper.close()
+    assert len(list(tmp_path.iterdir())) == 1
 
 
 def test_a_file_that_grows_too_large_gives_way(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -65,10 +65,11 @@ def strict(schema: Schema) -> Schema:
             part.pop("additionalProperties", None)
             part["unevaluatedProperties"] = False
     # Its uses add properties; where they do not, the reference itself is made strict.
-    made.get("$defs", {}).get("latency", {}).pop("unevaluatedProperties", None)
-    for part in _parts(made):
-        if part.get("$ref") == "#/$defs/latency":
-            part["unevaluatedProperties"] = False
+    for name in ("latency", "facts"):
+        made.get("$defs", {}).get(name, {}).pop("unevaluatedProperties", None)
+        for part in _parts(made):
+            if part.get("$ref") == f"#/$defs/{name}":
+                part["unevaluatedProperties"] = False
     return made
 
 

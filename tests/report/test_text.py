@@ -64,9 +64,10 @@ def test_a_report_from_top_to_bottom() -> None:
         findings[0]
         == "warning  transaction.item_error (13 times): An item of a read, write or subscription was refused."
     )
-    assert findings[1] == "connection 1, packets 10, 11: Read Var DB99.DBB0 x4: 0x0a Object does not exist"
-    assert findings[4] == "and 10 more: packets 17, 19, 21, 23"
-    assert findings[5].startswith("→ Check the address")
+    assert findings[1] == "13 refused items on 1 connection, 01:31:05.695 to 01:31:05.703"
+    assert findings[2] == "connection 1, packets 10, 11: Read Var DB99.DBB0 x4: 0x0a Object does not exist"
+    assert findings[5] == "and 10 more: packets 17, 19, 21, 23"
+    assert findings[6].startswith("→ Check the address")
     failed = section(lines, "Failed")
     assert failed[0].split() == ["number", "packets", "answer", "function"]
     assert [row.split()[:2] for row in failed[1:]] == [
