@@ -30,9 +30,10 @@ from dissect.monitor.rows import PLACES, entry_line
 from dissect.monitor.screens import HELP, Bar, PageScreen, ValuesScreen
 from dissect.recording.names import time_word
 from dissect.report import words
+from dissect.report.finding_lines import finding_lines
 from dissect.report.happened import Told, times_of
 from dissect.report.styled import HEADING, Line
-from dissect.report.text import connection_lines, finding_lines
+from dissect.report.text import connection_lines
 from dissect.report.words import Places
 from dissect.select import SelectError, Where
 from dissect.select.things import Context

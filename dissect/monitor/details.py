@@ -13,10 +13,11 @@ from dissect.monitor.rows import PLACES, entry_line
 from dissect.monitor.watched import WatchedFacts
 from dissect.report import facets, words
 from dissect.report.certainty import left_out
+from dissect.report.finding_lines import finding_lines
 from dissect.report.plus import item_text
 from dissect.report.scd_tree import scd_tree_lines
 from dissect.report.styled import DIM, HEADING, PLAIN, Line
-from dissect.report.text import connection_lines, finding_lines
+from dissect.report.text import connection_lines
 from dissect.report.tree import plus_tree_lines, tree_lines
 from dissect.report.words import Places
 from dissect.report.writers.text import pdu_line, plus_line

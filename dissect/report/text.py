@@ -5,17 +5,16 @@ Completeness says how many packets and bytes of a run were used, how many are mi
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Final
 
 from dissect.engine.bare import BY_CLIENT, BY_SERVER
 from dissect.engine.pipeline import Pipeline
-from dissect.findings.catalogue import CATALOGUE, Rule
-from dissect.findings.reporter import Finding
 from dissect.report import endings, facets, words
 from dissect.report.analysis import MAX_CONNECTIONS, Analysis, FunctionStatistics, Part
 from dissect.report.certainty import left_out, mark
-from dissect.report.happened import Told, by_gravity, facts_of, times_of
+from dissect.report.finding_lines import findings_lines
+from dissect.report.happened import facts_of
 from dissect.report.operations import ENDED, NAMES, shouted
 from dissect.report.stations import TOLD, stations_that_state
 from dissect.report.styled import DIM, HEADING, PLAIN, Line
@@ -29,7 +28,7 @@ from dissect.transactions.connection import Connection
 from dissect.transactions.operation import CONNECT, RESULTS, RUNNING
 from dissect.transactions.operation import KINDS as KINDS_OF_OPERATIONS
 from dissect.transactions.transaction import Transaction
-from dissect.wire.text import Clock, cut_inside, printable, shortened
+from dissect.wire.text import Clock, printable, shortened
 
 _PLAIN: Final = ""
 _WARNING: Final = "warning"
@@ -118,8 +117,6 @@ def _only_ends(pipeline: Pipeline, places: Places | None) -> Iterator[tuple[str,
 
 
 #: How many of each are shown; the rest is only counted. `_CELL` and `_DETAIL_SIZE` are characters.
-_DETAILS: Final = 3
-_MORE_FRAMES: Final = 8
 _CONNECTIONS: Final = 20
 _FAILED: Final = 10
 _DEVICES: Final = 20
@@ -148,7 +145,7 @@ def analysis_lines(
     yield from _transactions(analysis)
     yield from _scd(analysis)
     yield from _operations(analysis)
-    yield from _findings(analysis, places, facts_of(analysis, clock))
+    yield from findings_lines(analysis, places, facts_of(analysis, clock))
     yield from _failed(analysis, places)
     yield from _slowest(analysis, places)
     yield from _completeness(analysis, places)
@@ -508,89 +505,6 @@ def _rows(transactions: Sequence[Transaction], places: Places) -> Iterator[Line]
             ]
         )
     yield from table([["number", "packets", "answer", "function", ""], *rows], frozenset({0, 2}))
-
-
-# ---- findings -------------------------------------------------------------------------------------------------------
-
-
-def _findings(analysis: Analysis, places: Places, told: Told) -> Iterator[Line]:
-    counts = analysis.finding_counts
-    if not counts:
-        if analysis.total:
-            yield Line("")
-            yield Line("Findings: none", HEADING)
-        return
-    yield Line("")
-    yield Line("Findings", HEADING)
-    details = _shown(analysis.findings)
-    explained = analysis.by_cause()
-    for rule in by_gravity([CATALOGUE[slug] for slug in counts], told.ledger):
-        explains = words.explained(explained.get(rule.slug, {}))
-        events = times_of(rule.slug, counts[rule.slug], told.ledger)
-        yield from finding_lines(
-            rule, events, details.get(rule.slug, []), places, explains=explains, facts=told.phrase(rule)
-        )
-
-
-def _shown(findings: Iterable[Finding]) -> dict[str, list[Finding]]:
-    """Return, by slug, only the findings that the lines will show: there may be thousands of others."""
-    shown: dict[str, list[Finding]] = {}
-    more: dict[str, set[int]] = {}
-    for finding in findings:
-        here = shown.setdefault(finding.slug, [])
-        if len(here) >= _DETAILS:
-            frames = more.setdefault(finding.slug, set())
-            if len(frames) > _MORE_FRAMES:
-                continue
-            frames.update(finding.frames[-1:])
-        here.append(finding)
-    return shown
-
-
-def finding_lines(
-    rule: Rule,
-    count: int,
-    details: Sequence[Finding],
-    places: Places,
-    most: int = _DETAILS,
-    explains: str = "",
-    facts: str = "",
-) -> Iterator[Line]:
-    """Yield the lines of a rule that applied ``count`` times, with up to ``most`` of its findings in detail.
-
-    ``explains`` are the findings that it explains, in words; ``facts`` say when it applied, and between whom.
-    """
-    times = f" ({count} times)" if count > 1 else ""
-    yield Line(f"  {rule.severity}  {rule.slug}{times}: {rule.sentence}", rule.severity, 6)
-    if facts and count > 1:
-        yield Line(f"      {facts}", PLAIN, 8)
-    for finding in details[:most]:
-        where = f"connection {finding.connection}, " if finding.connection else ""
-        said = f": {cut_inside(places.named(finding.detail), _DETAIL_SIZE)}" if finding.detail else ""
-        yield Line(f"      {where}{places.phrase(finding.frames)}{said}", PLAIN, 8)
-    shown = min(most, len(details))  # some rules have details only for the first time
-    if details and count > shown:
-        rest = _last_packets(details[shown:], _MORE_FRAMES + 1)
-        more = ", …" if len(rest) > _MORE_FRAMES or count > len(details) else ""
-        at = f": {places.phrase(sorted(rest[:_MORE_FRAMES]))}{more}" if rest else ""
-        yield Line(f"      and {count - shown} more{at}", PLAIN, 8)
-    if explains:
-        yield Line(f"      because of it: {explains}", PLAIN, 8)
-    yield Line(f"      → {rule.advice}", DIM, 8)
-    if rule.techniques:
-        yield Line(f"      MITRE ATT&CK: {', '.join([str(technique) for technique in rule.techniques])}", DIM, 8)
-
-
-def _last_packets(details: Sequence[Finding], most: int) -> list[int]:
-    """Return the last packet of each finding, up to ``most`` different ones."""
-    found: dict[int, None] = {}
-    for finding in details:
-        frames = finding.frames
-        if frames:
-            found[frames[-1]] = None
-            if len(found) == most:
-                break
-    return list(found)
 
 
 # ---- completeness ---------------------------------------------------------------------------------------------------

@@ -9,8 +9,9 @@ from dissect.findings.reporter import Finding
 from dissect.report import words
 from dissect.report.analysis import Analysis
 from dissect.report.brief import brief_lines
+from dissect.report.finding_lines import finding_lines
 from dissect.report.styled import Line
-from dissect.report.text import analysis_lines, finding_lines, table
+from dissect.report.text import analysis_lines, table
 from dissect.report.words import Places
 from dissect.source.packet import SourceFile
 from dissect.transactions.accounts import KEEP_ALIVE
