@@ -58,7 +58,8 @@ def main() -> None:
         section(table)
     print(QUESTIONS_HEAD, end="")
     for question in QUESTIONS.values():
-        print(f"\n### {question.name}\n\n{question.sentence} {question.note}\n\n```sql\n{question.sql.strip()}\n```")
+        words = "".join([f" `{one.name}`: {one.about}." for one in question.parameters])
+        print(f"\n### {question.name}\n\n{question.sentence} {question.note}{words}\n\n```sql\n{question.sql.strip()}\n```")
 
 
 def section(table: Table) -> None:

@@ -53,8 +53,8 @@ def command(
     """Query captures in SQL (DuckDB), without a file in between.
 
     QUERY is SQL over the tables connections, transactions, items, values, operations, acts, findings, finding_counts, devices
-    and pdus (`s7dissect help tables`), or the name of a question, such as slowest. Only the tables it names are made. Needs the
-    extra [data].
+    and pdus (`s7dissect help tables`), or the name of a question, such as slowest or "who DB10.DBW4". Only the tables it names
+    are made. Needs the extra [data].
 
     FILE is a pcap or pcapng file, plain or compressed with gzip or zstd; - is standard input.
     """
@@ -73,7 +73,7 @@ def command(
     from dissect.session import Run
 
     try:
-        asked = _query(query, allow_files)
+        asked, none = _query(query, allow_files)
         sink = MemorySink(asked.tables)
         feed = TableFeed(asked.tables, sink)
         options = Options(decoder=decoder, checksums=checksums, tls_keys=tls_keys, naming=naming)
@@ -82,25 +82,31 @@ def command(
         feed.begin(run.files)
         code = drive(run, files)
         feed.finish(run.pipeline, run.files)
-        write_outcome(format_, ROWS, QueryOutcome(asked.run(sink.tables())))
+        write_outcome(format_, ROWS, QueryOutcome(asked.run(sink.tables()), none))
     except (SqlError, MissingLibraryError) as error:
         raise click.ClickException(str(error)) from None
     complain(run, code)
     return code
 
 
-def _query(text: str, allow_files: bool) -> Query:
-    """Return the query, or the question of that name."""
+def _query(text: str, allow_files: bool) -> tuple[Query, str]:
+    """Return the query, or the question of that name, and what is to be said if there are no rows."""
     from dissect.config.hints import close_names
-    from dissect.export.questions import QUESTIONS
+    from dissect.export.questions import QUESTIONS, named
     from dissect.export.sql import Query
 
-    question = QUESTIONS.get(text.strip())
-    if question is None and text and not any(map(str.isspace, text.strip())):
+    try:
+        found = named(text)
+    except ValueError as error:
+        raise click.UsageError(f"{str(error)[:1].upper()}{str(error)[1:]}.") from None
+    if found is not None:
+        question, given = found
+        return Query(question.sql.strip(), allow_files, given), question.none
+    if text and not any(map(str.isspace, text.strip())):
         near = close_names(text, QUESTIONS)
         hint = f" Did you mean {' or '.join(near)}?" if near else ""
         raise click.UsageError(f"{text!r} is neither SQL nor a question: {', '.join(QUESTIONS)}.{hint}")
-    return Query(question.sql.strip() if question is not None else text, allow_files)
+    return Query(text, allow_files), ""
 
 
 def _questions() -> list[str]:
@@ -110,6 +116,7 @@ def _questions() -> list[str]:
     for question in QUESTIONS.values():
         lines += [
             f"{question.name}: {question.sentence}",
+            *[f"    {one.name}: {one.about}" + (f" (else {one.default})" if one.default else "") for one in question.parameters],
             *[f"    {line}" for line in question.sql.strip().split("\n")],
             "",
         ]

@@ -18,15 +18,22 @@ _WIDEST: Final = 120
 
 
 class QueryOutcome(Outcome):
-    """The result of a query, as an outcome. Only one format can read it, once."""
+    """The result of a query, as an outcome. Only one format can read it, once.
 
-    def __init__(self, result: Result) -> None:
+    ``none`` is what the text says in place of a table without rows.
+    """
+
+    def __init__(self, result: Result, none: str = "") -> None:
         self.result = result
+        self.none = none
 
     def text(self) -> Iterator[str]:
         """Return a table with a heading; columns of numbers are aligned to the right."""
         columns = self.result.columns
         rows = list(self.result.rows())
+        if self.none and not rows:
+            yield self.none
+            return
         cells = [[printable(name) for name in columns], *[[_shown(value) for value in row] for row in rows]]
         widths = [max([len(line[at]) for line in cells]) for at in range(len(columns))]
         numbers = [

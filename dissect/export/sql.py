@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, Final
 
 from dissect.config.hints import close_names
@@ -53,12 +53,14 @@ def named_tables(sql: str) -> list[Table]:
 class Query:
     """A query. It is tried on empty tables first, so that errors show before hours of reading.
 
-    ``files``: the SQL may use files and the network. Raises `SqlError`, and `MissingLibraryError` without DuckDB.
+    ``files``: the SQL may use files and the network. ``variables`` are what ``getvariable`` returns. Raises `SqlError`, and
+    `MissingLibraryError` without DuckDB.
     """
 
-    def __init__(self, sql: str, files: bool = False) -> None:
+    def __init__(self, sql: str, files: bool = False, variables: Mapping[str, str] | None = None) -> None:
         self.sql = sql
         self._files = files
+        self._variables = dict(variables or {})
         self.tables = named_tables(sql)
         if not files:  # a query that writes a file must not run twice
             self._try()
@@ -86,6 +88,8 @@ class Query:
     def _connect(self, tables: dict[str, Any]) -> Any:
         connection = needed("duckdb", "sql").connect(":memory:", config=_settings(self._files))
         connection.execute("SET TimeZone = 'UTC'")
+        for name, value in self._variables.items():
+            connection.execute(f"SET VARIABLE {name} = ?", [value])
         if not self._files:
             connection.execute("SET lock_configuration = true")
         for name, table in tables.items():
