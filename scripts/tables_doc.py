@@ -59,7 +59,9 @@ def main() -> None:
     print(QUESTIONS_HEAD, end="")
     for question in QUESTIONS.values():
         words = "".join([f" `{one.name}`: {one.about}." for one in question.parameters])
-        print(f"\n### {question.name}\n\n{question.sentence} {question.note}{words}\n\n```sql\n{question.sql.strip()}\n```")
+        print(
+            f"\n### {question.name}\n\n{question.sentence} {question.note}{words}\n\n```sql\n{question.sql.strip()}\n```"
+        )
 
 
 def section(table: Table) -> None:

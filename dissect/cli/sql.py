@@ -116,7 +116,10 @@ def _questions() -> list[str]:
     for question in QUESTIONS.values():
         lines += [
             f"{question.name}: {question.sentence}",
-            *[f"    {one.name}: {one.about}" + (f" (else {one.default})" if one.default else "") for one in question.parameters],
+            *[
+                f"    {one.name}: {one.about}" + (f" (else {one.default})" if one.default else "")
+                for one in question.parameters
+            ],
             *[f"    {line}" for line in question.sql.strip().split("\n")],
             "",
         ]

@@ -21,6 +21,11 @@ class Parameter(NamedTuple):
     default: str
     check: Callable[[str], object] = str
 
+    @property
+    def said(self) -> str:
+        """The word, for a person: ``from_hour: hour at which the shift begins (6)``."""
+        return f"{self.name}: {self.about}" + (f" ({self.default})" if self.default else "")
+
 
 class Question(NamedTuple):
     """A question: its name, the question as a sentence, what to know about the answer, and the SQL.
@@ -47,8 +52,8 @@ _ALL: Final = (
     Question(
         "slowest",
         "Which requests of each PLC take longest?",
-        "The three slowest of each PLC, by what they ask for; a PLC answers a request as a whole, so the time is not that of one "
-        "item. Pairs that are only likely have no response time.",
+        "The three slowest of each PLC, by what they ask for; a PLC answers a request as a whole, so the time is not that of "
+        "one item. Pairs that are only likely have no response time.",
         "No request with items was answered for sure.",
         """
 WITH asked AS (
@@ -66,8 +71,10 @@ ORDER BY server_host, worst_ms DESC, what, operation""",
         "slow-items",
         "Which items stand in slow requests more often than chance?",
         "Slow is the slowest tenth of the requests of a PLC. Of items that stand in 20 requests at least, and not in all, "
-        "those that stand in more slow ones than chance explains (by two standard deviations). That does not prove that they are why.",
-        "No item stands in slow requests more often than chance explains. It takes items in 20 requests at least that are not in all.",
+        "those that stand in more slow ones than chance explains (by two standard deviations). That does not prove that they "
+        "are why.",
+        "No item stands in slow requests more often than chance explains. It takes items that are in 20 requests at least and "
+        "not in all.",
         """
 WITH asked AS (
   SELECT DISTINCT i.transaction, i.server_host, coalesce(i.name, i.address) AS what, t.latency_ns
@@ -104,7 +111,7 @@ ORDER BY overlapping DESC, client_host, server_host, what""",
     Question(
         "off-shift",
         "What was written outside the shift?",
-        "The shift is 6 to 22 o'clock in UTC where nothing else is said: `off-shift Europe/Berlin 22 6` is a night shift there.",
+        "The shift is 6 to 22 o'clock in UTC if nothing else is said: `off-shift Europe/Berlin 22 6` is a night shift there.",
         "Nothing was written outside the shift.",
         """
 WITH written AS (
@@ -198,7 +205,8 @@ pauses AS (
   SELECT *, ts_ns - lag(ts_ns) OVER (PARTITION BY connection, operation, what, length ORDER BY ts_ns) AS pause FROM polls)
 SELECT client_host, server_host, what, length, count(*) AS times, round(median(pause) / 1e6, 3) AS period_ms,
        round(stddev_pop(pause) / 1e6, 3) AS spread_ms,
-       CASE WHEN operation = 'notify' THEN 'on change' WHEN stddev_pop(pause) > avg(pause) THEN 'irregular' ELSE 'steady' END AS how
+       CASE WHEN operation = 'notify' THEN 'on change' WHEN stddev_pop(pause) > avg(pause) THEN 'irregular' ELSE 'steady' END
+       AS how
 FROM pauses
 GROUP BY client_host, server_host, what, length, operation HAVING count(pause) >= 2
 ORDER BY period_ms, client_host, server_host, what, length""",
@@ -231,8 +239,8 @@ ORDER BY ts_ns, transaction, what, length""",
     Question(
         "changes",
         "Which values change, how often, and within what bounds?",
-        "A row for each variable that changed; bounds only of numbers. A first value is no change. Pairs that are only likely are "
-        "left out.",
+        "A row for each variable that changed; bounds only of numbers. A first value is no change. Pairs that are only likely "
+        "are left out.",
         "No value changed.",
         """
 SELECT server_host, coalesce(name, address) AS what, count(*) AS seen, count(*) FILTER (changed) AS changes,
@@ -256,8 +264,8 @@ ORDER BY ts_ns, act""",
     Question(
         "ioc",
         "Which addresses did what an attacker would do, and when?",
-        "Acts, and findings of the kind security that are none, by the address that caused them, with what `devices` says that it "
-        "is. An engineer may have done the same.",
+        "Acts, and findings of the kind security that are none, by the address that caused them, with what `devices` says that "
+        "it is. An engineer may have done the same.",
         "Nobody did anything that an attacker would do.",
         """
 WITH done AS (
@@ -265,7 +273,8 @@ WITH done AS (
          CASE WHEN from_client THEN server_host ELSE client_host END AS other, ts FROM acts
   UNION ALL
   SELECT client_host, slug, NULL, server_host, ts FROM findings
-  WHERE kind = 'security' AND client_host IS NOT NULL AND slug NOT IN (SELECT slug FROM acts WHERE slug IS NOT NULL))
+  WHERE kind = 'security' AND client_host IS NOT NULL AND slug NOT IN ('security.stopped', 'security.mode_changed')
+    AND slug NOT IN (SELECT slug FROM acts WHERE slug IS NOT NULL))
 SELECT address, any_value(d.role) AS role, act, outcome, list(DISTINCT other ORDER BY other) AS on_hosts, count(*) AS times,
        min(done.ts) AS first_time, max(done.ts) AS last_time
 FROM done LEFT JOIN devices d USING (address)
