@@ -270,13 +270,13 @@ ORDER BY ts_ns, act""",
         """
 WITH done AS (
   SELECT CASE WHEN from_client THEN client_host ELSE server_host END AS address, kind AS act, outcome,
-         CASE WHEN from_client THEN server_host ELSE client_host END AS other, ts FROM acts
+         CASE WHEN from_client THEN server_host ELSE client_host END AS other, 1 AS times, ts, "end" FROM acts
   UNION ALL
-  SELECT client_host, slug, NULL, server_host, ts FROM findings
-  WHERE kind = 'security' AND client_host IS NOT NULL AND slug NOT IN ('security.stopped', 'security.mode_changed')
+  SELECT client_host, slug, NULL, server_host, events, ts, "end" FROM finding_counts
+  WHERE scope = 'pair' AND kind = 'security' AND slug NOT IN ('security.stopped', 'security.mode_changed')
     AND slug NOT IN (SELECT slug FROM acts WHERE slug IS NOT NULL))
-SELECT address, any_value(d.role) AS role, act, outcome, list(DISTINCT other ORDER BY other) AS on_hosts, count(*) AS times,
-       min(done.ts) AS first_time, max(done.ts) AS last_time
+SELECT address, any_value(d.role) AS role, act, outcome, list(DISTINCT other ORDER BY other) AS on_hosts,
+       sum(times)::BIGINT AS times, min(done.ts) AS first_time, max(done."end") AS last_time
 FROM done LEFT JOIN devices d USING (address)
 GROUP BY address, act, outcome
 ORDER BY first_time, address, act, outcome""",

@@ -462,7 +462,7 @@ def test_the_table_of_values_and_the_questions_leave_them_out(capfdbinary: Captu
     lines = run(capfdbinary, "sql", "-T", "jsonl", 'SELECT DISTINCT frame FROM "values"', CAPTURE).out.splitlines()
     assert not {json.loads(line)["frame"] for line in lines} & LIKELY_FRAMES
     slowest = run(capfdbinary, "sql", "-T", "jsonl", "slowest", CAPTURE).out.splitlines()
-    assert [(json.loads(line)["address"], json.loads(line)["times"]) for line in slowest] == [("DB1.DBB0", SURE - 2)]
+    assert [(json.loads(line)["what"], json.loads(line)["times"]) for line in slowest] == [("DB1.DBB0 x2", SURE - 2)]
 
 
 # ---- differences ----------------------------------------------------------------------------------------------------
