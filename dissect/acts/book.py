@@ -61,7 +61,7 @@ class ActBook:
         writes to outputs become acts where they are reported (`wrote`).
         """
         act = act_of_event(event, transaction, code)
-        if act is not None and act.kind != kinds.OUTPUTS and (alone or not act.row.lasts):
+        if act is not None and (alone or not act.row.lasts):
             self.add(act)
         return act
 

@@ -121,7 +121,10 @@ def _of_userdata(transaction: Transaction, head: UserdataHead) -> Act | None:
     effect = table.effect(head.subfunction) if table is not None else ""
     if effect == LOGIN and head.group == GROUP_SECURITY:
         kind = kinds.PASSWORD if head.subfunction == SEND_PASSWORD else kinds.PROTECTION
-        return act_of(kind, transaction, head.subfunction_name)
+        act = act_of(kind, transaction, head.subfunction_name)
+        if kind == kinds.PROTECTION:
+            act.slug = ""  # a session gives its rights back
+        return act
     kind = _ACTS.get(effect, "")
     if not kind or (kind == kinds.MONITOR and head.subfunction != VARIABLE_STATUS):
         return None

@@ -6,7 +6,7 @@ from typing import Final
 
 from dissect.acts import tables as kinds
 from dissect.acts.act import Act, act_of
-from dissect.s7plus import events
+from dissect.s7plus import events, loads
 from dissect.transactions.operation import CONTROL, TEST_JOB
 from dissect.transactions.transaction import Transaction
 from dissect.wire.text import shortened
@@ -16,17 +16,18 @@ _ACTS: Final[dict[str, str]] = {
     events.START: kinds.START,
     events.RESET: kinds.RESET,
     events.ORDERED: kinds.UNKNOWN,
-    events.LOADED: kinds.DOWNLOAD,
+    loads.LOADED: kinds.DOWNLOAD,
     events.READ_OUT: kinds.UPLOAD,
     events.REMOVED: kinds.DELETE,
     events.PASSWORD: kinds.PASSWORD,
     events.TEST_JOB: kinds.TEST,
-    events.WRITTEN_OUTPUTS: kinds.OUTPUTS,
+    loads.PROTECTED: kinds.PROTECTION,
+    loads.FIRMWARE: kinds.FIRMWARE,
 }
 #: Kinds of operations, where they are not those of the act.
 _COMMANDS: Final[dict[str, str]] = {events.ORDERED: CONTROL, events.TEST_JOB: TEST_JOB}
 #: What the client does with what the text of an event names.
-_VERBS: Final[dict[str, str]] = {events.LOADED: "load ", events.REMOVED: "delete "}
+_VERBS: Final[dict[str, str]] = {loads.LOADED: "load ", events.REMOVED: "delete ", loads.PROTECTED: "write "}
 #: Longest text of an event in a finding, in characters.
 TEXT: Final = 200
 

@@ -13,8 +13,19 @@ from dissect.s7plus.bodies import parse_contents
 from dissect.s7plus.contents import Address, Contents, Made
 from dissect.s7plus.glance import OUTPUTS, Seen, glance
 from dissect.s7plus.identification import IDENTIFICATION
-from dissect.s7plus.ids import AREAS, BLOCK_KINDS, PASSWORDS, block_name
-from dissect.s7plus.loads import CONSISTENT, CONTAINERS, HARDWARE, LOADS, Loading, loading_of, said, written_code
+from dissect.s7plus.ids import AREAS, BLOCK_KINDS, PASSWORDS, PROTECTIONS, block_name
+from dissect.s7plus.loads import (
+    CONSISTENT,
+    CONTAINERS,
+    FIRMWARE,
+    FIRMWARE_PACKAGE,
+    HARDWARE,
+    LOADED,
+    LOADS,
+    load_text,
+    said,
+    written_as,
+)
 from dissect.s7plus.message import PlusPdu, parsed
 from dissect.s7plus.objects import PlusObject, every_object, whole_numbers
 from dissect.s7plus.outlines import Outline, outline
@@ -44,6 +55,7 @@ from dissect.s7plus.session import (
 )
 from dissect.s7plus.skimming import ASKS, CODES, REFUSES, SOUND, UNSOUND, WORDS
 from dissect.s7plus.skipping import MET, table
+from dissect.s7plus.states import number_in, state_in
 from dissect.s7plus.summary import single_address
 from dissect.s7plus.tables import (
     BEGIN_SEQUENCE,
@@ -61,7 +73,7 @@ from dissect.s7plus.tables import (
     V3,
 )
 from dissect.s7plus.value_showing import value_text
-from dissect.s7plus.values import Blob, Struct, Value
+from dissect.s7plus.values import Blob, Value
 from dissect.s7plus.walk import MAX_WORK, Wanted
 from dissect.wire.malformed import Malformed
 from dissect.wire.octets import u16, u32
@@ -74,7 +86,6 @@ RESET: Final = "reset"
 ORDERED: Final = "unknown state request"
 STOPPED: Final = "stopped"
 RUNNING: Final = "running"
-LOADED: Final = "load"
 REMOVED: Final = "delete"
 CONFIRMED: Final = "consistent"
 SEQUENCE_BEGUN: Final = "sequence begun"
@@ -107,13 +118,15 @@ _NAMED: Final = 5
 # Marks of a read that may matter: the ids of the operating state and the identification record.
 _READ_MARKS: Final = tuple([build_varint(id_, VLQ) for id_ in (OPERATING_STATE, DIAGNOSIS, IDENTIFICATION)])
 #: Ids in a write of several items that are more than variables.
-_WRITTEN_IDS: Final = PASSWORDS | LOADS | {REFERENCE_LIST, SESSION_KEY, STATE_REQUEST}
+_WRITTEN_IDS: Final = PASSWORDS | PROTECTIONS | LOADS | {REFERENCE_LIST, SESSION_KEY, STATE_REQUEST}
 _WRITTEN_MARKS: Final = tuple([build_varint(id_, VLQ) for id_ in sorted(_WRITTEN_IDS)])
 #: For a write of one attribute: the highest id that is an area, the execution unit or the hardware configuration; the lowest
 #: kind of block; and by id, whether writing that attribute of any other object matters.
+_LASTING_IDS: Final = PASSWORDS | PROTECTIONS | {REFERENCE_LIST}
 _LAST_AREA: Final = max(*AREAS, CPU_EXEC_UNIT)
+_SPECIAL: Final = frozenset((*AREAS, CPU_EXEC_UNIT, HARDWARE, FIRMWARE_PACKAGE))
 _FIRST_KIND: Final = min(BLOCK_KINDS)
-_WRITTEN_ATTRIBUTES: Final = bytes([id_ in PASSWORDS or id_ == REFERENCE_LIST for id_ in range(2048)])
+_WRITTEN_ATTRIBUTES: Final = bytes([id_ in _LASTING_IDS for id_ in range(8192)])
 #: Functions whose requests a client counts separately, for the integrity id.
 _COUNTED: Final = frozenset((
     CREATE_OBJECT, DELETE_OBJECT, SET_VARIABLE, SET_MULTI_VARIABLES, SET_VAR_SUBSTREAMED, BEGIN_SEQUENCE, END_SEQUENCE,
@@ -130,18 +143,16 @@ class Event:
     """An event: its kind, a text of what it is about, and the id of the object that it is about (0 for none).
 
     ``refusal`` is the error of its own item in a write of several (lower 16 bits of the return value): 0 if the item was
-    written, -1 if only the return value of the whole response counts. ``loading``: what a load carries. Text from the wire is
-    not escaped.
+    written, -1 if only the return value of the whole response counts. Text from the wire is not escaped.
     """
 
-    __slots__ = ("kind", "loading", "object_id", "refusal", "text")
+    __slots__ = ("kind", "object_id", "refusal", "text")
 
     def __init__(self, kind: str, text: str, object_id: int = 0) -> None:
         self.kind = kind
         self.text = text
         self.object_id = object_id
         self.refusal = -1
-        self.loading: Loading | None = None
 
 
 class Facts:
@@ -355,9 +366,7 @@ def _may_matter(session: PlusSession, function: i64, octets: bytes, skimmed: i64
         if object_id or not (session.outputs_told and session.elsewhere_told):
             return True
         return any([data.find(mark, at, end) >= 0 for mark in _WRITTEN_MARKS])
-    if function == SET_VAR_SUBSTREAMED or (
-        object_id <= _LAST_AREA and (object_id == CPU_EXEC_UNIT or object_id == HARDWARE or object_id in AREAS)
-    ):
+    if function == SET_VAR_SUBSTREAMED or (object_id <= _LAST_AREA and object_id in _SPECIAL):
         return True
     kind: i64 = object_id >> 16
     if kind >= _FIRST_KIND and kind in BLOCK_KINDS:
@@ -425,10 +434,11 @@ def _created(session: PlusSession, events: list[Event], asked: Made, told: Made 
 
 def _loaded(events: list[Event], parent: int, these: list[PlusObject], every: list[PlusObject], unread: bool) -> None:
     """Judge objects that are created in ``parent``: whether they load a program, or a part of one."""
-    loading = loading_of(parent, these, every, unread)
-    if loading is not None:
-        events.append(Event(LOADED, loading.text))
-        events[-1].loading = loading
+    text = load_text(parent, these, every, unread)
+    if text:
+        events.append(Event(LOADED, text))
+    if parent == FIRMWARE_PACKAGE or any([one.rid == FIRMWARE_PACKAGE for one in every]):
+        events.append(Event(FIRMWARE, said(these)))
 
 
 def _subscription(session: PlusSession, one: PlusObject, addresses: list[Address], id_: int) -> Event:
@@ -490,10 +500,9 @@ def _listed(session: PlusSession, events: list[Event], object_id: int, numbers: 
 
 
 def _write(session: PlusSession, events: list[Event], address: Address, value: Value | None) -> None:
-    loading = written_code(address)
-    if loading is not None:
-        events.append(Event(LOADED, loading.text, address.area))
-        events[-1].loading = loading
+    kind, text = written_as(address)
+    if kind:
+        events.append(Event(kind, text, address.area))
         return
     if address.area not in AREAS and address.area >> 16 not in BLOCK_KINDS:
         if address.area == HARDWARE and address.sub_area == CONSISTENT and value is not None and value.content is True:
@@ -512,7 +521,7 @@ def _one(
         if told is None or told.value is None or not good:
             return
         if is_state(Address(0, object_id, ids[0], ids[1:])):
-            _state(session, events, _state_in(told.value))
+            _state(session, events, state_in(told.value))
         elif ids[0] == IDENTIFICATION and object_id == CPU_PROXY:
             record = told.value.content
             session.identified(record.octets if isinstance(record, Blob) else b"")
@@ -534,7 +543,7 @@ def _one(
 
 def _state_requested(value: Value) -> Event:
     """Return the event for a requested operating state; a value without a name has a meaning only to the CPU."""
-    number = _number(value)
+    number = number_in(value)
     row = STATE_REQUESTS.get(number)
     if row is None:
         return Event(ORDERED, f"operating state request {value_text(value)} (unknown)")
@@ -546,20 +555,7 @@ def _states(session: PlusSession, events: list[Event], asked: Contents, told: Co
     for number, address in enumerate(asked.addresses, 1):
         value = values.get(number)
         if value is not None and is_state(address):
-            _state(session, events, _state_in(value))
-
-
-def _state_in(value: Value) -> int:
-    """Return the operating state in ``value``, which is the state or the structure with it as a member; -1 if there is none."""
-    content = value.content
-    member = content.find(OPERATING_STATE) if isinstance(content, Struct) else value
-    return _number(member) if member is not None else -1
-
-
-def _number(value: Value) -> int:
-    """Return the number that a value is, -1 if it is not a whole number."""
-    content = value.content
-    return content if isinstance(content, int) and not isinstance(content, bool) else -1
+            _state(session, events, state_in(value))
 
 
 def _state(session: PlusSession, events: list[Event], state: int) -> None:
@@ -589,5 +585,5 @@ def _notified(session: PlusSession, octets: bytes, skimmed: i64) -> Facts | None
     for reference, value in found.items:
         address = session.address_of(pdu.subscription_id, reference)
         if address is not None and is_state(address):
-            _state(session, facts.events, _state_in(value))
+            _state(session, facts.events, state_in(value))
     return facts

@@ -13,7 +13,7 @@ from mypy_extensions import i64
 
 from dissect.s7plus.blobs import COMPRESSED
 from dissect.s7plus.identification import IDENTIFICATION
-from dissect.s7plus.ids import AREAS, BLOCK_KINDS, PASSWORDS
+from dissect.s7plus.ids import AREAS, BLOCK_KINDS, PASSWORDS, PROTECTIONS
 from dissect.s7plus.loads import LOADS
 from dissect.s7plus.message import DIGEST_SIZE
 from dissect.s7plus.objects import numbers_at
@@ -54,7 +54,7 @@ _TWO_OCTETS: Final = 0x3FFF
 #: Octets of the largest PDU that is handled here; longer ones have more than what matters.
 _LARGEST: Final = 4096
 #: Attributes whose writing is an event that needs the whole contents.
-_TOLD: Final = PASSWORDS | {STATE_REQUEST}
+_TOLD: Final = PASSWORDS | PROTECTIONS | {STATE_REQUEST}
 #: The same for a write that may be one of variables.
 _TOLD_OF_VARIABLES: Final = _TOLD | LOADS | {REFERENCE_LIST, SESSION_KEY}
 #: Flags and type of reference lists.

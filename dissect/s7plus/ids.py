@@ -42,6 +42,8 @@ AREAS: Final[dict[int, str]] = {80: "I", 81: "Q", 82: "M", 83: "C", 84: "T"}
 SECRETS: Final = frozenset((304, 1846, 3449, 1822, 7918, 7919, 7920, 7921, 8081))
 #: The secrets with which a client logs in.
 PASSWORDS: Final = frozenset((304, 1846))
+#: Attributes by which a CPU is protected: the level, and its passwords.
+PROTECTIONS: Final = frozenset((3451, 7918, 7919, 7920, 7921))
 _IS_SECRET: Final = bytes([id_ in SECRETS for id_ in range(max(SECRETS) + 1)])
 #: How the names of objects and classes begin or end.
 _OBJECTS: Final = ("NativeObjects.", "EventRid.", "Class", "GetNewRID")

@@ -10,13 +10,20 @@ from __future__ import annotations
 from typing import Final
 
 from dissect.s7plus.contents import Address
-from dissect.s7plus.ids import BLOCK_KINDS, block_kind, block_name, member_name, short_name
+from dissect.s7plus.ids import AREAS, BLOCK_KINDS, PROTECTIONS, block_kind, block_name, member_name, short_name
 from dissect.s7plus.objects import PlusObject
 from dissect.s7plus.program import CODE, TYPE_INFO
 from dissect.s7plus.program_tables import LANGUAGES
-from dissect.s7plus.session import CODE_TIME, INTERFACE_TIME, LANGUAGE, NAME, NUMBER
+from dissect.s7plus.session import LANGUAGE, NAME, NUMBER
 from dissect.wire.text import count
 
+# Kinds of events (`dissect.s7plus.events`).
+LOADED: Final = "load"
+PROTECTED: Final = "protection"
+FIRMWARE: Final = "firmware"
+
+#: The object that holds the firmware of a CPU (its name in one source says so; no capture).
+FIRMWARE_PACKAGE: Final = 16
 #: The object of the program, and its class; class of the hardware configuration, and of texts with their languages.
 PROGRAM: Final = 3
 _PROGRAM_CLASS: Final = 2520
@@ -29,49 +36,11 @@ CONTAINERS: Final = {PROGRAM: "the program", HARDWARE: "the hardware configurati
 CONSISTENT: Final = 2458
 #: Attributes of a block that are its code and its interface, not its values; writing one of them changes the program.
 LOADS: Final = CODE | {2544, 4578}
-#: How many objects a text names, and how many blocks of one request are remembered.
+#: How many objects a text names.
 _NAMED: Final = 5
 #: Kinds of blocks in the order in which a text names them; from `_TYPES_FROM` on they are types.
 _ORDER: Final = "OB FB FC DB UDT FBT SDT FCT"
 _TYPES_FROM: Final = _ORDER.index("UDT")
-MAX_BLOCKS: Final = 1024
-
-
-class LoadedBlock:
-    """A block that a request carries: what its object says about it, and its size there.
-
-    ``number`` is -1 if the object states none. Times are nanoseconds since 1970, -1 if it has none. ``name`` is from the wire
-    and not escaped.
-    """
-
-    __slots__ = ("code_ns", "interface_ns", "kind", "language", "name", "number", "size")
-
-    def __init__(self, one: PlusObject, kind: str) -> None:
-        self.kind = kind
-        self.number = number_of(one)
-        self.name = one.text(NAME)
-        language = one.number(LANGUAGE)
-        self.language = LANGUAGES.name(language) if language > 0 else ""
-        self.size = max(0, one.end - one.offset)
-        self.code_ns = one.number(CODE_TIME)
-        self.interface_ns = one.number(INTERFACE_TIME)
-
-    @property
-    def label(self) -> str:
-        """Type and number: ``FB1084``."""
-        return f"{self.kind}{self.number}" if self.number >= 0 else self.kind
-
-
-class Loading:
-    """What one request loads: its blocks, those that were not remembered (``more``), other parts, and a text of all of it."""
-
-    __slots__ = ("blocks", "more", "parts", "text")
-
-    def __init__(self, text: str) -> None:
-        self.text = text
-        self.blocks: list[LoadedBlock] = []
-        self.more = 0
-        self.parts: list[str] = []
 
 
 def number_of(one: PlusObject) -> int:
@@ -82,32 +51,33 @@ def number_of(one: PlusObject) -> int:
     return one.rid & 0xFFFF if one.rid >> 16 in BLOCK_KINDS else -1
 
 
-def loading_of(parent: int, tops: list[PlusObject], every: list[PlusObject], unread: bool) -> Loading | None:
-    """Return what creating ``tops`` in the object ``parent`` loads; None for objects that belong to no program.
+def load_text(parent: int, tops: list[PlusObject], every: list[PlusObject], unread: bool) -> str:
+    """Return what creating ``tops`` in the object ``parent`` loads; empty for objects that belong to no program.
 
     ``every`` are these objects and all inside them. ``unread``: there are more, which could not be read.
     """
     blocks = [one for one in every if block_kind(one.rid, one.class_id)]
     parts = _parts(every, len(blocks) > 0)
     if not blocks and not parts and parent != PROGRAM:
-        return None
+        return ""
     outer = {one.offset for one in tops}
     if parent == PROGRAM and all([one.offset in outer for one in blocks]):
         text = said(tops) or "objects that were not read"
     else:
         text = ", ".join([*parts, *([_counted(blocks)] if blocks else [])]) or said(tops)
-    found = Loading(text + (" and more that was not read" if unread else ""))
-    found.blocks = [LoadedBlock(one, block_kind(one.rid, one.class_id)) for one in blocks[:MAX_BLOCKS]]
-    found.more = len(blocks) - len(found.blocks)
-    found.parts = parts
-    return found
+    return text + (" and more that was not read" if unread else "")
 
 
-def written_code(address: Address) -> Loading | None:
-    """Return what writing an attribute loads: code or interface of a block; None for all others."""
-    if address.sub_area not in LOADS or address.area >> 16 not in BLOCK_KINDS:
-        return None
-    return Loading(f"{block_name(address.area)} ({member_name(address.sub_area)})")
+def written_as(address: Address) -> tuple[str, str]:
+    """Return the kind of event that writing an attribute is, and a text of it; both are empty for most attributes."""
+    attribute = address.lids[-1] if address.lids else address.sub_area
+    if address.sub_area in LOADS and address.area >> 16 in BLOCK_KINDS:
+        return LOADED, f"{block_name(address.area)} ({member_name(address.sub_area)})"
+    if attribute in PROTECTIONS and address.area >> 16 not in BLOCK_KINDS and address.area not in AREAS:
+        return PROTECTED, f"{short_name(address.area)}.{member_name(attribute)}"
+    if address.area == FIRMWARE_PACKAGE:
+        return FIRMWARE, f"{short_name(address.area)}.{member_name(attribute)}"
+    return "", ""
 
 
 def _parts(every: list[PlusObject], blocks: bool) -> list[str]:

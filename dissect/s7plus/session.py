@@ -44,7 +44,7 @@ CYCLE: Final = 1049
 #: All attributes of objects that this module and `dissect.s7plus.events` look for.
 ASKED_OF_OBJECTS: Final = CODE | {
     REFERENCE_LIST, NAME, _APPLICATION, _HOST, _ROLE, _USER, _SESSION_VERSION, _CHALLENGE,
-    NUMBER, LANGUAGE, CODE_TIME, INTERFACE_TIME, CYCLE, STATE_REQUEST,
+    NUMBER, LANGUAGE, CYCLE, STATE_REQUEST,
 }  # fmt: skip
 OPERATING_STATE: Final = 3486
 #: Attribute of every piece of hardware: its condition, with its operating state as a member. Only the operating state of the

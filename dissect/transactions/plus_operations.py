@@ -17,7 +17,6 @@ from dissect.s7plus.events import (
     CONFIRMED,
     DELETED,
     LISTED,
-    LOADED,
     SEQUENCE_BEGUN,
     SEQUENCE_ENDED,
     SESSION,
@@ -27,6 +26,7 @@ from dissect.s7plus.events import (
     TEST_JOB,
     Event,
 )
+from dissect.s7plus.loads import LOADED
 from dissect.s7plus.message import parsed
 from dissect.s7plus.pieces import addresses_of
 from dissect.s7plus.plain import REQUEST_SIZE, data_of

@@ -121,7 +121,7 @@ def test_every_userdata_request(group: int, subfunction: int, code: int, outcome
         assert [one.slug for one in talk.findings if one.slug.startswith("security.password")] == [
             "security.password_failed"
         ]
-    elif kind and ACTS[kind].slug:
+    elif kind and kind != kinds.PROTECTION and ACTS[kind].slug:  # there a session gives its rights back
         assert slugs(talk) == [ACTS[kind].slug]
     else:
         assert slugs(talk) == []
@@ -216,6 +216,9 @@ def plus(talk: Talk, number: int, what: str, answer: bytes) -> None:
         address = Address(0, 81, 3736, [3, 1, 1])
         refused = b"\0" if answer == b"\0" else b"\1" + bodies.number(0xFFF4) + b"\0"
         do(talk, number, SET_MULTI_VARIABLES, bodies.set_multi([(address, Value(0, UINT, 1))]), b"\0" + refused)
+    elif what in {kinds.PROTECTION, kinds.FIRMWARE}:
+        object_id, attribute = (50, 7918) if what == kinds.PROTECTION else (16, 233)
+        do(talk, number, SET_VARIABLE, bodies.set_variable(object_id, [attribute], Value(0, DINT, 1)), answer)
     else:
         state = {kinds.STOP: 1, kinds.RESET: 2, kinds.START: 3, kinds.UNKNOWN: 9}[what]
         do(talk, number, SET_VARIABLE, bodies.set_variable(52, [2167], Value(0, DINT, state)), answer)
@@ -225,7 +228,7 @@ def plus(talk: Talk, number: int, what: str, answer: bytes) -> None:
     "kind",
     [
         kinds.STOP, kinds.START, kinds.RESET, kinds.UNKNOWN, kinds.DOWNLOAD, kinds.DELETE, kinds.PASSWORD, kinds.TEST,
-        kinds.OUTPUTS,
+        kinds.OUTPUTS, kinds.PROTECTION, kinds.FIRMWARE,
     ],
 )  # fmt: skip
 def test_every_act_of_s7comm_plus(kind: str) -> None:

@@ -196,3 +196,70 @@ def numbers_that_count_up(talk: Talk) -> None:
     talk.tell(framed(told(2, END_SEQUENCE, b"\0" + bodies.end(9)), 3))
     for number, integrity_id in ((3, 8), (5, 10), (7, 12)):
         write(talk, number, integrity_id, 0x387)
+
+
+# ---- protection and firmware ----------------------------------------------------------------------------------------
+
+
+@speaks("security.protection")
+def a_password_of_the_cpu_is_written(talk: Talk) -> None:
+    """One attribute, or among several, also behind writes of variables that were reported."""
+    begun(talk)
+    variable = Address(0, 82, 3736, [3, 1, 1])
+    for number, pairs in enumerate(
+        (
+            [(variable, Value(0, INT, 1))],
+            [(Address(0, 81, 3736, [3, 1, 1]), Value(0, INT, 1))],
+            [(variable, Value(0, INT, 1)), (Address(0, 50, 3451, []), Value(0, DINT, 1))],
+        ),
+        1,
+    ):
+        talk.ask(framed(asked(number, SET_MULTI_VARIABLES, body=bodies.set_multi(pairs)), 3))
+        talk.tell(framed(told(number, SET_MULTI_VARIABLES, b"\0\0\0" + bodies.end(9)), 3))
+    for number, attribute in enumerate((3451, 7918, 7921), 4):
+        body = bodies.set_variable(50, [attribute], Value(0, DINT, 1))
+        talk.ask(framed(asked(number, SET_VARIABLE, body=body), 3))
+        talk.tell(framed(told(number, SET_VARIABLE, b"\0" + bodies.end(9)), 3))
+    talk.pipeline.exchange.report_findings()
+    assert [one.detail.partition(": ")[2] for one in talk.findings if one.slug == "security.protection"] == [
+        "write CPUcommon.CPUProtectionLevel, accepted",
+        "write CPUcommon.CPUProtectionLevel, accepted",
+        "write CPUcommon.CPUPassword, accepted",
+        "write CPUcommon.CPUPasswordFailsafe, accepted",
+    ]
+
+
+@silent("security.protection")
+def other_attributes_and_variables_with_its_numbers(talk: Talk) -> None:
+    begun(talk)
+    for number, (object_id, ids) in enumerate(((50, [2407]), (0x8A0E0001, [2550, 3451]), (82, [3736, 7918])), 1):
+        talk.ask(framed(asked(number, SET_VARIABLE, body=bodies.set_variable(object_id, ids, Value(0, INT, 1))), 3))
+        talk.tell(framed(told(number, SET_VARIABLE, b"\0" + bodies.end(9)), 3))
+
+
+@speaks("security.firmware")
+def the_firmware_package_is_written(talk: Talk) -> None:
+    """An object is created in it, it is created itself inside another, or an attribute is written."""
+    begun(talk)
+    inside = PlusObject(0x50, 1234, 0, 0, 0, [PlusObject(16, 1235, 0, 0, 0, [])])
+    requests = (
+        (CREATE_OBJECT, bodies.create_object(16, Value(0, INT, 0), PlusObject(211, 1236, 0, 0, 0, []), integrity_id=1)),
+        (CREATE_OBJECT, bodies.create_object(1, Value(0, INT, 0), inside, integrity_id=2)),
+        (SET_VARIABLE, bodies.set_variable(16, [233], Value(0, INT, 1))),
+    )
+    for number, (function, body) in enumerate(requests, 1):
+        talk.ask(framed(asked(number, function, body=body), 3))
+        talk.tell(framed(told(number, function, b"\0\0" + bodies.end(9)), 3))
+    talk.pipeline.exchange.report_findings()
+    assert talk.slugs().count("security.firmware") == len(requests)
+
+
+@silent("security.firmware")
+def other_objects_are_written(talk: Talk) -> None:
+    begun(talk)
+    made = bodies.create_object(17, Value(0, INT, 0), PlusObject(211, 1236, 0, 0, 0, []), integrity_id=1)
+    for number, (function, body) in enumerate(
+        ((CREATE_OBJECT, made), (SET_VARIABLE, bodies.set_variable(18, [233], Value(0, INT, 1)))), 1
+    ):
+        talk.ask(framed(asked(number, function, body=body), 3))
+        talk.tell(framed(told(number, function, b"\0\0" + bodies.end(9)), 3))
