@@ -137,6 +137,7 @@ COLD: Final = (
     "dissect/variables/choosing.py",
     "dissect/variables/reading.py",
     "dissect/variables/summary.py",
+    "dissect/wire/copies.py",
     "dissect/wire/saving.py",
 )
 

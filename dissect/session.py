@@ -28,6 +28,7 @@ from dissect.transactions.operation import Operation
 from dissect.transactions.payloads import ScdMessage
 from dissect.transactions.side import Side
 from dissect.transactions.transaction import Transaction
+from dissect.wire.copies import refuse
 
 if TYPE_CHECKING:
     from dissect.inventory.collector import Inventory
@@ -89,6 +90,9 @@ class Run:
         self._finished = False
         self.pipeline = Pipeline(observer, options)
         self.files: list[SourceFile] = []
+
+    def __reduce__(self) -> str:
+        raise refuse("a Run", "it reads a file; copy what its observer holds")
 
     def step(self) -> bool:
         """Read some more (about 256 KiB); False when everything was read and every connection is closed."""

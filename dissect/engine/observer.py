@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from mypy_extensions import i64, mypyc_attr
 
 from dissect.acts.act import Act
@@ -13,6 +15,7 @@ from dissect.transactions.operation import Operation
 from dissect.transactions.payloads import ScdMessage
 from dissect.transactions.side import Side
 from dissect.transactions.transaction import Transaction
+from dissect.wire.copies import derived, keep_out
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)
@@ -33,6 +36,9 @@ class Observer:
         self.wants_every_finding: bool = False
         self.wants_pdus: bool = False
         self.wants_tpdus: bool = False
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return derived(self)
 
     def connection_opened(self, connection: Connection) -> None:
         """A protocol that the engine reads was recognised on a connection: ISO-on-TCP, IBH-NetLink, or SCD on a bound port."""
@@ -75,3 +81,6 @@ class Observer:
 
     def comment(self, frame: i64, text: str) -> None:
         """The capture holds a comment about a packet."""
+
+
+keep_out(Observer)

@@ -11,6 +11,7 @@ from dissect.engine.exchange import PayloadDecoder
 from dissect.tls.key_log import KeyLog
 from dissect.transactions.connection import Connection
 from dissect.transactions.naming import Naming
+from dissect.wire.copies import leaves
 
 #: Octets that all connections together may keep of unfinished packets, PDUs and transactions.
 MEMORY: Final = 128 * 1024 * 1024
@@ -55,3 +56,12 @@ class Options:
         self.tls_keys: KeyLog | None = tls_keys
         self.only: Callable[[Connection], bool] | None = only
         self.naming: Naming | None = naming
+
+    def __repr__(self) -> str:
+        return (
+            f"Options(slow_ns={self.slow_ns}, strict={self.strict}, overdue_ns={self.overdue_ns}, memory={self.memory}, "
+            f"checksums={self.checksums})"
+        )
+
+
+leaves(Options)

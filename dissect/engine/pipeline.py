@@ -16,6 +16,7 @@ with the protocol `Recognition`, which gives it to the one that it speaks; a new
 
 from __future__ import annotations
 
+import copyreg
 import struct
 from typing import Final
 
@@ -34,6 +35,7 @@ from dissect.engine.payload import PayloadStream
 from dissect.engine.plus import S7Plus
 from dissect.engine.s7 import S7
 from dissect.engine.silent import NO_PROBE, SilentConnections, judge_silent, may_be_probe, untold
+from dissect.engine.sums import counts_of
 from dissect.engine.timers import FAR_FUTURE, Timers, next_tick
 from dissect.engine.tls import Tls
 from dissect.engine.udp import Datagrams
@@ -110,8 +112,6 @@ class Pipeline(PacketSink):
         self._look_at: i64 = LOOK_OCTETS  # `_make_room` is called when `_taken` reaches this; 0 while it has work left
         self._link: bytes = b""  # the Ethernet addresses of a packet that may open a connection
 
-    # ---- progress ---------------------------------------------------------------------------------------------------
-
     @property
     def frames(self) -> int:
         """How many packets were taken so far, which is the number of the latest one."""
@@ -131,8 +131,6 @@ class Pipeline(PacketSink):
     def finding_counts(self) -> dict[str, int]:
         """How often each finding was made, by slug; findings whose details were not kept count as well."""
         return self.exchange.reporter.counts
-
-    # ---- from the source --------------------------------------------------------------------------------------------
 
     def comment(self, text: str) -> None:
         """Take a comment that the capture holds about the next packet."""
@@ -598,3 +596,6 @@ class Pipeline(PacketSink):
             self.datagrams.finish()
         self.timers.finish()
         self.exchange.finish()
+
+
+copyreg.pickle(Pipeline, counts_of)

@@ -6,7 +6,7 @@ are the only place that knows them: reports, alerts, exports, documentation and 
 
 from __future__ import annotations
 
-from typing import Final
+from typing import Any, Final
 
 from dissect.findings.mitre import TECHNIQUES, Technique
 
@@ -124,6 +124,14 @@ class Rule:
 
     def __repr__(self) -> str:
         return f"Rule({self.slug!r}, {self.severity!r})"
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return rule_of, (self.slug,)  # a copy of a finding has the rule of the catalogue
+
+
+def rule_of(slug: str) -> Rule:
+    """Return the rule of this slug."""
+    return CATALOGUE[slug]
 
 
 #: Slug, severity, kind, sentence, advice, and the keys of MITRE techniques, separated by spaces.

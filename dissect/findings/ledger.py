@@ -15,6 +15,7 @@ from mypy_extensions import i64
 
 from dissect.tcp.link import within
 from dissect.transactions.connection import Connection
+from dissect.wire.copies import leaves
 
 #: Pairs of hosts with facts of their own; the events of further pairs are added up in `Ledger.rest`.
 MAX_PAIRS: Final = 4096
@@ -327,3 +328,8 @@ class Ledger:
 def _weight(pair: Pair, slug: str) -> tuple[int, int, str, str]:
     found = pair.records[slug]
     return -int(found.events), int(found.first_ns), pair.client, pair.server
+
+
+leaves(Ledger, without=("_met", "_of"))
+leaves(Occurrences, without=("_forgotten", "_known", "_latest", "_order"))
+leaves(Pair)

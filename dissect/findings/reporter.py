@@ -21,6 +21,7 @@ from dissect.findings.known_bugs_tables import SEEN
 from dissect.findings.ledger import NO_PAIR, Ledger, Occurrences, Pair
 from dissect.transactions.connection import Connection
 from dissect.transactions.transaction import Transaction
+from dissect.wire.copies import leaves
 
 __all__ = ["MAX_DETAILED", "MAX_DETAILED_ALL", "Finding", "Reporter"]
 
@@ -384,3 +385,6 @@ def _explain(finding: Finding, cause: Finding) -> None:
         said = f"{said[:_SAID]}…"
     why = f"because of {cause.slug}: {said}" if said else f"because of {cause.slug}"
     finding.detail = f"{finding.detail}; {why}" if finding.detail else why
+
+
+leaves(Finding)

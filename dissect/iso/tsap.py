@@ -7,6 +7,7 @@ from typing import Final
 from mypy_extensions import i64
 
 from dissect.iso.tables import CONNECTION_TYPES
+from dissect.wire.copies import leaves
 
 #: Protocols (`Connection.protocol`) whose TSAPs have connection types, racks and slots; empty: not known yet.
 SIEMENS: Final = frozenset(("", "s7comm", "s7comm_plus"))
@@ -84,3 +85,6 @@ def _is_text(octets: bytes) -> bool:
         if octets[at] < 0x20 or octets[at] >= 0x7F:
             return False
     return size >= 2
+
+
+leaves(Tsap)

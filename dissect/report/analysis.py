@@ -28,6 +28,7 @@ from dissect.transactions.connection import Connection
 from dissect.transactions.operation import RUNNING, Operation
 from dissect.transactions.results import DOUBTS
 from dissect.transactions.transaction import ANSWERED, CONNECTION_CLOSED, HOLE, ORPHAN, PUSH, UNANSWERED, Transaction
+from dissect.wire.copies import keep_out, leaves
 
 #: Connections that are kept and described one by one; further ones are only counted.
 MAX_CONNECTIONS: Final = 1000
@@ -514,3 +515,7 @@ def _trouble(connection: Connection) -> i64:
     if connection.refused:
         trouble += 1
     return trouble
+
+
+leaves(FunctionStatistics, Part)
+keep_out(Analysis, "_shared")

@@ -9,6 +9,7 @@ from librt.vecs import vec
 from mypy_extensions import i64
 
 from dissect.wire.build import COMPILED
+from dissect.wire.copies import leaves
 
 #: So many answer times are kept one by one; if there are more, all of them are counted in buckets.
 EXACT: Final = 16384
@@ -216,3 +217,6 @@ def _lower_end(bucket: int) -> int:
     if doubling == 0:
         return step
     return (_STEPS + step) << (doubling - 1)
+
+
+leaves(Latencies)

@@ -26,6 +26,7 @@ from dissect.s7.tables import (
     SUCCESS,
 )
 from dissect.s7.values import Value, decode_value
+from dissect.wire.copies import leaves
 from dissect.wire.malformed import Malformed
 from dissect.wire.octets import u16, u24, u32
 
@@ -461,3 +462,6 @@ def odd_data_code(item: Item, answer: DataItem) -> bool:
         return False
     expected: int = ANSWER_TRANSPORT_SIZE.get(item.transport_size, -1)
     return expected >= 0 and expected != answer.transport_size
+
+
+leaves(Item, DataItem, ItemResult)

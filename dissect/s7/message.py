@@ -38,6 +38,7 @@ from dissect.s7.tables import (
     USERDATA_SUBFUNCTIONS,
     WRITE_VAR,
 )
+from dissect.wire.copies import leaves
 from dissect.wire.malformed import Malformed
 from dissect.wire.octets import u16
 
@@ -302,3 +303,6 @@ def _check_return_codes(pdu: Pdu) -> None:
     count, there = pdu.parameters.item_count, pdu.data_length
     if there != count and (there or not (pdu.error_class or pdu.error_code)):
         pdu.malformed.append(Malformed("s7", "count_mismatch", "return codes", pdu.data_offset, count, there, "data"))
+
+
+leaves(Pdu)

@@ -33,6 +33,7 @@ from dissect.s7.tables import (
     WRITE_VAR,
 )
 from dissect.wire.build import COMPILED
+from dissect.wire.copies import leaves
 from dissect.wire.malformed import Malformed
 from dissect.wire.octets import same, u16
 
@@ -463,3 +464,12 @@ class ParameterCache:
         self._young[rosctr][parameters.octets] = parameters
         self._blocks += 1
         self._octets += size
+
+
+def _taken(head: UserdataHead) -> tuple[int, int, int, int]:
+    return head.type, head.group, head.subfunction, head.sequence
+
+
+leaves(Parameters, without=("good_answer", "good_heads", "good_layout"))
+leaves(Setup)
+leaves(UserdataHead, taken=_taken)

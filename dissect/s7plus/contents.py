@@ -7,6 +7,7 @@ from typing import Final
 from dissect.s7plus.ids import AREAS, DATA_BLOCK, block_name, member_name, short_name
 from dissect.s7plus.objects import PlusObject, every_object
 from dissect.s7plus.values import Member, Value
+from dissect.wire.copies import leaves
 from dissect.wire.malformed import Malformed
 from dissect.wire.part import Part
 
@@ -197,3 +198,6 @@ class Contents(Made):
     def notes(self) -> list[str]:
         """The notes of the parts in wire order; text from the wire is not escaped."""
         return [part.note for part in self.parts if part.note]
+
+
+leaves(Address)

@@ -23,6 +23,7 @@ from dissect.s7plus.tables import (
     V3,
     VERSIONS,
 )
+from dissect.wire.copies import leaves
 from dissect.wire.layout import Layout
 from dissect.wire.malformed import Malformed
 from dissect.wire.octets import u16, u32
@@ -375,3 +376,6 @@ def is_beginning(pdu: PlusPdu) -> bool:
 
 def _trailer(version: int) -> bytes:
     return bytes((PROTOCOL_ID, version, 0, 0))
+
+
+leaves(PlusPdu)

@@ -35,6 +35,7 @@ from dissect.s7plus.variables import (
     read_variables,
 )
 from dissect.s7plus.walk import STEP, FormatError, Walk
+from dissect.wire.copies import leaves
 from dissect.wire.octets import u16, u32
 from dissect.wire.varint import VLQ, build_varint, read_varint
 
@@ -425,3 +426,6 @@ def build_object(found: PlusObject) -> bytes:
     numbers = [found.class_id, found.class_flags, found.attribute, *([found.more] if found.attribute else [])]
     body = b"".join([build_varint(number, VLQ) for number in numbers]) + build_elements(found.elements)
     return head + body + bytes((OBJECT_END_TAG,))
+
+
+leaves(Attribute, PlusObject, Relation)

@@ -8,6 +8,7 @@ from mypy_extensions import i64
 
 from dissect.s7.parameters import Parameters
 from dissect.s7plus.tables import FUNCTIONS, INIT_SSL, NOTIFICATION, OPCODES
+from dissect.wire.copies import leaves
 
 #: `Parameters.rosctr` and `Transaction.rosctr` of S7comm-plus, which has no ROSCTR; never shown.
 PLUS: Final = 0x72
@@ -94,3 +95,6 @@ class PlusParameterCache:
             self._by_code[code] = found
         self._latest = found
         return found
+
+
+leaves(PlusParameters, without=("good_answer", "good_heads", "good_layout"))

@@ -15,6 +15,7 @@ from dissect.s7plus.ids import AREAS, BLOCK_KINDS, DATA_BLOCK, TYPE_KINDS, block
 from dissect.s7plus.objects import PlusObject
 from dissect.s7plus.stamps import next_stamp
 from dissect.s7plus.variables import NameList, Variable, VariableList
+from dissect.wire.copies import leaves
 
 #: Class of an object that describes a type.
 TYPE_INFO: Final = 511
@@ -277,3 +278,6 @@ def symbol(address: Address, found: Found) -> str:
 
 def _area(type_id: int) -> int:
     return _AREA_ORDER.get(type_id >> 16 & 0xFF, -1)
+
+
+leaves(Program, TypeInformation)

@@ -15,6 +15,7 @@ from dissect.s7plus.objects import PlusObject
 from dissect.s7plus.program import CODE, Program, symbol
 from dissect.s7plus.program_tables import ROLES
 from dissect.s7plus.stamps import next_stamp
+from dissect.wire.copies import leaves
 
 # Classes and attributes.
 SUBSCRIPTION: Final = 1001
@@ -405,3 +406,6 @@ def crc_places(numbers: list[int]) -> list[int]:
         places.append(at + 4)
         at += 5 + max(numbers[at] & 0xFFFF, 1)
     return places
+
+
+leaves(Counted, Identity, PlusSession)

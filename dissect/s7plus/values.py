@@ -23,6 +23,7 @@ from dissect.s7plus.value_tables import (
     VARIANT,
     WSTRING,
 )
+from dissect.wire.copies import leaves
 from dissect.wire.varint import VLQ, build_varint
 
 FLOAT: Final = struct.Struct(">f")
@@ -219,3 +220,6 @@ def _build_blob(blob: Blob) -> bytes:
 def build_members(members: list[Member]) -> bytes:
     """Return the octets of a list of ids and values, with its end."""
     return b"".join([build_varint(id_, VLQ) + build_value(value) for id_, value in members]) + b"\0"
+
+
+leaves(Blob, Struct, Value)

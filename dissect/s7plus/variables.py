@@ -29,6 +29,7 @@ from dissect.s7plus.tables import (
     VARIABLES_TAG,
 )
 from dissect.s7plus.walk import STEP, FormatError, Walk
+from dissect.wire.copies import leaves
 from dissect.wire.octets import u32
 from dissect.wire.varint import SIGNED, VLQ
 
@@ -405,3 +406,6 @@ def _build_blocks(blocks: list[bytes]) -> bytes:
 def build_tag_description(found: TagDescription) -> bytes:
     """Return the octets of an old description of a variable with its tags."""
     return bytes((TAG_DESCRIPTION_TAG,)) + found.octets + bytes((TAG_DESCRIPTION_END_TAG,))
+
+
+leaves(Variable)

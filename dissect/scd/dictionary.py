@@ -52,6 +52,9 @@ class Dictionary:
     standard ones), ``rpdo`` and ``tpdo`` are read-only mappings in ascending order.
     """
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        return Dictionary, (self.body,)
+
     def __init__(self, body: Body) -> None:
         check_body(body)
         self.body: Final = body

@@ -77,6 +77,9 @@ class Where:
     def __repr__(self) -> str:
         return f"Where({self.text!r})"
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        return Where, ("", self.texts, self._kinds)  # its predicates are made again
+
     @property
     def names(self) -> frozenset[str]:
         """The names of the fields in the expression."""

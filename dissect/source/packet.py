@@ -6,6 +6,8 @@ from typing import Final
 
 from mypy_extensions import i64, mypyc_attr
 
+from dissect.wire.copies import leaves
+
 #: How damage begins that is not the file's: the system or the network gave no more of it, and may do so another time.
 READING_FAILED: Final = "reading failed after byte"
 
@@ -96,3 +98,6 @@ class SourceFile:
             blocks = "1 damaged block" if self.rejected == 1 else f"{self.rejected} damaged blocks"
             said.append(f"{blocks} skipped, the contents are missing")
         return "; ".join(said)
+
+
+leaves(SourceFile)

@@ -13,6 +13,7 @@ from mypy_extensions import mypyc_attr
 
 from dissect.s7plus import session
 from dissect.tcp.link import within
+from dissect.wire.copies import leaves
 
 # Keys of facts; JSON and CSV use the same names (docs/devices.md).
 ORDER_NUMBER: Final = session.ORDER_NUMBER
@@ -421,3 +422,11 @@ def agree(key: str, one: str, other: str) -> bool:
     if key == FIRMWARE:
         return one.startswith(f"{other}.") or other.startswith(f"{one}.")
     return False
+
+
+def _taken(found: Stretch) -> tuple[str, str, int, int]:
+    return found.value, found.source, 0, 0
+
+
+leaves(Fact, Station, Book)
+leaves(Stretch, taken=_taken)

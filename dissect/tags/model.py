@@ -8,6 +8,7 @@ from mypy_extensions import i64
 
 from dissect.s7.address import address_text
 from dissect.s7.tables import BIT, BYTE, NUMBERED_AREAS
+from dissect.wire.copies import leaves
 
 #: Bits of a timer or counter, whose address is a number: their values are words.
 NUMBERED_BITS: Final = 16
@@ -118,3 +119,10 @@ def place_text(area: i64, db: i64, start: i64, bits: i64) -> str:
         return address_text(area, db, start // NUMBERED_BITS, BYTE)
     size = BIT if bits == 1 else _LETTERED.get(bits // 8, BYTE)
     return address_text(area, db, start, size)
+
+
+def _taken(tag: Tag) -> tuple[str, int, int, int, str, str, int]:
+    return tag.name, 0, 0, 0, tag.kind, tag.type, 0
+
+
+leaves(Tag, taken=_taken)

@@ -14,6 +14,7 @@ from dissect.tags.model import NUMBERED_BITS, Tag, place_text
 from dissect.tags.values import decode_part
 from dissect.transactions.connection import Connection
 from dissect.transactions.naming import NamedValue, Naming
+from dissect.wire.copies import leaves
 
 #: The values of so many items are remembered with their octets: a polled value rarely changes, and is not decoded again.
 _MAX_REMEMBERED: Final = 4096
@@ -22,7 +23,7 @@ _MAX_REMEMBERED: Final = 4096
 class TagNaming(Naming):
     """Names values by tags, the same for every CPU."""
 
-    def __init__(self, tags: list[Tag], programs: dict[str, Program] | None = None) -> None:
+    def __init__(self, tags: list[Tag], programs: dict[str, Program] | None) -> None:
         self.tags: list[Tag] = tags
         self.index: TagIndex = TagIndex(tags)
         self._programs: dict[str, Program] = programs if programs is not None else {}
@@ -192,3 +193,7 @@ def _piece(value: NamedValue, part: Part, data: bytes) -> NamedValue:
     which = f"byte {at}" if last == at else f"bytes {at} to {last}"
     value.remark = f"{which} of {size}"
     return value
+
+
+leaves(TagNaming, without=("_remembered", "index"))
+leaves(HostNaming)

@@ -8,6 +8,7 @@ from mypy_extensions import i64, mypyc_attr
 
 from dissect.tcp.doubt import Doubt
 from dissect.tcp.stream import FAR_AHEAD, MASK, Endpoint, HalfStream
+from dissect.wire.copies import leaves
 
 #: A reset counts if it is at most this far from the expected sequence number (RFC 5961 wants it exact; captures lose segments).
 _RESET_WINDOW: Final = 65536
@@ -218,3 +219,10 @@ class TcpConnection:
     def closed(self) -> bool:
         """True when neither side sends anything more."""
         return self._silent == 3
+
+
+def _taken(tcp: TcpConnection) -> tuple[Endpoint, Endpoint, int, int, int]:
+    return tcp.ends[0], tcp.ends[1], 0, 0, 0
+
+
+leaves(TcpConnection, taken=_taken)

@@ -21,6 +21,7 @@ from typing import Final
 from mypy_extensions import i64, mypyc_attr
 
 from dissect.tcp.stretches import Chunk, Held
+from dissect.wire.copies import leaves
 from dissect.wire.octets import u16
 from dissect.wire.text import POINT, SHORT, decimal
 
@@ -401,3 +402,7 @@ class Endpoint:
                 f"[{self.host}]:{self.port}" if len(self.address) == 16 else f"{self.host}:{decimal(self.port)}"
             )
         return self._text
+
+
+leaves(Endpoint)
+leaves(HalfStream, without=("held", "outside", "ready"))

@@ -9,6 +9,7 @@ from dissect.tls.aead import Opener
 from dissect.tls.certificate import Certificate
 from dissect.tls.handshake import HandshakeReader
 from dissect.tls.records import RecordReader
+from dissect.wire.copies import leaves
 
 # Stages of a direction in TLS 1.3, in their order; each has its own secret.
 EARLY: Final = 0
@@ -159,3 +160,6 @@ class Direction:
         self._misses += 1
         if self._misses >= MAX_MISSES:
             self.given_up = True
+
+
+leaves(Direction, without=("_opener", "messages"))

@@ -6,6 +6,7 @@ from typing import Final
 
 from mypy_extensions import i64
 
+from dissect.wire.copies import leaves
 from dissect.wire.octets import u16
 
 HEADER: Final = 5
@@ -71,3 +72,6 @@ class RecordReader:
         """Octets are missing: drop the unfinished record."""
         self.skipped += len(self._rest)
         self._rest = b""
+
+
+leaves(RecordReader)

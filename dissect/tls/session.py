@@ -36,6 +36,7 @@ from dissect.tls.tables import (
     Suite,
     suite_of,
 )
+from dissect.wire.copies import leaves
 
 #: Bounds for encrypted records that wait for their key, in octets: of a session, and of all sessions of a run together.
 MAX_WAITING: Final = 128 * 1024
@@ -401,3 +402,11 @@ class TlsSession:
         if any([self.directions[index].opened for index in shut]):
             return "records are missing from the capture, and those after them fit no record number that was tried"
         return "the secrets given for it do not open the records: they belong to another session, or the records were changed"
+
+
+def _taken(_session: TlsSession) -> tuple[KeyRing]:
+    return (KeyRing(),)
+
+
+#: Session keys stay where they are, and what only they can open.
+leaves(TlsSession, without=("_all", "_keys", "_secrets", "_suite", "_traffic", "_waiting"), taken=_taken)

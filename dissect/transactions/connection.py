@@ -30,6 +30,7 @@ from dissect.transactions.ending import OPEN, Ending
 from dissect.transactions.open_requests import OpenRequests
 from dissect.transactions.operation import Activation, OpenOperations
 from dissect.transactions.results import Subscription
+from dissect.wire.copies import leaves
 
 if TYPE_CHECKING:
     from dissect.s7plus.session import PlusSession
@@ -563,3 +564,6 @@ class Connection:
         if granted is None:
             return 0
         return granted.max_amq_called if asked_by == self._setup_by else granted.max_amq_calling
+
+
+leaves(Connection, without=("_operations", "_subscriptions", "_traits", "begun", "open_requests"))

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Final
 
 from mypy_extensions import i64, mypyc_attr
 
+from dissect.wire.copies import leaves
 from dissect.wire.text import distance_text, duration_text
 
 if TYPE_CHECKING:
@@ -191,3 +192,16 @@ class Ending:
         """Time from the last request, answer or encrypted message to the end, None when there was none."""
         last: int = max(self.last_request_ns, self.last_answer_ns, self.last_encrypted_ns)
         return self.time_ns - last if last else None
+
+
+def _taken(_ending: Ending) -> tuple[Connection, list[Transaction], int, int]:
+    """An empty connection: the real one leads back to its ending."""
+    from dissect.tcp.connection import TcpConnection
+    from dissect.tcp.stream import Endpoint
+    from dissect.transactions.connection import Connection
+
+    nowhere = Endpoint(b"", 0)
+    return Connection(0, TcpConnection(nowhere, nowhere, 0, 0, 0)), [], 0, 0
+
+
+leaves(Ending, taken=_taken)

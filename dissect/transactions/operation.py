@@ -10,6 +10,7 @@ from dissect.s7.block_names import FILE_SYSTEMS
 from dissect.s7.parameters import UserdataHead
 from dissect.s7plus.tables import RETURN_CODES as PLUS_CODES
 from dissect.transactions.results import RETURN_VALUE, TransactionError, refusal
+from dissect.wire.copies import leaves
 from dissect.wire.part import Part
 
 if TYPE_CHECKING:
@@ -410,3 +411,11 @@ def result_of(
     if code > 0:
         error = TransactionError(RETURN_VALUE, code, PLUS_CODES.name(code), PLUS_CODES.text(code))
     return (went_well if error is None else went_wrong), "", error
+
+
+def _taken(operation: Operation) -> tuple[str, Connection, int, str, int, int]:
+    return operation.kind, operation.connection, 0, "", 0, 0
+
+
+leaves(Activation, Oddity)
+leaves(Operation, taken=_taken)

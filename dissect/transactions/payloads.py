@@ -11,6 +11,7 @@ from mypy_extensions import i64
 
 from dissect.s7.parameters import Parameters
 from dissect.transactions.protocol import Kept
+from dissect.wire.copies import leaves
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -158,3 +159,20 @@ class Backlog(Kept):
         self.pending: list[tuple[int, int]] = []
         self.scan: i64 = 0
         self.owed: i64 = 0
+
+
+def _taken(found: ScdMessage) -> tuple[Message, Dictionary, str, bytes]:
+    return (
+        found.message,
+        found.dictionary,
+        found.binding,
+        found.octets,
+    )  # decoded, because what decodes it later stays here
+
+
+def _taken_function(function: ScdParameters) -> tuple[int, str, ScdMessage]:
+    return 0, function.name, function.scd
+
+
+leaves(ScdMessage, without=("_later",), taken=_taken)
+leaves(ScdParameters, taken=_taken_function)

@@ -48,6 +48,7 @@ from dissect.s7plus.tables import ERRORS, refuses
 from dissect.s7plus.tables import RETURN_CODES as PLUS_CODES
 from dissect.transactions.payloads import ScdParameters
 from dissect.wire.codes import coded
+from dissect.wire.copies import leaves
 from dissect.wire.malformed import Malformed
 from dissect.wire.octets import u16
 from dissect.wire.text import duration_text
@@ -422,3 +423,6 @@ def _test_results(head: UserdataHead, items: list[Item], data: bytes) -> list[It
     if head.subfunction == VARIABLE_STATUS:
         return read_results(items, parse_data_items(data, _SENT_HEAD, len(data), count, True, []))
     return write_results(items, [], list(data[_SENT_HEAD : _SENT_HEAD + count]))
+
+
+leaves(Subscription, TransactionError)

@@ -54,6 +54,7 @@ from dissect.transactions.results import (
     refusal,
     userdata_results,
 )
+from dissect.wire.copies import leaves
 from dissect.wire.malformed import Malformed
 from dissect.wire.text import printable
 
@@ -528,3 +529,6 @@ def unasked(
     transaction.set_response(rosctr, parameters, buf, at, size, frame, time_ns)
     transaction.outcome = ORPHAN
     return transaction
+
+
+leaves(Transaction, without=("known_body", "request_seq"))

@@ -9,6 +9,7 @@ from mypy_extensions import i64
 from dissect.tcp.stream import Endpoint
 from dissect.transactions.connection import Connection
 from dissect.transactions.transaction import LIKELY, SURE
+from dissect.wire.copies import leaves
 
 if TYPE_CHECKING:
     from dissect.variables.statistics import Statistics
@@ -191,3 +192,11 @@ class ValueRow:
 
     def __repr__(self) -> str:
         return f"ValueRow({self.how} {self.name!r} = {self.value!r})"
+
+
+def _taken(variable: Variable) -> tuple[Endpoint, int, str, str, str, str]:
+    return variable.plc, 0, variable.address, variable.type, variable.tag, variable.unit
+
+
+leaves(Variable, taken=_taken)
+leaves(ValueRow)

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Final
 
+from dissect.wire.copies import leaves
+
 #: Every reason a parser may give; the set is closed so that reports and gates can rely on it.
 REASONS: Final = (
     "too_short",        # a fixed header or field needs more octets than there are
@@ -122,3 +124,6 @@ class Malformed:
 
 def _octets(count: int) -> str:
     return f"{count} byte{'s' if count != 1 else ''}"
+
+
+leaves(Malformed)

@@ -1,0 +1,132 @@
+"""Copies and pickles of objects: `leaves` makes `copy`, `deepcopy` and `pickle` take the objects of a class, in both builds.
+
+Objects of compiled classes have no ``__dict__`` and are only made by a constructor with arguments, so that Python's own way
+fails. Here an object goes as its class, the arguments that make a new object of it, and its attributes by name. This form is
+the same in the compiled and the interpreted build: each reads the pickles of the other. State that is only needed while a run
+goes on does not go along, nor do session keys.
+"""
+
+from __future__ import annotations
+
+import copyreg
+import inspect
+from collections.abc import Callable
+from functools import cache
+from typing import Any, Final, TypeAlias
+
+from librt.strings import BytesWriter
+from librt.vecs import vec
+from mypy_extensions import i64
+
+#: What `copyreg` and ``__reduce__`` return: a function, its arguments, and the attributes, to be set one by one.
+Reduced: TypeAlias = "tuple[Callable[..., Any], tuple[Any, ...], tuple[None, dict[str, Any]]]"
+#: Gives the arguments for the constructor of a class from one of its objects.
+Taken: TypeAlias = Callable[[Any], "tuple[Any, ...]"]
+
+_LEFT_OUT: Final[dict[type, frozenset[str]]] = {}
+_TAKEN: Final[dict[type, Taken]] = {}
+
+
+def leaves(*kinds: type, without: tuple[str, ...] = (), taken: Taken | None = None) -> None:
+    """Let objects of these classes be copied and pickled, without the attributes ``without``: a copy has those of a new object.
+
+    ``taken`` gives the arguments for the constructor, which by default are the attributes with the names of its parameters. A
+    class whose objects lead back to themselves through such an argument gives empty ones; the attributes are set afterwards.
+    """
+    for kind in kinds:
+        _LEFT_OUT[kind] = frozenset(without)
+        if taken is not None:
+            _TAKEN[kind] = taken
+        copyreg.pickle(kind, _reduced)
+
+
+def keep_out(kind: type, *names: str) -> None:
+    """Leave these attributes out of the copies of a class from which users derive (`derived`), and of its subclasses."""
+    _LEFT_OUT[kind] = frozenset(names)
+
+
+def derived(found: Any) -> Reduced:
+    """Return an object of a class from which users derive in the form in which `copy` and `pickle` take it apart.
+
+    For its ``__reduce__``. As Python does, it makes a copy without the constructor of the user's class.
+    """
+    return _blank, (type(found),), (None, _state(found))
+
+
+def made(kind: Any, *arguments: Any) -> Any:
+    """Return a new object, whose attributes are set next."""
+    return kind(*arguments)
+
+
+def refuse(what: str, instead: str) -> TypeError:
+    """Return the error for an object that cannot leave the process; ``instead`` says what can."""
+    return TypeError(f"{what} cannot be copied or pickled: {instead}")
+
+
+def _reduced(found: Any) -> Reduced:
+    kind: Any = type(found)
+    taken = _TAKEN.get(kind)
+    arguments = taken(found) if taken is not None else tuple([getattr(found, name) for name in _parameters(kind)])
+    return made, (kind, *arguments), (None, _state(found))
+
+
+def _state(found: Any) -> dict[str, Any]:
+    kind: Any = type(found)
+    left_out = _left_out(kind)
+    names = dict.fromkeys((*attributes(kind), *getattr(found, "__dict__", ())))
+    return {name: getattr(found, name) for name in names if name not in left_out and hasattr(found, name)}
+
+
+def _blank(kind: Any) -> Any:
+    found = kind.__new__(kind)
+    base = next(each for each in kind.__mro__ if each in _LEFT_OUT)
+    base.__init__(found)
+    return found
+
+
+@cache
+def attributes(kind: Any) -> tuple[str, ...]:
+    """Return the names of the attributes that objects of a class may have, besides those in their ``__dict__``."""
+    names: dict[str, None] = {}
+    for each in kind.__mro__:
+        declared = vars(each).get("__mypyc_attrs__") or vars(each).get("__slots__") or ()
+        names.update(dict.fromkeys((declared,) if isinstance(declared, str) else declared))
+    names.pop("__dict__", None)
+    return tuple(names)
+
+
+@cache
+def _left_out(kind: Any) -> frozenset[str]:
+    return frozenset().union(*[_LEFT_OUT.get(each, frozenset()) for each in kind.__mro__])
+
+
+@cache
+def _parameters(kind: Any) -> tuple[str, ...]:
+    """Return the names of the attributes that a constructor takes: those of its parameters that have no default."""
+    needed = [
+        name
+        for name, parameter in inspect.signature(kind).parameters.items()
+        if parameter.default is inspect.Parameter.empty
+    ]
+    # A class without slots does not show its attributes (`SourceFile`, interpreted): they have the names of the parameters.
+    return tuple(
+        [
+            next((each for each in (name, f"_{name}", name.removesuffix("_")) if hasattr(kind, each)), name)
+            for name in needed
+        ]
+    )
+
+
+def _writer(octets: bytes) -> BytesWriter:
+    writer = BytesWriter()
+    writer.write(octets)
+    return writer
+
+
+def _numbers(found: list[int]) -> Any:
+    return vec[i64](found)
+
+
+# What answer times are kept in (`dissect.report.latencies`).
+copyreg.pickle(BytesWriter, lambda writer: (_writer, (writer.getvalue(),)))
+copyreg.pickle(vec[i64], lambda numbers: (_numbers, (list(numbers),)))

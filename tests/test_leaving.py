@@ -1,0 +1,204 @@
+"""Objects leave the process: every public class copies, deep-copies and pickles, in the compiled and the interpreted build."""
+
+from __future__ import annotations
+
+import copy
+import functools
+import json
+import multiprocessing
+import pickle
+import pydoc
+from collections.abc import Callable, Iterable
+from concurrent.futures import ProcessPoolExecutor
+from pathlib import Path
+from typing import Any, Final
+
+import pytest
+
+import dissect
+from dissect.transactions.transaction import OUTCOMES
+
+CAPTURES: Final = Path(__file__).parents[1] / "captures"
+PLANT: Final = CAPTURES / "scd" / "plant.toml"
+#: Captures that together hold events of every class, and sessions of every protocol.
+FILES: Final = ("item-errors.pcapng", "crafted/coverage-userdata.pcapng", "nodes7-poll-missing.pcapng")
+
+
+@functools.cache
+def events() -> list[Any]:
+    """Events of each public class, the first ones of each."""
+    found: list[Any] = []
+    for name in FILES:
+        found += dissect.open(CAPTURES / name)
+    for path in sorted(CAPTURES.rglob("*plus*.pcapng"))[:3]:
+        found += dissect.open(path)
+    found += dissect.open(PLANT.with_suffix(".pcapng"), scd=PLANT, bind=PLANT.with_suffix(".bind.toml"))
+    return found
+
+
+def of(kind: type) -> list[Any]:
+    return [event for event in events() if type(event) is kind][:40]
+
+
+def blocks() -> Iterable[Any]:
+    for path in sorted(CAPTURES.rglob("*.pcapng")):
+        yield from dissect.blocks(path)
+
+
+#: Objects of each public class: a function, called late, because reading takes time.
+MADE: Final[dict[str, Callable[[], list[Any]]]] = {
+    "Analysis": lambda: [dissect.analyze(CAPTURES / name) for name in FILES],
+    "CarvedBlock": lambda: [block for block, _ in zip(blocks(), range(5), strict=False)],
+    "Connection": lambda: of(dissect.Connection),
+    "Device": lambda: list(dissect.devices(CAPTURES / FILES[0])),
+    "Finding": lambda: of(dissect.Finding),
+    "Observer": lambda: [dissect.Observer()],
+    "Operation": lambda: of(dissect.Operation),
+    "Options": lambda: [dissect.Options(slow_ns=5)],
+    "Pdu": lambda: of(dissect.Pdu),
+    "Pipeline": lambda: [dissect.analyze(CAPTURES / FILES[0]).pipeline],
+    "PlusPdu": lambda: of(dissect.PlusPdu),
+    "ScdMessage": lambda: of(dissect.ScdMessage),
+    "Transaction": lambda: of(dissect.Transaction),
+    "TransactionError": lambda: [error for one in of(dissect.Transaction) for error in one.errors],
+    "ValueRow": lambda: list(dissect.values(CAPTURES / FILES[0]))[:20],
+    "Where": lambda: [dissect.Where('function contains "Read" and not error.code', also=["latency > 1 ms"])],
+}
+#: Public classes that are not made, or hold an open file.
+NO_COPIES: Final = frozenset(("Run",))
+
+
+def classes() -> set[str]:
+    named = {name: getattr(dissect, name) for name in dissect._PUBLIC}
+    return {name for name, value in named.items() if isinstance(value, type) and not issubclass(value, Exception)}
+
+
+def test_the_contract_names_every_public_class() -> None:
+    assert set(MADE) | NO_COPIES == classes()
+
+
+def said(found: Any) -> object:
+    """What an object says of itself, in plain values."""
+    if isinstance(found, dissect.Analysis):
+        return found.as_dict(), [repr(one) for one in found.slowest()]
+    if isinstance(found, dissect.Transaction):
+        texts = (OUTCOMES[found.outcome], found.reason_text, found.function_name, found.certainty)
+        plus = [(item.label, repr(item.value)) for item in found.plus_items()] if found.is_plus else []
+        results = [(repr(one), one.value, one.return_code) for one in found.results()]
+        return (
+            texts,
+            found.latency_ns,
+            found.frames,
+            results,
+            plus,
+            [repr(one) for one in found.errors],
+            said(found.connection),
+        )
+    if isinstance(found, dissect.Connection):
+        ending = found.ending
+        ends = (str(found.client), str(found.server), found.tsap_called and found.tsap_called.octets)
+        return repr(found), ends, found.pdus, ending and (ending.how, ending.deed(found), ending.silence_ns)
+    if isinstance(found, (dissect.Pdu, dissect.PlusPdu)):
+        return repr(found), found.octets, found.frame, [repr(one) for one in found.malformed]
+    if isinstance(found, dissect.ScdMessage):
+        return found.subject, found.message.values, [repr(row) for row in found.values]
+    if isinstance(found, dissect.Finding):
+        return repr(found), found.rule.slug, found.detail, found.frames
+    if isinstance(found, dissect.Operation):
+        return repr(found), found.content, found.result, found.transactions
+    if isinstance(found, dissect.CarvedBlock):
+        return repr(found), found.octets, found.parts(), found.plc, found.missing
+    if isinstance(found, dissect.Pipeline):
+        return found.frames, found.finding_counts, [one.describe() for one in found.protocols]
+    if isinstance(found, dissect.ValueRow):
+        return repr(found), found.value, found.host, found.plc.host, found.unit, found.connection
+    if isinstance(found, dissect.Options):
+        return found.slow_ns, found.memory
+    if isinstance(found, dissect.Where):
+        return found.text, [found.transaction(one) for one in of(dissect.Transaction)]
+    if isinstance(found, dissect.Observer):
+        return found.wants_facts, found.wants_pdus, found.wants_tpdus, found.own_book
+    return repr(found)
+
+
+WAYS: Final[dict[str, Callable[[Any], Any]]] = {
+    "copy": copy.copy,
+    "deepcopy": copy.deepcopy,
+    **{
+        f"pickle {number}": lambda one, number=number: pickle.loads(pickle.dumps(one, number)) for number in range(2, 6)
+    },
+}
+
+
+@pytest.mark.parametrize("name", sorted(MADE))
+def test_objects_copy_and_pickle(name: str) -> None:
+    objects = MADE[name]()
+    assert objects
+    for found in objects:
+        expected = said(found)
+        for way, take in WAYS.items():
+            taken = take(found)
+            assert type(taken) is type(found)
+            assert taken is not found
+            assert said(taken) == expected, way
+            assert said(found) == expected, way
+
+
+@pytest.mark.parametrize("name", sorted(MADE))
+def test_public_classes_have_help(name: str) -> None:
+    text = pydoc.render_doc(getattr(dissect, name), renderer=pydoc.plaintext)
+    assert f"class {name}" in text
+    assert " object at 0x" not in "".join([repr(one) for one in MADE[name]()[:3]]) or name in {"Observer", "Pipeline"}
+
+
+def test_what_is_shared_stays_shared() -> None:
+    transactions = of(dissect.Transaction)
+    again = pickle.loads(pickle.dumps(transactions))
+    assert len({id(one.connection) for one in again}) == len({id(one.connection) for one in transactions})
+    assert copy.copy(transactions[0]).connection is transactions[0].connection
+    finding = copy.deepcopy(of(dissect.Finding)[0])
+    assert finding.rule is of(dissect.Finding)[0].rule
+
+
+def test_a_run_says_why_it_stays() -> None:
+    run = dissect.Run([CAPTURES / FILES[0]], dissect.Observer())
+    for take in WAYS.values():
+        with pytest.raises(TypeError, match="a Run cannot be copied or pickled: it reads a file"):
+            take(run)
+
+
+class Mine(dissect.Observer):
+    """An observer of a user, whose constructor needs an argument."""
+
+    def __init__(self, name: str) -> None:
+        super().__init__()
+        self.name = name
+        self.seen: list[int] = []
+
+    def transaction(self, transaction: dissect.Transaction) -> None:
+        self.seen.append(int(transaction.number))
+
+
+def test_observers_of_users_are_taken_along() -> None:
+    mine = Mine("one")
+    dissect.Run([CAPTURES / FILES[0]], mine).read()
+    for take in WAYS.values():
+        taken = take(mine)
+        assert (taken.name, taken.seen, taken.wants_pdus) == ("one", mine.seen, False)
+    assert copy.deepcopy(mine).seen is not mine.seen
+
+
+def transactions_of(path: str) -> list[dissect.Transaction]:
+    return [event for event in dissect.open(path, pdus=False) if isinstance(event, dissect.Transaction)]
+
+
+def test_a_pool_of_spawned_processes_returns_everything() -> None:
+    paths = [str(CAPTURES / name) for name in FILES]
+    with ProcessPoolExecutor(2, mp_context=multiprocessing.get_context("spawn")) as pool:
+        analyses = list(pool.map(dissect.analyze, paths))
+        lists = list(pool.map(transactions_of, paths))
+        there = pool.submit(said, of(dissect.Transaction)[0]).result()
+    for path, analysis, transactions in zip(paths, analyses, lists, strict=True):
+        assert json.dumps(analysis.as_dict()) == json.dumps(dissect.analyze(path).as_dict())
+        assert [said(one) for one in transactions] == [said(one) for one in transactions_of(path)]
+    assert there == said(of(dissect.Transaction)[0])
