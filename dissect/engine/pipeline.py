@@ -16,7 +16,6 @@ with the protocol `Recognition`, which gives it to the one that it speaks; a new
 
 from __future__ import annotations
 
-import copyreg
 import struct
 from typing import Final
 
@@ -57,6 +56,7 @@ from dissect.transactions.side import Side
 from dissect.transactions.table import ConnectionTable
 from dissect.transactions.transaction import CAPTURE_ENDED, CONNECTION_CLOSED, CONNECTION_EVICTED
 from dissect.wire.build import COMPILED
+from dissect.wire.copies import leaves_as
 
 __all__ = ["Observer", "Options", "Pipeline"]
 
@@ -598,4 +598,4 @@ class Pipeline(PacketSink):
         self.exchange.finish()
 
 
-copyreg.pickle(Pipeline, counts_of)
+leaves_as(Pipeline, counts_of)

@@ -26,7 +26,7 @@ _COUNTERS: Final = (
     *[f"exchange.{name}" for name in ("dialogue.count", "watch.operations.evicted")],
     *[f"exchange.reporter.{name}" for name in ("counts", "explained", "number")],
     *[f"iso.{name}" for name in ("tpdus", "tsdus")],
-    "ibh.packets",
+    *[f"ibh.{name}" for name in ("packets",)],
     *[f"s7.{name}" for name in ("pdus", "behind_malformed", "cut_pdus", "unpaired", "rosctrs", "functions")],
     *[
         f"plus.{name}"

@@ -12,7 +12,16 @@ from scapy.packet import NoPayload, Packet, Raw
 from dissect.iso import layouts, tables
 from dissect.iso.cotp import CALLED_TSAP, CALLING_TSAP, parse_tpdu
 from dissect.iso.tsap import Tsap
-from dissect.layers.fields import OctetsField, PiecesField, ScapyField, WireLayer, consumed, fill_number, header_fields
+from dissect.layers.fields import (
+    Joining,
+    OctetsField,
+    PiecesField,
+    ScapyField,
+    WireLayer,
+    consumed,
+    fill_number,
+    header_fields,
+)
 from dissect.layers.parameters import COTP_Parameter, carve_parameters
 from dissect.layers.s7 import S7, is_s7
 from dissect.layers.s7plus import S7Plus, is_s7plus
@@ -154,14 +163,16 @@ class COTP_DC(COTP):
         return int(isinstance(other, COTP_DR) and self.dst_ref == other.src_ref and self.src_ref == other.dst_ref)
 
 
-class COTP_DT(COTP):
+class COTP_DT(Joining, COTP):
     """Data, in the form of class 0 and 1: what carries S7.
 
     The payload is `S7` or `S7Plus` when ``eot`` is set and the octets say so. A DT without EOT is a fragment, or the empty DT
-    that Siemens stacks send as an acknowledgement; fragments stay `Raw`, and `S7Session` joins them.
+    that Siemens stacks send as an acknowledgement; fragments stay `Raw`, and `S7Session` and a `StreamSocket` on `TPKT` join
+    them: the whole PDU is the layer of the last DT.
     """
 
     name = "COTP DT"
+    __slots__ = ["piece"]
     least = layouts.DT.size
     fields_desc = _tpdu_fields(layouts.DT, tables.DT, eot=1)
 

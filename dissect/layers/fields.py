@@ -532,6 +532,45 @@ class WireLayer(Packet):
         return ""
 
 
+class Joining:
+    """A data packet that may end a message of several packets; goes before `WireLayer`, with a slot ``piece``.
+
+    After `join` its layer is the whole message, and it still builds the octets that were in it on the wire, while the message
+    is not changed.
+    """
+
+    __slots__ = ()
+    piece: tuple[bytes, bytes]
+
+    def join(self, message: Packet) -> None:
+        """Take the whole message as the layer."""
+        packet: Any = self
+        piece = bytes(packet.payload)
+        packet.remove_payload()
+        packet.add_payload(message)
+        packet.piece = (piece, bytes(message))
+
+    def do_build_payload(self) -> bytes:
+        """Build the piece that was on the wire, or the message once it was changed (Scapy's interface)."""
+        built: bytes = super().do_build_payload()  # type: ignore[misc]
+        piece = getattr(self, "piece", None)
+        return piece[0] if piece is not None and piece[1] == built else built
+
+    def copy(self) -> Any:
+        """Return a copy, with the piece (Scapy's interface)."""
+        return self._with_piece(super().copy())  # type: ignore[misc]
+
+    def clone_with(self, *args: Any, **kwargs: Any) -> Any:
+        """Return a copy on another payload, with the piece (Scapy's interface); building a stack of layers takes such."""
+        return self._with_piece(super().clone_with(*args, **kwargs))  # type: ignore[misc]
+
+    def _with_piece(self, clone: Any) -> Any:
+        piece = getattr(self, "piece", None)
+        if piece is not None:
+            clone.piece = piece
+        return clone
+
+
 def settled(packet: Packet) -> bool:
     """Tell whether every field of a layer has a value, in the packets of its lists too: ``fuzz()`` leaves them to be drawn."""
     for values in (packet.fields, packet.overloaded_fields, packet.default_fields) if packet.fields_desc else ():

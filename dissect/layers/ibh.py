@@ -18,7 +18,7 @@ from dissect.ibh.layouts import IBH as IBH_LAYOUT
 from dissect.ibh.layouts import MPI_LONG, MPI_SHORT
 from dissect.ibh.packet import HEADER, LONG_HEAD, SHORT_HEAD
 from dissect.ibh.tables import DATA, FUNCTIONS, MPI_INDICATION, MPI_REQUEST, NETLINK_PORT, SERVICES
-from dissect.layers.fields import WireLayer, fill_number, header_fields
+from dissect.layers.fields import Joining, WireLayer, fill_number, header_fields
 from dissect.layers.s7 import S7
 from dissect.layers.tpkt import TPKT
 
@@ -166,7 +166,7 @@ class IBH(WireLayer):
         return self.payload.answers(other.payload) if isinstance(other, IBH) else 0
 
 
-class MPI(WireLayer):
+class MPI(Joining, WireLayer):
     """The short MPI header, to the gateway. ``length`` counts from ``function`` on and is filled in when left out.
 
     A data packet carries `S7`; any other, also a fragment that goes on in the next packet, has what follows its number as
@@ -174,6 +174,7 @@ class MPI(WireLayer):
     """
 
     name = "MPI"
+    __slots__ = ["piece"]
     head = SHORT_HEAD
     least = SHORT_HEAD + 1
     match_subclass = True

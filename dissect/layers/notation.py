@@ -2,39 +2,70 @@
 
 from __future__ import annotations
 
+import re
 from typing import Final
 
 from dissect.layers.variables import S7_Any
-from dissect.s7.address import MAX_DB, MAX_OCTET, parse_address
-from dissect.s7.tables import BIT, DB_AREAS, LETTER_AREAS, NUMBERED_AREAS, TRANSPORT_SIZES
+from dissect.s7.address import MAX_DB, MAX_OCTET, Address, parse_address
+from dissect.s7.tables import BIT, NUMBERED_AREAS, RECORD_AREA, TRANSPORT_SIZES
 
 #: Transport size of a width letter. No letter is one bit.
 _WIDTHS: Final = {"": 0x01, "X": 0x01, "B": 0x02, "W": 0x04, "D": 0x06, "L": 0x0F}
 _MAX_WORD: Final = 65535
-#: Areas that are written without a colon.
-_AREAS: Final = DB_AREAS | frozenset(LETTER_AREAS.values())
+#: A count, as summaries write it: ``DB10.DBW4 x3``.
+_COUNT: Final = re.compile(r"\s+X([0-9]{1,5})")
+#: A pointer of STEP 7: ``P#DB10.DBX4.0 BYTE 10``; its type and number may be missing.
+_POINTER: Final = re.compile(r"P#\s*(.*?[0-9]\.[0-7])(?:\s+([A-Z_]+)(?:\s+([0-9]{1,5}))?)?")
+#: Peripheral inputs and outputs, which are one area: ``PIW256``, ``PQB0``, in German ``PEW256``, ``PAB0``.
+_PERIPHERAL: Final = re.compile(r"P[IQEA]([BWD][0-9]{1,8})")
 
 
-def at(address: str, count: int = 1, transport_size: str | int | None = None) -> S7_Any:
-    """Return the item of ``address``: ``DB10.DBX4.1``, ``DB10.DBW4``, ``MW20``, ``I0.0`` or ``E0.0``, ``T5``, ``C3`` or ``Z3``.
+def at(address: str, count: int | None = None, transport_size: str | int | None = None) -> S7_Any:
+    """Return the item of an address: ``DB10.DBX4.1``, ``DB10.DBW4``, ``MW20``, ``I0.0`` or ``E0.0``, ``T5``, ``C3`` or ``Z3``.
 
-    ``count`` is in elements. The transport size follows from the width letter (B BYTE, W WORD, D DWORD, none or X BIT, L
-    DATE_AND_TIME); ``transport_size`` names another for the same place, for example ``"REAL"`` for ``DB1.DBD8``. Raises
-    ValueError for what is no address.
+    It takes all addresses that summaries print (``DB10.DBW4 x3``, ``SF200:B0``, ``RECORD1@2``), peripheral ones (``PIW256``),
+    and pointers (``P#DB10.DBX4.0 BYTE 10``). ``count`` is in elements, 1 unless the text gives one. The transport size follows
+    from the width letter (B BYTE, W WORD, D DWORD, none or X BIT, L DATE_AND_TIME) or the type of the pointer;
+    ``transport_size`` names another for the same place, for example ``"REAL"`` for ``DB1.DBD8``. Raises ValueError for what is
+    no address.
     """
-    found = parse_address(address.strip().upper())
-    if found is None or found.area not in _AREAS or ":" in address:
-        raise _no_address(address, "write it as DB10.DBX4.1, DB10.DBW4, MW20, I0.0, T5 or C3")
+    text = address.strip().upper()
+    if (pointer := _POINTER.fullmatch(text)) and (found := parse_address(_written(pointer[1]))) is not None:
+        kind = transport_size if transport_size is not None else pointer[2] or BIT
+        return _placed(address, found, int(pointer[3] or 1) if count is None else count, kind, found.bit)
+    if counted := _COUNT.search(text):
+        text = text[: counted.start()] if counted.end() == len(text) else text
+        count = int(counted[1]) if count is None else count
+    text = _PERIPHERAL.sub(r"P\1", text)
+    found = parse_address(_written(text))
+    if found is None:
+        raise _no_address(
+            address, "write it as DB10.DBX4.1, DB10.DBW4, MW20, I0.0, PIW256, T5, C3 or P#DB10.DBX4.0 BYTE 10"
+        )
+    size = _WIDTHS[found.width]
+    if found.area not in NUMBERED_AREAS and found.area != RECORD_AREA and (found.bit < 0) == (size == BIT):
+        raise _no_address(address, "a bit has a place after the dot, anything wider has none")
+    return _placed(address, found, 1 if count is None else count, transport_size, 0)
+
+
+def _written(text: str) -> str:
+    """Return a text in capitals as `parse_address` knows it: it spells the numbers of areas without a name in small letters."""
+    return re.sub("^AREA0X[0-9A-F]{2}", lambda area: area[0].lower(), text)
+
+
+def _placed(address: str, found: Address, count: int, transport_size: str | int | None, bit: int) -> S7_Any:
+    """Return the item of an address that was read; a pointer to anything wider than a bit ends with ``bit`` 0."""
     if found.area in NUMBERED_AREAS:
         if found.number > _MAX_WORD:
             raise _no_address(address, "a counter or timer is a letter and a number")
         return _item(address, found.area, 0, found.number, found.area, count, transport_size)
     if found.number > MAX_OCTET or found.db > MAX_DB:
         raise _no_address(address, "its numbers do not fit the fields of an item")
-    size = _WIDTHS[found.width]
-    if (found.bit < 0) == (size == BIT):
-        raise _no_address(address, "a bit has a place after the dot, anything wider has none")
-    return _item(address, found.area, found.db, found.field, size, count, transport_size)
+    if found.area == RECORD_AREA:
+        return _item(address, found.area, found.db, found.field, _WIDTHS["B"], count, transport_size)
+    if bit > 0 and transport_size not in {"BIT", "BOOL", BIT}:
+        raise _no_address(address, "a pointer to anything wider than a bit ends with .0")
+    return _item(address, found.area, found.db, found.field, _WIDTHS[found.width], count, transport_size)
 
 
 def _item(
@@ -45,6 +76,7 @@ def _item(
         raise ValueError(message)
     if isinstance(transport_size, str):
         names = {name: number for number, name in TRANSPORT_SIZES.names().items()}
+        names["BOOL"] = BIT
         if transport_size.upper() not in names:
             message = f"{transport_size!r} is not a transport size: give one of {', '.join(names)}"
             raise ValueError(message)

@@ -43,12 +43,13 @@ _NO_MAC: Final = "00:00:00:00:00:00"
 _NS: Final = 10**9
 _IPV6_SIZE: Final = 16
 _VIDS: Final = 4096
+_MASK: Final = 0xFFFFFFFF
 
 
 class _Found:
     """A TPKT, an IBH-NetLink packet, or a PDU that was cut: its octets, direction and time, and the S7 PDU it completed."""
 
-    __slots__ = ("cut", "fragment", "octets", "pdu", "side", "time_ns")
+    __slots__ = ("ack", "cut", "end", "fragment", "octets", "pdu", "side", "time_ns")
 
     def __init__(self, side: Side, time_ns: int, octets: bytes, fragment: bool, cut: bool) -> None:
         self.side = side
@@ -57,6 +58,10 @@ class _Found:
         self.fragment = fragment
         self.cut = cut
         self.pdu = b""
+        self.ack = max(0, int(side.last_ack))
+        framer = side.framer if side.ibh is None else side.ibh
+        # The sequence number behind it; gaps are no octets that the framer got.
+        self.end = (int(side.stream.start_seq) + int(framer.passed) + int(side.missing)) & _MASK
 
 
 class _Witness(Observer):
@@ -93,9 +98,10 @@ class S7Session(DefaultSession):
     """Delivers one packet for each whole TPKT or IBH-NetLink packet, whatever the segmentation, and none of other protocols.
 
     * The packet's time is that of the packet which completed the TPKT. Addresses, ports and VLAN are those of the direction;
-      MAC addresses are known when the completing packet has them; sequence numbers are not kept.
+      MAC addresses are known when the completing packet has them. Sequence and acknowledgement numbers are those of the
+      stream, so that what ``wrpcap`` writes is a stream again, with its gaps.
     * An S7 PDU spread over several DTs hangs as `S7` on the last of them, whole, while the earlier DTs hold their fragments as
-      `Raw`. ``packet[TPKT].length`` stays what was on the wire, so such a packet is longer than its TPKT says.
+      `Raw`. Each builds what was on the wire: ``bytes(packet[S7])`` is the whole PDU, ``bytes(packet)`` ends with its piece.
     * A PDU that the capture cut comes as ``TCP / S7`` without TPKT, as far as it was captured.
 
     Each capture or interface that ``sniff`` reads has a pipeline of its own; ``pipelines`` holds them, with the counts of what
@@ -104,25 +110,46 @@ class S7Session(DefaultSession):
 
     def __init__(self, supersession: Any = None) -> None:
         super().__init__(supersession)
-        self.pipelines: dict[SuperSocket, Pipeline] = {}
+        self.pipelines: dict[SuperSocket | None, Pipeline] = {}
 
     def recv(self, sock: SuperSocket) -> Iterator[Packet]:
         """Take a packet from ``sock``, deliver what it completed (Scapy's interface). At the end, what was held comes too."""
-        pipeline = self.pipelines.get(sock)
-        if pipeline is None:
-            pipeline = self.pipelines[sock] = Pipeline(_Witness())
         try:
             packet = sock.recv(stop_dissection_after=TCP)
         except EOFError:
-            pipeline.finish()
-            yield from _delivered(pipeline, None)
+            yield from self._ended(sock)
             raise
-        if packet is None:
-            return
+        if packet is not None:
+            yield from self._taken(sock, packet)
+
+    def feed(self, packet: Packet) -> Iterator[Packet]:
+        """Take a packet of your own, deliver what it completed: without ``sniff``, for packets in their order."""
+        yield from self._taken(None, packet)
+
+    def finish(self) -> Iterator[Packet]:
+        """Deliver what is still held of the packets that `feed` took: nothing more comes."""
+        yield from self._ended(None)
+
+    def process(self, pkt: Packet) -> Packet | None:
+        """Raise TypeError: one packet may complete several TPKTs, or none, so `feed` takes packets of your own."""
+        raise TypeError(
+            "S7Session gives any number of packets for one: use feed(packet), which yields them, and finish()"
+        )
+
+    def _taken(self, sock: SuperSocket | None, packet: Packet) -> Iterator[Packet]:
+        pipeline = self.pipelines.get(sock)
+        if pipeline is None:
+            pipeline = self.pipelines[sock] = Pipeline(_Witness())
         octets = bytes(packet)
         link_type = conf.l2types.layer2num.get(type(packet), -1)
         pipeline.frame(int(packet.time * _NS), octets, 0, len(octets), packet.wirelen or len(octets), link_type)
         yield from _delivered(pipeline, packet)
+
+    def _ended(self, sock: SuperSocket | None) -> Iterator[Packet]:
+        pipeline = self.pipelines.get(sock)
+        if pipeline is not None:
+            pipeline.finish()
+            yield from _delivered(pipeline, None)
 
 
 def _delivered(pipeline: Pipeline, packet: Packet | None) -> Iterator[Packet]:
@@ -131,7 +158,7 @@ def _delivered(pipeline: Pipeline, packet: Packet | None) -> Iterator[Packet]:
     assert isinstance(witness, _Witness)
     found, witness.found = witness.found, []
     for one in found:
-        whole = _stacked([*_lower(one.side, packet), _built(one)])
+        whole = _stacked([*_lower(one, packet), _built(one)])
         whole.time = EDecimal(one.time_ns) / _NS
         yield whole
 
@@ -144,9 +171,11 @@ def _built(found: _Found) -> Packet:
     content = tpkt.payload
     if isinstance(content, COTP_DT | MPI) and (found.fragment or found.pdu):
         octets = bytes(content.payload)
-        if found.pdu != octets or not isinstance(content.payload, S7 if found.pdu else object):
+        if not found.pdu:
             content.remove_payload()
-            content.add_payload(_pdu(found.pdu) if found.pdu else octets)
+            content.add_payload(octets)
+        elif found.pdu != octets or not isinstance(content.payload, S7):
+            content.join(_pdu(found.pdu))
     return tpkt
 
 
@@ -163,8 +192,9 @@ def _stacked(layers: list[Packet]) -> Packet:
     return layers[0]
 
 
-def _lower(side: Side, packet: Packet | None) -> list[Packet]:
+def _lower(found: _Found, packet: Packet | None) -> list[Packet]:
     """Return the layers under the TPKT, as the direction has them."""
+    side = found.side
     source, target = side.tcp.ends[side.index], side.tcp.ends[1 - side.index]
     src, dst = address_text(source.address), address_text(target.address)
     macs = _macs(packet, src, dst)
@@ -174,11 +204,12 @@ def _lower(side: Side, packet: Packet | None) -> list[Packet]:
         left, vid = divmod(left, _VIDS)
         tags.append(Dot1Q(vlan=vid))
     network = IPv6 if len(source.address) == _IPV6_SIZE else IP
+    seq = (found.end - len(found.octets)) & _MASK
     return [
         Ether(src=macs[0], dst=macs[1]),
         *reversed(tags),
         network(src=src, dst=dst),
-        TCP(sport=source.port, dport=target.port, flags="PA"),
+        TCP(sport=source.port, dport=target.port, flags="PA", seq=seq, ack=found.ack),
     ]
 
 

@@ -7,14 +7,16 @@ whole TPKT, such as the beginning of a cut one, is a `TPKT_Rest`, which is a `Ra
 
 from __future__ import annotations
 
+import time
 from typing import Any, Final
 
 from scapy.layers.inet import TCP
 from scapy.packet import NoPayload, Packet, Padding, Raw, bind_bottom_up, bind_layers
 
+from dissect.iso.cotp import Assembler
 from dissect.iso.layouts import TPKT as TPKT_LAYOUT
-from dissect.iso.tpkt import HEADER, plausible
-from dissect.layers.cotp import COTP
+from dissect.iso.tpkt import HEADER, Framer, plausible
+from dissect.layers.cotp import COTP, COTP_DT
 from dissect.layers.fields import WireLayer, fill_number, header_fields
 
 #: TPKTs of one segment that become layers; those after it stay octets, because Scapy walks a chain by recursion.
@@ -22,6 +24,8 @@ from dissect.layers.fields import WireLayer, fill_number, header_fields
 CHAIN_LIMIT: Final = 32
 
 _PORT: Final = 102
+#: Seconds that a `StreamSocket` rests before it looks again for the rest of a TPKT.
+_MOMENT: Final = 0.005
 _VERSION: Final = 3
 
 
@@ -66,19 +70,32 @@ class TPKT(WireLayer):
         return cls if len(_pkt) >= cls.least else Raw
 
     @classmethod
-    def tcp_reassemble(cls, data: bytes, _metadata: dict[str, Any], _session: dict[str, Any]) -> Packet | None:
-        """Cut one TPKT off a stream, for `StreamSocket`; None while it is not whole."""
-        if len(data) < HEADER:
-            return None
-        size = int.from_bytes(data[2:4], "big")
-        if data[0] != _VERSION or size < HEADER:
-            return Raw(data)
-        if len(data) < size:
-            return None
-        packet: Packet = cls(data[:size])
-        if len(data) > size:
-            packet.add_payload(Padding(data[size:]))
-        return packet
+    def tcp_reassemble(cls, data: bytes, metadata: dict[str, Any], session: dict[str, Any]) -> Packet | None:
+        """Cut one TPKT off a stream, for `StreamSocket`, by the engine's rules (`dissect.iso.tpkt.Framer`).
+
+        Octets that belong to no TPKT come as a `Raw`, what follows them later. The DT that ends a PDU of several DTs has the
+        whole PDU. While nothing is whole: None, or for a `StreamSocket`, which would wait for the rest whatever its time-out,
+        a packet that is False, which Scapy ignores.
+        """
+        if not data:
+            return None if metadata else _Unfinished()
+        framer = Framer()
+        framer.synced = session.get("s7dissect.synced", False)
+        framer.push(data, 0, True)
+        begin, size = int(framer.skipped), 0
+        if framer.packets:
+            size = len(framer.packets[0])
+            begin = framer.ends[0] - size
+        session["s7dissect.synced"] = begin == 0 and size > 0
+        if begin:
+            return _with_rest(Raw(data[:begin]), data[begin:])
+        if size:
+            packet: Packet = cls(data[:size])
+            if "ident" not in metadata:  # not Scapy's TCPSession, which keeps one session for both directions
+                _join(packet, session)
+            return _with_rest(packet, data[size:])
+        session["s7dissect.synced"] = framer.synced
+        return None if metadata else _Unfinished.waiting(data, session)
 
     def do_dissect_payload(self, s: bytes) -> None:
         """Dissect this TPKT's content, then those behind it (Scapy's interface)."""
@@ -124,6 +141,42 @@ class TPKT(WireLayer):
     def answers(self, other: Packet) -> int:
         """Tell whether the (first) PDU in here answers the one in ``other`` (Scapy's interface)."""
         return self.payload.answers(other.payload) if isinstance(other, TPKT) else 0
+
+
+class _Unfinished(Raw):
+    """Nothing yet: what Scapy's `StreamSocket` gets while a TPKT is not whole. It is False, so that nothing is delivered."""
+
+    name = "Raw"
+
+    def __bool__(self) -> bool:
+        """Return False: Scapy's sessions ignore it."""
+        return False
+
+    @classmethod
+    def waiting(cls, data: bytes, session: dict[str, Any]) -> Packet:
+        """Return one that leaves all of ``data`` in the socket; where nothing came since the last, after a moment."""
+        if session.get("s7dissect.waiting") == data:
+            time.sleep(_MOMENT)
+        session["s7dissect.waiting"] = data
+        return _with_rest(cls(), data)
+
+
+def _with_rest(packet: Packet, rest: bytes) -> Packet:
+    if rest:
+        packet.add_payload(Padding(rest))
+    return packet
+
+
+def _join(packet: Packet, session: dict[str, Any]) -> None:
+    """Let the DT that ends a PDU of several DTs have the whole PDU."""
+    content = packet.payload
+    if not isinstance(content, COTP_DT):
+        return
+    assembler: Assembler = session.setdefault("s7dissect.assembler", Assembler())
+    begun = not assembler.clear
+    message = assembler.push(bytes(content.payload), bool(content.eot))
+    if begun and message is not None:
+        content.join(content.guess_payload_class(message)(message))
 
 
 def bind_port(port: int) -> None:

@@ -19,7 +19,7 @@ from librt.vecs import vec
 from mypy_extensions import i64
 
 #: What `copyreg` and ``__reduce__`` return: a function, its arguments, and the attributes, to be set one by one.
-Reduced: TypeAlias = "tuple[Callable[..., Any], tuple[Any, ...], tuple[None, dict[str, Any]]]"
+Reduced: TypeAlias = "tuple[Callable[..., Any], tuple[Any, ...], dict[str, Any]]"
 #: Gives the arguments for the constructor of a class from one of its objects.
 Taken: TypeAlias = Callable[[Any], "tuple[Any, ...]"]
 
@@ -37,12 +37,19 @@ def leaves(*kinds: type, without: tuple[str, ...] = (), taken: Taken | None = No
         _LEFT_OUT[kind] = frozenset(without)
         if taken is not None:
             _TAKEN[kind] = taken
+        _settable(kind)
         copyreg.pickle(kind, _reduced)
+
+
+def leaves_as(kind: type, take: Callable[[Any], tuple[Any, ...]]) -> None:
+    """Let objects of a class be copied and pickled in the form that ``take`` returns: a function and its arguments."""
+    copyreg.pickle(kind, take)
 
 
 def keep_out(kind: type, *names: str) -> None:
     """Leave these attributes out of the copies of a class from which users derive (`derived`), and of its subclasses."""
     _LEFT_OUT[kind] = frozenset(names)
+    _settable(kind)
 
 
 def derived(found: Any) -> Reduced:
@@ -50,7 +57,7 @@ def derived(found: Any) -> Reduced:
 
     For its ``__reduce__``. As Python does, it makes a copy without the constructor of the user's class.
     """
-    return _blank, (type(found),), (None, _state(found))
+    return _blank, (type(found),), _state(found)
 
 
 def made(kind: Any, *arguments: Any) -> Any:
@@ -63,11 +70,22 @@ def refuse(what: str, instead: str) -> TypeError:
     return TypeError(f"{what} cannot be copied or pickled: {instead}")
 
 
+def _settable(kind: type) -> None:
+    """Give a class the ``__setstate__`` that mypyc gives to compiled ones: without it, slots would need another form."""
+    if not hasattr(kind, "__setstate__"):
+        setattr(kind, "__setstate__", _set_state)  # noqa: B010 - a type checker knows no such attribute
+
+
+def _set_state(found: Any, state: dict[str, Any]) -> None:
+    for name, value in state.items():
+        setattr(found, name, value)
+
+
 def _reduced(found: Any) -> Reduced:
     kind: Any = type(found)
     taken = _TAKEN.get(kind)
     arguments = taken(found) if taken is not None else tuple([getattr(found, name) for name in _parameters(kind)])
-    return made, (kind, *arguments), (None, _state(found))
+    return made, (kind, *arguments), _state(found)
 
 
 def _state(found: Any) -> dict[str, Any]:

@@ -13,6 +13,7 @@ from scapy.packet import NoPayload, Packet, Raw
 from scapy.sendrecv import sniff
 from scapy.utils import EDecimal, wrpcap
 
+import dissect
 from dissect.layers import COTP_CR, COTP_DT, S7, TPKT, S7_ReadVarAnswer, S7_ReadVarRequest, S7Plus, S7Session, at
 from dissect.layers.s7 import function_of
 from tests.cases import each
@@ -305,3 +306,61 @@ def answered(pdus: list[Packet]) -> int:
         else:
             waiting.append(pdu)
     return found
+
+
+# ---- what is written is a stream again --------------------------------------------------------------------------------
+
+
+#: Captures of which not everything can be written again, and why.
+NOT_STREAMS = {
+    "vlan.pcapng": "one stream in several VLANs, which only its SYNs tell apart",
+    "snaplen.pcapng": "PDUs that were cut come without TPKT",
+    "sections.pcapng": "times that no pcap file can hold",
+    "s7commplus-tls.pcapng": "what was decrypted has no place in the stream",
+    "link-types.pcapng": "Scapy reads no such link",
+    "ip-headers.pcapng": "Scapy raises for a TCP header that is cut, when debugging",
+    "ip-fragments.pcapng": "Scapy raises for a fragment, when debugging",
+}
+
+
+def transactions_of(path: Path) -> list[Any]:
+    """Return what is said of the transactions of a capture; why one has no answer may be a FIN, which is in no TPKT."""
+    found = []
+    for event in dissect.open(path, pdus=False):
+        if isinstance(event, dissect.Transaction):
+            errors = [repr(error) for error in event.errors]
+            parts = (
+                event.function_name,
+                int(event.outcome),
+                event.latency_ns,
+                event.request_octets,
+                event.response_octets,
+            )
+            found.append((*parts, errors, event.unseen))
+    return sorted(found, key=repr)
+
+
+@pytest.mark.parametrize(
+    "path", [path for path in sorted(CAPTURES.rglob("*.pcap*")) if path.suffix in {".pcap", ".pcapng"}], ids=str
+)
+def test_what_is_written_has_the_same_transactions(path: Path, tmp_path: Path) -> None:
+    expected = transactions_of(path)
+    if path.name in NOT_STREAMS or not expected:
+        return
+    delivered = sniff(offline=str(path), session=S7Session)
+    again = tmp_path / "again.pcap"
+    wrpcap(str(again), delivered, nano=True)
+    assert transactions_of(again) == expected
+
+
+def test_packets_of_ones_own_are_fed(tmp_path: Path) -> None:
+    talk = Talk().open()
+    talk.send("c", READ[:10])
+    talk.send("c", READ[10:])
+    talk.send("p", ANSWER)
+    session = S7Session()
+    fed = [one for packet in talk.packets for one in session.feed(packet)] + list(session.finish())
+    assert [bytes(one[TPKT]) for one in fed] == [READ, ANSWER]
+    assert [(one[TCP].seq, one[TCP].ack) for one in fed] == [(1001, 5001), (5001, 1001 + len(READ))]
+    with pytest.raises(TypeError, match="use feed"):
+        S7Session().process(talk.packets[3])

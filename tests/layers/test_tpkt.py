@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import socket
 import threading
+import time
 
 import pytest
 from hypothesis import given
@@ -176,7 +177,10 @@ def test_three_octets_are_no_tpkt() -> None:
 def test_a_stream_is_cut_into_tpkts() -> None:
     stream = READ + ANSWER
     for size in range(len(READ)):
-        assert TPKT.tcp_reassemble(stream[:size], {}, {}) is None
+        assert TPKT.tcp_reassemble(stream[:size], {"seq": 1}, {}) is None
+        nothing_yet = TPKT.tcp_reassemble(stream[:size], {}, {})
+        assert not nothing_yet
+        assert bytes(nothing_yet) == stream[:size]
     first = TPKT.tcp_reassemble(stream, {}, {})
     assert first is not None
     assert first[Padding].load == ANSWER
@@ -198,6 +202,47 @@ def test_sr1_finds_the_answer_in_a_stream() -> None:
     theirs.close()
     assert answer is not None
     assert bytes(answer) == ANSWER
+
+
+def waiting_for(octets: bytes, timeout: float = 5) -> Packet | None:
+    """Return what `sr1` gives for READ over a Scapy `StreamSocket` whose peer sends these octets."""
+    ours, theirs = socket.socketpair()
+    theirs.sendall(octets)
+    stream = StreamSocket(ours, TPKT)
+    answer = stream.sr1(TPKT(READ), verbose=False, timeout=timeout)
+    stream.close()
+    theirs.close()
+    return answer
+
+
+@pytest.mark.parametrize(
+    "garbage", [b"HTTP/1.1 200 OK\r\n\r\n", b"\x00", b"\x03\x00\x00\x01", b"\x03" * 9, READ[:12], bytes(70_000)]
+)
+def test_sr1_finds_the_answer_behind_garbage(garbage: bytes) -> None:
+    answer = waiting_for(garbage + ANSWER)
+    assert answer is not None
+    assert bytes(answer) == ANSWER
+
+
+def test_sr1_joins_an_answer_in_several_dts() -> None:
+    pdu = ANSWER[7:]
+    for parts in ((pdu[:3], pdu[3:]), (pdu[:9], b"", pdu[9:]), (pdu, b"")):
+        octets = b"".join(
+            [bytes(TPKT() / COTP_DT(eot=int(number == len(parts))) / Raw(part)) for number, part in enumerate(parts, 1)]
+        )
+        answer = waiting_for(EMPTY_DT + octets)
+        assert answer is not None
+        assert bytes(answer[S7]) == pdu
+        assert answer[S7].answers(TPKT(READ)[S7])
+        assert bytes(answer) == octets[-len(parts[-1]) - 7 :]
+
+
+def test_a_partial_tpkt_ends_with_the_time_out() -> None:
+    begin = time.monotonic()
+    assert waiting_for(ANSWER[:-1], timeout=0.3) is None
+    assert waiting_for(b"\x03\x00", timeout=0.3) is None
+    assert waiting_for(b"nothing of the kind" * 100, timeout=0.3) is None
+    assert time.monotonic() - begin < 5
 
 
 def test_the_answer_is_found_through_tcp() -> None:
