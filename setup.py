@@ -138,6 +138,7 @@ COLD: Final = (
     "dissect/variables/reading.py",
     "dissect/variables/summary.py",
     "dissect/wire/copies.py",
+    "dissect/wire/errors.py",
     "dissect/wire/saving.py",
 )
 

@@ -20,6 +20,8 @@ _PUBLIC: Final = {
     "CaptureError": "dissect.source.packet",
     "Connection": "dissect.transactions.connection",
     "Device": "dissect.inventory.model",
+    "Error": "dissect.wire.errors",
+    "KeyLogError": "dissect.session",
     "Finding": "dissect.findings.reporter",
     "Observer": "dissect.engine.observer",
     "Operation": "dissect.transactions.operation",
@@ -32,6 +34,7 @@ _PUBLIC: Final = {
     "Run": "dissect.session",
     "SelectError": "dissect.select.errors",
     "ScdMessage": "dissect.transactions.payloads",
+    "TagError": "dissect.tags.loading",
     "Transaction": "dissect.transactions.transaction",
     "TransactionError": "dissect.transactions.results",
     "Where": "dissect.select.where",
@@ -59,11 +62,13 @@ if TYPE_CHECKING:
     from dissect.s7plus.message import PlusPdu as PlusPdu
     from dissect.select.errors import SelectError as SelectError
     from dissect.select.where import Where as Where
+    from dissect.session import KeyLogError as KeyLogError
     from dissect.session import Run as Run
     from dissect.session import analyze as analyze
     from dissect.session import devices as devices
     from dissect.session import open as open
     from dissect.source.packet import CaptureError as CaptureError
+    from dissect.tags.loading import TagError as TagError
     from dissect.transactions.connection import Connection as Connection
     from dissect.transactions.operation import Operation as Operation
     from dissect.transactions.payloads import ScdMessage as ScdMessage
@@ -72,6 +77,7 @@ if TYPE_CHECKING:
     from dissect.variables.model import ValueRow as ValueRow
     from dissect.variables.reading import value_tables as value_tables
     from dissect.variables.reading import values as values
+    from dissect.wire.errors import Error as Error
 else:
 
     def __getattr__(name: str) -> object:

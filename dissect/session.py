@@ -29,6 +29,7 @@ from dissect.transactions.payloads import ScdMessage
 from dissect.transactions.side import Side
 from dissect.transactions.transaction import Transaction
 from dissect.wire.copies import refuse
+from dissect.wire.errors import Error
 
 if TYPE_CHECKING:
     from dissect.inventory.collector import Inventory
@@ -273,7 +274,7 @@ def prepared_run(
     return _run(paths, observer, sieved(observer, where, options), options)
 
 
-class KeyLogError(ValueError):
+class KeyLogError(Error, ValueError):
     """A file that is given for TLS keys holds none."""
 
 

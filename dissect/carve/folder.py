@@ -16,6 +16,7 @@ from dissect.carve.records import BLOCKS_SCHEMA
 from dissect.program.carved import S7COMM_PLUS, CarvedBlock, block_of, plus_block
 from dissect.program.plus import TEXTS
 from dissect.s7plus.blobs import open_blob
+from dissect.wire.errors import Error
 from dissect.wire.saving import save
 from dissect.wire.text import printable
 
@@ -36,7 +37,7 @@ _UNSAFE: Final = re.compile(r"[^A-Za-z0-9]+")
 _MAX_WORD: Final = 24
 
 
-class FolderError(ValueError):
+class FolderError(Error, ValueError):
     """A file or folder without blocks; the message is one line for a person."""
 
 

@@ -14,6 +14,7 @@ from typing import Any, Final, NamedTuple
 
 from dissect.config.hints import close_to
 from dissect.config.lines import Lines
+from dissect.wire.errors import Error
 from dissect.wire.text import printable, shortened
 
 MAX_FILE: Final = 1 << 20
@@ -22,7 +23,7 @@ _MAX_MS: Final = 1e9
 _COLORS: Final = ("auto", "always", "never")
 
 
-class ConfigError(Exception):
+class ConfigError(Error):
     """Files of settings cannot be used; ``problems`` has a message for each mistake, with file and line."""
 
     def __init__(self, problems: list[str]) -> None:

@@ -536,8 +536,6 @@ class Pipeline(PacketSink):
         for side in self.table.closed(self.counters.now_ns):
             self._finish(side, CONNECTION_CLOSED)
 
-    # ---- the end ----------------------------------------------------------------------------------------------------
-
     def _finish(self, side: Side, reason: str) -> None:
         """A connection is over: pass on the octets held back, close its open requests, add up its octets, forget it."""
         peer = side.peer

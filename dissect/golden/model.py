@@ -13,13 +13,14 @@ from typing import Final, NamedTuple
 
 from dissect.golden.exchange import Exchange, ItemRecord
 from dissect.transactions.transaction import HOLE, SURE
+from dissect.wire.errors import Error
 
 #: Transactions of a session, and octets of its distinct exchanges; what is longer is no test any more.
 MAX_TRANSACTIONS: Final = 1_000_000
 MAX_OCTETS: Final = 256 * 1024 * 1024
 
 
-class GoldenError(Exception):
+class GoldenError(Error):
     """A golden that cannot be read, or a capture that cannot become one: says where and what to do."""
 
 

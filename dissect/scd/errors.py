@@ -9,6 +9,8 @@ from __future__ import annotations
 from types import MappingProxyType, TracebackType
 from typing import Final, Self
 
+from dissect.wire import errors
+
 E_ACCESS: Final = "E_ACCESS"
 E_COUNT: Final = "E_COUNT"
 E_CRC: Final = "E_CRC"
@@ -98,7 +100,7 @@ def shown(value: object) -> str:
     return text if len(text) <= 2 * _MOST_SHOWN else f"{text[:_MOST_SHOWN]}..."
 
 
-class Error(Exception):
+class Error(errors.Error):
     """An error of this library: ``code`` (one of `CODES`), ``where`` (object, field, offset), ``detail``."""
 
     def __init__(self, code: str, where: str, detail: str = "") -> None:

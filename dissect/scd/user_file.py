@@ -17,6 +17,7 @@ from dissect.scd.bounds import check_bounds
 from dissect.scd.errors import DictionaryError, Troubles, shown
 from dissect.scd.reading import Table
 from dissect.scd.toml_tables import parse_tables, source_text
+from dissect.wire.errors import Error
 from dissect.wire.text import printable
 
 MAX_FILE: Final = 16 << 20
@@ -29,7 +30,7 @@ _LISTED: Final = 20
 Parsed = TypeVar("Parsed")
 
 
-class FileError(Exception):
+class FileError(Error):
     """A file that cannot be used; ``line`` counts from 1 (0: unknown), ``key`` is the table and its key.
 
     ``others`` are the further errors of the file. As text, each has its own line.

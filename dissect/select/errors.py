@@ -5,13 +5,14 @@ from __future__ import annotations
 import unicodedata
 from typing import Final
 
+from dissect.wire.errors import Error
 from dissect.wire.text import printable
 
 #: So many characters of an expression are shown before the place that is wrong, and as many after its beginning.
 _SHOWN: Final = 70
 
 
-class SelectError(ValueError):
+class SelectError(Error, ValueError):
     """An invalid expression: ``reason`` is one sentence, ``text[start:end]`` the part of the expression that is wrong."""
 
     def __init__(self, reason: str, text: str = "", start: int = 0, end: int = 0) -> None:

@@ -14,7 +14,7 @@ from abc import ABC, abstractmethod
 from pathlib import Path
 from typing import Final, Protocol, cast
 
-from dissect.source.packet import READING_FAILED, CaptureError, Reader
+from dissect.source.packet import READING_FAILED, CaptureError, MissingCaptureError, Reader
 from dissect.source.pcap import CHUNK, PCAP_MAGICS, OctetSource, PcapReader
 from dissect.source.pcapng import BYTE_ORDER_MAGICS, PCAPNG_MAGIC, PcapngReader
 from dissect.source.remote import is_remote, open_remote, shown
@@ -73,7 +73,7 @@ def _open_file(path: str) -> PlainSource:
     try:
         return PlainSource(cast(_Stream, Path(path).open("rb", buffering=0)), owned=True)
     except FileNotFoundError:
-        reason = "no such file"
+        raise MissingCaptureError(f"{path}: no such file") from None
     except IsADirectoryError:
         reason = "a directory, not a capture file"
     except PermissionError:

@@ -7,6 +7,7 @@ from typing import Final
 from mypy_extensions import i64, mypyc_attr
 
 from dissect.wire.copies import leaves
+from dissect.wire.errors import Error
 
 #: How damage begins that is not the file's: the system or the network gave no more of it, and may do so another time.
 READING_FAILED: Final = "reading failed after byte"
@@ -68,8 +69,12 @@ class Reader:
         """Release the file. May be called twice."""
 
 
-class CaptureError(Exception):
-    """The input that the user named cannot be used: no such file, not a capture, a decompressor that is not installed."""
+class CaptureError(Error):
+    """The input that the user named cannot be used: not a capture, a decompressor that is not installed."""
+
+
+class MissingCaptureError(CaptureError, FileNotFoundError):
+    """There is no such file."""
 
 
 class SourceFile:

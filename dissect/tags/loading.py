@@ -29,6 +29,7 @@ from dissect.tags.tag_file import TagFile
 from dissect.tags.types import meant, unknown
 from dissect.tags.xlsx_files import is_workbook, read_xlsx
 from dissect.tags.xml_files import XmlError, parse_xml, read_xml
+from dissect.wire.errors import Error
 
 MAX_FILE: Final = 64 << 20
 _XML: Final = (b"<", b"\xff\xfe<", b"\xfe\xff\0<")
@@ -42,7 +43,7 @@ _FOREIGN: Final = (
 _MAGIC: Final = 4
 
 
-class TagError(Exception):
+class TagError(Error):
     """Files of tags cannot be used as they are; ``problems`` are all problems that were found in them."""
 
     def __init__(self, problems: list[Problem]) -> None:

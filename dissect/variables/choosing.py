@@ -18,6 +18,7 @@ from dissect.tags.naming import HostNaming, TagNaming
 from dissect.tags.types import DataType
 from dissect.transactions.naming import Naming
 from dissect.variables.wanted import Wanted, WantedSet, of_tag, whole
+from dissect.wire.errors import Error
 from dissect.wire.text import shortened
 
 #: Addresses of SCD, and names of S7comm-plus: whether these exist shows only in the traffic.
@@ -29,7 +30,7 @@ _ELEMENT: Final = re.compile(r"(.+)\[([0-9,. -]+)\]")
 _MOST_BITS: Final = 8 * 65536
 
 
-class WantedError(ValueError):
+class WantedError(Error, ValueError):
     """A name is neither an address nor a tag; the message, one line, says what was expected."""
 
 

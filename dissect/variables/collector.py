@@ -21,6 +21,7 @@ from dissect.s7.tables import (
     JOB,
     NUMBERED_AREAS,
     READ_VAR,
+    RETURN_CODES,
     SUCCESS,
     TRANSPORT_SIZES,
     USERDATA,
@@ -59,6 +60,7 @@ class Collector(Observer):
     values are ignored. ``choose`` returns which transactions are wanted; ``most`` is how many variables are remembered.
     Transactions that are only likely are left out and counted in ``doubts``, by `Transaction.doubt`. With ``likely`` their
     values make rows as well, each with its ``doubt``; they are never the value before another one, and are not added up.
+    With ``refusals`` each item that the PLC refused makes a row as well (`RefusedRow`).
     """
 
     def __init__(
@@ -70,11 +72,12 @@ class Collector(Observer):
         choose: Choice | None = None,
         most: i64 = MAX_VARIABLES,
         likely: bool = False,
+        refusals: bool = False,
     ) -> None:
         super().__init__()
         self.found: set[str] = set()  # texts of the wanted places for which a value or a refusal was seen
         self.doubts: dict[str, int] = {}
-        self._store: Tracker = Tracker(changes, every_ns, sums, most, likely)
+        self._store: Tracker = Tracker(changes, every_ns, sums, most, likely, refusals)
         self._wanted: WantedSet | None = wanted
         self._choose: Choice | None = choose
         self._plans: i64 = 0
@@ -267,7 +270,7 @@ class Collector(Observer):
             variable.comment = named.comment
             variable.bytes_only = not named.type and len(named.data) > 1
         if code != SUCCESS:
-            self._store.refuse(variable, code, writes)
+            self._store.refuse(transaction, variable, code, how, writes, RETURN_CODES)
             return
         row = self._store.row(transaction, variable, how, writes, _own_octets(named))
         if row is not None:
@@ -290,7 +293,7 @@ class Collector(Observer):
                 self._places(transaction, plc, item, plan, code, data, how, writes)
             return
         if code != SUCCESS:
-            self._store.refuse(variable, code, writes)
+            self._store.refuse(transaction, variable, code, how, writes, RETURN_CODES)
             return
         self._store.item(transaction, variable, item, how, writes, data)
 
@@ -389,7 +392,7 @@ class Collector(Observer):
                 image.variable = variable
             if not sound:
                 if code != SUCCESS:
-                    self._store.refuse(variable, code, writes)
+                    self._store.refuse(transaction, variable, code, how, writes, RETURN_CODES)
                 else:
                     alone = True
                 continue
@@ -444,7 +447,8 @@ class Collector(Observer):
         if not variable.type:
             variable.type = _plus_type(item)
         if item.return_code > 0 or (writes and item.return_code < 0):
-            self._store.refuse(variable, item.return_code if item.return_code > 0 else NO_ANSWER, writes)
+            code: i64 = item.return_code if item.return_code > 0 else NO_ANSWER
+            self._store.refuse(transaction, variable, code, how, writes, item.codes)
             return
         if item.value is None:
             return
@@ -497,7 +501,7 @@ class Collector(Observer):
                 self.found.add(one.text)
             variable = self._store.named(plc, row.address, "", row.name, row.unit)
             if refused or unsure:
-                self._store.refuse(variable, 0 if refused else NO_ANSWER, writes)
+                self._store.refuse(transaction, variable, 0 if refused else NO_ANSWER, how, writes, None)
                 continue
             value = json_value(row.physical)
             made = self._store.row(transaction, variable, how, writes, None, value)

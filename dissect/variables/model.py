@@ -190,8 +190,35 @@ class ValueRow:
         """The unit of the value, empty for none."""
         return self.variable.unit
 
+    @property
+    def refused(self) -> str:
+        """Why the PLC refused the item, in a few words; empty for a value. Only rows of refusals have it (`RefusedRow`)."""
+        return ""
+
     def __repr__(self) -> str:
         return f"ValueRow({self.how} {self.name!r} = {self.value!r})"
+
+
+class RefusedRow(ValueRow):
+    """An item that the PLC refused to read or write (``values(…, refusals=True)``): it has no value.
+
+    ``return_code`` is the number of the refusal, ``reason`` its name; time and packet are those of the answer.
+    """
+
+    __slots__ = ("reason", "return_code")
+
+    def __init__(self, variable: Variable, link: Connection, side: i64, how: str, time_ns: i64, frame: i64) -> None:
+        super().__init__(variable, link, side, how, time_ns, frame)
+        self.return_code: i64 = 0
+        self.reason: str = ""
+
+    @property
+    def refused(self) -> str:
+        """Why the PLC refused the item."""
+        return self.reason
+
+    def __repr__(self) -> str:
+        return f"RefusedRow({self.how} {self.name!r}: {self.reason})"
 
 
 def _taken(variable: Variable) -> tuple[Endpoint, int, str, str, str, str]:
@@ -199,4 +226,4 @@ def _taken(variable: Variable) -> tuple[Endpoint, int, str, str, str, str]:
 
 
 leaves(Variable, taken=_taken)
-leaves(ValueRow)
+leaves(ValueRow, RefusedRow)

@@ -30,6 +30,7 @@ def values(
     changes: bool = False,
     every: timedelta | None = None,
     likely: bool = False,
+    refusals: bool = False,
     where: str | Where | None = None,
     tags: Tags = None,
     scd: str | os.PathLike[str] | Dictionary | None = None,
@@ -41,7 +42,8 @@ def values(
 
     ``of`` are addresses ("DB10.DBD4:REAL") and names of tags; without it the values of all items are there. ``changes``
     leaves out what is as before, ``every`` all but the first value of a variable in each such stretch of time. ``likely`` adds
-    the values of pairs of request and answer that are only likely; `ValueRow.doubt` of these says why. The others
+    the values of pairs of request and answer that are only likely; `ValueRow.doubt` of these says why. ``refusals`` adds a row
+    without value for each item that the PLC refused; its `ValueRow.refused` says why. The others
     are as for `dissect.open`; ``where`` selects transactions. Rows come in the order in which their transactions were
     complete; at most 20,000 variables have a value before (`dissect.variables.tracker.MAX_VARIABLES`).
     Raises `dissect.variables.choosing.WantedError` for a name that is neither an address nor a tag, ValueError for a time that
@@ -63,7 +65,7 @@ def values(
         wanted = choose(names, Known(naming, scd_names(decoder), of_command=False))
     chosen = where_of(where, options)
     wants = chosen.predicate("transaction") if chosen else None
-    collector = Collector(wanted, changes, every_ns, False, wants, likely=likely)
+    collector = Collector(wanted, changes, every_ns, False, wants, likely=likely, refusals=refusals)
     run = Run([path, *more], collector, options)
     if chosen is not None:
         chosen.context.start = lambda: int(run.pipeline.first_ns)

@@ -13,9 +13,10 @@ from dissect.tcp.link import within
 from dissect.tcp.stream import Endpoint
 from dissect.transactions.connection import Connection
 from dissect.transactions.transaction import Transaction
-from dissect.variables.model import ValueRow, Variable
+from dissect.variables.model import RefusedRow, ValueRow, Variable
 from dissect.variables.statistics import Statistics
 from dissect.variables.wanted import Image, Wanted
+from dissect.wire.codes import CodeTable
 
 MAX_VARIABLES: Final = 20_000
 #: At most so many octets of latest values are kept, for all variables together.
@@ -62,7 +63,9 @@ class Tracker:
     transaction that is only likely, values make rows at most: nothing of them is remembered, added up or compared with later.
     """
 
-    def __init__(self, changes: bool, every_ns: i64, sums: bool, most: i64, likely: bool = False) -> None:
+    def __init__(
+        self, changes: bool, every_ns: i64, sums: bool, most: i64, likely: bool = False, refusals: bool = False
+    ) -> None:
         self.rows: list[ValueRow] = []
         self.untracked: i64 = 0
         self.refused: i64 = 0
@@ -72,6 +75,7 @@ class Tracker:
         self.aside: bool = False  # ``doubt`` is set
         self.left_out: bool = False  # a value was left out since ``doubt`` was set
         self._likely: bool = likely
+        self._refusals: bool = refusals
         self.count: i64 = 0
         self.plcs: dict[str, Plc] = {}
         self._changes: bool = changes
@@ -121,8 +125,15 @@ class Tracker:
             variable.next_ns = -1  # not remembered
         return variable
 
-    def refuse(self, variable: Variable, code: i64, writes: bool) -> None:
-        """Count an item without a value: refused or, if ``code`` is `NO_ANSWER`, a write whose result was not captured."""
+    def refuse(
+        self, transaction: Transaction, variable: Variable, code: i64, how: str, writes: bool, codes: CodeTable | None
+    ) -> None:
+        """Count an item without a value: refused or, if ``code`` is `NO_ANSWER`, a write whose result was not captured.
+
+        ``codes`` names the return code; None for SCD, where it is that of the message.
+        """
+        if self._refusals and code != NO_ANSWER and (self._likely or not self.aside):
+            self._refused_row(transaction, variable, code, how, writes, codes)
         if self.aside:
             variable.likely += 1
             self.left_out = True
@@ -137,6 +148,28 @@ class Tracker:
         else:
             variable.refused_reads += 1
             self.refused += 1
+
+    def _refused_row(
+        self, transaction: Transaction, variable: Variable, code: i64, how: str, writes: bool, codes: CodeTable | None
+    ) -> None:
+        """Keep the row of a refusal: at the time of the answer, which has it."""
+        row = RefusedRow(
+            variable,
+            transaction.connection,
+            transaction.asked_by,
+            how,
+            transaction.response_ns,
+            transaction.response_frame,
+        )
+        row.writes = writes
+        row.changed = False
+        row.doubt = self.doubt
+        row.return_code = code
+        errors = transaction.errors if codes is None else []
+        row.reason = (
+            codes.name(code) if codes is not None else errors[0].text or errors[0].name if errors else "refused"
+        )
+        self.rows.append(row)
 
     def item(
         self, transaction: Transaction, variable: Variable, item: Item, how: str, writes: bool, data: bytes

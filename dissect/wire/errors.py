@@ -1,0 +1,23 @@
+"""`Error`: what every exception of this package is that a program may want to catch."""
+
+from __future__ import annotations
+
+from typing import Any
+
+
+class Error(Exception):
+    """The base of the exceptions that say what is wrong with what was given: a file, an expression, keys, tags, a dictionary.
+
+    A mistake in the program itself (a wrong type, two arguments that exclude each other) is a TypeError or a ValueError.
+    """
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return (
+            _again,
+            (type(self), self.args),
+            self.__dict__,
+        )  # constructors take other arguments than those of the message
+
+
+def _again(kind: type[Error], arguments: tuple[Any, ...]) -> Error:
+    return kind.__new__(kind, *arguments)
