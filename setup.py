@@ -220,6 +220,7 @@ BUSY: Final = (
     "dissect/s7plus/bodies.py",
     "dissect/s7plus/contents.py",
     "dissect/s7plus/ending.py",
+    "dissect/s7plus/grammar.py",
     "dissect/s7plus/hiding.py",
     "dissect/s7plus/ids.py",
     "dissect/s7plus/items.py",

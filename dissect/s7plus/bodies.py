@@ -1,6 +1,6 @@
-"""Says which structures the body of each function has (docs/s7plus.md). `parse_contents` never raises.
+"""Reads the contents of a PDU, with the elements that `dissect.s7plus.grammar` names. `parse_contents` never raises.
 
-This is not the hot path: contents are read when they are needed. The tables at the end name the reader of each function.
+This is not the hot path: contents are read when they are needed.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ from typing import Final
 from dissect.s7plus import layouts
 from dissect.s7plus.contents import Contents
 from dissect.s7plus.ending import read_end
+from dissect.s7plus.grammar import DETAILS_BIT, elements_of
 from dissect.s7plus.ids import id_name
 from dissect.s7plus.message import PlusPdu, fixed_part
 from dissect.s7plus.notifications import read_event, read_notification
@@ -31,26 +32,13 @@ from dissect.s7plus.pieces import (
     take_values_to_end,
 )
 from dissect.s7plus.tables import (
-    BEGIN_SEQUENCE,
-    CREATE_OBJECT,
-    DELETE_OBJECT,
-    END_SEQUENCE,
-    EXPLORE,
     FUNCTIONS,
-    GET_LINK,
-    GET_MULTI_VARIABLES,
-    GET_VAR_SUBSTREAMED,
-    GET_VARIABLE,
-    INVOKE,
     KEEP_ALIVE,
     NOTIFICATION,
     OBJECT_TAG,
     OPCODES,
     REQUEST,
     RESPONSE,
-    SET_MULTI_VARIABLES,
-    SET_VAR_SUBSTREAMED,
-    SET_VARIABLE,
     SYSTEM_EVENT,
     V1,
     V2,
@@ -61,10 +49,8 @@ from dissect.s7plus.value_reading import read_members, read_value
 from dissect.s7plus.walk import EXHAUSTED, FormatError, Walk, Wanted
 from dissect.wire.varint import VLQ, VLQ64, read_varint
 
-#: Reads the body of a function, up to the end of the PDU (`dissect.s7plus.ending`).
+#: Reads an element of a body.
 Reader = Callable[[Walk, Contents], None]
-
-_DETAILS: Final = 62  # bit of the return value: an object with details follows
 
 
 def parse_contents(pdu: PlusPdu, shown: bool = True, most: int = 0, wanted: Wanted | None = None) -> Contents:
@@ -114,34 +100,78 @@ def _read(walk: Walk, found: Contents, pdu: PlusPdu) -> None:
         if pdu.opcode != RESPONSE and pdu.opcode not in OPCODES:
             return
         take_return_value(walk)
-    reader = (_REQUESTS if request else _RESPONSES).get(pdu.function)
-    if reader is None:
+    elements = elements_of(pdu.function, request)
+    if elements is None:
         return  # no capture shows such a body
-    reader(walk, found)
+    for element in elements:
+        _READERS[element](walk, found)
     read_end(walk, found, pdu)
     found.whole = walk.left == 0
 
 
 def is_known(pdu: PlusPdu) -> bool:
     """Return False for functions that have a name, but whose body no capture and no source describes."""
-    if pdu.function not in FUNCTIONS:
-        return True
-    return pdu.function in (_REQUESTS if pdu.opcode == REQUEST else _RESPONSES)
+    return pdu.function not in FUNCTIONS or elements_of(pdu.function, pdu.opcode == REQUEST) is not None
 
 
-# ---- functions ------------------------------------------------------------------------------------------------------
+# ---- elements (dissect.s7plus.grammar), in the order of their numbers ---------------------------------------------------
 
 
-def _create_object(walk: Walk, found: Contents) -> None:
-    take_object_id(walk, found)
-    take_value(walk, found)
+def _qualifier(walk: Walk, _: Contents) -> None:
+    take_qualifier(walk)
+
+
+def _targets(walk: Walk, found: Contents) -> None:
+    found.expected = take_addresses(walk, found)
+
+
+def _written(walk: Walk, found: Contents) -> None:
+    take_values(walk, found, found.expected)
+
+
+def _ids(walk: Walk, found: Contents) -> None:
+    take_ids(walk, found, take_count(walk))
+
+
+def _path(walk: Walk, found: Contents) -> None:
+    content = read_value(walk, layouts.VALUE, walk.at).content
+    if isinstance(content, list):
+        found.ids = [id_ for id_ in content if isinstance(id_, int)]
+
+
+def _reserved_1(walk: Walk, _: Contents) -> None:
+    take_reserved(walk, 1)
+
+
+def _reserved_2(walk: Walk, _: Contents) -> None:
+    take_reserved(walk, 2)
+
+
+def _reserved_4(walk: Walk, _: Contents) -> None:
     take_reserved(walk, 4)
+
+
+def _objects_v1(walk: Walk, found: Contents) -> None:
+    if found.version == V1:
+        take_objects(walk, found)
+
+
+def _details(walk: Walk, found: Contents) -> None:
+    if found.return_value >> DETAILS_BIT & 1:
+        take_objects(walk, found)
+
+
+def _integrity_v3(walk: Walk, found: Contents) -> None:
+    if found.version == V3:
+        take_integrity_id(walk, found)
+
+
+def _integrity_early(walk: Walk, found: Contents) -> None:
     if found.version == V3 or (found.version == V2 and walk.peek() != OBJECT_TAG):
         take_integrity_id(walk, found)
-    take_objects(walk, found)
 
 
-def _object_created(walk: Walk, found: Contents) -> None:
+def _made(walk: Walk, found: Contents) -> None:
     at = walk.at
     count = walk.u8("count")
     walk.part(layouts.COUNT_OCTET, at)
@@ -150,94 +180,17 @@ def _object_created(walk: Walk, found: Contents) -> None:
         id_ = walk.number(VLQ, "object id")
         found.ids.append(id_)
         walk.part(layouts.OBJECT_ID_VLQ, at, id_name(id_) if walk.shown else "")
-    if found.version == V1:
-        take_objects(walk, found)
 
 
-def _delete_object(walk: Walk, found: Contents) -> None:
-    take_object_id(walk, found)
-    take_reserved(walk, 1)
-    take_qualifier(walk)
-
-
-def _object_deleted(walk: Walk, found: Contents) -> None:
-    take_object_id(walk, found)
-    if found.return_value >> _DETAILS & 1:
-        take_objects(walk, found)
-
-
-def _get_multi(walk: Walk, found: Contents) -> None:
-    take_read_addresses(walk, found)
-
-
-def _multi_got(walk: Walk, found: Contents) -> None:
-    take_values_to_end(walk, found)
-    take_refusals(walk, found)
-
-
-def _set_multi(walk: Walk, found: Contents) -> None:
-    take_values(walk, found, take_addresses(walk, found))
-    take_reserved(walk, 1)
-    take_qualifier(walk)
-
-
-def _multi_set(walk: Walk, found: Contents) -> None:
-    take_refusals(walk, found)
-
-
-def _set_variable(walk: Walk, found: Contents) -> None:
-    take_object_id(walk, found)
-    take_ids(walk, found, take_count(walk))
-    take_value(walk, found)
-    take_qualifier(walk)
-    take_reserved(walk, 1)
-
-
-def _get_variable(walk: Walk, found: Contents) -> None:
-    take_object_id(walk, found)
-    take_ids(walk, found, take_count(walk))
-    take_qualifier(walk)
-
-
-def _variable_got(walk: Walk, found: Contents) -> None:
-    take_value(walk, found)
-
-
-def _get_stream(walk: Walk, found: Contents) -> None:
-    take_object_id(walk, found)
-    wanted = read_value(walk, layouts.VALUE, walk.at)
-    content = wanted.content
-    if isinstance(content, list):
-        found.ids = [id_ for id_ in content if isinstance(id_, int)]
-    take_qualifier(walk)
-    take_reserved(walk, 2)
-
-
-def _stream_got(walk: Walk, found: Contents) -> None:
-    take_reserved(walk, 1)
-    take_value(walk, found)
-
-
-def _set_stream(walk: Walk, found: Contents) -> None:
-    _get_stream(walk, found)
-    take_value(walk, found)
-    # Whole frames follow, each of which is a piece of the stream. The end of the PDU is after the last one.
-    starts = found.frame_starts
-    while walk.at in starts:
-        at = walk.at
-        size = walk.counted(VLQ, "piece")
-        begin = walk.at
-        walk.take(size, "piece")
-        found.pieces.append((begin, walk.at))
-        walk.part(layouts.PIECE, at, f"{size} bytes")
-
-
-def _explore(walk: Walk, found: Contents) -> None:
+def _from(walk: Walk, found: Contents) -> None:
     at = walk.at
     found.object_id = walk.fixed(4, "object id")
     walk.number(VLQ, "id")
     walk.take(3, "explore")
     walk.part(layouts.EXPLORE_HEAD, at, id_name(found.object_id) if walk.shown else "")
+
+
+def _groups(walk: Walk, found: Contents) -> None:
     while True:
         at = walk.at
         filters = walk.u8("filters")
@@ -253,14 +206,7 @@ def _explore(walk: Walk, found: Contents) -> None:
             return
 
 
-def _explored(walk: Walk, found: Contents) -> None:
-    take_object_id(walk, found)
-    if found.version == V3:
-        take_integrity_id(walk, found)
-    take_objects(walk, found)
-
-
-def _get_link(walk: Walk, found: Contents) -> None:
+def _link(walk: Walk, found: Contents) -> None:
     at = walk.at
     found.object_id = walk.fixed(4, "object id")
     found.ids = [walk.number(VLQ, "relation")]
@@ -269,7 +215,7 @@ def _get_link(walk: Walk, found: Contents) -> None:
     walk.part(layouts.LINK_REQUEST, at, note)
 
 
-def _link_got(walk: Walk, found: Contents) -> None:
+def _linked(walk: Walk, found: Contents) -> None:
     at = walk.at
     count = walk.u8("count")
     walk.part(layouts.COUNT_OCTET, at)
@@ -279,7 +225,7 @@ def _link_got(walk: Walk, found: Contents) -> None:
         walk.part(layouts.OBJECT_ID, at, id_name(found.ids[-1]) if walk.shown else "")
 
 
-def _begin_sequence(walk: Walk, found: Contents) -> None:
+def _sequence(walk: Walk, found: Contents) -> None:
     at = walk.at
     walk.u8("type")
     walk.part(layouts.SEQUENCE_TYPE, at)
@@ -298,7 +244,7 @@ def _begin_sequence(walk: Walk, found: Contents) -> None:
     take_objects(walk, found)
 
 
-def _sequence_begun(walk: Walk, found: Contents) -> None:
+def _begun(walk: Walk, found: Contents) -> None:
     if found.version == V1:
         return
     at = walk.at
@@ -307,60 +253,43 @@ def _sequence_begun(walk: Walk, found: Contents) -> None:
     take_object_id(walk, found)
 
 
-def _end_sequence(walk: Walk, _: Contents) -> None:
-    take_reserved(walk, 2)
-
-
-def _invoke(walk: Walk, found: Contents) -> None:
+def _call(walk: Walk, found: Contents) -> None:
     at = walk.at
     found.object_id = walk.fixed(4, "sub session")
     found.method = walk.fixed(4, "method")
     walk.part(layouts.INVOKE_HEAD, at, id_name(found.method) if walk.shown else "")
-    take_values_to_end(walk, found)
-    take_reserved(walk, 1)
 
 
-def _invoked(walk: Walk, found: Contents) -> None:
+def _return(walk: Walk, _: Contents) -> None:
     take_return_value(walk)
-    take_return_value(walk)
+
+
+def _return_or_item(walk: Walk, _: Contents) -> None:
     if walk.peek() != 1:
         take_return_value(walk)
-    take_values_to_end(walk, found)
-    take_reserved(walk, 1)
 
 
-def _nothing(_walk: Walk, _found: Contents) -> None:
-    """There is no body: the end of the PDU follows the head or the return value."""
+def _stream(walk: Walk, found: Contents) -> None:
+    take_value(walk, found)
+    # Whole frames follow, each of which is a piece of the stream. The end of the PDU is after the last one.
+    starts = found.frame_starts
+    while walk.at in starts:
+        at = walk.at
+        size = walk.counted(VLQ, "piece")
+        begin = walk.at
+        walk.take(size, "piece")
+        found.pieces.append((begin, walk.at))
+        walk.part(layouts.PIECE, at, f"{size} bytes")
 
 
-_REQUESTS: Final[dict[int, Reader]] = {
-    EXPLORE: _explore,
-    CREATE_OBJECT: _create_object,
-    DELETE_OBJECT: _delete_object,
-    SET_VARIABLE: _set_variable,
-    GET_VARIABLE: _get_variable,
-    GET_LINK: _get_link,
-    SET_MULTI_VARIABLES: _set_multi,
-    GET_MULTI_VARIABLES: _get_multi,
-    BEGIN_SEQUENCE: _begin_sequence,
-    END_SEQUENCE: _end_sequence,
-    INVOKE: _invoke,
-    SET_VAR_SUBSTREAMED: _set_stream,
-    GET_VAR_SUBSTREAMED: _get_stream,
-}
+def _end(_walk: Walk, _found: Contents) -> None:
+    """The end of a row is no element."""
 
-_RESPONSES: Final[dict[int, Reader]] = {
-    EXPLORE: _explored,
-    CREATE_OBJECT: _object_created,
-    DELETE_OBJECT: _object_deleted,
-    SET_VARIABLE: _nothing,
-    GET_VARIABLE: _variable_got,
-    GET_LINK: _link_got,
-    SET_MULTI_VARIABLES: _multi_set,
-    GET_MULTI_VARIABLES: _multi_got,
-    BEGIN_SEQUENCE: _sequence_begun,
-    END_SEQUENCE: _nothing,
-    INVOKE: _invoked,
-    SET_VAR_SUBSTREAMED: _nothing,
-    GET_VAR_SUBSTREAMED: _stream_got,
-}
+
+#: The reader of each element, by its number.
+_READERS: Final[tuple[Reader, ...]] = (
+    _end, take_read_addresses, _qualifier, take_values_to_end, take_refusals, take_object_id, _ids, take_value,
+    _targets, _written, _path, _reserved_1, _reserved_2, _reserved_4, take_objects, _objects_v1, _details,
+    _integrity_v3, _integrity_early, _made, _from, _groups, _link, _linked, _sequence, _begun, _call, _return,
+    _return_or_item, _stream,
+)  # fmt: skip

@@ -149,6 +149,7 @@ class Contents(Made):
         "blobs",
         "digest",
         "exhausted",
+        "expected",
         "frame_starts",
         "integrity_id",
         "items",
@@ -181,6 +182,7 @@ class Contents(Made):
         self.method = -1
         self.sequence = -1
         self.addresses: list[Address] = []
+        self.expected = 0  # the number of values that the addresses of a write announce
         self.items: list[tuple[int, Value]] = []
         self.items_left_out = 0
         self.refusals: list[tuple[int, int]] = []

@@ -2,22 +2,24 @@
 
 from __future__ import annotations
 
+from mypy_extensions import i64
+
 from dissect.s7plus import layouts
 from dissect.s7plus.contents import Contents
 from dissect.s7plus.ending import read_notification_end
+from dissect.s7plus.grammar import (
+    FORMS,
+    NOTIFIED_OBJECTS,
+    NOTIFIED_VALUE,
+    REFERENCED,
+    REFERENCED_VLQ,
+    REFUSED,
+    UNNAMED,
+)
 from dissect.s7plus.message import SHORT_HEADS, PlusPdu
 from dissect.s7plus.objects import objects_of, read_elements
 from dissect.s7plus.pieces import take_item
-from dissect.s7plus.tables import (
-    OBJECTS_ITEM,
-    PLAIN_VALUE_ITEM,
-    REFUSED_ITEM,
-    REFUSED_ITEM_3,
-    UNKNOWN_ITEM,
-    V1,
-    VALUE_ITEM,
-    VALUE_ITEM_VLQ,
-)
+from dissect.s7plus.tables import V1
 from dissect.s7plus.value_reading import read_value
 from dissect.s7plus.walk import STEP, FormatError, Walk
 from dissect.wire.varint import VLQ
@@ -73,23 +75,24 @@ def _items(walk: Walk, found: Contents) -> None:
         if kind == 0:
             walk.part(layouts.LIST_END, at)
             return
-        if kind == VALUE_ITEM:
+        form: i64 = FORMS[kind]
+        if form == REFERENCED:
             reference = walk.fixed(4, "reference")
             take_item(walk, found, reference, layouts.NOTIFIED_VALUE, at)
-        elif kind == VALUE_ITEM_VLQ:
+        elif form == REFERENCED_VLQ:
             reference = walk.number(VLQ, "reference")
             take_item(walk, found, reference, layouts.NOTIFIED_VALUE_VLQ, at)
-        elif kind in {REFUSED_ITEM, REFUSED_ITEM_3}:
+        elif form == REFUSED:
             reference = walk.fixed(4, "reference")
             walk.spend(STEP, "reference")
             found.refusals.append((reference, kind))
             walk.part(layouts.NOTIFIED_REFUSAL, at, f"{reference}: refused" if walk.shown else "")
-        elif kind == OBJECTS_ITEM:
+        elif form == NOTIFIED_OBJECTS:
             walk.part(layouts.NOTIFIED_KIND, at)
             found.objects.extend(objects_of(read_elements(walk)))
-        elif kind == PLAIN_VALUE_ITEM:
+        elif form == NOTIFIED_VALUE:
             found.value = read_value(walk, layouts.NOTIFIED_PLAIN, at)
-        elif kind == UNKNOWN_ITEM:
+        elif form == UNNAMED:
             walk.take(4, "unknown")
             walk.part(layouts.NOTIFIED_REFUSAL, at)
         else:

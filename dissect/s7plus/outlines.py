@@ -101,6 +101,4 @@ def _note(octets: bytes, request: bool, function: i64, marks: bytes) -> Noted | 
 
 
 def _passes(body: Body, request: bool, function: i64) -> bool:
-    if request:
-        return body.request(function) and body.ends(FILL)
-    return body.skipper.wide() and body.response(function, False) and body.ends(FILL)
+    return (request or body.skipper.wide()) and body.body(function, request) and body.ends(FILL)

@@ -121,7 +121,7 @@ _MAX_KNOWN: Final = 1 << 16
 
 
 def take_read_addresses(walk: Walk, found: Contents) -> None:
-    """Read the addresses in a read of several items, and the qualifier after them. Raises `FormatError`."""
+    """Read the addresses in a read of several items, which the qualifier follows. Raises `FormatError`."""
     begin = walk.at
     end = walk.octets.find(_QUALIFIER, begin, walk.end) if not walk.shown else -1
     asked = walk.octets[begin:end] if end > begin else b""
@@ -137,7 +137,6 @@ def take_read_addresses(walk: Walk, found: Contents) -> None:
         take_addresses(walk, found)
         if walk.at == end and found.addresses:
             _remember(asked, found, before - walk.budget)
-    take_qualifier(walk)
 
 
 def addresses_of(asked: bytes) -> list[Address]:

@@ -11,6 +11,50 @@ from typing import Final
 from mypy_extensions import i64
 
 from dissect.s7plus.ending import FILL, NOTIFICATION_FILL, RESPONSE2_FILL
+from dissect.s7plus.grammar import (
+    ADDRESSES,
+    BEGUN,
+    CALL,
+    DETAILS,
+    DETAILS_BIT,
+    ELEMENTS,
+    END,
+    FIRST,
+    FORMS,
+    FROM,
+    GROUPS,
+    IDS,
+    INTEGRITY_EARLY,
+    INTEGRITY_V3,
+    ITEMS,
+    LINK,
+    LINKED,
+    MADE,
+    NOTIFIED_OBJECTS,
+    NOTIFIED_VALUE,
+    OBJECT,
+    OBJECTS,
+    OBJECTS_V1,
+    PATH,
+    QUALIFIER,
+    REFERENCED,
+    REFERENCED_VLQ,
+    REFUSALS,
+    REFUSED,
+    REQUESTS,
+    RESERVED_1,
+    RESERVED_2,
+    RESERVED_4,
+    RESPONSES,
+    RETURN,
+    RETURN_OR_ITEM,
+    SEQUENCE,
+    STREAM,
+    TARGETS,
+    UNNAMED,
+    VALUE,
+    WRITTEN,
+)
 from dissect.s7plus.message import DIGEST_SIZE, LARGEST_KEPT, SHORT_HEADS, parsed
 from dissect.s7plus.noted import Noted, keep_noted
 from dissect.s7plus.pieces import USUAL_QUALIFIER
@@ -18,34 +62,17 @@ from dissect.s7plus.plain import NOTIFICATION_SIZE, REQUEST_SIZE, RESPONSE_SIZE,
 from dissect.s7plus.session import CPU_EXEC_UNIT, CPU_PROXY, DIAGNOSIS, OPERATING_STATE
 from dissect.s7plus.skipping import Skipper, marks
 from dissect.s7plus.tables import (
-    BEGIN_SEQUENCE,
     CREATE_OBJECT,
-    DELETE_OBJECT,
-    END_SEQUENCE,
     EXPLORE,
-    GET_LINK,
-    GET_MULTI_VARIABLES,
-    GET_VAR_SUBSTREAMED,
-    GET_VARIABLE,
-    INVOKE,
     NOTIFICATION,
     OBJECT_TAG,
-    OBJECTS_ITEM,
-    PLAIN_VALUE_ITEM,
-    REFUSED_ITEM,
-    REFUSED_ITEM_3,
     REQUEST,
     RESPONSE,
     RESPONSE2,
-    SET_MULTI_VARIABLES,
     SET_VAR_SUBSTREAMED,
-    SET_VARIABLE,
-    UNKNOWN_ITEM,
     V1,
     V2,
     V3,
-    VALUE_ITEM,
-    VALUE_ITEM_VLQ,
 )
 from dissect.s7plus.walk import MAX_WORK
 from dissect.wire.octets import u16, u32
@@ -79,7 +106,6 @@ _BIT_7: Final = 0x80
 #: The last two octets of the ids of the operating state and of the structure that holds it, whatever their length.
 _STATE: Final = (OPERATING_STATE >> 7 | _BIT_7) << 8 | OPERATING_STATE & (_BIT_7 - 1)
 _DIAGNOSIS: Final = (DIAGNOSIS >> 7 | _BIT_7) << 8 | DIAGNOSIS & (_BIT_7 - 1)
-_DETAILS: Final = 62
 #: Octets of: an id; a filter of Explore before its members; what is between the parts of a notification; a time.
 _ID: Final = 4
 _FILTER: Final = 5
@@ -125,21 +151,20 @@ def _skim(pdu: bytes, octets: bytes, at: i64, end: i64, version: i64, single: bo
     body = free_body()
     body.begin(octets, at + size, end, version, marks)
     if request:
-        return body.result(body.request(function) and (not body.known or body.ends(FILL)), _NO_CODE)
+        return body.result(body.body(function, True) and (not body.known or body.ends(FILL)), _NO_CODE)
     code: i64 = octets[at + size] if at + size < end else 0
-    details = False
     if code >= _BIT_7:
         value = read_varint(octets, at + size, end, VLQ64)[0]
-        details = function == DELETE_OBJECT and value >> _DETAILS & 1 != 0
+        body.details = value >> DETAILS_BIT & 1 != 0
         code = value & _CODE
     if not body.skipper.wide():
         return body.result(False, _NO_CODE)
     fill: i64 = RESPONSE2_FILL if opcode == RESPONSE2 else FILL
     if opcode != RESPONSE or (function != EXPLORE and function != CREATE_OBJECT) or end > LARGEST_KEPT:
-        return body.result(body.response(function, details) and (not body.known or body.ends(fill)), code)
+        return body.result(body.body(function, False) and (not body.known or body.ends(fill)), code)
     noted = Noted(pdu, octets, at, end, marks)
     body.skipper.noted = noted.places
-    sound: bool = body.response(function, details) and body.ends(fill)
+    sound: bool = body.body(function, False) and body.ends(fill)
     body.tell(noted)
     result = body.result(sound, code)
     keep_noted(noted if result & SOUND else None)
@@ -173,13 +198,15 @@ class Body:
     """The body of a PDU, which ``skipper`` passes over. Each method returns False if the PDU must be read.
 
     ``refusals`` are the items that a notification refuses, as (number, kind). ``known`` is False for functions whose body is
-    not known. ``object_id`` is the object in which CreateObject creates, ``ids`` are those of the created objects.
+    not known. ``details``: the return value says that objects follow. ``object_id`` is the object that comes first, ``ids`` are
+    those of the created objects.
     ``integrity_id`` is -1 until one was passed.
     """
 
     __slots__ = (
         "_asks",
         "_end",
+        "_expected",
         "_item",
         "_marks",
         "_numbered",
@@ -187,6 +214,7 @@ class Body:
         "_place",
         "_refused",
         "_version",
+        "details",
         "ids",
         "integrity_id",
         "known",
@@ -204,6 +232,8 @@ class Body:
         self._item: i64 = 0  # the number of that item, 0 for several
         self._place: i64 = 0  # where the addresses of a read end
         self._refused: i64 = 0  # `REFUSES`, once an item is refused
+        self._expected: i64 = 0  # how many values follow the addresses of a write
+        self.details = False
         self._numbered: i64 = 0  # how many values are numbered from 1 on
         self.integrity_id: i64 = -1
         self.object_id: i64 = -1
@@ -223,6 +253,7 @@ class Body:
         self._place = 0
         self._refused = 0
         self._numbered = 0
+        self.details = False
         self.integrity_id = -1
         self.object_id = -1
         if self.ids:
@@ -255,66 +286,91 @@ class Body:
         noted.integrity_id = self.integrity_id
         noted.object_id = self.object_id
 
-    def request(self, function: i64) -> bool:
-        """Pass over the body of a request, without its end."""
-        skipper = self.skipper
-        if function == GET_MULTI_VARIABLES:
-            return self._addresses() >= 0 and self._read_end()
-        if function == SET_VARIABLE:
-            return self._ids() and skipper.value(0) and self._qualifier(1)
-        if function == GET_VAR_SUBSTREAMED:
-            return self._stream() and self._qualifier(2)
-        if function == SET_MULTI_VARIABLES:
-            return self._values(self._addresses()) and self._skip(1) and self._qualifier(0)
-        if function == EXPLORE:
-            return self._explore()
-        if function == DELETE_OBJECT:
-            return self._skip(_ID + 1) and self._qualifier(0)
-        if function == CREATE_OBJECT:
-            return self._create()
-        if function == GET_LINK:
-            return self._skip(_ID) and skipper.number() >= 0 and self._skip(2)
-        if function == BEGIN_SEQUENCE:
-            return self._begin_sequence()
-        if function == END_SEQUENCE:
-            return self._skip(2)
-        if function == GET_VARIABLE:
-            return self._ids() and self._qualifier(0)
-        if function == INVOKE:
-            return self._skip(2 * _ID) and self._items() and self._skip(1)
-        if function == SET_VAR_SUBSTREAMED:
-            # The first value says which attribute is written; whether that may be compressed is not checked here.
-            return self._skip(_ID) and skipper.value(0) and self._qualifier(2) and skipper.careful_value(0, True)
-        self.known = False
+    def body(self, function: i64, request: bool) -> bool:
+        """Pass over the elements of a body (`dissect.s7plus.grammar`), after the return value and without the end."""
+        at: i64 = function - FIRST
+        if at < 0 or at >= len(REQUESTS):
+            self.known = False
+            return True
+        place: i64 = REQUESTS[at] if request else RESPONSES[at]
+        element: i64 = ELEMENTS[place]
+        self.known = place > 0
+        while element != END:
+            if not self._element(element):
+                return False
+            place += 1
+            element = ELEMENTS[place]
         return True
 
-    def response(self, function: i64, details: bool) -> bool:
-        """Pass over the body of a response after its return value, without its end. ``details``: objects follow."""
-        skipper = self.skipper
-        if function == GET_MULTI_VARIABLES:
-            return self._items() and self._refusals()
-        if function in {SET_VARIABLE, END_SEQUENCE, SET_VAR_SUBSTREAMED}:
-            return True
-        if function == GET_VAR_SUBSTREAMED:
-            return self._skip(1) and skipper.value(0)
-        if function == SET_MULTI_VARIABLES:
+    def _element(self, element: i64) -> bool:
+        """Pass over an element; those of most PDUs come first."""
+        if element == QUALIFIER:
+            return self._qualifier()
+        if element == ADDRESSES:
+            sound: bool = self._addresses() >= 0
+            self._place = self.skipper.at
+            return sound
+        if element == ITEMS:
+            return self._items()
+        if element == REFUSALS:
             return self._refusals()
-        if function == EXPLORE:
-            return self._skip(_ID) and (self._version != V3 or self._id()) and skipper.elements(self._marks)
-        if function == DELETE_OBJECT:
-            return self._skip(_ID) and (not details or skipper.elements(self._marks))
-        if function == CREATE_OBJECT:
-            return self._created()
-        if function == GET_LINK:
+        if element == VALUE:
+            return self.skipper.value(0)
+        if element == OBJECT:
+            return self._object()
+        if element == RESERVED_1:
+            return self._skip(1)
+        if element == IDS:
+            return self._ids()
+        if element == TARGETS:
+            self._expected = self._addresses()
+            return self._expected >= 0
+        if element == WRITTEN:
+            return self._values(self._expected)
+        if element == PATH:
+            return self._path()
+        if element == RESERVED_2:
+            return self._skip(2)
+        if element == OBJECTS:
+            return self.skipper.elements(self._marks)
+        return self._rare(element)
+
+    def _rare(self, element: i64) -> bool:
+        """Pass over an element of what is seldom sent, or large."""
+        skipper = self.skipper
+        if element == RESERVED_4:
+            return self._skip(_ID)
+        if element == OBJECTS_V1:
+            return self._version != V1 or skipper.elements(self._marks)
+        if element == DETAILS:
+            return not self.details or skipper.elements(self._marks)
+        if element == INTEGRITY_V3:
+            return self._version != V3 or self._id()
+        if element == INTEGRITY_EARLY:
+            wanted: bool = self._version == V3 or (self._version == V2 and self._peek() != OBJECT_TAG)
+            return not wanted or self._id()
+        if element == MADE:
+            return self._made()
+        if element == FROM:
+            return self._skip(_ID) and skipper.number() >= 0 and self._skip(3)
+        if element == GROUPS:
+            return self._groups()
+        if element == LINK:
+            return self._skip(_ID) and skipper.number() >= 0 and self._skip(2)
+        if element == LINKED:
             return self._skip(_ID * self._octet())
-        if function == BEGIN_SEQUENCE:
+        if element == SEQUENCE:
+            return self._sequence()
+        if element == BEGUN:
             return self._version == V1 or self._skip(2 + _ID)
-        if function == GET_VARIABLE:
-            return skipper.value(0)
-        if function == INVOKE:
-            return self._invoked()
-        self.known = False
-        return True
+        if element == CALL:
+            return self._skip(2 * _ID)
+        if element == RETURN:
+            return skipper.wide()
+        if element == RETURN_OR_ITEM:
+            return self._peek() == 1 or skipper.wide()
+        # A stream: the first value says which attribute is written; whether that may be compressed is not checked here.
+        return element == STREAM and skipper.careful_value(0, True)
 
     def notification(self, subscription: i64) -> bool:
         """Pass over the body of a notification, with its end."""
@@ -344,7 +400,7 @@ class Body:
 
     def read_ends(self) -> bool:
         """Pass over what follows the addresses of a read."""
-        return self._qualifier(0) and self.ends(FILL)
+        return self._qualifier() and self.ends(FILL)
 
     def _filled(self, at: i64, fill: i64) -> bool:
         left: i64 = self._end - at
@@ -384,16 +440,24 @@ class Body:
         count = self.skipper.number()
         return count if count <= self._end - self.skipper.at else -1
 
-    def _qualifier(self, more: i64) -> bool:
-        """Pass over the usual qualifier and ``more`` octets after it."""
+    def _qualifier(self) -> bool:
+        """Pass over the usual qualifier."""
         at: i64 = self.skipper.at
         behind: i64 = at + len(USUAL_QUALIFIER)
-        return behind <= self._end and self._octets[at:behind] == USUAL_QUALIFIER and self._skip(behind - at + more)
+        self.skipper.at = behind
+        return behind <= self._end and self._octets[at:behind] == USUAL_QUALIFIER
+
+    def _object(self) -> bool:
+        """Read the id of an object."""
+        at: i64 = self.skipper.at
+        self.skipper.at = at + _ID
+        if at + _ID > self._end:
+            return False
+        self.object_id = u32(self._octets, at)
+        return True
 
     def _ids(self) -> bool:
-        """Pass over an object and the ids of its attributes; a compressed value of one must be read."""
-        if not self._skip(_ID):
-            return False
+        """Pass over the ids of attributes; a compressed value of one must be read."""
         count = self._count()
         return count >= 0 and self.skipper.ids(count)
 
@@ -441,18 +505,12 @@ class Body:
                 self._asks = ASKS
         return True
 
-    def _read_end(self) -> bool:
-        """Pass over the qualifier after the addresses of a read, and note where these end."""
-        self._place = self.skipper.at
-        return self._qualifier(0)
-
-    def _stream(self) -> bool:
-        """Pass over an object and the ids of one of its attributes."""
-        at: i64 = self.skipper.at
-        if not self._skip(_ID) or not self.skipper.value(0):
+    def _path(self) -> bool:
+        """Pass over the ids of an attribute of the object that came before."""
+        if not self.skipper.value(0):
             return False
-        object_id = u32(self._octets, at)
         last = u16(self._octets, self.skipper.at - 2)
+        object_id: i64 = self.object_id
         if object_id == CPU_PROXY or (object_id == CPU_EXEC_UNIT and (last == _STATE or last == _DIAGNOSIS)):
             self._asks = ASKS
         return True
@@ -494,10 +552,8 @@ class Body:
                 return False
             self._refused = REFUSES
 
-    def _explore(self) -> bool:
+    def _groups(self) -> bool:
         skipper = self.skipper
-        if not self._skip(_ID) or skipper.number() < 0 or not self._skip(3):
-            return False
         while True:
             filters = self._octet()
             count = self._octet()
@@ -513,18 +569,7 @@ class Body:
             if last:
                 return True
 
-    def _create(self) -> bool:
-        if not self._skip(_ID):
-            return False
-        self.object_id = u32(self._octets, self.skipper.at - _ID)
-        if not self.skipper.value(0) or not self._skip(_ID):
-            return False
-        if self._version == V3 or (self._version == V2 and self._peek() != OBJECT_TAG):
-            if not self._id():
-                return False
-        return self.skipper.elements(self._marks)
-
-    def _created(self) -> bool:
+    def _made(self) -> bool:
         count = self._octet()
         while count > 0:
             id_ = self.skipper.number()
@@ -532,9 +577,9 @@ class Body:
                 return False
             self.ids.append(id_)
             count -= 1
-        return self._version != V1 or self.skipper.elements(self._marks)
+        return True
 
-    def _begin_sequence(self) -> bool:
+    def _sequence(self) -> bool:
         if not self._skip(1):
             return False
         if self._version == V1:
@@ -549,14 +594,6 @@ class Body:
             index += 1
         return self.skipper.at <= self._end and self.skipper.elements(self._marks)
 
-    def _invoked(self) -> bool:
-        skipper = self.skipper
-        if not skipper.wide() or not skipper.wide():
-            return False
-        if self._peek() != 1 and not skipper.wide():
-            return False
-        return self._items() and self._skip(1)
-
     def _notified(self) -> bool:
         """Pass over the items of a notification."""
         skipper = self.skipper
@@ -564,24 +601,25 @@ class Body:
             kind = self._octet()
             if skipper.at > self._end:
                 return False
-            if kind == VALUE_ITEM:
+            form: i64 = FORMS[kind]
+            if form == REFERENCED:
                 if not self._skip(_ID) or not skipper.value(0):
                     return False
             elif kind == 0:
                 return True
-            elif kind == REFUSED_ITEM or kind == REFUSED_ITEM_3 or kind == UNKNOWN_ITEM:
+            elif form == REFUSED or form == UNNAMED:
                 if not self._skip(_ID):
                     return False
-                if kind != UNKNOWN_ITEM:
+                if form == REFUSED:
                     self._refused = REFUSES
                     self.refusals.append((int(u32(self._octets, skipper.at - _ID)), int(kind)))
-            elif kind == VALUE_ITEM_VLQ:
+            elif form == REFERENCED_VLQ:
                 if skipper.number() < 0 or not skipper.value(0):
                     return False
-            elif kind == OBJECTS_ITEM:
+            elif form == NOTIFIED_OBJECTS:
                 if not skipper.elements(self._marks):
                     return False
-            elif kind != PLAIN_VALUE_ITEM or not skipper.value(0):
+            elif form != NOTIFIED_VALUE or not skipper.value(0):
                 return False
 
 

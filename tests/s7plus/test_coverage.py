@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from dissect.s7plus import bodies
 from dissect.s7plus.blobs import COMPRESSED
+from dissect.s7plus.grammar import KNOWN
 from dissect.s7plus.id_tables import IDS
 from dissect.s7plus.ids import SECRETS
 from dissect.s7plus.session import OPERATING_STATE, REFERENCE_LIST, SUBSCRIPTION
@@ -36,6 +36,6 @@ def test_the_page_has_a_row_for_every_function_type_element_and_id() -> None:
     for table, digits in ((FUNCTIONS, 4), (VALUE_TYPES, 2), (TAGS, 2), (NOTIFIED, 2)):
         assert {f"`0x{row.number:0{digits}x}` {row.name}" for row in table} <= rows
     assert {f"{row.number} {row.name}" for row in IDS} <= rows
-    assert {row.number for row in FUNCTIONS} >= {*bodies._REQUESTS, *bodies._RESPONSES}
+    assert {row.number for row in FUNCTIONS} >= KNOWN
     named = set(SECRETS) | COMPRESSED | {OPERATING_STATE, REFERENCE_LIST, SUBSCRIPTION}
     assert named <= {row.number for row in IDS}
