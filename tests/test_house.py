@@ -14,6 +14,7 @@ from typing import Final
 import pytest
 
 import dissect
+from tests.module_state import changed_state
 
 PACKAGE: Final = Path(__file__).resolve().parent.parent / "dissect"
 
@@ -111,6 +112,17 @@ PURE_IMPORTS: Final = frozenset(
         "zlib",
     )
 )
+#: What pure modules remember: what a function returned for the same arguments, so that no result depends on it; and numbers
+#: that are given out once each.
+MEMORY: Final = {
+    "dissect.mc7.code": "_rows",
+    "dissect.s7.errors": "_TABLES",
+    "dissect.s7.message": "_CUT",
+    "dissect.s7plus.blobs": "_SOUND",
+    "dissect.s7plus.contents": "_KNOWN",
+    "dissect.s7plus.pieces": "_KNOWN",
+    "dissect.s7plus.stamps": "_STAMPS",
+}
 IMPURE_CALLS: Final = frozenset(("breakpoint", "input", "open", "print"))
 CLOCK_CALLS: Final = frozenset(("now", "today", "utcnow"))
 
@@ -281,7 +293,11 @@ def the_engine_is_pure(module: str, tree: ast.Module) -> list[str]:
         for line, name, attribute in calls(tree)
         if attribute and name in CLOCK_CALLS
     ]
-    return wrong
+    return wrong + [
+        f"{module}:{line}: {name} is state of the module: let an object have it"
+        for line, name in changed_state(tree)
+        if MEMORY.get(module) != name
+    ]
 
 
 def nothing_runs_what_it_reads(module: str, tree: ast.Module) -> list[str]:
@@ -407,6 +423,10 @@ def test_rule_holds(rule: Rule, modules: dict[str, ast.Module]) -> None:
         (the_engine_is_pure, "dissect.findings.rules", "print('found')"),
         (the_engine_is_pure, "dissect.iso.tpkt", "octets = open('x').read()"),
         (the_engine_is_pure, "dissect.s7.values", "from datetime import datetime\nt = datetime.now()"),
+        (the_engine_is_pure, "dissect.s7plus.check", "_FREE = []\ndef done(one):\n    _FREE.append(one)"),
+        (the_engine_is_pure, "dissect.s7plus.check", "_LATEST = Latest()\ndef keep(one):\n    _LATEST.pdu = one"),
+        (the_engine_is_pure, "dissect.s7.message", "_ROWS = {}\ndef row(one):\n    _ROWS[one] = 1"),
+        (the_engine_is_pure, "dissect.s7.message", "LATEST = 0\ndef keep(one):\n    global LATEST\n    LATEST = one"),
         (nothing_runs_what_it_reads, "dissect.report.json", "import pickle"),
         (nothing_runs_what_it_reads, "dissect.cli.show", "eval('1')"),
         (nothing_runs_what_it_reads, "dissect.cli.show", "import subprocess\nsubprocess.run('ls', shell=True)"),
@@ -438,6 +458,8 @@ def test_rule_sees_its_breach(rule: Rule, module: str, source: str) -> None:
         (packages_stay_in_their_room, "dissect.layers.s7", "from scapy.packet import Packet"),
         (the_engine_is_pure, "dissect.s7.values", "from datetime import timedelta\nimport struct"),
         (the_engine_is_pure, "dissect.source.files", "import os\nopen('x')"),
+        (the_engine_is_pure, "dissect.s7.message", "ROWS = {}\nROWS[1] = 2\ndef row(rows):\n    rows[1] = ROWS[1]"),
+        (the_engine_is_pure, "dissect.mc7.code", "_rows = {}\ndef row(one):\n    _rows[one] = 1"),
         (nothing_runs_what_it_reads, "dissect.cli.show", "import re\nre.compile('a')"),
         (names_say_something, "dissect.s7.timebase", "class Database:\n    pass"),
         (asserts_only_narrow_types, "dissect.tcp.stream", "assert held is not None and isinstance(held.octets, bytes)"),

@@ -16,11 +16,13 @@ from dissect.s7plus.plain import Head
 from dissect.s7plus.tables import (
     CREATE_OBJECT,
     FUNCTIONS,
+    GET_MULTI_VARIABLES,
     INIT_SSL,
     KEEP_ALIVE,
     NOTIFICATION,
     REQUEST,
     RESPONSE2,
+    SET_MULTI_VARIABLES,
     SYSTEM_EVENT,
     V1,
     V2,
@@ -31,6 +33,9 @@ from dissect.transactions.protocol import Protocol
 from dissect.transactions.side import Side
 from dissect.wire.octets import Tally, u16
 
+#: The functions that have names are among so many codes from this one on.
+_FIRST: Final = 0x0480
+_CODES: Final = 0x0200
 #: Functions with which a client may restart its sequence numbers.
 _BEGINNING: Final = frozenset((CREATE_OBJECT, INIT_SSL))
 #: How many requests in several frames are remembered by their first packet, for one connection.
@@ -53,9 +58,8 @@ class S7Plus(Protocol):
         self.behind_malformed: i64 = 0  # whole PDUs behind malformed TPDU headers, which none of the other counts has
         self.versions: Tally = Tally(256, V3, V2)
         self.opcodes: Tally = Tally(256, NOTIFICATION, REQUEST)
-        self._functions: dict[int, int] = {}  # by code of 16 bits; without the `_in_a_row` latest PDUs
-        self._function: i64 = -1
-        self._in_a_row: i64 = 0
+        self._functions: Tally = Tally(_CODES, GET_MULTI_VARIABLES - _FIRST, SET_MULTI_VARIABLES - _FIRST)
+        self._others: dict[int, int] = {}  # functions with codes beyond these
         self._parameters: PlusParameterCache = PlusParameterCache()
         self._head: Head = Head()  # of the current PDU
 
@@ -150,10 +154,7 @@ class S7Plus(Protocol):
         if head.opcode >= 0 and head.begins:
             self.opcodes.add(head.opcode)
             if head.function >= 0:
-                if head.function != self._function:
-                    self._count_row()
-                    self._function = head.function
-                self._in_a_row += 1
+                self._count(head.function)
         if pdu is not None and pdu.malformed and not (cut or holed):
             detail = f"S7comm-plus {pdu.kind} from {side.tcp.ends[side.index]}: {pdu.malformed[0]}"
             slug = "s7.malformed"
@@ -194,12 +195,13 @@ class S7Plus(Protocol):
         else:
             exchange.behind.answer(side, PLUS, sequence, parameters, octets, frame, time_ns)
 
-    def _count_row(self) -> None:
-        """Add the latest PDUs of the same function to the table: counting each one there would be slower."""
-        if self._in_a_row > 0:
-            code = int(self._function)
-            self._functions[code] = self._functions.get(code, 0) + int(self._in_a_row)
-            self._in_a_row = 0
+    def _count(self, function: i64) -> None:
+        """Count a PDU of a function."""
+        at: i64 = function - _FIRST
+        if 0 <= at < _CODES:
+            self._functions.add(at)
+        else:
+            self._others[int(function)] = self._others.get(int(function), 0) + 1
 
     def _first_pdu(self, connection: Connection, frame: i64, time_ns: i64) -> None:
         if connection.protocol == "" or connection.protocol == UPPER_NAMES[UNKNOWN]:
@@ -306,8 +308,8 @@ class S7Plus(Protocol):
     @property
     def functions(self) -> dict[int, int]:
         """Number of PDUs by code of their function."""
-        self._count_row()
-        return self._functions
+        found = {_FIRST + at: count for at, count in enumerate(self._functions.counts()) if count}
+        return {**found, **self._others}
 
     def describe(self) -> dict[str, object]:
         """Return the section ``s7plus``."""

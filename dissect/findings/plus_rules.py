@@ -15,6 +15,8 @@ from dissect.findings.plus_sessions import PlusSessions, server_of
 from dissect.findings.reporter import Reporter
 from dissect.findings.security_rules import SecurityWatch
 from dissect.s7.items import WRITTEN_ELSEWHERE, WRITTEN_IO
+from dissect.s7plus.check import check
+from dissect.s7plus.check_response import count_mismatch
 from dissect.s7plus.events import (
     READ_OUT,
     REPLAYED,
@@ -31,7 +33,7 @@ from dissect.s7plus.events import (
     take,
 )
 from dissect.s7plus.program import Program
-from dissect.s7plus.refusals import count_mismatch
+from dissect.s7plus.reads import Reads
 from dissect.s7plus.session import Identity, PlusSession
 from dissect.s7plus.tables import EXPLORE, GET_MULTI_VARIABLES, PARTIAL_ERROR, SET_MULTI_VARIABLES
 from dissect.s7plus.walk import MAX_WORK, STEP
@@ -92,17 +94,18 @@ class PlusWatch:
         elif len(session.subscriptions) > 0 or connection.mid_stream:
             if self._operations.notified(subscription_of(transaction.response_octets), transaction):
                 self._subscribes(connection)
-        read: i64 = -1
+        read: Reads | None = None
+        told = transaction.checked
+        transaction.checked = None
         if (function == GET_MULTI_VARIABLES or function == SET_MULTI_VARIABLES) and transaction.outcome == ANSWERED:
             if function == GET_MULTI_VARIABLES:
                 read = self._operations.polled(session, transaction)
-            octets = transaction.response_octets
-            wrong = count_mismatch(function, transaction.request_octets, octets, transaction.skimmed)
+            if told is None:
+                told = check(transaction.response_octets)
+            wrong = count_mismatch(function, transaction.request_octets, told)
             if wrong:
                 self._note("transaction.count_mismatch", transaction, wrong)
-        facts = take(
-            session, function, transaction.request_octets, transaction.response_octets, transaction.skimmed, read
-        )
+        facts = take(session, function, transaction.request_octets, transaction.response_octets, told, read)
         if facts is not None:
             for event in facts.events:
                 code = _code_of(event, transaction)
@@ -128,7 +131,7 @@ class PlusWatch:
         if not asked:
             return
         session = PlusSession(Program(), Identity())
-        facts = take(session, transaction.function, asked, b"", transaction.skimmed, -1)
+        facts = take(session, transaction.function, asked, b"")
         if facts is not None:
             for event in facts.events:
                 self._tell(session, event, transaction, 0, self._acts.event(event, transaction, 0, alone=True))

@@ -16,36 +16,32 @@ from dissect.wire.varint import VLQ, read_varint
 #: How many zeros may end a PDU and a notification; one less is possible, too.
 FILL: Final = 5
 NOTIFICATION_FILL: Final = 4
+#: The result of `read_tail` for an end of another form.
+_BAD: Final = -2
 #: Zeros that end a response of the second kind; always this many.
 RESPONSE2_FILL: Final = 11
 
 
 def read_end(walk: Walk, found: Contents, pdu: PlusPdu) -> None:
     """Read the end of a request or response. Raises `FormatError` if it has another form."""
-    second: bool = pdu.opcode == RESPONSE2
-    if _all_zeros(walk, walk.at, RESPONSE2_FILL if second else FILL, second) or walk.left == 0:
-        _fill(walk)
-        return
-    if pdu.version == V2 and _is_digest(walk, walk.at):
+    fill = RESPONSE2_FILL if pdu.opcode == RESPONSE2 else FILL
+    id_ = read_tail(walk.octets, walk.at, walk.end, pdu.version, fill, found.integrity_id >= 0)
+    if id_ == _BAD:
+        raise FormatError("trailing_octets", "end", walk.at, 0, walk.left)
+    if id_ >= 0:
+        start = walk.at
+        found.integrity_id = walk.number(VLQ, "integrity id")
+        walk.part(layouts.INTEGRITY_ID, start)
+    if walk.peek() > 0:
         read_digest(walk, found)
-        return
-    if found.integrity_id < 0 and pdu.version != V1:
-        number, behind = read_varint(walk.octets, walk.at, walk.end, VLQ)
-        if behind > 0 and (_all_zeros(walk, behind, FILL) or _is_digest(walk, behind)):
-            start, walk.at = walk.at, behind
-            found.integrity_id = number
-            walk.part(layouts.INTEGRITY_ID, start)
-            if _is_digest(walk, behind):
-                read_digest(walk, found)
-            else:
-                _fill(walk)
-            return
-    raise FormatError("trailing_octets", "end", walk.at, 0, walk.left)
+    else:
+        _fill(walk)
 
 
 def read_notification_end(walk: Walk) -> None:
     """Read the zeros at the end of a notification. Raises `FormatError` for anything else."""
-    if not _all_zeros(walk, walk.at, NOTIFICATION_FILL) and walk.left:
+    few: bool = NOTIFICATION_FILL - 1 <= walk.left <= NOTIFICATION_FILL
+    if walk.left and not (few and zeros_at(walk.octets, walk.at, walk.end)):
         raise FormatError("trailing_octets", "end", walk.at, 0, walk.left)
     _fill(walk)
 
@@ -64,13 +60,26 @@ def _fill(walk: Walk) -> None:
         walk.part(layouts.FILL, start)
 
 
-def _all_zeros(walk: Walk, at: i64, size: i64, exactly: bool = False) -> bool:
-    """Return whether just ``size`` zeros are left; one less is accepted as well unless ``exactly`` is True."""
-    end: i64 = walk.end
+def read_tail(octets: bytes, at: i64, end: i64, version: i64, fill: i64, early: bool) -> i64:
+    """Read the end of a request or response, with at most ``fill`` zeros .
+
+    Return its integrity id, -1 if it has none; `_BAD` for another form. ``early``: the id came before.
+    """
+    if at == end or _filled(octets, at, end, fill) or (version == V2 and _is_digest(octets, at, end)):
+        return -1
+    if early or version == V1:
+        return _BAD
+    id_, behind = read_varint(octets, at, end, VLQ)
+    return id_ if behind > 0 and (_filled(octets, behind, end, FILL) or _is_digest(octets, behind, end)) else _BAD
+
+
+def _filled(octets: bytes, at: i64, end: i64, fill: i64) -> bool:
     left: i64 = end - at
-    if left != size and (exactly or left != size - 1):
-        return False
-    octets = walk.octets
+    return (left == fill or (left == FILL - 1 and fill == FILL)) and zeros_at(octets, at, end)
+
+
+def zeros_at(octets: bytes, at: i64, end: i64) -> bool:
+    """Return whether there are only zeros."""
     while at < end:
         if octets[at]:
             return False
@@ -78,5 +87,5 @@ def _all_zeros(walk: Walk, at: i64, size: i64, exactly: bool = False) -> bool:
     return True
 
 
-def _is_digest(walk: Walk, at: int) -> bool:
-    return walk.end - at == 1 + DIGEST_SIZE and walk.octets[at] == DIGEST_SIZE
+def _is_digest(octets: bytes, at: i64, end: i64) -> bool:
+    return end - at == 1 + DIGEST_SIZE and octets[at] == DIGEST_SIZE

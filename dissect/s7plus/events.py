@@ -10,8 +10,9 @@ from typing import Final
 from mypy_extensions import i64
 
 from dissect.s7plus.bodies import parse_contents
+from dissect.s7plus.check import Check, check
 from dissect.s7plus.contents import Address, Contents, Made
-from dissect.s7plus.glance import OUTPUTS, Seen, glance
+from dissect.s7plus.cursor import table
 from dissect.s7plus.identification import IDENTIFICATION
 from dissect.s7plus.ids import AREAS, BLOCK_KINDS, PASSWORDS, PROTECTIONS, block_name
 from dissect.s7plus.loads import (
@@ -26,13 +27,14 @@ from dissect.s7plus.loads import (
     said,
     written_as,
 )
-from dissect.s7plus.message import PlusPdu, parsed
+from dissect.s7plus.message import PlusPdu, parse_plus
 from dissect.s7plus.objects import PlusObject, every_object, whole_numbers
-from dissect.s7plus.outlines import Outline, outline
-from dissect.s7plus.plain import REQUEST_SIZE, RESPONSE_SIZE, data_of, one_frame
+from dissect.s7plus.pieces import item_at
+from dissect.s7plus.plain import REQUEST_SIZE, RESPONSE_SIZE, data_of
 from dissect.s7plus.program import CODE
 from dissect.s7plus.program_tables import OPERATING_STATES, STATE_REQUESTS
-from dissect.s7plus.refusals import MARKS, glimpse
+from dissect.s7plus.read_objects import read_objects
+from dissect.s7plus.reads import Reads
 from dissect.s7plus.session import (
     ASKED_OF_OBJECTS,
     CPU_EXEC_UNIT,
@@ -53,8 +55,6 @@ from dissect.s7plus.session import (
     parse_reference_list,
     reference_lists_of,
 )
-from dissect.s7plus.skimming import ASKS, CODES, REFUSES, SOUND, UNSOUND, WORDS
-from dissect.s7plus.skipping import MET, table
 from dissect.s7plus.states import number_in, state_in
 from dissect.s7plus.summary import single_address
 from dissect.s7plus.tables import (
@@ -76,7 +76,7 @@ from dissect.s7plus.value_showing import value_text
 from dissect.s7plus.values import Blob, Value
 from dissect.s7plus.walk import MAX_WORK, Wanted
 from dissect.wire.malformed import Malformed
-from dissect.wire.octets import u16, u32
+from dissect.wire.octets import u32
 from dissect.wire.varint import VLQ, build_varint, read_varint
 
 # Kinds of events.
@@ -139,6 +139,10 @@ _WRITTEN.whole = True
 _BIT_7: Final = 0x80
 
 
+#: Areas of the outputs.
+OUTPUTS: Final = frozenset((81,))
+
+
 class Event:
     """An event: its kind, a text of what it is about, and the id of the object that it is about (0 for none).
 
@@ -172,93 +176,123 @@ class Facts:
 
 
 def take(
-    session: PlusSession, function: i64, request: bytes, response: bytes, skimmed: i64 = -1, read: i64 = -1
+    session: PlusSession,
+    function: i64,
+    request: bytes,
+    response: bytes,
+    told: Check | None = None,
+    read: Reads | None = None,
 ) -> Facts | None:
     """Take a transaction: the octets of its halves (empty if missing) and its function, -1 for a notification. Never raises.
 
-    ``skimmed`` is the result of `dissect.s7plus.refusals.glimpse` for the response, ``read`` that for a request to read; -1 if
-    it was not called. Returns None if the transaction has nothing that matters.
+    ``told`` is the check of the response, ``read`` what the check of a request to read says; None if they were not checked.
+    Returns None if the transaction has nothing that matters.
     """
-    told: i64 = skimmed
-    if told < 0:
-        told = 0
-        if len(response) > 0:
-            told = glimpse(response)
+    if told is None and len(response) > 0:
+        told = check(response)
     if function < 0:
-        return _notified(session, response, told) if len(response) > 0 else None
-    if function == GET_VAR_SUBSTREAMED and len(request) > 0 and len(response) > 0:
-        streamed = glance(function, request, response, read, told, False, False)
-        if streamed is not None:
-            return _seen(session, function, streamed)
+        return _notified(session, told) if told is not None else None
+    if len(request) == 0:
+        return _told_alone(session, function, told) if told is not None else None
     if function == GET_MULTI_VARIABLES or function == GET_VAR_SUBSTREAMED:
-        if read < 0:
-            read = glimpse(request) if len(request) > 0 else SOUND
-        if not _asks_what_matters(request, read):
-            return _judge_contents(request, response, read, told)
-    if len(request) > 0 and len(response) > 0 and _is_glanced(function):
-        seen = glance(function, request, response, read, told, session.outputs_told, session.elsewhere_told)
-        if seen is not None:
-            return _seen(session, function, seen)
-    if len(request) > 0 and len(response) > 0 and (function == CREATE_OBJECT or function == EXPLORE):
-        if function == EXPLORE and told & SOUND and not told & MET:
-            return _judge_contents(request, response, glimpse(request), told)
-        shown = outline(response, False, function, MARKS) if told & SOUND else None
-        outlined = outline(request, True, function, MARKS) if shown is not None else None
-        if outlined is not None and shown is not None:
-            return _outlined(session, function, outlined, shown)
-    return _read_all(session, function, request, response, told)
-
-
-def _is_glanced(function: i64) -> bool:
-    """Return whether `glance` is enough for this function if its PDUs are plain; reads of one attribute are left out."""
-    return function == GET_MULTI_VARIABLES or function == SET_MULTI_VARIABLES or function == DELETE_OBJECT
-
-
-def _outlined(session: PlusSession, function: int, asked: Outline, told: Outline) -> Facts:
-    """Judge a sound transaction that creates or shows objects."""
+        return _read_of(session, function, request, told, read)
+    if told is None or not told.sound or told.function != function:
+        return _read_all(session, function, request, None, told)
+    if function == EXPLORE and not told.met:
+        return _judge_contents(check(request), told)
+    if function != DELETE_OBJECT and told.noted is None:
+        return _read_all(session, function, request, None, told)
+    asked = check(request)
+    if not asked.sound or asked.function != function or asked.opcode != REQUEST:
+        return _read_all(session, function, request, asked, told)
     facts = Facts()
     _judge_id(session, facts.events, function, asked.session_id, asked.sequence, asked.integrity_id)
-    good: bool = told.return_code < 0x8000
-    if function == CREATE_OBJECT:
-        _created(session, facts.events, asked, told, good)
-    elif good:
-        _explored(session, facts.events, told)
+    _judge_objects(session, facts.events, asked, told)
     return facts
 
 
-def _read_all(session: PlusSession, function: i64, request: bytes, response: bytes, skimmed: i64) -> Facts | None:
-    """Judge a transaction of which everything that may matter must be read."""
-    if len(request) == 0:
-        return _told_alone(session, function, response, skimmed)
-    if not _may_matter(session, function, request, skimmed):
-        return _judge_contents(request, response, glimpse(request), skimmed)
+def _judge_objects(session: PlusSession, events: list[Event], asked: Check, told: Check) -> None:
+    """Judge a sound transaction that creates, shows or deletes objects."""
+    good: bool = told.code < 0x8000
+    if asked.function == DELETE_OBJECT:
+        _gone(session, events, int(asked.object_id), int(asked.session_id), good)
+        return
+    if asked.function == CREATE_OBJECT:
+        _created(session, events, read_objects(asked), read_objects(told), good)
+    elif good:
+        _explored(session, events, read_objects(told))
+
+
+def _read_of(
+    session: PlusSession, function: i64, request: bytes, told: Check | None, read: Reads | None
+) -> Facts | None:
+    """Judge a read: the operating state and the identification of the CPU matter."""
+    asked: Check | None = None
+    if read is None or read.asks or not read.sound:
+        asked = check(request)
+        read = Reads(asked)
+        if not _asks_what_matters(asked):
+            return _judge_contents(asked, told)
+    elif told is None or not told.odd:
+        return None
+    else:
+        return _judge_contents(None, told)
+    item: i64 = read.item
+    plain: bool = told is not None and told.sound and told.function == function and not told.refuses
+    if told is None or not plain or told.code != 0 or not asked.sound or item <= 0 or told.numbered < item:
+        return _read_all(session, function, request, asked, told)
+    value = item_at(told.data, told.begin + RESPONSE_SIZE, told.end, item)
+    if value is None:
+        return None
+    events: list[Event] = []
+    _judge_id(session, events, function, asked.session_id, asked.sequence, asked.integrity_id)
+    _state(session, events, state_in(value))
+    return _facts_of(events)
+
+
+def _facts_of(events: list[Event]) -> Facts | None:
+    if not events:
+        return None
     facts = Facts()
-    asked, contents = _read(request, facts)
-    _judge_id(session, facts.events, function, asked.session_id, asked.sequence, contents.integrity_id)
+    facts.events = events
+    return facts
+
+
+def _read_all(
+    session: PlusSession, function: i64, request: bytes, asked: Check | None, told: Check | None
+) -> Facts | None:
+    """Judge a transaction of which everything that may matter must be read; ``asked``: the check of its request, if made."""
+    if not _may_matter(session, function, request, told):
+        return _judge_contents(asked if asked is not None else check(request), told)
+    facts = Facts()
+    pdu = asked.pdu() if asked is not None else parse_plus(request)
+    contents = _read(pdu, facts)
+    _judge_id(session, facts.events, function, pdu.session_id, pdu.sequence, contents.integrity_id)
     answer: Contents | None = None
     good = True
-    if _says_no_more(function, response, skimmed):
+    if told is not None and _says_no_more(function, told):
         answer = _WRITTEN
-        good = skimmed >> WORDS & CODES <= 0x8000  # the skimmed code is the return code plus 1
-    elif len(response) > 0:
-        told, found = _read(response, facts, _state_items(function, contents))
-        if told.function == function:
+        good = told.code < 0x8000
+    elif told is not None:
+        found = _read(told.pdu(), facts, _state_items(function, contents))
+        if told.pdu().function == function:
             answer = found
-            good = told.return_code < 0x8000
+            good = told.pdu().return_code < 0x8000
     if function == DELETE_OBJECT:
-        _gone(session, facts.events, contents.object_id, asked.session_id, good)
+        _gone(session, facts.events, contents.object_id, pdu.session_id, good)
     else:
         _judge(session, facts.events, function, contents, answer, good)
     return facts
 
 
-def _told_alone(session: PlusSession, function: i64, response: bytes, skimmed: i64) -> Facts | None:
+def _told_alone(session: PlusSession, function: i64, told: Check) -> Facts | None:
     """Judge a response without its request: the blocks that it shows, or the CPU that opens a session."""
     if function != EXPLORE and function != CREATE_OBJECT:
-        return _judge_contents(b"", response, SOUND, skimmed)
+        return _judge_contents(None, told)
     facts = Facts()
-    told, found = _read(response, facts)
-    good: bool = told.function == function and told.return_code < 0x8000
+    pdu = told.pdu()
+    found = _read(pdu, facts)
+    good: bool = pdu.function == function and pdu.return_code < 0x8000
     if good and function == EXPLORE:
         _explored(session, facts.events, found)
     elif good and any([one.class_id == SERVER_SESSION for one in found.objects]):
@@ -266,47 +300,19 @@ def _told_alone(session: PlusSession, function: i64, response: bytes, skimmed: i
     return facts if facts.events or facts.malformed or facts.exhausted else None
 
 
-def _says_no_more(function: i64, response: bytes, skimmed: i64) -> bool:
+def _says_no_more(function: i64, told: Check) -> bool:
     """Return whether a response to a write or deletion is sound and has nothing but its return value."""
-    if not skimmed & SOUND or skimmed & REFUSES or function not in _WRITING:
-        return False
-    at, end = one_frame(response)
-    return at >= 0 and at + RESPONSE_SIZE <= end and u16(response, at + 3) == function
+    return told.sound and not told.refuses and told.function == function and function in _WRITING
 
 
-def _judge_contents(request: bytes, response: bytes, asked: i64, told: i64) -> Facts | None:
-    """Look for faults in contents that have no events; ``asked`` and ``told`` are the results of `glimpse`."""
-    if asked != UNSOUND and told != UNSOUND:
-        return None
+def _judge_contents(asked: Check | None, told: Check | None) -> Facts | None:
+    """Look for faults in contents that have no events."""
     facts = Facts()
-    if asked == UNSOUND:
-        _read(request, facts)
-    if told == UNSOUND:
-        _read(response, facts)
+    if asked is not None and asked.odd:
+        _read(asked.pdu(), facts)
+    if told is not None and told.odd:
+        _read(told.pdu(), facts)
     return facts if facts.malformed or facts.exhausted else None
-
-
-def _seen(session: PlusSession, function: int, seen: Seen) -> Facts | None:
-    """Judge a plain transaction from the result of `glance`."""
-    if not seen.matters:
-        return None
-    events: list[Event] = []
-    _judge_id(session, events, function, seen.session_id, seen.sequence, seen.integrity_id)
-    if seen.stated:
-        _state(session, events, seen.state)
-    if seen.record:
-        session.identified(seen.record)
-    if seen.authenticated:
-        session.authenticated = True
-    if seen.references is not None:
-        _listed(session, events, int(seen.listed), seen.references)
-    if function == DELETE_OBJECT:
-        _gone(session, events, int(seen.deleted), int(seen.session_id), seen.good)
-    if not events:
-        return None
-    facts = Facts()
-    facts.events = events
-    return facts
 
 
 def _state_items(function: int, asked: Contents) -> frozenset[int] | None:
@@ -316,8 +322,7 @@ def _state_items(function: int, asked: Contents) -> frozenset[int] | None:
     return frozenset([number for number, address in enumerate(asked.addresses, 1) if is_state(address)])
 
 
-def _read(octets: bytes, facts: Facts, items: frozenset[int] | None = None) -> tuple[PlusPdu, Contents]:
-    pdu = parsed(octets)
+def _read(pdu: PlusPdu, facts: Facts, items: frozenset[int] | None = None) -> Contents:
     found = parse_contents(pdu, False, MAX_WORK, Wanted(_WANTED, items))
     facts.exhausted = facts.exhausted or found.exhausted
     if pdu.whole and not pdu.malformed:
@@ -325,7 +330,7 @@ def _read(octets: bytes, facts: Facts, items: frozenset[int] | None = None) -> t
             facts.malformed.append(fact.at(pdu.place(fact.offset)))
         if pdu.opcode == REQUEST:
             facts.in_request += len(found.malformed)
-    return pdu, found
+    return found
 
 
 def _judge_id(
@@ -340,19 +345,19 @@ def _judge_id(
         events.append(Event(REPLAYED, text))
 
 
-def _asks_what_matters(octets: bytes, skimmed: i64) -> bool:
+def _asks_what_matters(asked: Check) -> bool:
     """Return False for a read that certainly requests neither the operating state nor the identification record."""
-    if skimmed & SOUND:
-        return skimmed & ASKS != 0
-    data, at, end = data_of(octets)
-    return any([data.find(mark, at + REQUEST_SIZE, end) >= 0 for mark in _READ_MARKS])
+    if asked.sound:
+        return asked.asks
+    data = asked.data
+    return any([data.find(mark, asked.begin + REQUEST_SIZE, asked.end) >= 0 for mark in _READ_MARKS])
 
 
-def _may_matter(session: PlusSession, function: i64, octets: bytes, skimmed: i64) -> bool:
+def _may_matter(session: PlusSession, function: i64, octets: bytes, told: Check | None) -> bool:
     if function == CREATE_OBJECT or function == DELETE_OBJECT or function == BEGIN_SEQUENCE or function == END_SEQUENCE:
         return True
     if function == EXPLORE:
-        return not skimmed & SOUND or skimmed & MET != 0  # an incomplete response may begin with blocks
+        return told is None or not told.sound or told.met  # an incomplete response may begin with blocks
     if function == GET_MULTI_VARIABLES or function == GET_VAR_SUBSTREAMED:
         return True  # reads that do not matter are not passed to this function
     if function != SET_VARIABLE and function != SET_VAR_SUBSTREAMED and function != SET_MULTI_VARIABLES:
@@ -577,11 +582,12 @@ def subscription_of(octets: bytes) -> i64:
     return u32(data, at + 1) if at + 5 <= end else -1
 
 
-def _notified(session: PlusSession, octets: bytes, skimmed: i64) -> Facts | None:
-    if len(session.states) == 0 or subscription_of(octets) not in session.states:
-        return _judge_contents(b"", octets, SOUND, skimmed)
+def _notified(session: PlusSession, told: Check) -> Facts | None:
+    if len(session.states) == 0 or subscription_of(told.octets) not in session.states:
+        return _judge_contents(None, told)
     facts = Facts()
-    pdu, found = _read(octets, facts)
+    pdu = told.pdu()
+    found = _read(pdu, facts)
     for reference, value in found.items:
         address = session.address_of(pdu.subscription_id, reference)
         if address is not None and is_state(address):

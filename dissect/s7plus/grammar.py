@@ -64,7 +64,7 @@ RETURN_OR_ITEM: Final = 28  # another one, unless the item with the number 1 fol
 STREAM: Final = 29  # a value, and in further frames pieces of a stream
 
 #: Function, body of the request, body of the response after its return value.
-_ROWS: Final = (
+_ROWS: Final[tuple[tuple[int, tuple[int, ...], tuple[int, ...]], ...]] = (
     (EXPLORE, (FROM, GROUPS), (OBJECT, INTEGRITY_V3, OBJECTS)),
     (CREATE_OBJECT, (OBJECT, VALUE, RESERVED_4, INTEGRITY_EARLY, OBJECTS), (MADE, OBJECTS_V1)),
     (DELETE_OBJECT, (OBJECT, RESERVED_1, QUALIFIER), (OBJECT, DETAILS)),
@@ -131,3 +131,9 @@ def elements_of(function: int, request: bool) -> bytes | None:
     begins = REQUESTS if request else RESPONSES
     at = begins[function - FIRST] if FIRST <= function < FIRST + len(begins) else 0
     return ELEMENTS[at : ELEMENTS.index(END, at)] if at else None
+
+
+def ending_with_objects(request: bool) -> frozenset[int]:
+    """Return the functions whose body may end with objects, also in version 3: where it ends, only the octets behind it say."""
+    bodies = [(row[0], row[1] if request else row[2]) for row in _ROWS]
+    return frozenset([function for function, body in bodies if body and body[-1] in {OBJECTS, DETAILS, SEQUENCE}])

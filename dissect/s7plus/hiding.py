@@ -12,12 +12,12 @@ from dissect.s7plus.alarms import ATTRIBUTES
 from dissect.s7plus.blobs import COMPRESSED
 from dissect.s7plus.bodies import parse_contents
 from dissect.s7plus.contents import Contents
+from dissect.s7plus.cursor import table
 from dissect.s7plus.ids import HIDDEN, SECRETS, is_secret
 from dissect.s7plus.items import READS, Half
 from dissect.s7plus.layouts import ATTRIBUTE, ITEM_VALUE, MEMBER, PIECE, VALUE
 from dissect.s7plus.message import PlusPdu
 from dissect.s7plus.session import NAME, REFERENCE_LIST
-from dissect.s7plus.skipping import table
 from dissect.s7plus.tables import GET_VAR_SUBSTREAMED, REQUEST, SET_VAR_SUBSTREAMED
 from dissect.s7plus.value_tables import BLOB, STRUCT, VARIANT, WSTRING
 from dissect.s7plus.values import Blob, Member, Rows, Struct, Value

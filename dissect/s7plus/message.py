@@ -203,32 +203,7 @@ def parse_plus(
         _read_head(pdu)
         if not pdu.whole and not cut and not pdu.malformed:
             pdu.tell("too_short", "trailer", size, size + HEADER_SIZE, size)
-    if size <= LARGEST_KEPT and not cut:
-        _LATEST.pdu = pdu
     return pdu
-
-
-class _Latest:
-    """The PDU that was parsed last, unless it is very large, because pairing and judging parse the same octets again."""
-
-    __slots__ = ("pdu",)
-
-    def __init__(self) -> None:
-        self.pdu: PlusPdu | None = None
-
-
-_LATEST: Final = _Latest()
-#: Octets of the largest PDU that is remembered.
-LARGEST_KEPT: Final = 0x40000
-
-
-def parsed(octets: bytes) -> PlusPdu:
-    """Return the PDU of these octets, which must be complete; if it is the one parsed last, the same object.
-
-    Its frame, time and connection have no meaning. Never raises.
-    """
-    latest = _LATEST.pdu
-    return latest if latest is not None and latest.octets == octets else parse_plus(octets)
 
 
 def _read_event(pdu: PlusPdu, octets: bytes) -> None:

@@ -7,9 +7,9 @@ from typing import Final
 from mypy_extensions import i64
 
 from dissect.s7plus.blobs import COMPRESSED
+from dissect.s7plus.cursor import Cursor, member_at, passed
 from dissect.s7plus.ids import id_name
 from dissect.s7plus.layouts import ATTRIBUTE, OBJECT, OBJECT_END, OBJECT_HELD, RELATION
-from dissect.s7plus.skipping import Skipper, member_at, passed
 from dissect.s7plus.tables import (
     ATTRIBUTE_TAG,
     NAMES_TAG,
@@ -108,11 +108,11 @@ _ARRAYS: Final = frozenset((ARRAY << 8 | UDINT, ADDRESS_ARRAY << 8 | UDINT))
 
 def numbers_at(octets: bytes, at: i64, end: i64) -> list[int]:
     """Return unsigned numbers of at most 32 bits; their count is at ``at``, and they were found sound before."""
-    skipper = Skipper(octets, at, end)
+    cursor = Cursor(octets, at, end)
     found: list[int] = []
-    left = skipper.number()
+    left = cursor.number()
     while left > 0:
-        found.append(int(skipper.number()))
+        found.append(int(cursor.number()))
         left -= 1
     return found
 
@@ -258,11 +258,11 @@ def read_into(walk: Walk, elements: list[Element]) -> None:
     while True:
         wanted = walk.wanted
         if wanted is not None:
-            skipper = Skipper(walk.octets, walk.at, walk.end)
-            skipper.attributes(wanted.attributes, walk.depth)
-            if skipper.spent <= walk.budget:  # else read them, to find the place where the budget is exceeded
-                walk.at = skipper.at
-                walk.spend(skipper.spent, "value")
+            cursor = Cursor(walk.octets, walk.at, walk.end)
+            cursor.attributes(wanted.attributes, walk.depth)
+            if cursor.spent <= walk.budget:  # else read them, to find the place where the budget is exceeded
+                walk.at = cursor.at
+                walk.spend(cursor.spent, "value")
         tag = walk.peek()
         start = walk.at
         if tag == ATTRIBUTE_TAG:
@@ -333,7 +333,7 @@ def _read_head(walk: Walk) -> PlusObject:
 
 
 def objects_at(octets: bytes, places: list[int], end: i64) -> tuple[list[PlusObject], list[PlusObject]]:
-    """Return the objects at ``places``, which `Skipper.noted` has of sound octets that end at ``end``.
+    """Return the objects at ``places``, which `Cursor.noted` has of sound octets that end at ``end``.
 
     The second list has all objects, also those inside others, as `every_object` returns them.
     """
@@ -341,18 +341,18 @@ def objects_at(octets: bytes, places: list[int], end: i64) -> tuple[list[PlusObj
     every: list[PlusObject] = []
     within: list[PlusObject] = []  # the objects that have begun, innermost last
     inner: PlusObject | None = None
-    skipper = Skipper(octets, 0, end)
+    cursor = Cursor(octets, 0, end)
     for place in places:
         at: i64 = place
         tag: i64 = octets[at]
         if tag == ATTRIBUTE_TAG:
             if inner is not None:  # attributes outside of objects are not needed
-                skipper.at = at + 1
-                id_ = skipper.number()
-                inner.elements.append(Attribute(int(id_), None, octets, int(skipper.at), int(end)))
+                cursor.at = at + 1
+                id_ = cursor.number()
+                inner.elements.append(Attribute(int(id_), None, octets, int(cursor.at), int(end)))
         elif tag == OBJECT_TAG:
-            skipper.at = at + 1
-            one = _head_at(octets, skipper)
+            cursor.at = at + 1
+            one = _head_at(octets, cursor)
             if inner is not None:
                 inner.elements.append(one)
             else:
@@ -369,16 +369,16 @@ def objects_at(octets: bytes, places: list[int], end: i64) -> tuple[list[PlusObj
     return found, every
 
 
-def _head_at(octets: bytes, skipper: Skipper) -> PlusObject:
-    """Read the beginning of a sound object, after its tag, from ``skipper``."""
-    at: i64 = skipper.at
-    skipper.at = at + _RID
-    class_id = skipper.number()
-    class_flags = skipper.number()
-    attribute = skipper.number()
+def _head_at(octets: bytes, cursor: Cursor) -> PlusObject:
+    """Read the beginning of a sound object, after its tag, from ``cursor``."""
+    at: i64 = cursor.at
+    cursor.at = at + _RID
+    class_id = cursor.number()
+    class_flags = cursor.number()
+    attribute = cursor.number()
     more: i64 = 0
     if attribute > 0:
-        more = skipper.number()
+        more = cursor.number()
     found = PlusObject(int(u32(octets, at)), int(class_id), int(class_flags), int(attribute), int(more), [])
     found.offset = int(at - 1)
     return found

@@ -10,7 +10,7 @@ from typing import Final
 
 from mypy_extensions import i64
 
-from dissect.s7plus.message import DIGEST_SIZE, HEADER_SIZE, SHORT_HEADS, PlusPdu, is_beginning, parsed
+from dissect.s7plus.message import DIGEST_SIZE, HEADER_SIZE, SHORT_HEADS, PlusPdu, is_beginning, parse_plus
 from dissect.s7plus.tables import (
     FUNCTIONS,
     NO_RESPONSE,
@@ -64,7 +64,7 @@ def data_of(octets: bytes) -> tuple[bytes, i64, i64]:
     at, end = one_frame(octets)
     if at >= 0:
         return octets, at, end
-    data = parsed(octets).data
+    data = parse_plus(octets).data
     return data, 0, len(data)
 
 

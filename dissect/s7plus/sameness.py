@@ -12,12 +12,10 @@ from typing import Final
 from mypy_extensions import i64
 
 from dissect.s7plus.ending import FILL
+from dissect.s7plus.grammar import ending_with_objects
 from dissect.s7plus.message import SHORT_HEADS
 from dissect.s7plus.plain import NOTIFICATION_SIZE, REQUEST_SIZE, RESPONSE_SIZE, SESSION_AT, one_frame
 from dissect.s7plus.tables import (
-    BEGIN_SEQUENCE,
-    CREATE_OBJECT,
-    DELETE_OBJECT,
     EXPLORE,
     NOTIFICATION,
     REQUEST,
@@ -38,8 +36,8 @@ _ID: Final = 4
 _LEAST_FILL: Final = 4
 _LONGEST_ID: Final = 4
 #: Requests and responses whose contents may end with objects: only the next octets decide whether another object follows.
-_OPEN_REQUESTS: Final = frozenset((CREATE_OBJECT, BEGIN_SEQUENCE))
-_OPEN_RESPONSES: Final = frozenset((DELETE_OBJECT,))
+_OPEN_REQUESTS: Final = ending_with_objects(True)
+_OPEN_RESPONSES: Final = ending_with_objects(False)
 
 
 class Seen:

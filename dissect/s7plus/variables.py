@@ -8,6 +8,7 @@ from __future__ import annotations
 import struct
 from typing import Final
 
+from dissect.s7plus.cursor_lists import pass_names, pass_variables
 from dissect.s7plus.layouts import (
     LIST_BLOCK,
     LIST_ID,
@@ -20,7 +21,6 @@ from dissect.s7plus.layouts import (
     VARIABLE_NAME,
 )
 from dissect.s7plus.program_tables import DATATYPES
-from dissect.s7plus.skipping_lists import pass_names, pass_variables
 from dissect.s7plus.tables import (
     NAMES_TAG,
     TAG_DESCRIPTION_END_TAG,

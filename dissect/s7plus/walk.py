@@ -51,7 +51,7 @@ def big_endian(octets: bytes, at: int, size: int) -> int:
 class Wanted:
     """What is needed of a PDU, so that the rest may be skipped.
 
-    ``attributes``: a table of the attributes of objects (`dissect.s7plus.skipping.table`), which also applies to written
+    ``attributes``: a table of the attributes of objects (`dissect.s7plus.cursor.table`), which also applies to written
     values, unless ``written`` says that all of these are needed. ``items``: the numbers of the values in a response, None for
     all.
     """

@@ -12,6 +12,7 @@ from mypy_extensions import i64
 from dissect.s7plus.alarms import ALARM
 from dissect.s7plus.assembly import MAX_PDU
 from dissect.s7plus.bodies import parse_contents
+from dissect.s7plus.check import check
 from dissect.s7plus.contents import Address
 from dissect.s7plus.events import (
     CONFIRMED,
@@ -27,12 +28,11 @@ from dissect.s7plus.events import (
     Event,
 )
 from dissect.s7plus.loads import LOADED
-from dissect.s7plus.message import parsed
+from dissect.s7plus.message import parse_plus
 from dissect.s7plus.pieces import addresses_of
 from dissect.s7plus.plain import REQUEST_SIZE, data_of
-from dissect.s7plus.refusals import glimpse, reads_again
+from dissect.s7plus.reads import Reads, reads_again
 from dissect.s7plus.session import PlusSession
-from dissect.s7plus.skimming import PLACE
 from dissect.transactions import operation as kinds
 from dissect.transactions.connection import Connection
 from dissect.transactions.operation import DONE, FAILED, MAX_SUBJECT, NOT_CAPTURED, REFUSED, Operation, OperationBook
@@ -68,16 +68,15 @@ _LAST: Final = 0xE8
 class Poll:
     """Reads of the same variables: how many there were, and their operation, None at first.
 
-    ``asked`` are the addresses that are read, empty where the poll is identified by a digest; ``read`` is what
-    `dissect.s7plus.refusals.glimpse` returns for such a request. ``numbers`` are those of the transactions before the
-    operation began.
+    ``asked`` are the addresses that are read, empty where the poll is identified by a digest; ``read`` is what the check of
+    such a request says. ``numbers`` are those of the transactions before the operation began.
     """
 
     __slots__ = ("asked", "count", "frame", "numbers", "operation", "read", "time_ns")
 
-    def __init__(self, transaction: Transaction, asked: bytes, read: i64) -> None:
+    def __init__(self, transaction: Transaction, asked: bytes, read: Reads) -> None:
         self.asked = asked
-        self.read: i64 = read
+        self.read: Reads = read
         self.count: i64 = 1
         self.frame: i64 = transaction.request_frame
         self.time_ns: i64 = transaction.request_ns
@@ -165,7 +164,7 @@ class PlusOperations:
         elif kind == kinds.UPLOAD:
             operation.octets = int(transaction.response_size)
             self._book.gather(operation, transaction.response_octets)
-            if transaction.response_size <= _ALL_KEPT and not parsed(transaction.response_octets).whole:
+            if transaction.response_size <= _ALL_KEPT and not parse_plus(transaction.response_octets).whole:
                 self._book.close(operation, NOT_CAPTURED)
                 return
         if kind == kinds.TRANSFER and transaction.outcome == PUSH:
@@ -261,17 +260,14 @@ class PlusOperations:
                 del self._holding[number]
         self._most = max(_MANY, 2 * self._count)
 
-    def polled(self, session: PlusSession, transaction: Transaction) -> i64:
-        """Take a read of variables: the third read of the same ones begins an operation.
-
-        Return what `dissect.s7plus.refusals.glimpse` returns for its request.
-        """
+    def polled(self, session: PlusSession, transaction: Transaction) -> Reads:
+        """Take a read of variables: the third read of the same ones begins an operation. Return what it requests."""
         octets = transaction.request_octets
         here = _open_on(transaction.connection)
         poll = here.latest
         if poll is None or not reads_again(octets, poll.asked, poll.read):
-            read: i64 = glimpse(octets)
-            asked = addresses_in(octets, read >> PLACE)
+            read = Reads(check(octets))
+            asked = addresses_in(octets, read.place)
             key = asked
             if len(asked) > _LARGEST:
                 from hashlib import blake2b  # rarely used, and it loads OpenSSL
@@ -345,9 +341,9 @@ class PlusOperations:
 
 def _addresses(poll: Poll, transaction: Transaction) -> list[Address]:
     """Return the addresses that a poll reads; ``transaction`` is one of its reads."""
-    if poll.asked and poll.read >> PLACE:
+    if poll.asked and poll.read.sound:
         return addresses_of(poll.asked)
-    return parse_contents(parsed(transaction.request_octets), False).addresses
+    return parse_contents(parse_plus(transaction.request_octets), False).addresses
 
 
 def _open_on(connection: Connection) -> PlusOpen:

@@ -42,8 +42,9 @@ from dissect.s7.tables import (
     USERDATA,
 )
 from dissect.s7.watched_items import ADDRESS_SIZE, parse_test_items
+from dissect.s7plus.check import check
+from dissect.s7plus.check_response import check_response, notifies_refusal
 from dissect.s7plus.parameters import PlusParameters
-from dissect.s7plus.refusals import answered, glimpse, notifies_refusal
 from dissect.s7plus.tables import ERRORS, refuses
 from dissect.s7plus.tables import RETURN_CODES as PLUS_CODES
 from dissect.transactions.payloads import ScdParameters
@@ -114,9 +115,8 @@ def check_other_answer(transaction: Transaction) -> None:
         transaction.error_code = told.err
         transaction.has_errors = told.refused
         return
-    octets = transaction.response_octets
-    transaction.skimmed = glimpse(octets)
-    code, refused = answered(octets, transaction.skimmed)
+    checked = transaction.checked = check(transaction.response_octets)
+    code, refused = check_response(checked)
     if refused:
         transaction.has_errors = True
         if refuses(code):
@@ -135,9 +135,8 @@ def data_code(transaction: Transaction) -> i64:
 def check_notification(transaction: Transaction) -> None:
     """Note whether an S7comm-plus notification refuses items of its subscription."""
     if transaction.is_plus:
-        octets = transaction.response_octets
-        transaction.skimmed = glimpse(octets)
-        if notifies_refusal(octets, transaction.skimmed):
+        checked = transaction.checked = check(transaction.response_octets)
+        if notifies_refusal(checked):
             transaction.has_errors = True
 
 

@@ -26,13 +26,13 @@ from dissect.s7.tables import (
     USERDATA,
     WRITE_VAR,
 )
+from dissect.s7plus.check import Check, check
 from dissect.s7plus.events import subscription_of
 from dissect.s7plus.hiding import said_half, shown_half
 from dissect.s7plus.items import Half, PlusItem, join_items
 from dissect.s7plus.message import PlusPdu, parse_plus
 from dissect.s7plus.parameters import PLUS, PlusParameters
-from dissect.s7plus.skimming import skim_refusals
-from dissect.s7plus.tables import NOTIFIED, PARTIAL_ERROR
+from dissect.s7plus.tables import NOTIFICATION, NOTIFIED, PARTIAL_ERROR
 from dissect.transactions.payloads import SCD, ScdMessage, ScdParameters
 from dissect.transactions.results import (
     BEHIND,
@@ -122,6 +122,7 @@ class Transaction:
         "again",
         "asked_by",
         "carried",
+        "checked",
         "connection",
         "error_code",
         "flags",
@@ -147,7 +148,6 @@ class Transaction:
         "response_rosctr",
         "response_size",
         "rosctr",
-        "skimmed",
         "subscribed",
     )
 
@@ -179,7 +179,7 @@ class Transaction:
         self.error_code: i64 = 0  # header class and code, or the userdata error code
         self.has_errors: bool = False
         self.flags: i64 = 0
-        self.skimmed: i64 = -1  # what `dissect.s7plus.refusals.glimpse` returned for the answer, -1 for none
+        self.checked: Check | None = None  # the answer of S7comm-plus, until it is judged
         self.subscribed: Subscription | None = None  # of a push: the subscription it belongs to, where that is known
         self.carried: list[ScdMessage] | None = None  # SCD in the items or the block of an S7 transaction
         self.again: SentAgain | None = None  # of a request that TCP retransmitted
@@ -481,9 +481,10 @@ class Transaction:
         """Return the refusals of single items; none when the request was refused as a whole."""
         if self.error_code and self.error_code != PARTIAL_ERROR:
             return []
-        refusals = skim_refusals(self.response_octets) if self.request_size == 0 else None
-        if refusals is not None:
-            return [self._notified_error(reference, kind) for reference, kind in refusals]
+        if self.request_size == 0:
+            told = check(self.response_octets)
+            if told.sound and told.opcode == NOTIFICATION:
+                return [self._notified_error(reference, kind) for reference, kind in told.refusals]
         return [
             TransactionError(
                 ITEM,

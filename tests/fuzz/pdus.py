@@ -22,12 +22,13 @@ from dissect.s7.message import parse_pdu
 from dissect.s7.parameters import PROTOCOL_ID
 from dissect.s7.values import decode_value
 from dissect.s7plus.bodies import parse_contents
+from dissect.s7plus.check import check
+from dissect.s7plus.check_response import check_response, notifies_refusal, refuses_items
 from dissect.s7plus.events import take
 from dissect.s7plus.hiding import shown_half
 from dissect.s7plus.items import join_items
 from dissect.s7plus.message import parse_plus
 from dissect.s7plus.program import Program
-from dissect.s7plus.refusals import answered, glimpse, notifies_refusal, refuses_items
 from dissect.s7plus.session import Identity, PlusSession
 from dissect.s7plus.tables import REQUEST, refuses
 from dissect.transactions.connection import Connection
@@ -122,9 +123,9 @@ def _plus(octets: bytes, cut: bool) -> None:
     _check_malformed(found.malformed, len(pdu.data))
     assert [value for _, value in parse_contents(pdu, shown=False).items] == [value for _, value in found.items]
     if not cut and pdu.opcode not in {REQUEST, -1}:  # nobody asks this of a request, or of what has no opcode
-        skimmed = glimpse(octets)
-        assert answered(octets, skimmed) == (pdu.return_code, refuses(pdu.return_code) or refuses_items(pdu))
-        notifies_refusal(octets, skimmed)
+        checked = check(octets)
+        assert check_response(checked) == (pdu.return_code, refuses(pdu.return_code) or refuses_items(pdu))
+        notifies_refusal(checked)
     if not TURNS.has(octets, MORE, THINGS):
         return
     session = PlusSession(Program(), Identity())

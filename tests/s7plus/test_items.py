@@ -7,6 +7,8 @@ from hypothesis import strategies as st
 from dissect.report.plus import in_short
 from dissect.s7plus.alarms import ALARM, Alarm
 from dissect.s7plus.bodies import parse_contents
+from dissect.s7plus.check import check
+from dissect.s7plus.check_response import check_response, notifies_refusal, refuses_items
 from dissect.s7plus.contents import Address, known_address
 from dissect.s7plus.hiding import said_half, shown_contents, shown_half, without_secrets
 from dissect.s7plus.identification import IM0_HEAD
@@ -15,7 +17,6 @@ from dissect.s7plus.items import Half, PlusItem, join_items
 from dissect.s7plus.message import parse_plus
 from dissect.s7plus.objects import Attribute, PlusObject, build_elements
 from dissect.s7plus.program import Program
-from dissect.s7plus.refusals import answered, glimpse, notifies_refusal, refuses_items
 from dissect.s7plus.session import Identity, PlusSession
 from dissect.s7plus.summary import summary
 from dissect.s7plus.tables import (
@@ -146,7 +147,7 @@ def test_one_variable() -> None:
     st.sampled_from([1, 2, 3]),
     st.integers(0, 3),
 )
-def test_a_notification_that_refuses_items_is_known_by_a_glance(
+def test_a_notification_that_refuses_items_is_known_by_its_check(
     items: list[object], subscription: int, timed: bool, version: int, lost: int
 ) -> None:
     data = b"\x33" + bodies.rid(subscription) + b"\4\0\0\0\0\0\1"
@@ -161,7 +162,7 @@ def test_a_notification_that_refuses_items_is_known_by_a_glance(
             data += bytes((one,)) + (b"\5" + build_value(FIVE) if one == 0x9B else reference)
     data += b"\0" + bytes(4)
     octets = framed(data[: len(data) - 5 * lost], version)
-    assert notifies_refusal(octets, glimpse(octets)) == bool(parse_contents(parse_plus(octets), False).refusals)
+    assert notifies_refusal(check(octets)) == bool(parse_contents(parse_plus(octets), False).refusals)
 
 
 RECORD = IM0_HEAD + b"\0*" + b"6ES7 214-1HE30-0XB0 SZVBDYXX017685  " + bytes((0, 2)) + b"V\2\2\0" + bytes(10)
@@ -327,21 +328,21 @@ def test_refusals_are_found_without_reading_it_all(
     if version == 1 and integrity_id >= 0:
         integrity_id = -1
     pdu = framed(told(1, GET_MULTI_VARIABLES, bodies.multi_got(items, refusals, integrity_id)), version)
-    assert answered(pdu, glimpse(pdu)) == (0, bool(refusals))
+    assert check_response(check(pdu)) == (0, bool(refusals))
     digest = bodies.multi_got(items, refusals, max(integrity_id, 0))[:-4] + b"\x20" + bytes(range(32))
     pdu = framed(told(1, GET_MULTI_VARIABLES, digest), 2)
-    assert answered(pdu, glimpse(pdu)) == (0, bool(refusals))
+    assert check_response(check(pdu)) == (0, bool(refusals))
 
 
 def test_a_request_says_nothing_of_an_answer() -> None:
     octets = framed(asked(1, EXPLORE, body=bodies.rid(3) + b"\0\1\1\0" + b"\0\0" + bodies.end(4)), 3)
-    assert answered(octets, glimpse(octets)) == (-1, False)
+    assert check_response(check(octets)) == (-1, False)
 
 
 def test_refusals_of_a_write() -> None:
     good = framed(told(1, SET_MULTI_VARIABLES, b"\0\0" + bodies.end(3)), 3)
     bad = framed(told(1, SET_MULTI_VARIABLES, b"\0\1\5\0" + bodies.end(3)), 3)
-    assert [answered(pdu, glimpse(pdu)) for pdu in (good, bad)] == [(0, False), (0, True)]
+    assert [check_response(check(pdu)) for pdu in (good, bad)] == [(0, False), (0, True)]
 
 
 def several(values: list[Value]) -> bytes:
@@ -361,7 +362,7 @@ def test_what_a_response_says_is_found_in_place_as_by_reading_it(
     octets = framed(told(1, function, body), version)
     octets = octets[: len(octets) - lost]
     pdu = parse_plus(octets)
-    assert answered(octets, glimpse(octets)) == (pdu.return_code, refuses(pdu.return_code) or refuses_items(pdu))
+    assert check_response(check(octets)) == (pdu.return_code, refuses(pdu.return_code) or refuses_items(pdu))
 
 
 # ---- secrets --------------------------------------------------------------------------------------------------------

@@ -13,7 +13,6 @@ from dissect.s7plus.message import (
     fixed_part,
     is_beginning,
     parse_plus,
-    parsed,
 )
 from tests.s7plus.pdus import (
     GET_MULTI,
@@ -214,20 +213,6 @@ def test_never_raises(octets: bytes) -> None:
     fixed_part(pdu)
     assert len(pdu.body) <= len(pdu.data) <= len(octets)
     assert all(0 <= fact.offset <= len(octets) + 1 for fact in pdu.malformed)
-
-
-def test_the_same_octets_are_not_parsed_twice_in_a_row() -> None:
-    octets, other = framed(asked(7), 3), framed(told(7), 3)
-    pdu = parse_plus(octets, 12)
-    assert parsed(octets[:9] + octets[9:]) is pdu
-    assert parsed(other).opcode == 0x32
-    assert parsed(octets) is not pdu
-    cut = parse_plus(octets[:-4], 13, cut=True)
-    assert parsed(octets[:-4]) is not cut
-    assert parsed(octets[:-4]).malformed
-    large = parse_plus(framed(asked(7, body=bytes(60_000)), 3) * 5)
-    assert len(large.octets) > 0x40000
-    assert parsed(large.octets) is not large
 
 
 def test_layouts_have_the_sizes_the_sources_give() -> None:

@@ -7,10 +7,10 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from dissect.s7plus.blobs import COMPRESSED
+from dissect.s7plus.cursor import Cursor, is_wanted, marks, table
+from dissect.s7plus.cursor_lists import pass_names, pass_variables
 from dissect.s7plus.layouts import VALUE
 from dissect.s7plus.objects import Attribute, PlusObject, Relation, build_elements, every_object, read_elements
-from dissect.s7plus.skipping import Skipper, is_wanted, marks, table
-from dissect.s7plus.skipping_lists import pass_names, pass_variables
 from dissect.s7plus.value_reading import read_value
 from dissect.s7plus.value_tables import UDINT, VALUE_TYPES
 from dissect.s7plus.values import Value, build_value
@@ -28,13 +28,13 @@ _NAMES = NameList([[b"level", b""], [b"name"]])
 
 def check(octets: bytes, end: int) -> bool:
     """Hold a value that is passed over to its reading: the same end, the same work, no fault."""
-    skipper = Skipper(octets, 0, end)
-    if not skipper.value(0):
+    cursor = Cursor(octets, 0, end)
+    if not cursor.value(0):
         return False
     walk = Walk(octets, 0, end, False)
     budget = walk.budget
     read_value(walk, VALUE, 0)  # raises where it finds a fault
-    assert (walk.at, budget - walk.budget, walk.faults, walk.blobs) == (skipper.at, skipper.spent, [], [])
+    assert (walk.at, budget - walk.budget, walk.faults, walk.blobs) == (cursor.at, cursor.spent, [], [])
     return True
 
 
@@ -65,7 +65,7 @@ def test_any_octets(flags: int, type_: int, rest: bytes) -> None:
 def test_most_types_are_passed_over(flags: int, type_: int) -> None:
     """One element of zeros, or one of key 1, or a structure without members, or an array of one."""
     octets = bytes((flags, type_)) + (b"\x01" if flags else b"") + bytes(12)
-    passed = Skipper(octets, 0, len(octets)).value(0)
+    passed = Cursor(octets, 0, len(octets)).value(0)
     name = VALUE_TYPES.name(type_)
     if name == "Variant":
         assert passed == (flags == 0x40)  # where it is a number
@@ -114,7 +114,7 @@ def is_plain(found: PlusObject, id_: int) -> bool:
     """Say whether every value of an attribute is one that can be passed over."""
     each = [a for one in every_object([found]) for a in one.elements if isinstance(a, Attribute) and a.id == id_]
     octets = [build_value(attribute.value) for attribute in each]
-    return all(Skipper(one, 0, len(one)).value(0) for one in octets)
+    return all(Cursor(one, 0, len(one)).value(0) for one in octets)
 
 
 @given(OBJECTS, st.data())
@@ -171,7 +171,7 @@ def test_what_stands_behind_the_end_is_never_looked_at(found: list[PlusObject], 
     octets = build_elements(list(found))
     bits = marks(frozenset((7,)), frozenset(), frozenset((9, 233)))
     for end in range(max(0, len(octets) - 60), len(octets) + 1):
-        alone, followed = Skipper(octets[:end], 0, end), Skipper(octets[:end] + behind, 0, end)
+        alone, followed = Cursor(octets[:end], 0, end), Cursor(octets[:end] + behind, 0, end)
         alone.noted = []
         followed.noted = []
         passed = alone.elements(bits)
@@ -188,7 +188,7 @@ def test_what_stands_behind_the_end_is_never_looked_at(found: list[PlusObject], 
 def test_members_are_passed_over_as_one_by_one(members: list[tuple[int, Value]], behind: bytes) -> None:
     octets = b"".join([build_varint(id_, VLQ) + build_value(value) for id_, value in members]) + b"\0"
     for end in range(len(octets) + 1):
-        several, single = Skipper(octets[:end] + behind, 0, end), Skipper(octets[:end], 0, end)
+        several, single = Cursor(octets[:end] + behind, 0, end), Cursor(octets[:end], 0, end)
         passed = several.members(0, 0)
         while (id_ := single.number()) > 0:
             if not single.value(0, 1):
@@ -204,8 +204,8 @@ def test_members_are_passed_over_as_one_by_one(members: list[tuple[int, Value]],
 def test_plain_values_that_are_numbered_are_passed_over_at_once(values: list[Value], behind: bytes) -> None:
     octets = b"".join([bytes((index,)) + build_value(value) for index, value in enumerate(values, 1)])
     for end in range(len(octets) + 1):
-        several, single = Skipper(octets[:end] + behind, 0, end), Skipper(octets[:end], 0, end)
-        fewer = Skipper(octets[:end] + behind, 0, end)
+        several, single = Cursor(octets[:end] + behind, 0, end), Cursor(octets[:end], 0, end)
+        fewer = Cursor(octets[:end] + behind, 0, end)
         count = several.items()
         assert fewer.items(2) == min(2, count)
         for index in range(1, count + 1):

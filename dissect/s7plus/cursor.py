@@ -1,7 +1,7 @@
 """Passes over values without making objects of them, so that judging a PDU costs little if its values are not needed.
 
 Only sound and plain values are passed; others are left to `dissect.s7plus.value_reading`, which knows which faults they have
-and where. A property test ensures that both agree (tests/s7plus/test_skipping.py).
+and where. A property test ensures that both agree (tests/s7plus/test_cursor.py).
 """
 
 from __future__ import annotations
@@ -12,8 +12,8 @@ from librt.strings import read_i16_be, read_i64_be
 from mypy_extensions import i64
 
 from dissect.s7plus.blobs import COMPRESSED, MAX_INFLATED, check_blob, is_compressed, may_swell
+from dissect.s7plus.cursor_lists import pass_names, pass_variables
 from dissect.s7plus.ids import is_packed
-from dissect.s7plus.skipping_lists import pass_names, pass_variables
 from dissect.s7plus.tables import (
     ATTRIBUTE_TAG,
     NAMES_TAG,
@@ -74,9 +74,9 @@ _INTERFACE_TIME: Final = 8
 #: Bits in a table of attributes: it may hold compressed blobs; it is wanted.
 _CAREFUL: Final = 1
 _WANTED: Final = 2
-#: Bit in `Skipper.seen`: an attribute or class that was given to `marks` was passed.
+#: Bit in `Cursor.seen`: an attribute or class that was given to `marks` was passed.
 MET: Final = 2
-#: Bit in a table of `marks`: the place of the attribute is noted (`Skipper.noted`).
+#: Bit in a table of `marks`: the place of the attribute is noted (`Cursor.noted`).
 _NOTED: Final = 4
 #: From this bit on, `_pass_attribute` returns the table's entry for the attribute; below it the octets.
 _MARK: Final = 16
@@ -86,7 +86,7 @@ _IDS: Final = 1 << 14
 
 
 def table(wanted: frozenset[int]) -> bytes:
-    """Return a table for `Skipper.attributes`, by id of an attribute; ``wanted`` are those that are needed."""
+    """Return a table for `Cursor.attributes`, by id of an attribute; ``wanted`` are those that are needed."""
     said = bytearray(_IDS)
     for id_ in COMPRESSED:
         said[id_] = _CAREFUL
@@ -100,7 +100,7 @@ _COMPRESSED: Final = table(frozenset())
 
 
 def marks(attributes: frozenset[int], classes: frozenset[int], noted: frozenset[int] = frozenset()) -> bytes:
-    """Return a table for `Skipper.elements`, with `MET` for the ids of these attributes and classes.
+    """Return a table for `Cursor.elements`, with `MET` for the ids of these attributes and classes.
 
     ``noted`` are the attributes whose places are noted.
     """
@@ -121,7 +121,7 @@ def is_wanted(wanted: bytes, id_: int) -> bool:
     return id_ >= len(wanted) or wanted[id_] == _WANTED
 
 
-class Skipper:
+class Cursor:
     """Passes over values and objects in ``octets``, from ``at`` up to an end.
 
     ``spent`` is the work that reading them would cost. ``seen`` has the bits of the table of `elements` for all classes and
@@ -140,17 +140,6 @@ class Skipper:
         self.spent: i64 = 0
         self.seen: i64 = 0
         self.noted: list[int] | None = None
-
-    def begin(self, octets: bytes, at: i64, end: i64) -> None:
-        """Begin anew with other octets."""
-        self._octets = octets
-        self._end = end
-        self._inflated = 0
-        self._careful = False
-        self.at = at
-        self.spent = 0
-        self.seen = 0
-        self.noted = None
 
     def value(self, depth: i64, nested: i64 = 0) -> bool:
         """Pass over a value; return False if it must be read: then ``at`` has no meaning.
@@ -564,22 +553,22 @@ def pass_plain(word: i64, left: i64) -> i64:
 
 def passed(walk: Walk) -> bool:
     """Pass over the value at the position of ``walk``; return False and do nothing if it must be read."""
-    skipper = Skipper(walk.octets, walk.at, walk.end)
-    if not skipper.value(walk.depth):
+    cursor = Cursor(walk.octets, walk.at, walk.end)
+    if not cursor.value(walk.depth):
         return False
-    walk.at = skipper.at
-    walk.spend(skipper.spent, "value")
+    walk.at = cursor.at
+    walk.spend(cursor.spent, "value")
     return True
 
 
 def member_at(octets: bytes, at: int, end: int, id_: int) -> int:
     """Return where the value of the first member with this id begins, in the structure at ``at``; -1 if it is not found."""
-    skipper = Skipper(octets, at + 2 + _RID, end)
-    if skipper.at > end or is_packed(u32(octets, at + 2)):
+    cursor = Cursor(octets, at + 2 + _RID, end)
+    if cursor.at > end or is_packed(u32(octets, at + 2)):
         return -1
     while True:
-        found = skipper.number()
+        found = cursor.number()
         if found == id_:
-            return int(skipper.at)
-        if found <= 0 or not skipper.value(0):
+            return int(cursor.at)
+        if found <= 0 or not cursor.value(0):
             return -1

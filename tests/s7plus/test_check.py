@@ -12,16 +12,16 @@ import dissect
 from dissect.report.plus import plus_subject
 from dissect.report.tree import plus_tree_lines
 from dissect.s7plus.bodies import parse_contents
+from dissect.s7plus.check import check
 from dissect.s7plus.contents import Address
+from dissect.s7plus.cursor import marks
 from dissect.s7plus.events import take
 from dissect.s7plus.message import parse_plus
 from dissect.s7plus.objects import Attribute, PlusObject, Relation, build_object
 from dissect.s7plus.pieces import addresses_of
 from dissect.s7plus.program import TYPE_INFO, Program
+from dissect.s7plus.reads import Reads, reads_again
 from dissect.s7plus.session import Identity, PlusSession
-from dissect.s7plus.skimming import ASKS, PLACE, PLACES, REFUSES, SOUND, UNSOUND, WORDS, skim, skim_again, skim_refusals
-from dissect.s7plus.skimming import VALUES as ABOVE
-from dissect.s7plus.skipping import MET, marks
 from dissect.s7plus.tables import (
     BEGIN_SEQUENCE,
     CREATE_OBJECT,
@@ -138,11 +138,22 @@ def faults(octets: bytes) -> list[str]:
     return [str(fact) for fact in found]
 
 
+def verdict(octets: bytes) -> str:
+    """What the check says of a PDU."""
+    found = check(octets, _MARKS)
+    assert not (found.sound and found.odd)
+    return "sound" if found.sound else "odd" if found.odd else ""
+
+
+def facts_of(one: Reads) -> tuple[bool, bool, bool, int, int]:
+    return one.sound, one.odd, one.asks, int(one.item), int(one.place)
+
+
 def test_sound_contents_are_passed_over() -> None:
     for name, data in sound().items():
         octets = framed(data, 3)
         assert faults(octets) == [], name
-        assert skim(octets, _MARKS) & ~(REFUSES | ASKS) & 0xFF == SOUND, name
+        assert verdict(octets) == "sound", name
 
 
 def test_no_lie_is_passed_over() -> None:
@@ -153,18 +164,21 @@ def test_no_lie_is_passed_over() -> None:
             octets = framed(changed, 3)
             if faults(octets):
                 unsound += 1
-                assert skim(octets, _MARKS) == UNSOUND, (name, changed.hex())
+                assert verdict(octets) == "odd", (name, changed.hex())
     assert unsound > 3000
 
 
 def test_several_frames_are_passed_over_as_one() -> None:
     data = told(7, EXPLORE, b"\0" + rid(3) + number(9) + build_object(_TREE) * 9 + end())
     frames = framed(data[:50], 3, trailer=False) + framed(data[50:], 3)
-    assert skim(frames, _MARKS) == skim(framed(data, 3), _MARKS) == SOUND | 1 << WORDS
+    whole = check(framed(data, 3), _MARKS)
+    assert verdict(frames) == verdict(framed(data, 3)) == "sound"
+    assert (check(frames, _MARKS).code, whole.code) == (0, 0)
+    assert check(frames, _MARKS).noted == [place - whole.begin for place in whole.noted or []]
     lying = data[:-9] + b"\xff" + data[-8:]
     assert faults(framed(lying[:50], 3, trailer=False) + framed(lying[50:], 3))
-    assert skim(framed(lying[:50], 3, trailer=False) + framed(lying[50:], 3), _MARKS) == UNSOUND
-    assert skim(frames[:-5], _MARKS) == 0  # no whole PDU: nobody judges its contents
+    assert verdict(framed(lying[:50], 3, trailer=False) + framed(lying[50:], 3)) == "odd"
+    assert verdict(frames[:-5]) == ""  # no whole PDU: nobody judges its contents
 
 
 @given(OBJECTS, st.lists(VALUES, max_size=3), st.data())
@@ -177,19 +191,23 @@ def test_any_contents_and_any_damage(one: PlusObject, values: list[Value], data:
     for _ in range(data.draw(st.integers(0, 3))):
         changed[data.draw(st.integers(10, len(octets) - 1))] = data.draw(st.integers(0, 255))
     whole = framed(bytes(changed), 3)
-    if skim(whole, _MARKS) != UNSOUND:
+    if verdict(whole) != "odd":
         assert faults(whole) == []
 
 
 def test_what_it_says_of_objects() -> None:
     for one, seen in (
-        (_TREE, 0),
-        (PlusObject(1, TYPE_INFO, 0, 0, 0, []), MET),
-        (PlusObject(1, 7, 0, 0, 0, [PlusObject(2, 8, 0, 0, 0, [Attribute(2533, Value(0, BLOB, Blob(0, b"x")))])]), MET),
-        (PlusObject(1, 7, 0, 0, 0, [Attribute(2544, Value(0, BLOB, Blob(0, b"x")))]), 0),
+        (_TREE, False),
+        (PlusObject(1, TYPE_INFO, 0, 0, 0, []), True),
+        (
+            PlusObject(1, 7, 0, 0, 0, [PlusObject(2, 8, 0, 0, 0, [Attribute(2533, Value(0, BLOB, Blob(0, b"x")))])]),
+            True,
+        ),
+        (PlusObject(1, 7, 0, 0, 0, [Attribute(2544, Value(0, BLOB, Blob(0, b"x")))]), False),
     ):
         octets = framed(told(7, EXPLORE, b"\0" + rid(3) + number(9) + build_object(one) + end()), 3)
-        assert skim(octets, _MARKS) == SOUND | seen | 1 << WORDS
+        found = check(octets, _MARKS)
+        assert (found.sound, found.met, found.code) == (True, seen, 0)
 
 
 @given(
@@ -201,17 +219,17 @@ def test_what_it_says_of_a_read(wanted: list[Address]) -> None:
     for version in (1, 2, 3):
         body = bodies.get_multi(*wanted, integrity_id=9 if version > 1 else -1)
         octets = framed(asked(7, GET_MULTI_VARIABLES, body=body), version)
-        said = skim(octets, _MARKS)
-        assert said & (SOUND | ASKS) == SOUND | (ASKS if states else 0)
-        assert said >> ABOVE & PLACES == (states[0] if len(states) == 1 else 0)
-        assert octets[said >> PLACE :].startswith(bodies.QUALIFIER)
-        assert addresses_in(octets, said >> PLACE) == addresses_in(octets) == body[: body.index(bodies.QUALIFIER)]
+        said = Reads(check(octets, _MARKS))
+        assert (said.sound, said.asks) == (True, bool(states))
+        assert said.item == (states[0] if len(states) == 1 else 0)
+        assert octets[said.place :].startswith(bodies.QUALIFIER)
+        assert addresses_in(octets, said.place) == addresses_in(octets) == body[: body.index(bodies.QUALIFIER)]
         for _ in range(2):  # the second time they are known
             assert addresses_of(addresses_in(octets)) == parse_contents(parse_plus(octets), False).addresses == wanted
     data = asked(7, GET_MULTI_VARIABLES, body=bodies.get_multi(*wanted))
     frames = framed(data[:20], 3, trailer=False) + framed(data[20:], 3)
-    assert skim(frames, _MARKS) >> ABOVE == 0  # places within several frames say nothing
-    assert skim(frames, _MARKS) & ASKS == (ASKS if states else 0)
+    assert Reads(check(frames, _MARKS)).place == 0  # places within several frames say nothing
+    assert check(frames, _MARKS).asks == bool(states)
 
 
 def test_a_read_that_is_read_again() -> None:
@@ -220,47 +238,47 @@ def test_a_read_that_is_read_again() -> None:
     for version in (1, 2, 3):
         body = bodies.get_multi(_STATE, _TAG, integrity_id=9 if version > 1 else -1)
         octets = framed(asked(7, GET_MULTI_VARIABLES, body=body), version)
-        said = skim(octets, _MARKS)
-        wanted = addresses_in(octets, said >> PLACE)
-        others = [framed(asked(7, GET_MULTI_VARIABLES, body=changed), version) for changed in lies(body, 0)]
-        assert skim_again(framed(asked(8, GET_MULTI_VARIABLES, 5, body=body), version), wanted, said >> PLACE)
-        for other in others:
-            if skim_again(other, wanted, said >> PLACE):
-                again += 1
-                assert skim(other, _MARKS) == said
-                assert addresses_in(other) == wanted
-        assert not skim_again(framed(asked(7, body=body), 2 if version == 3 else 3), wanted, said >> PLACE)
-        assert not skim_again(octets[:-5], wanted, said >> PLACE)
-        assert not skim_again(octets, wanted[1:], said >> PLACE)
-        assert not skim_again(octets, wanted, 0)
+        said = Reads(check(octets, _MARKS))
+        wanted = addresses_in(octets, said.place)
         data = asked(7, GET_MULTI_VARIABLES, body=body)
-        assert not skim_again(framed(data[:40], version, False) + framed(data[40:], version), wanted, said >> PLACE)
+        others = [framed(asked(7, GET_MULTI_VARIABLES, body=changed), version) for changed in lies(body, 0)]
+        assert reads_again(framed(asked(8, GET_MULTI_VARIABLES, 5, body=body), version), wanted, said)
+        for other in others:
+            if reads_again(other, wanted, said):
+                again += 1
+                assert facts_of(Reads(check(other, _MARKS))) == facts_of(said)
+                assert addresses_in(other) == wanted
+        assert not reads_again(framed(asked(7, body=body), 2 if version == 3 else 3), wanted, said)
+        assert not reads_again(octets[:-5], wanted, said)
+        assert not reads_again(octets, wanted[1:], said)
+        assert not reads_again(framed(data[:40], version, False) + framed(data[40:], version), wanted, said)
     assert again > 5
 
 
 def test_refusals_of_a_notification() -> None:
-    """They are those that reading finds; of what must be read, and of what is no notification, nothing is said."""
+    """They are those that reading finds."""
     octets = framed(NOTIFICATIONS["refusals"], 3)
-    assert skim_refusals(octets) == [(7, 0x13), (8, 0x03)]
-    assert skim_refusals(framed(NOTIFICATIONS["values"], 3)) == []
+    assert check(octets).refusals == [(7, 0x13), (8, 0x03)]
+    assert check(framed(NOTIFICATIONS["values"], 3)).refusals == []
     for name, data in sound().items():
         if not name.startswith("notification"):
-            assert skim_refusals(framed(data, 3)) is None
+            assert check(framed(data, 3)).refusals == []
             continue
-        assert skim_refusals(framed(data, 1)) is None
+        assert verdict(framed(data, 1)) == "odd"
         for changed in lies(data, 5):
             octets = framed(changed, 3)
-            found = skim_refusals(octets)
-            if found is not None:
-                assert found == parse_contents(parse_plus(octets), False).refusals
-            else:
-                assert skim(octets, _MARKS) in {0, UNSOUND}
+            found = check(octets)
+            if found.sound:
+                assert found.refusals == parse_contents(parse_plus(octets), False).refusals
 
 
 def test_what_it_says_of_a_read_of_one_attribute() -> None:
-    for rid_, ids, asks in ((52, [2237, 3486], ASKS), (49, [3753], ASKS), (7, [3753], 0), (7, [300], 0)):
+    for rid_, ids, asks in (
+        (52, [2237, 3486], True), (52, [2237], True), (52, [300], False), (49, [3753], True), (49, [300], False),
+        (7, [3753], False), (7, [300], False),
+    ):  # fmt: skip
         octets = framed(asked(7, GET_VAR_SUBSTREAMED, body=bodies.get_stream(rid_, ids) + end(9)), 3)
-        assert skim(octets, _MARKS) & (SOUND | ASKS) == SOUND | asks
+        assert (check(octets).sound, check(octets).asks) == (True, asks)
 
 
 def test_every_report_says_the_same_of_the_same_pdu() -> None:
@@ -308,7 +326,7 @@ def test_captures(corpus: Path) -> None:
                 for octets in (one.request_octets, one.response_octets):
                     if octets:
                         whole += 1
-                        passed += skim(octets, _MARKS) != UNSOUND
+                        passed += verdict(octets) != "odd"
     assert passed > whole * 0.99 > 2000, f"{passed} of {whole}"
 
 

@@ -10,13 +10,10 @@ from typing import Final
 from mypy_extensions import i64
 
 from dissect.s7plus.bodies import parse_contents
+from dissect.s7plus.check import Check
 from dissect.s7plus.contents import Contents
-from dissect.s7plus.message import PlusPdu, parsed
+from dissect.s7plus.message import PlusPdu, parse_plus
 from dissect.s7plus.plain import REQUEST_SIZE, data_of
-from dissect.s7plus.program import CODE, TYPE_INFO
-from dissect.s7plus.session import ASKED_OF_OBJECTS
-from dissect.s7plus.skimming import CODES, PLACE, REFUSES, SOUND, VALUES, WORDS, skim, skim_again
-from dissect.s7plus.skipping import marks
 from dissect.s7plus.tables import (
     GET_MULTI_VARIABLES,
     NOTIFICATION,
@@ -30,36 +27,18 @@ from dissect.s7plus.walk import MAX_WORK
 from dissect.wire.text import count
 from dissect.wire.varint import VLQ, VLQ64, read_varint
 
-#: What matters in objects: code of a block, names of variables; and the attributes that are read.
-MARKS: Final = marks(CODE, frozenset((TYPE_INFO,)), ASKED_OF_OBJECTS)
 #: Offset of the item count in the data of a request with a list of items.
 _COUNT: Final = REQUEST_SIZE + 4
 #: How many items a text names.
 _NAMED: Final = 3
 
 
-def glimpse(octets: bytes) -> i64:
-    """Return the result of `dissect.s7plus.skimming.skim`; `MET` stands for code of a block or names of variables."""
-    return skim(octets, MARKS)
-
-
-def reads_again(octets: bytes, asked: bytes, read: i64) -> bool:
-    """Return whether a request certainly reads the same as the read before; `glimpse` would then return ``read`` for it.
-
-    ``asked`` are the octets of the addresses in the read before, ``read`` is the result of `glimpse` for it.
-    """
-    return read & SOUND != 0 and skim_again(octets, asked, read >> PLACE)
-
-
-def answered(octets: bytes, skimmed: i64) -> tuple[int, bool]:
-    """Return the lower 16 bits of a response's return value, -1 for none, and whether the response refuses anything.
-
-    ``skimmed`` is the result of `glimpse`. Never raises.
-    """
-    if skimmed & SOUND:
-        code: int = (skimmed >> WORDS & CODES) - 1
-        return code, refuses(code) or skimmed & REFUSES != 0
-    pdu = parsed(octets)
+def check_response(checked: Check) -> tuple[int, bool]:
+    """Return the lower 16 bits of a response's return value, -1 for none, and whether it refuses anything. Never raises."""
+    if checked.sound:
+        code = int(checked.code)
+        return code, checked.refuses or refuses(code)
+    pdu = checked.pdu()
     return pdu.return_code, refuses(pdu.return_code) or refuses_items(pdu)
 
 
@@ -71,29 +50,29 @@ def refuses_items(pdu: PlusPdu) -> bool:
     return pdu.function == GET_MULTI_VARIABLES and bool(parse_contents(pdu, False, MAX_WORK).refusals)
 
 
-def notifies_refusal(octets: bytes, skimmed: i64) -> bool:
-    """Return whether a notification refuses items of its subscription; ``skimmed`` as for `answered`. Never raises."""
-    if skimmed & SOUND:
-        return skimmed & REFUSES != 0
-    pdu = parsed(octets)
+def notifies_refusal(checked: Check) -> bool:
+    """Return whether a notification refuses items of its subscription. Never raises."""
+    if checked.sound:
+        return checked.refuses
+    pdu = checked.pdu()
     if pdu.opcode != NOTIFICATION or (REFUSED_ITEM not in pdu.body and REFUSED_ITEM_3 not in pdu.body):
         return False
     return bool(parse_contents(pdu, False, MAX_WORK).refusals)
 
 
-def count_mismatch(function: i64, request: bytes, response: bytes, skimmed: i64) -> str:
+def count_mismatch(function: i64, request: bytes, told: Check) -> str:
     """Return which items of a response to a read or write of several variables do not match its request; empty if all do.
 
-    ``skimmed`` is the result of `glimpse` for the response. Halves that are incomplete or contradict themselves are not
-    compared. Never raises.
+    Halves that are incomplete or contradict themselves are not compared. Never raises.
     """
-    if skimmed & SOUND:
-        if function == SET_MULTI_VARIABLES and not skimmed & REFUSES:
+    if told.sound and not told.refuses:
+        if function == SET_MULTI_VARIABLES:
             return ""
-        data, at, end = data_of(request)
-        if skimmed >> VALUES > 0 and read_varint(data, at + _COUNT, end, VLQ)[0] == skimmed >> VALUES:
-            return ""
-    return _compared(function, parsed(request), parsed(response))
+        if told.numbered > 0:
+            data, at, end = data_of(request)
+            if read_varint(data, at + _COUNT, end, VLQ)[0] == told.numbered:
+                return ""
+    return _compared(function, parse_plus(request), told.pdu())
 
 
 def _compared(function: i64, request: PlusPdu, response: PlusPdu) -> str:

@@ -1,0 +1,37 @@
+"""Reads what CreateObject and Explore say about objects: ids, classes, and the few attributes that are needed.
+
+The check of a PDU notes the places of what matters. Values are read when they are needed. PDUs that are not sound are left to
+`dissect.s7plus.bodies`. A property test ensures that both agree (tests/s7plus/test_read_objects.py).
+"""
+
+from __future__ import annotations
+
+from dissect.s7plus.check import Check
+from dissect.s7plus.contents import Made
+from dissect.s7plus.objects import PlusObject, objects_at
+
+
+class Outline(Made):
+    """Objects of a sound request or response, with only the attributes that are needed."""
+
+    __slots__ = ("_every",)
+
+    def __init__(self, objects: list[PlusObject], every: list[PlusObject]) -> None:
+        """``objects`` are those that are not inside another one; ``every`` are these and all objects inside them."""
+        super().__init__()
+        self.objects = objects
+        self._every = every
+
+    @property
+    def every(self) -> list[PlusObject]:
+        """The objects and all objects inside them, each before those inside it."""
+        return self._every
+
+
+def read_objects(checked: Check) -> Outline:
+    """Return the objects of a sound PDU whose objects are noted: CreateObject, and responses to Explore."""
+    objects, every = objects_at(checked.data, checked.noted or [], checked.end)
+    found = Outline(objects, every)
+    found.ids = checked.made
+    found.object_id = int(checked.object_id)
+    return found
