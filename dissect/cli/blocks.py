@@ -127,7 +127,7 @@ def command(
     write_out(format_.lines(BLOCKS, _shown(told, language, references, naming)))
     if not blocks and not chosen.impossible:
         click.echo(f"s7dissect: {_NONE}", err=True)
-    return code
+    return chosen.ended(code)
 
 
 def _shown(told: BlockList, language: str | None, references: bool, naming: Naming | None) -> Outcome:
@@ -241,6 +241,6 @@ def _compare(files: Sequence[str], format_: Format, language: str, options: Opti
             click.echo(f"s7dissect: {printable(name)}: {_NONE}", err=True)
     if not changes and not without:
         click.echo(f"s7dissect: {_alike(first, second, len(files) == 1)}", err=True)
-    if code:
+    if chosen.ended(code):
         return EXIT_USAGE
     return EXIT_GATE if changes else EXIT_OK

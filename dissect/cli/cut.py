@@ -9,7 +9,7 @@ import click
 
 from dissect.cli.main import EXIT_INTERRUPTED
 from dissect.cli.options.scd import scd_options
-from dissect.cli.options.select import where_option
+from dissect.cli.options.select import read_time, time_option, where_option
 from dissect.cli.options.tags import tag_options
 from dissect.cli.options.tls import tls_option
 from dissect.cli.run import complain, files_argument
@@ -20,7 +20,6 @@ if TYPE_CHECKING:
     from dissect.engine.exchange import PayloadDecoder
     from dissect.recording.cutter import Around
     from dissect.recording.selection import Choice
-    from dissect.recording.window import Window
     from dissect.tls.key_log import KeyLog
     from dissect.transactions.naming import Naming
 
@@ -45,15 +44,6 @@ def _findings(
         except ValueError as error:
             raise click.BadParameter(str(error), ctx, param) from None
     return frozenset(numbers), frozenset(slugs)
-
-
-def _window(ctx: click.Context, param: click.Parameter, value: str | None) -> Window | None:
-    from dissect.recording.window import parse_window
-
-    try:
-        return parse_window(value) if value is not None else None
-    except ValueError as error:
-        raise click.BadParameter(f"{error}.", ctx, param) from None
 
 
 def _numbers(name: str, what: str) -> Callable[[Any], Any]:
@@ -87,14 +77,7 @@ def _numbers(name: str, what: str) -> Callable[[Any], Any]:
     help="Packets of a finding: its slug, a pattern ('security.*'), a severity (or worse), or its number as "
     "analyze -T json gives it.",
 )
-@click.option(
-    "--time",
-    "window",
-    callback=_window,
-    metavar="BEGIN..END",
-    help="Only packets within this time range: HH:MM:SS or YYYY-MM-DDTHH:MM:SS in UTC, optionally with a fraction, or seconds "
-    "from the first packet; either end may be omitted.",
-)
+@time_option("Only packets within this time range:")
 @around_option
 @click.option(
     "--context",
@@ -116,7 +99,7 @@ def command(
     connection: tuple[int, ...],
     transaction: tuple[int, ...],
     findings: tuple[frozenset[int], frozenset[str]],
-    window: Window | None,
+    window: str | None,
     around: Around,
     context: bool,
     plain: bool,
@@ -137,11 +120,12 @@ def command(
     from dissect.engine.pipeline import Options
     from dissect.recording.selection import Selection, Wanted
 
+    times = read_time(window)
     check_files(files, output, force)
     wanted = Wanted(connection, transaction, *findings)
     if context and not transaction:
         raise click.UsageError("--context needs --transaction.")
-    chosen = any((where, connection, transaction, *findings, window))
+    chosen = any((where, connection, transaction, *findings, times))
     if not chosen and (around.packets or around.ns):
         raise click.UsageError(
             "--around needs -Y, --connection, --transaction, --finding or --time: all packets are written."
@@ -155,13 +139,13 @@ def command(
     if selection.missing:
         raise click.ClickException(f"{selection.missing} in the capture; nothing was written.")
     first_ns, last_ns = int(run.pipeline.first_ns), int(run.pipeline.now_ns)
-    times = window.resolve(first_ns, last_ns) if window is not None else (-(2**63), 2**63)
+    within = times.window.resolve(first_ns, last_ns) if times is not None else (-(2**63), 2**63)
     if selection.uncertain:
         click.echo(
             f"s7dissect: of {selection.uncertain} messages only the last packet is known; earlier ones may be missing from OUT",
             err=True,
         )
-    choice = selection.choice(*times)
+    choice = selection.choice(*within)
     if packets is not None:
         choice.narrow(packets.test())
     return _write(files, output, choice, around) or code

@@ -89,4 +89,4 @@ def command(
     write_outcome(format_, DEVICES, Devices(inventory, code == EXIT_INTERRUPTED, clock(), hosts()))
     complain(run, code)
     complain_impossible(run, chosen)
-    return gate(run, fail_on, code, chosen.findings)
+    return gate(run, fail_on, chosen.ended(code), chosen.findings)

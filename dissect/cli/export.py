@@ -15,6 +15,7 @@ import click
 from dissect import __version__
 from dissect.cli.indexed import may_match
 from dissect.cli.main import EXIT_INTERRUPTED
+from dissect.cli.nothing import expect_possible
 from dissect.cli.options.jobs import check_jobs, indexed_option, separate_options
 from dissect.cli.options.scd import scd_options
 from dissect.cli.options.select import Chosen, select_options
@@ -154,6 +155,7 @@ def command(
                 run = Run(files, chosen.sieve(export.observer), chosen.narrow(options))
                 chosen.begin(run, files)
                 code = _export(export, run, files)
+                expect_possible(run, chosen)
                 counts = dict(export.counts)
                 losses = [(file.name, file.loss) for file in run.files]
             if remote:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import click
 
 from dissect.cli.main import EXIT_DAMAGED, EXIT_INTERRUPTED, EXIT_OK
+from dissect.cli.nothing import expect_possible
 from dissect.cli.options.scd import scd_options
 from dissect.cli.options.select import Chosen, select_options
 from dissect.cli.options.tags import tag_options
@@ -119,6 +120,8 @@ def read_capture(files: tuple[str, ...], options: Options, chosen: Chosen | None
         chosen.begin(run, files)
     code = drive(run, files)
     complain(run, EXIT_DAMAGED if code == EXIT_INTERRUPTED else code)
+    if chosen is not None and code != EXIT_INTERRUPTED:
+        expect_possible(run, chosen)
     if code == EXIT_INTERRUPTED:
         click.echo("s7dissect: interrupted; nothing was written", err=True)
     return reader.finish([f"{file.name}: {file.loss}" for file in run.files if file.loss]), code

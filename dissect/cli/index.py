@@ -97,7 +97,7 @@ def _possible(where: str | None) -> Possible | None:
     from dissect.select import SelectError
 
     try:
-        return Possible(where)
+        return Possible(where, clock().local)
     except SelectError as error:
         raise click.BadParameter(str(error), param_hint="'-Y' / '--where'") from None
 

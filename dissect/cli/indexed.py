@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 from dissect import __version__
+from dissect.cli.look import clock
 from dissect.cli.options.jobs import indexed_meant
 from dissect.report import words
 from dissect.source.remote import is_remote
@@ -30,7 +31,7 @@ def may_match(files: tuple[str, ...], chosen: Chosen) -> tuple[str, ...]:
         raise click.UsageError("--indexed needs -Y: without it every file has something that is wanted.")
     from dissect.index.possible import Possible
 
-    possible = Possible(chosen.where.text)
+    possible = Possible(chosen.where.text, clock().local)
     indexes = _Indexes()
     kept = [file for file in files if (facts := indexes.facts(file)) is None or possible(facts)]
     if not indexes.used:

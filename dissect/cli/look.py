@@ -49,14 +49,15 @@ def color_option() -> click.Option:
     )
 
 
-def local_time_option() -> click.Option:
-    """Return the option ``--local-time``."""
+def local_time_option(shows: bool) -> click.Option:
+    """Return the option ``--local-time`` of a command that ``shows`` times, or only takes some."""
+    taken = "of --time and -Y are in the time zone of this machine (TZ) instead of UTC"
     return click.Option(
         ["--local-time"],
         is_flag=True,
         expose_value=False,
         callback=_keep(_LOCAL),
-        help="Show times in the time zone of this machine (TZ) instead of UTC; JSON and CSV stay in UTC.",
+        help=f"Times shown, and those {taken}; JSON and CSV stay in UTC." if shows else f"Times {taken}.",
     )
 
 

@@ -80,6 +80,8 @@ _TIMED: Final = frozenset(
         "proxy",
     )
 )
+#: Commands that take times and write none in a zone.
+_TAKES_TIMES: Final = frozenset(("cut", "open", "export", "sql", "golden", "diff"))
 #: Words that people type as if they were commands, and the option that does it.
 _WORDS: Final = {"version": "--version"}
 
@@ -174,7 +176,9 @@ def _equipped(command: click.Command, path: str) -> click.Command:
     if any([parameter.name == "color" for parameter in command.params]):
         return command
     if path in _TIMED:
-        command.params.append(local_time_option())
+        command.params.append(local_time_option(shows=True))
+    elif path in _TAKES_TIMES:
+        command.params.append(local_time_option(shows=False))
     command.params.append(color_option())
     if wants_config(command):
         command.params.append(config_option())

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 import click
 
@@ -16,6 +17,8 @@ from dissect.wire.text import duration_text, shortened
 if TYPE_CHECKING:
     from dissect.session import Run
 
+#: A time of day or date, in a range, that names no zone.
+_ZONELESS: Final = re.compile(r"(:[0-9]{2}(\.[0-9]+)?|-[0-9]{2})(?=\.\.|$)(?<![+-][0-9]{2}:[0-9]{2})")
 #: Characters of a selection that are shown.
 _SHOWN = 200
 
@@ -38,7 +41,7 @@ class Shown:
 
     def explain(self, run: Run, chosen: Chosen, narrowed: Iterable[str] = ()) -> None:
         """Say why nothing was shown, where that is so; ``narrowed`` are other options that select."""
-        if self._lines <= self._heading and not complain_impossible(run, chosen):
+        if not complain_impossible(run, chosen) and self._lines <= self._heading:
             click.echo(f"s7dissect: {self._why(chosen, tuple(narrowed))}", err=True)
             for text in _unknown(run, chosen):
                 click.echo(f"s7dissect: {text}", err=True)
@@ -72,31 +75,46 @@ def _unknown(run: Run, chosen: Chosen) -> list[str]:
 
 
 def complain_impossible(run: Run, chosen: Chosen) -> bool:
-    """Say on stderr that there is nothing of a number or time that was asked for; False where there may be something."""
-    chosen.impossible = _impossible(run, chosen)
+    """Say on stderr that there is nothing of a number or time that was asked for; False where there may be something.
+
+    A number that nothing has is wrong use, which `Chosen.ended` makes the exit code.
+    """
+    chosen.wrong = _wrong_number(run, chosen)
+    chosen.impossible = chosen.wrong or _no_time(run, chosen)
     if chosen.impossible:
         click.echo(f"s7dissect: {chosen.impossible}", err=True)
     return bool(chosen.impossible)
 
 
-def _impossible(run: Run, chosen: Chosen) -> str:
-    """Return which connection or time of a selection is not in what was read; empty where it may hold something."""
+def expect_possible(run: Run, chosen: Chosen) -> None:
+    """Do the same for a command that writes a file: a number that nothing has is refused."""
+    if wrong := _wrong_number(run, chosen):
+        raise click.ClickException(f"{wrong}; nothing was written.")
+    complain_impossible(run, chosen)
+
+
+def _wrong_number(run: Run, chosen: Chosen) -> str:
+    """Return which connections of a selection are not in what was read; empty where all are."""
     if chosen.full:
         return ""  # the rest was not read
-    pipeline = run.pipeline
-    total = int(pipeline.connections.count)
-    if chosen.connections and min(chosen.connections) > total:
-        numbers = ", ".join([str(number) for number in chosen.connections])
-        whole = "the captures have" if len(run.files) > 1 else "the capture has"
-        return f"no connection {numbers}; {whole} {total or 'none'}"
-    if chosen.window and pipeline.frames:
-        from dissect.recording.window import parse_window
+    total = int(run.pipeline.connections.count)
+    beyond = [number for number in chosen.connections if number > total]
+    if not beyond:
+        return ""
+    numbers = ", ".join([str(number) for number in beyond])
+    whole = "the captures have" if len(run.files) > 1 else "the capture has"
+    return f"no connection {numbers}; {whole} {total or 'none'}"
 
+
+def _no_time(run: Run, chosen: Chosen) -> str:
+    """Return that the time of a selection is not in what was read; empty where it may hold something."""
+    pipeline = run.pipeline
+    if chosen.window is not None and pipeline.frames and not chosen.full:
         first, last = int(pipeline.first_ns), int(pipeline.now_ns)
-        begin, end = parse_window(chosen.window).resolve(first, last)
+        begin, end = chosen.window.window.resolve(first, last)
         if begin > last or end < first:
             lasts = duration_text(max(last - first, 0))
-            return (
-                f"no packet within {chosen.window}; what was read begins at {clock().moment(first)} and lasts {lasts}"
-            )
+            asked = chosen.window.text
+            zone = f" ({clock().zone(first)})" if _ZONELESS.search(asked) else ""
+            return f"no packet within {asked}{zone}; what was read begins at {clock().moment(first)} and lasts {lasts}"
     return ""

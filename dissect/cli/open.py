@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Final
 import click
 
 from dissect.cli.main import EXIT_INTERRUPTED
+from dissect.cli.options.numbers import NumberRange
 from dissect.cli.options.scd import scd_options
 from dissect.cli.options.select import where_option
 from dissect.cli.options.tags import tag_options
@@ -56,7 +57,7 @@ _USUAL: Final = (
 @click.option(
     "--frame",
     "frame",
-    type=click.IntRange(min=1),
+    type=NumberRange(),
     metavar="N",
     help="Go to packet N of FILE (default: the first packet of the most severe finding).",
 )
@@ -75,7 +76,7 @@ def command(
     files: tuple[str, ...],
     where: str | None,
     around: Around,
-    frame: int | None,
+    frame: range | None,
     output: str | None,
     force: bool,
     decoder: PayloadDecoder | None,
@@ -111,10 +112,10 @@ def command(
     if packets is not None:
         choice.narrow(packets.test())
     with _place(output) as path:
-        cutter = _write(files, path, choice, around, frame or 0)
+        cutter = _write(files, path, choice, around, frame.start if frame is not None else 0)
         if output is not None:
             tell_cut(cutter, output)
-        number = _target(cutter, choice, frame)
+        number = _target(cutter, choice, frame.start if frame is not None else None)
         if program is None:
             click.echo(f"s7dissect: open it with: wireshark -r {name_of(path)} -g {number}", err=True)
             return code

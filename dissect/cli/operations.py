@@ -8,6 +8,7 @@ from dissect.cli.formats import format_option
 from dissect.cli.gate import fail_on_option, gate
 from dissect.cli.look import clock
 from dissect.cli.nothing import Shown
+from dissect.cli.options.numbers import DescribedChoice
 from dissect.cli.options.select import Chosen, select_options
 from dissect.cli.options.tags import tag_options
 from dissect.cli.options.tls import tls_option
@@ -35,7 +36,7 @@ from dissect.transactions.operation import KINDS
     "--kind",
     "kinds",
     multiple=True,
-    type=click.Choice(list(KINDS)),
+    type=DescribedChoice(KINDS),
     metavar="KIND",
     help=f"Only this kind of operation: {', '.join(KINDS)}. Repeatable.",
 )
@@ -72,7 +73,7 @@ def command(
     code = drive(run, files, lambda: shown.write(writer.take()), lambda: chosen.full)
     complain(run, code)
     shown.explain(run, chosen, [f"--kind {kind}" for kind in kinds])
-    return gate(run, fail_on, code, chosen.findings)
+    return gate(run, fail_on, chosen.ended(code), chosen.findings)
 
 
 def _choice(kinds: frozenset[str]) -> OperationChoice | None:

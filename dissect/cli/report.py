@@ -12,6 +12,7 @@ import click
 from dissect.cli.configuration import config_typed, hosts
 from dissect.cli.look import clock
 from dissect.cli.main import EXIT_INTERRUPTED
+from dissect.cli.nothing import expect_possible
 from dissect.cli.options.given import was_given
 from dissect.cli.options.scd import scd_options
 from dissect.cli.options.select import Chosen, select_options
@@ -174,6 +175,7 @@ def _read(
     gathered.analysis.part = chosen.part(run)
     if code != EXIT_INTERRUPTED:
         complain(run, code)
+        expect_possible(run, chosen)
     return Side(gathered, names), code
 
 

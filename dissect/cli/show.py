@@ -9,6 +9,7 @@ from dissect.cli.gate import fail_on_option, gate
 from dissect.cli.look import clock
 from dissect.cli.main import EXIT_OK, EXIT_USAGE
 from dissect.cli.nothing import Shown
+from dissect.cli.options.numbers import NumberRange, Numbers
 from dissect.cli.options.scd import scd_options
 from dissect.cli.options.select import Chosen, select_options
 from dissect.cli.options.tags import tag_options
@@ -36,10 +37,10 @@ from dissect.transactions.naming import Naming
 @click.option(
     "--frame",
     "frames",
-    type=click.IntRange(min=1),
+    type=NumberRange(),
     multiple=True,
     metavar="N",
-    help="Only messages that packet N completes (packet N of each file). Repeatable.",
+    help="Only messages that packet N completes (packet N of each file), or packets such as 10-12. Repeatable.",
 )
 @select_options("message", results="messages")
 @click.option("-V", "--verbose", is_flag=True, help="Add the field tree with byte ranges and a hex dump.")
@@ -52,7 +53,7 @@ from dissect.transactions.naming import Naming
 def command(
     files: tuple[str, ...],
     format_: Format,
-    frames: tuple[int, ...],
+    frames: tuple[range, ...],
     verbose: bool,
     tpdus: bool,
     checksums: bool,
@@ -74,7 +75,7 @@ def command(
         names = " and ".join([row.name for row in formats_for(PDUS) if row.verbose])
         raise click.UsageError(f"-V applies to {names} only; -T {format_.name} has no longer form.")
     writer = chosen.writer(format_, PDUS, clock(), verbose)
-    shown = PduFeed(writer, frozenset(frames), decoder, chosen.message_choice(), tpdus)
+    shown = PduFeed(writer, Numbers(frames) if frames else None, decoder, chosen.message_choice(), tpdus)
     options = Options(decoder=decoder, checksums=checksums, tls_keys=tls_keys, naming=naming)
     run = Run(files, shown, chosen.narrow(options))
     chosen.begin(run, files)
@@ -84,12 +85,23 @@ def command(
     complain(run, code)
     if not frames:
         shown_lines.explain(run, chosen)
+    code = _frames_missing(run, frames, shown.found, chosen, code)
+    return gate(run, fail_on, chosen.ended(code))
+
+
+def _frames_missing(run: Run, frames: tuple[range, ...], found: set[int], chosen: Chosen, code: int) -> int:
+    """Say which packets complete no message, or are none; return the exit code, which is that of wrong use for the latter."""
     most = max([int(file.packets) for file in run.files], default=0)
-    for frame in dict.fromkeys(frames):
-        if code != EXIT_OK or frame in shown.found or chosen.where is not None or chosen.full:
-            continue
-        if frame > most:
-            click.echo(f"s7dissect: no packet {frame}; the last one is {most}", err=True)
+    if code != EXIT_OK or chosen.where is not None or chosen.full:
+        return code
+    for asked in dict.fromkeys(frames):
+        first, last = asked.start, asked.stop - 1
+        named = f"packet {first}" if first == last else f"packets {first} to {last}"
+        if last > most:
+            click.echo(
+                f"s7dissect: no {named if first == last else f'packet {last}'}; the last one is {most}", err=True
+            )
             return EXIT_USAGE
-        click.echo(f"s7dissect: packet {frame} completes no message", err=True)
-    return gate(run, fail_on, code)
+        if not any([frame in asked for frame in found]):
+            click.echo(f"s7dissect: {named} {'completes' if first == last else 'complete'} no message", err=True)
+    return code

@@ -8,6 +8,7 @@ import click
 
 from dissect.cli.formats import format_option, write_outcome
 from dissect.cli.main import EXIT_OK
+from dissect.cli.nothing import complain_impossible
 from dissect.cli.options.scd import scd_options
 from dissect.cli.options.select import Chosen, select_options
 from dissect.cli.options.tags import tag_options
@@ -86,7 +87,8 @@ def command(
     except (SqlError, MissingLibraryError) as error:
         raise click.ClickException(str(error)) from None
     complain(run, code)
-    return code
+    complain_impossible(run, chosen)
+    return chosen.ended(code)
 
 
 def _query(text: str, allow_files: bool) -> tuple[Query, str]:

@@ -123,7 +123,7 @@ def command(
         shown.explain(
             run, chosen, [name for name, given in (("--failed", failed), ("--slow", slow_ns is not None)) if given]
         )
-    return gate(run, fail_on, code, chosen.findings)
+    return gate(run, fail_on, chosen.ended(code), chosen.findings)
 
 
 def _task(of: Task, writer: Writer, feed: TransactionFeed, chosen: Chosen, options: Options, findings: bool) -> int:

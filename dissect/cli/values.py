@@ -14,7 +14,7 @@ from dissect.cli.formats import format_option, write_out
 from dissect.cli.gate import fail_on_option, gate
 from dissect.cli.indexed import may_match
 from dissect.cli.look import clock
-from dissect.cli.nothing import Shown
+from dissect.cli.nothing import Shown, complain_impossible
 from dissect.cli.options.jobs import check_jobs, indexed_option, separate_options
 from dissect.cli.options.scd import scd_options
 from dissect.cli.options.select import Chosen, select_options
@@ -169,7 +169,9 @@ def command(
     _leave_out(collector.doubts, likely)
     if wanted is None:
         shown.explain(run, chosen)
-    return gate(run, fail_on, code, chosen.findings)
+    else:
+        complain_impossible(run, chosen)
+    return gate(run, fail_on, chosen.ended(code), chosen.findings)
 
 
 def _task(of: Task, writer: ValueWriter, collector: Collector, chosen: Chosen, options: Options, findings: bool) -> int:

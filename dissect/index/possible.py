@@ -16,7 +16,7 @@ from dissect.index.facts import FileFacts, Pair
 from dissect.recording.window import parse_window
 from dissect.select.fields import FIELDS, NAMES
 from dissect.select.grammar import Comparison, Literal, Presence
-from dissect.select.literals import IN
+from dissect.select.literals import IN, Time
 from dissect.select.things import FINDING, PACKET, Context, Found, Packet
 from dissect.select.where import Judge, Where, comparison_test, predicate_of
 from dissect.tcp.stream import Endpoint
@@ -31,10 +31,10 @@ _ANY: Final = frozenset(("==", "===", IN, "contains", "matches"))
 
 
 class Possible:
-    """Judges files by an expression. Raises `SelectError` for an invalid one."""
+    """Judges files by an expression, whose times may be ``local``. Raises `SelectError` for an invalid one."""
 
-    def __init__(self, text: str) -> None:
-        self._context = Context()
+    def __init__(self, text: str, local: bool = False) -> None:
+        self._context = Context(local)
         self.where = Where(text, context=self._context)
         self._judges = self.where.judges(self._leaf)
         self._facts = FileFacts("", 0, 0)
@@ -73,14 +73,14 @@ class Possible:
         """Return a function that returns whether a packet of the present file can have a fitting time."""
         if condition.operator not in {"==", "===", "<", "<=", ">", ">=", IN}:
             return lambda: True
-        kind = FIELDS["time"].kind
+        kind = Time(self._context.local)
 
         def order(operator: str, literal: Literal) -> Callable[[int], bool]:
             return kind.compare(operator, literal, lambda: self._facts.first_ns)
 
         def fits(literal: Literal) -> Callable[[], bool]:
             if condition.operator == IN and ".." in literal.text:
-                window = parse_window(literal.text)
+                window = parse_window(literal.text, self._context.local)
 
                 def within() -> bool:
                     begin, end = window.resolve_ahead(self._facts.first_ns)
@@ -94,8 +94,14 @@ class Possible:
             if condition.operator in {">", ">="}:
                 after = order(condition.operator, literal)
                 return lambda: after(self._times()[1])
-            low, high = order("<=", literal), order(">=", literal)
-            return lambda: low(self._times()[0]) and high(self._times()[1])
+            moment = kind.moment(literal)
+
+            def around() -> bool:
+                at = moment.resolve(self._facts.first_ns, self._facts.first_ns)
+                first, last = self._times()
+                return first < at + moment.span and last >= at
+
+            return around
 
         tests = [fits(literal) for literal in condition.literals]
         return lambda: self._facts.backwards or any([test() for test in tests])

@@ -132,7 +132,7 @@ class MonitorApp(App[bool]):
     ) -> None:
         super().__init__(ansi_color=True)  # the terminal's own colours, and none with NO_COLOR
         self.model = Model(slow_ns)
-        self._selecting = where.context if where is not None else Context()
+        self._selecting = where.context if where is not None else Context(clock is not None and clock.local)
         self._selecting.start = lambda: int(session.run.pipeline.first_ns)
         self.model.select(where)
         self.paused = False

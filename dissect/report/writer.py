@@ -7,7 +7,7 @@ observer (transactions, operations, findings …), so a feed stands in between a
 from __future__ import annotations
 
 from bisect import bisect_left, bisect_right
-from collections.abc import Callable
+from collections.abc import Callable, Container
 from typing import Final
 
 from mypy_extensions import i64, mypyc_attr
@@ -219,7 +219,7 @@ class PduFeed(Observer):
     def __init__(
         self,
         writer: Writer,
-        frames: frozenset[int] = frozenset(),
+        frames: Container[int] | None = None,
         decoder: PayloadDecoder | None = None,
         choose: MessageChoice | None = None,
         every: bool = False,
@@ -229,7 +229,7 @@ class PduFeed(Observer):
         self.wants_tpdus = True
         self.found: set[int] = set()
         self._writer: Writer = writer
-        self._frames: frozenset[int] = frozenset(frames)
+        self._frames: Container[int] | None = frames
         self._decoder: PayloadDecoder | None = decoder
         self._choose: MessageChoice | None = choose
         self._every: bool = every
@@ -327,11 +327,11 @@ class PduFeed(Observer):
 
     def _find(self, frame: i64) -> None:
         """Add ``frame`` to ``found`` if the writer wrote something for it."""
-        if self._frames and len(self._writer.lines) > self._before:
+        if self._frames is not None and len(self._writer.lines) > self._before:
             self.found.add(self._writer.places.number(int(frame)))
 
     def _wanted(self, frame: i64) -> bool:
-        if not self._frames:
+        if self._frames is None:
             return True
         self._before = len(self._writer.lines)
         return self._writer.places.number(int(frame)) in self._frames

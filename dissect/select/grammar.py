@@ -32,6 +32,7 @@ _expression: either
     | FIELD -> presence
     | FIELD OPERATOR literal -> comparison
     | FIELD NOT? IN "{" literal ("," literal)* ","? "}" -> membership
+    | FIELD NOT? IN literal -> membership
 literal: STRING | WORD SUFFIX?
 
 _OR.3: /or(?![\w.])|\|\|/i
@@ -271,10 +272,10 @@ def _wanted(could: set[str]) -> str:
         return f"an operator ({', '.join(OPERATORS)})"
     if "FIELD" in could:
         return "a field (`s7dissect fields` lists them)"
+    if "LBRACE" in could:
+        return "{ and values, separated by commas, or one value"
     if "STRING" in could:
         return "a value"
-    if "LBRACE" in could:
-        return "{ and values, separated by commas"
     if "COMMA" in could or "RBRACE" in could:
         return "a comma or }"
     if "RPAR" in could:

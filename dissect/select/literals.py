@@ -113,6 +113,10 @@ class Kind(ABC):
     def compare(self, operator: str, literal: Literal, start: Start) -> Test:
         """Return the test that compares with one literal."""
 
+    def zoned(self, local: bool) -> Kind:
+        """Return this type for an expression whose times are ``local`` where they name no zone, or in UTC."""
+        return self
+
     def shown(self, value: Any) -> str:
         """Return a value as text, for ``-T fields``."""
         return str(value)
@@ -164,8 +168,14 @@ class Number(Kind):
         """Compare with a number."""
         wanted = number(literal.text)
         if wanted is None:
-            raise self.unfit(literal, "expected a number, such as 5 or 0x05")
+            raise self.unfit(literal, f"expected a number, such as 5 or 0x05{_range_hint(literal.text)}")
         return _compared(operator, wanted)
+
+
+def _range_hint(text: str) -> str:
+    """Return how a range of numbers is written, where a text means one in another way."""
+    found = re.fullmatch(r"([0-9]+)(?:-|\.\.\.?)([0-9]+)", text)
+    return f", or with `in` the range {found[1]}..{found[2]}" if found else ""
 
 
 def _compared(operator: str, wanted: Any) -> Test:
@@ -233,9 +243,19 @@ class Time(Kind):
     name = "time"
     operators = Number.operators
 
+    def __init__(self, local: bool = False) -> None:
+        self._local = local
+
+    def zoned(self, local: bool) -> Kind:
+        """Return this type with the zone of times that name none."""
+        return self if local == self._local else Time(local)
+
     def compare(self, operator: str, literal: Literal, start: Start) -> Test:
-        """Compare with a date and time, a time on the day on which the capture begins, or a duration after its start."""
-        moment = self._moment(literal)
+        """Compare with a date and time, a time on the day on which the capture begins, or a duration after its start.
+
+        What is equal to a day, minute or second is within it.
+        """
+        moment = self.moment(literal)
         wanted = 0
         resolved_for: int | None = None
 
@@ -247,7 +267,8 @@ class Time(Kind):
             return wanted
 
         if operator == EQUAL:
-            return lambda value: bool(value == at())
+            span = moment.span
+            return lambda value: bool(0 <= value - at() < span)
         order = _ORDER[operator]
         return lambda value: order(value, at())
 
@@ -256,7 +277,7 @@ class Time(Kind):
         if ".." not in literal.text:
             return super()._member(literal, start)
         try:
-            window = parse_window(literal.text)
+            window = parse_window(literal.text, self._local)
         except ValueError as error:
             raise SelectError(str(error), "", literal.start, literal.end) from None
         ends = (0, 0)
@@ -271,12 +292,13 @@ class Time(Kind):
 
         return within
 
-    def _moment(self, literal: Literal) -> Moment:
+    def moment(self, literal: Literal) -> Moment:
+        """Return the moment that a literal names. Raises `SelectError`."""
         found = _DURATION.fullmatch(literal.text)
         if found is not None and found[2]:
             return Moment.after(Duration().nanoseconds(literal))
         try:
-            return parse_moment(literal.text)
+            return parse_moment(literal.text, self._local)
         except ValueError as error:
             raise SelectError(str(error), "", literal.start, literal.end) from None
 

@@ -38,10 +38,11 @@ class Context:
     """What fields need beyond a thing: the start of the capture, numbers of packets, connections by their number.
 
     ``start`` returns the time of the first packet, nanoseconds since 1970. ``number`` returns the number of a packet within its
-    file.
+    file. ``local``: times in an expression that name no zone are in that of this machine, not in UTC.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, local: bool = False) -> None:
+        self.local = local
         self.start: Callable[[], int] = lambda: 0
         self.number: Callable[[int], int] = int
         self.reader = ItemReader()

@@ -209,14 +209,15 @@ def comparison_test(condition: Comparison, field: Field, context: Context) -> Te
     Raises `SelectError` if the field does not take the operator or the literals.
     """
     operator = condition.operator
-    if operator not in field.kind.operators:
+    kind = field.kind.zoned(context.local)
+    if operator not in kind.operators:
         takes = ", ".join(field.kind.operators)
         raise SelectError(
             f"{field.name} is a {field.kind.name} and cannot be compared with {operator}; it takes {takes}",
             start=condition.start, end=condition.end,
         )  # fmt: skip
     plain = "==" if operator == "===" else _NEGATED.get(operator, operator)
-    return field.kind.test(plain, condition.literals, lambda: context.start())  # noqa: PLW0108 - it may be set later
+    return kind.test(plain, condition.literals, lambda: context.start())  # noqa: PLW0108 - it may be set later
 
 
 def _index(name: FieldName, field: Field, context: Context) -> Callable[[ItemFacts], ItemFacts | None] | None:

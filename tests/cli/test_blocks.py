@@ -58,7 +58,7 @@ def test_selection(capfdbinary: Capture) -> None:
     assert [line.split("  ")[-4].split()[0] for line in out.splitlines()] == ["OB1", "FC3"]
     assert len(dissect.blocks(PROGRAM, where="kind == download")) == 2
     ran = run(capfdbinary, "blocks", PROGRAM, "--connection", "9")
-    assert (ran.code, ran.out, ran.err) == (0, "", "s7dissect: no connection 9; the capture has 1\n")
+    assert (ran.code, ran.out, ran.err) == (2, "", "s7dissect: no connection 9; the capture has 1\n")
     ran = run(capfdbinary, "blocks", PROGRAM, "-Y", "kind == bsend")
     assert (ran.code, ran.out, ran.err) == (0, "", "s7dissect: no block was downloaded or uploaded\n")
 

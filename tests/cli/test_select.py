@@ -36,8 +36,12 @@ def numbers(ran: Ran) -> list[int]:
         (["--failed", "-Y", "function == write", "-c", "2"], [6, 7]),
         (["--time", "0.005..0.008"], [5, 6]),
         (["--time", "01:31:05.7..", "-Y", "number < 8"], [6, 7]),
-        (["--connection", "1", "--connection", "2", "-Y", "number == 1"], [1]),
-        (["--connection", "2"], []),
+        (["--connection", "1", "-Y", "number == 1"], [1]),
+        (["-Y", "number in 2..4 and not number in 3"], [2, 4]),
+        (["--time", "2026-11-21", "-Y", "number in {2..3}"], [2, 3]),
+        (["--time", "01:31", "-c", "1"], [1]),
+        (["--time", "02:31:05.694+01:00..+1.7ms"], [1, 2]),
+        (["-Y", "time == 01:31:05 and number < 3"], [1, 2]),
     ],
 )
 def test_transactions_are_selected(capfdbinary: Capture, options: list[str], expected: list[int]) -> None:
@@ -55,7 +59,8 @@ def test_transactions_are_selected(capfdbinary: Capture, options: list[str], exp
         ),
         (
             ["--time", "..2016-01-01T00:00:00"],
-            "no packet within ..2016-01-01T00:00:00; what was read begins at 2026-11-21 01:31:05.693204 UTC and lasts 11.01 ms",
+            "no packet within ..2016-01-01T00:00:00 (UTC); what was read begins at 2026-11-21 01:31:05.693204 UTC and lasts "
+            "11.01 ms",
         ),
     ],
 )
@@ -63,7 +68,7 @@ def test_a_selection_that_nothing_can_match_is_told(
     capfdbinary: Capture, command: str, options: list[str], why: str
 ) -> None:
     ran = run(capfdbinary, command, ERRORS, *options)
-    assert (ran.code, ran.err) == (0, f"s7dissect: {why}\n")
+    assert (ran.code, ran.err) == (2 if "--connection" in options else 0, f"s7dissect: {why}\n")
 
 
 @pytest.mark.parametrize(

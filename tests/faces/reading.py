@@ -118,7 +118,7 @@ class _Writers:
         feeds: dict[str, tuple[str, Callable[[Writer], Observer]]] = {
             TRANSACTIONS: (TRANSACTION, TransactionFeed),
             OPERATIONS: (OPERATION, OperationFeed),
-            PDUS: (MESSAGE, lambda writer: PduFeed(writer, frozenset(), None)),
+            PDUS: (MESSAGE, PduFeed),
         }
         for kind, (thing, feed) in feeds.items():
             for format_ in FORMATS.values():

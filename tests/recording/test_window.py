@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import time
+from collections.abc import Iterator
+
 import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
@@ -31,10 +34,64 @@ MIDNIGHT = 1_454_976_000 * NS
         ("..2016-02-29T12:00:00Z", 0, MIDNIGHT + 20 * DAY + DAY // 2),
         ("2016-02-08 23:59:51 UTC..2016-02-09T00:00:00.5UTC", FIRST + NS, MIDNIGHT + NS // 2),
         ("5..5", FIRST + 5 * NS, FIRST + 5 * NS),
+        ("23:59", FIRST - 50 * NS, MIDNIGHT - 1),
+        ("23:59:51", FIRST + NS, FIRST + 2 * NS - 1),
+        ("23:59:51.5", FIRST + NS + NS // 2, FIRST + NS + NS // 2 + NS // 10 - 1),
+        ("23:59..00:00", FIRST - 50 * NS, MIDNIGHT),
+        ("2016-02-08", MIDNIGHT - DAY, MIDNIGHT - 1),
+        ("2016-02-08..2016-02-09", MIDNIGHT - DAY, MIDNIGHT + DAY - 1),
+        ("2016-02-09..", MIDNIGHT, 2**63 - 1),
+        ("2016-02-09+01:00", MIDNIGHT - 3600 * NS, MIDNIGHT - 3600 * NS + DAY - 1),
+        ("00:59:55+01:00..+5s", FIRST + 5 * NS, FIRST + 10 * NS),
+        ("18:59:55-0500..23:59:58Z", FIRST + 5 * NS, FIRST + 8 * NS),
+        ("2016-02-09T00:59:55+01:00..", FIRST + 5 * NS, 2**63 - 1),
+        ("..+5s", 0, FIRST + 5 * NS),
+        ("+5s..+500ms", FIRST + 5 * NS, FIRST + 5 * NS + NS // 2),
+        ("0..1min", FIRST, FIRST + 60 * NS),
     ],
 )
 def test_a_window_is_what_it_says(text: str, begin: int, end: int) -> None:
     assert parse_window(text).resolve(FIRST, LAST) == (begin, end)
+
+
+@pytest.fixture
+def berlin(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    monkeypatch.setenv("TZ", "Europe/Berlin")
+    time.tzset()
+    yield
+    monkeypatch.undo()
+    time.tzset()
+
+
+@pytest.mark.usefixtures("berlin")
+@pytest.mark.parametrize(
+    ("text", "begin", "end"),
+    [
+        ("00:59:55..+5s", FIRST + 5 * NS, FIRST + 10 * NS),
+        ("00:59", FIRST - 50 * NS, MIDNIGHT - 1),
+        ("2016-02-09T00:59:55..", FIRST + 5 * NS, 2**63 - 1),
+        ("2016-02-09", MIDNIGHT - 3600 * NS, MIDNIGHT - 3600 * NS + DAY - 1),
+        ("23:59:55Z..", FIRST + 5 * NS, 2**63 - 1),
+        ("2016-07-01T12:00:00..", 1_467_367_200 * NS, 2**63 - 1),
+        ("2016-03-27", 1_459_033_200 * NS, 1_459_033_200 * NS + DAY - 3600 * NS - 1),
+    ],
+)
+def test_a_window_in_local_time(text: str, begin: int, end: int) -> None:
+    """A day on which clocks change has 23 hours, and summer has another offset than the day of the capture."""
+    assert parse_window(text, local=True).resolve(FIRST, LAST) == (begin, end)
+
+
+@pytest.mark.usefixtures("berlin")
+def test_a_time_of_day_is_on_the_next_day_of_its_own_zone() -> None:
+    first = 1_454_972_390 * NS  # 23:59:50 in Berlin
+    assert parse_window("00:00:05..", local=True).resolve(first, first + 60 * NS)[0] == first + 15 * NS
+    assert parse_window("00:00:05..00:00:06", local=True).resolve_ahead(first) == (first + 15 * NS, first + 16 * NS)
+
+
+@pytest.mark.usefixtures("berlin")
+def test_messages_name_the_zone() -> None:
+    with pytest.raises(ValueError, match="local time without a zone"):
+        parse_window("noon", local=True)
 
 
 @pytest.mark.parametrize(
@@ -42,8 +99,13 @@ def test_a_window_is_what_it_says(text: str, begin: int, end: int) -> None:
     [
         ("", "form BEGIN..END"),
         ("..", "form BEGIN..END"),
-        ("12:00:00", "form BEGIN..END"),
-        ("12:00..", "is not a time"),
+        ("12", "the first 12 are ..12"),
+        ("1:00..", "is not a time"),
+        ("24:00..", "no such time of day"),
+        ("2015-02-29", "no such day"),
+        ("12:00+24:00", "no such time zone"),
+        ("12:00+01:60..", "no such time zone"),
+        ("noon", r"UTC without a zone"),
         ("-5..", "is not a time"),
         ("24:00:00..", "no such time of day"),
         ("..12:60:00", "no such time of day"),

@@ -7,11 +7,12 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import click
 
-from dissect.cli.look import plain
+from dissect.cli.look import clock, plain
+from dissect.cli.main import EXIT_OK, EXIT_USAGE
 from dissect.cli.task import current
 
 if TYPE_CHECKING:
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
     from dissect.engine.pipeline import Options
     from dissect.live.selected import SelectedEvents
     from dissect.live.session import Session
+    from dissect.recording.window import Window
     from dissect.report.analysis import Part
     from dissect.report.formats import Format
     from dissect.report.writer import MessageChoice, Writer
@@ -42,7 +44,8 @@ class Chosen:
     """What the options of a command select: ``where`` (None for everything), and at most ``most`` results (0 for all).
 
     ``columns`` are the fields of ``-T fields``. ``connections`` and ``window`` are what `--connection` and `--time` say; they
-    are part of ``where`` as well; ``impossible`` says, once all was read, that there is no such thing.
+    are part of ``where`` as well; ``impossible`` says, once all was read, that there is no such thing, ``wrong`` that there
+    is no such number.
     """
 
     def __init__(
@@ -51,12 +54,13 @@ class Chosen:
         most: int = 0,
         columns: Sequence[str] = (),
         connections: Sequence[int] = (),
-        window: str | None = None,
+        window: AskedTime | None = None,
     ) -> None:
         self.where = where
         self.connections = tuple(connections)
-        self.window = window or ""
+        self.window = window
         self.impossible = ""
+        self.wrong = ""
         self.most = most
         self.columns = tuple(columns)
         self.taken = 0
@@ -106,6 +110,10 @@ class Chosen:
     def findings(self) -> Mapping[str, int] | None:
         """The findings that were let through, by slug; None where nothing was held back."""
         return self._sieve.findings if self._sieve is not None else None
+
+    def ended(self, code: int) -> int:
+        """Return the exit code of a command that would end with ``code``: a number that nothing has is wrong use."""
+        return EXIT_USAGE if self.wrong and code == EXIT_OK else code
 
     def part(self, run: Run) -> Part | None:
         """Return what the analysis of a selection is of; None where it is of everything."""
@@ -210,15 +218,35 @@ class FieldType(ExpressionType):
         return str(value)
 
 
-def _window(ctx: click.Context, param: click.Parameter, value: str | None) -> str | None:
+#: The forms of a range of time, for help.
+_TIMES: Final = (
+    "times of day such as 14:03 or 14:03:10.5, dates, or both (UTC, or with a zone such as +01:00), or seconds from the first "
+    "packet; END may be +5s after BEGIN; either end may be omitted; 14:03 alone is that minute."
+)
+
+
+def time_option(help: str) -> Callable[[Any], Any]:  # noqa: A002 - as click
+    """Return the option ``--time``; the command gets its text as ``window``, for `read_time`."""
+    return click.option("--time", "window", metavar="BEGIN..END", help=f"{help} {_TIMES}")
+
+
+class AskedTime(NamedTuple):
+    """What ``--time`` says, and the range of time that it means."""
+
+    text: str
+    window: Window
+
+
+def read_time(text: str | None) -> AskedTime | None:
+    """Return what ``--time`` says, in the zone of ``--local-time``; None where it was not given. A wrong one is wrong use."""
+    if text is None:
+        return None
     from dissect.recording.window import parse_window
 
-    if value is not None:
-        try:
-            parse_window(value)
-        except ValueError as error:
-            raise click.BadParameter(f"{error}.", ctx, param) from None
-    return value
+    try:
+        return AskedTime(text, parse_window(text, clock().local))
+    except ValueError as error:
+        raise click.BadParameter(f"{error}.", param_hint="'--time'") from None
 
 
 _where: Final = (
@@ -238,10 +266,10 @@ def read_where(text: str | None, also: Sequence[str] = (), kinds: Sequence[str] 
             raise click.BadParameter("the expression is empty.", param_hint="'-Y' / '--where'")
         return None
     from dissect.select import SelectError, Where
-    from dissect.select.things import KINDS
+    from dissect.select.things import KINDS, Context
 
     try:
-        return Where(text or "", also, kinds or KINDS)
+        return Where(text or "", also, kinds or KINDS, Context(clock().local))
     except SelectError as error:
         raise click.BadParameter(str(error), param_hint="'-Y' / '--where'") from None
 
@@ -268,12 +296,15 @@ def select_options(
             also = []
             if numbers_of:
                 also.append(f"connection in {{{', '.join([str(number) for number in numbers_of])}}}")
-            if window is not None:
-                stretch = f'"{window}"' if " " in window else window  # a date and a time may have a blank between
+            asked = read_time(window)
+            if asked is not None:
+                stretch = (
+                    f'"{asked.text}"' if " " in asked.text else asked.text
+                )  # a date and a time may have a blank between
                 also.append(f"time in {{{stretch}}}")
             return command(
                 *arguments,
-                chosen=Chosen(read_where(where, also, kinds), first_results or 0, columns, numbers_of, window),
+                chosen=Chosen(read_where(where, also, kinds), first_results or 0, columns, numbers_of, asked),
                 **options,
             )
 
@@ -285,13 +316,7 @@ def select_options(
                     help="Only connection N of the analyze report. Repeatable.",
                 )
             )  # fmt: skip
-            added.append(
-                click.option(
-                    "--time", "window", callback=_window, metavar="BEGIN..END",
-                    help="Only within this time range: times of day, dates and times (UTC), or seconds from the first packet; "
-                    "either end may be omitted.",
-                )
-            )  # fmt: skip
+            added.append(time_option("Only within this time range:"))
         if results:
             added.append(
                 click.option(
