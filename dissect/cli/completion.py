@@ -19,7 +19,8 @@ _SHELLS = ("bash", "zsh", "fish")
 def command(shell: str) -> int:
     """Write the completion script of a shell, to be loaded where the shell starts.
 
-    It completes commands, options, values of options, and the fields of -Y expressions.
+    It completes commands, options, values of options, the fields of -Y expressions, questions of sql, topics of help, tables
+    of export --only, and the connections of a capture.
     """
     found = get_completion_class(shell)
     assert found is not None

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from dissect.cli.main import EXIT_INTERRUPTED
+from dissect.cli.options.completing import connections
 from dissect.cli.options.scd import scd_options
 from dissect.cli.options.select import read_time, time_option, where_option
 from dissect.cli.options.tags import tag_options
@@ -47,7 +48,10 @@ def _findings(
 
 
 def _numbers(name: str, what: str) -> Callable[[Any], Any]:
-    return click.option(name, multiple=True, type=click.IntRange(min=1), metavar="N", help=what)
+    complete = connections if name == "--connection" else None
+    return click.option(
+        name, multiple=True, type=click.IntRange(min=1), metavar="N", help=what, shell_complete=complete
+    )
 
 
 @click.command("cut", epilog=_EXIT_CODES)

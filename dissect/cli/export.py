@@ -16,6 +16,7 @@ from dissect import __version__
 from dissect.cli.indexed import may_match
 from dissect.cli.main import EXIT_INTERRUPTED
 from dissect.cli.nothing import expect_possible
+from dissect.cli.options.completing import from_table
 from dissect.cli.options.jobs import check_jobs, indexed_option, separate_options
 from dissect.cli.options.scd import scd_options
 from dissect.cli.options.select import Chosen, select_options
@@ -43,6 +44,12 @@ _EXIT_CODES = (
 )
 
 
+def _tables() -> dict[str, str]:
+    from dissect.export.tables import TABLES
+
+    return {name: table.about for name, table in TABLES.items()}
+
+
 @click.command("export", epilog=_EXIT_CODES)
 @files_argument
 @click.option(
@@ -59,6 +66,7 @@ _EXIT_CODES = (
     "only",
     multiple=True,
     metavar="TABLE",
+    shell_complete=from_table(_tables),
     help="Only this table (`s7dissect help tables`) or log. Repeatable. One table alone is a file, several are files in the "
     "folder OUT.",
 )

@@ -12,6 +12,7 @@ import click
 
 from dissect.cli.look import coloured
 from dissect.cli.main import COMMANDS, EXIT_OK, group
+from dissect.cli.options.completing import from_table
 from dissect.cli.run import write
 
 _PACKAGE: Final = Path(__file__).resolve().parent.parent
@@ -114,8 +115,12 @@ def _typed(link: re.Match[str]) -> str:
     return typed if text.endswith(_SUFFIX) else f"{text} ({typed})"
 
 
+def _about() -> dict[str, str]:
+    return {topic: said for topics in groups().values() for topic, said in topics.items()}
+
+
 @click.command("help", epilog="Exit code: 0 success, 2 wrong use, 5 the output could not be written.")
-@click.argument("topic", required=False, metavar="[TOPIC]")
+@click.argument("topic", required=False, metavar="[TOPIC]", shell_complete=from_table(lambda: {**COMMANDS, **_about()}))
 @click.pass_context
 def command(ctx: click.Context, topic: str | None) -> int:
     """Show the manual page of a command or topic; without one, list the commands and topics.

@@ -14,6 +14,7 @@ import importlib
 import io
 import os
 import sys
+from functools import partial
 from typing import Final, NoReturn
 
 import click
@@ -29,40 +30,54 @@ EXIT_DAMAGED: Final = 3
 EXIT_OUTPUT: Final = 5
 EXIT_INTERRUPTED: Final = 130
 
-#: Each command and the line that the list of commands shows for it, in the order of that list.
-COMMANDS: Final = {
-    "analyze": "Summarize a capture: connections, timing, errors, findings.",
-    "transactions": "List requests with their answers, values and latency.",
-    "values": "List values of variables: when, who, what before.",
-    "operations": "List downloads, uploads, subscriptions, passwords.",
-    "report": "Write an HTML page: verdict, plots, tables.",
-    "blocks": "Downloaded and uploaded blocks: list, extract, compare.",
-    "devices": "List devices: what each is, and who talks to whom.",
-    "show": "List S7 PDUs, or dissect them field by field.",
-    "cut": "Extract part of a capture, findings as packet comments.",
-    "open": "Open a capture in Wireshark, findings as comments.",
-    "anonymize": "Replace addresses, names and values for sharing.",
-    "baseline": "Learn what is normal, or report what is not.",
-    "export": "Tables and logs for other tools: Parquet, SQL, Zeek …",
-    "sql": "Query the traffic in SQL.",
-    "golden": "Write a session as stable text to keep and compare.",
-    "diff": "Report what changed between two sessions.",
-    "verify": "Compare our dissection with Wireshark's.",
-    "index": "Index a folder of captures: which can answer a question.",
-    "cluster-check": "Check the workers of a Dask cluster before --cluster.",
-    "monitor": "Watch live S7 traffic.",
-    "extcap": "Capture in Wireshark with findings as comments.",
-    "interfaces": "List interfaces and what can capture on them.",
-    "proxy": "TCP relay in front of a PLC that reports what passes.",
-    "serve": "Fake PLC that answers like a recorded one.",
-    "replay": "Play a recorded client to a server, check the answers.",
-    "scd": "SCD dictionaries: compile, check, decode, encode.",
-    "fields": "List the fields of -Y expressions and -T fields.",
-    "tags": "Names for addresses: check, list, convert tags.",
-    "schema": "JSON Schemas of the machine-readable outputs.",
-    "completion": "Completion for bash, zsh or fish.",
-    "help": "Show the manual page of a command or topic.",
+#: The list of commands: under each heading each command and its line.
+HEADINGS: Final = {
+    "Look": {
+        "analyze": "Summarize a capture: connections, timing, errors, findings.",
+        "transactions": "List requests with their answers, values and latency.",
+        "values": "List values of variables: when, who, what before.",
+        "operations": "List downloads, uploads, subscriptions, passwords.",
+        "blocks": "Downloaded and uploaded blocks: list, extract, compare.",
+        "devices": "List devices: what each is, and who talks to whom.",
+        "show": "List S7 PDUs, or dissect them field by field.",
+        "report": "Write an HTML page: verdict, plots, tables.",
+        "sql": "Query the traffic in SQL.",
+        "index": "Index a folder of captures: which can answer a question.",
+    },
+    "Hand on": {
+        "open": "Open a capture in Wireshark, findings as comments.",
+        "cut": "Extract part of a capture, findings as packet comments.",
+        "anonymize": "Replace addresses, names and values for sharing.",
+        "export": "Tables and logs for other tools: Parquet, SQL, Zeek …",
+    },
+    "Compare": {
+        "baseline": "Learn what is normal, or report what is not.",
+        "golden": "Write a session as stable text to keep and compare.",
+        "diff": "Report what changed between two sessions.",
+        "verify": "Compare our dissection with Wireshark's.",
+    },
+    "Live": {
+        "monitor": "Watch live S7 traffic.",
+        "proxy": "TCP relay in front of a PLC that reports what passes.",
+        "serve": "Fake PLC that answers like a recorded one.",
+        "replay": "Play a recorded client to a server, check the answers.",
+    },
+    "Develop": {
+        "scd": "SCD dictionaries: compile, check, decode, encode.",
+        "tags": "Names for addresses: check, list, convert tags.",
+    },
+    "Reference": {
+        "help": "Show the manual page of a command or topic.",
+        "fields": "List the fields of -Y expressions and -T fields.",
+        "schema": "JSON Schemas of the machine-readable outputs.",
+        "completion": "Completion for bash, zsh or fish.",
+        "interfaces": "List interfaces and what can capture on them.",
+        "extcap": "Capture in Wireshark with findings as comments.",
+        "cluster-check": "Check the workers of a Dask cluster before --cluster.",
+    },
 }
+#: Each command and its line.
+COMMANDS: Final = {name: line for commands in HEADINGS.values() for name, line in commands.items()}
 #: Commands whose output shows times.
 _TIMED: Final = frozenset(
     (
@@ -82,6 +97,13 @@ _TIMED: Final = frozenset(
 )
 #: Commands that take times and write none in a zone.
 _TAKES_TIMES: Final = frozenset(("cut", "open", "export", "sql", "golden", "diff"))
+#: Parameters of options that many commands have; help lists them last.
+_COMMON: Final = frozenset(
+    (
+        "numbers_of", "window", "where", "first_results", "columns", "checksums", "fail_on", "scd", "bind", "tags", "encoding",
+        "numbers", "tls_keys", "separate", "jobs", "cluster", "indexed", "local_time", "color", "config",
+    )
+)  # fmt: skip
 #: Words that people type as if they were commands, and the option that does it.
 _WORDS: Final = {"version": "--version"}
 
@@ -141,10 +163,17 @@ class LazyGroup(click.Group):
         near = [each for each in names if each.startswith(name)] or difflib.get_close_matches(name, names, n=2)
         return f" Did you mean {' or '.join(near)}?" if near else ""
 
+    def headings(self) -> dict[str, dict[str, str]]:
+        """Return the list of commands under headings."""
+        return {"Commands": self.summaries()}
+
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """Write the list of commands without importing one."""
-        with formatter.section("Commands"):
-            formatter.write_dl(list(self.summaries().items()))
+        """Write the list of commands without importing one; all stand in one column."""
+        listed = self.headings()
+        width = max([len(name) for names in listed.values() for name in names])
+        for heading, names in listed.items():
+            with formatter.section(heading):
+                formatter.write_dl([(name.ljust(width), line) for name, line in names.items()])
 
 
 class _Main(LazyGroup):
@@ -159,6 +188,12 @@ class _Main(LazyGroup):
         args = [_WORDS.get(args[0], args[0]), *args[1:]] if args else args
         ctx.meta[ARGUMENTS] = list(args)
         return super().parse_args(ctx, args)
+
+    def headings(self) -> dict[str, dict[str, str]]:
+        """Return the list of commands under headings; commands that have none stand last."""
+        named = {name for names in HEADINGS.values() for name in names}
+        rest = {name: line for name, line in COMMANDS.items() if name not in named}
+        return {**HEADINGS, "More": rest} if rest else dict(HEADINGS)
 
     def hint(self, name: str) -> str:
         """Return what may have been meant; a folder is probably to be searched through."""
@@ -182,8 +217,25 @@ def _equipped(command: click.Command, path: str) -> click.Command:
     command.params.append(color_option())
     if wants_config(command):
         command.params.append(config_option())
+    command.format_options = partial(_write_options, command)  # type: ignore[method-assign]  # for any class of command
     command.epilog = "\n\n".join([text for text in (examples_of(path), command.epilog) if text])
     return command
+
+
+def _write_options(command: click.Command, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+    """Write the options of a command in help: its own first, those of many commands under a heading of their own."""
+    own: list[tuple[str, str]] = []
+    common: list[tuple[str, str]] = []
+    for parameter in command.get_params(ctx):
+        record = parameter.get_help_record(ctx) if isinstance(parameter, click.Option) else None
+        if record is not None:
+            (common if parameter.name in _COMMON or "--help" in parameter.opts else own).append(record)
+    for heading, records in (("Options", own), ("Common options" if own else "Options", common)):
+        if records:
+            with formatter.section(heading):
+                formatter.write_dl(records)
+    if isinstance(command, click.Group):
+        command.format_commands(ctx, formatter)
 
 
 @click.command(

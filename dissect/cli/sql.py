@@ -9,6 +9,7 @@ import click
 from dissect.cli.formats import format_option, write_outcome
 from dissect.cli.main import EXIT_OK
 from dissect.cli.nothing import complain_impossible
+from dissect.cli.options.completing import from_table
 from dissect.cli.options.scd import scd_options
 from dissect.cli.options.select import Chosen, select_options
 from dissect.cli.options.tags import tag_options
@@ -28,8 +29,14 @@ _EXIT_CODES = (
 )
 
 
+def _names() -> dict[str, str]:
+    from dissect.export.questions import QUESTIONS
+
+    return {name: question.sentence for name, question in QUESTIONS.items()}
+
+
 @click.command("sql", epilog=_EXIT_CODES)
-@click.argument("query", metavar="QUERY", required=False)
+@click.argument("query", metavar="QUERY", required=False, shell_complete=from_table(_names))
 @files_if_any
 @format_option(ROWS)
 @click.option("--questions", is_flag=True, help="List the questions that can be asked by name, with their SQL.")

@@ -80,6 +80,7 @@ class Writer(Observer):
         self.number_width: int = 0
         self.joint: bytes | None = None
         self.plain: bool = False
+        self.most: int = 0  # items that a line for a person names, 0 for all
 
     def begin(self, places: Places) -> None:
         """Take ``places``, which gives the names of packets; called once, before the first result."""

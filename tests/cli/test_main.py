@@ -131,3 +131,31 @@ def test_wrong_use_is_exit_code_2_and_nothing_on_stdout(s7dissect: Command, argu
     ran = s7dissect(*arguments)
     assert (ran.returncode, ran.stdout) == (2, b"")
     assert b"Usage: s7dissect " in ran.stderr
+
+
+def test_help_has_headings_and_reference_commands_are_last(s7dissect: Command) -> None:
+    lines = s7dissect("--help").stdout.decode().splitlines()
+    places = [lines.index(f"{heading}:") for heading in cli.HEADINGS]
+    assert places == sorted(places)
+    reference = "\n".join(lines[lines.index("Reference:") :])
+    for name in ("schema", "completion", "fields", "interfaces", "extcap", "cluster-check"):
+        assert f"\n  {name} " in reference
+
+
+def test_the_options_of_a_command_precede_those_of_many() -> None:
+    """An option that five commands have is a common one, except the form of their output."""
+    having: dict[str, set[str]] = {}
+    for name, command in commands().items():
+        for parameter in command.params:
+            if isinstance(parameter, click.Option):
+                having.setdefault(str(parameter.name), set()).add(name)
+    many = {name for name, of in having.items() if len(of) >= 8}
+    own_everywhere = {"format_", "output", "force", "slow_ns", "dictionary"}
+    assert many - own_everywhere <= cli._COMMON
+    assert set(having) >= cli._COMMON
+    with click.Context(commands()["show"], info_name="s7dissect show") as context:
+        own, common = commands()["show"].get_help(context).split("\nCommon options:\n")
+    assert "--frame" in own
+    assert "--tags" not in own
+    assert "--tags" in common
+    assert "--help" in common

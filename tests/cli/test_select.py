@@ -59,8 +59,10 @@ def test_transactions_are_selected(capfdbinary: Capture, options: list[str], exp
         ),
         (
             ["--time", "..2016-01-01T00:00:00"],
-            "no packet within ..2016-01-01T00:00:00 (UTC); what was read begins at 2026-11-21 01:31:05.693204 UTC and lasts "
-            "11.01 ms",
+            (
+                "no packet within ..2016-01-01T00:00:00 (UTC); "
+                "what was read begins at 2026-11-21 01:31:05.693204 UTC and lasts 11.01 ms"
+            ),
         ),
     ],
 )
@@ -262,24 +264,83 @@ def test_the_fields_are_listed(capfdbinary: Capture) -> None:
     assert "names:   done, refused, failed, unfinished, running" in run(capfdbinary, "fields", "result").out
 
 
-def test_the_shell_completes_fields() -> None:
-    def completed(line: str) -> list[str]:
-        words = line.split("|")
-        quoted = [f"'{word}'" if " " in word else word for word in words]
-        environment = {
-            **os.environ,
-            "_S7DISSECT_COMPLETE": "bash_complete",
-            "COMP_WORDS": " ".join(quoted),
-            "COMP_CWORD": str(len(words) - 1),
-        }
-        code = "from dissect.cli.main import main; main()"
-        ran = subprocess.run(
-            [sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=False, timeout=60
-        )
-        return [one.partition(",")[2] for one in ran.stdout.splitlines()]
+@pytest.mark.parametrize(
+    ("line", "offered"),
+    [
+        ("sql|slow", "slowest"),
+        ("help|sca", "scale"),
+        ("help|oper", "operations"),
+        ("export|--only|val", "values"),
+        (f"transactions|{ERRORS}|--connection|", "1"),
+        (f"cut|{ERRORS}|--connection|", "1"),
+    ],
+)
+def test_the_shell_completes_names_and_connections(line: str, offered: str) -> None:
+    assert offered in completed(f"s7dissect|{line}")
 
+
+def test_no_connection_is_offered_of_what_is_no_capture() -> None:
+    assert completed(f"s7dissect|transactions|{Path(__file__)}|--connection|") == [""]
+    assert completed("s7dissect|transactions|missing.pcap|--connection|") == [""]
+
+
+def completed(line: str) -> list[str]:
+    """Return what the shell offers for the last of the words of a line, which stand between bars."""
+    words = line.split("|")
+    quoted = [f"'{word}'" if " " in word else word for word in words]
+    environment = {
+        **os.environ,
+        "_S7DISSECT_COMPLETE": "bash_complete",
+        "COMP_WORDS": " ".join(quoted),
+        "COMP_CWORD": str(len(words) - 1),
+    }
+    code = "from dissect.cli.main import main; main()"
+    ran = subprocess.run(
+        [sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=False, timeout=60
+    )
+    return [one.partition(",")[2] for one in ran.stdout.splitlines()]
+
+
+def test_the_shell_completes_fields() -> None:
     assert completed("s7dissect|transactions|-Y|lat") == ["latency", "latency_ns"]
     assert completed("s7dissect|transactions|-Y|failed and lat") == ["failed and latency", "failed and latency_ns"]
     assert completed("s7dissect|operations|-e|res") == ["result"]
     assert "slug" not in completed("s7dissect|transactions|-Y|sl")
     assert "slug" in completed("s7dissect|analyze|-Y|sl")
+
+
+def test_packets_are_chosen_by_ranges(capfdbinary: Capture) -> None:
+    one_by_one = run(capfdbinary, "show", ERRORS, "--frame", "10", "--frame", "11", "--frame", "12")
+    for asked in ("10-12", "10..12"):
+        assert run(capfdbinary, "show", ERRORS, "--frame", asked) == one_by_one
+    assert len(one_by_one.out.splitlines()) == 3
+    ran = run(capfdbinary, "show", ERRORS, "--frame", "1-3")
+    assert (ran.code, ran.err) == (0, "s7dissect: packets 1 to 3 complete no message\n")
+    ran = run(capfdbinary, "show", ERRORS, "--frame", "20-27")
+    assert (ran.code, ran.err) == (2, "s7dissect: no packet 27; the last one is 26\n")
+    for wrong in ("0", "12-10", "1,2", "x"):
+        ran = run(capfdbinary, "show", ERRORS, "--frame", wrong)
+        assert ran.code == 2
+        assert "a range such as 10-12" in ran.err
+
+
+def test_a_kind_is_found_by_a_word_of_what_it_is(capfdbinary: Capture) -> None:
+    for word in ("stop", "stops"):
+        ran = run(capfdbinary, "operations", ERRORS, "--kind", word)
+        assert ran.code == 2
+        assert f"there is no '{word}', but --kind control: A client stops or starts the PLC" in ran.err
+    assert "is not one of" in run(capfdbinary, "operations", ERRORS, "--kind", "xyzzy").err
+
+
+@pytest.mark.parametrize(
+    "command", ["analyze --per-file", "sql|select 1", "golden", "report", "diff", "export", "values|MW20"]
+)
+def test_a_number_that_nothing_has_is_wrong_use(capfdbinary: Capture, tmp_path: Path, command: str) -> None:
+    name, *words = command.replace(" ", "|").replace("select|1", "select 1").split("|")
+    files = [*words, ERRORS] if name == "sql" else [ERRORS, *words]
+    out = tmp_path / "out.csv"
+    more = {"golden": ["-o", out], "report": ["-o", out], "diff": [ERRORS], "export": ["-o", out]}.get(name, [])
+    ran = run(capfdbinary, name, *files, *map(str, more), "--connection", "9")
+    assert ran.code == 2
+    assert "no connection 9; the capture has 1" in ran.err
+    assert not out.exists()

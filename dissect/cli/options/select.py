@@ -6,6 +6,7 @@ What they come to is a `Chosen`, which the command gets as ``chosen``.
 from __future__ import annotations
 
 import functools
+import sys
 from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
@@ -13,6 +14,7 @@ import click
 
 from dissect.cli.look import clock, plain
 from dissect.cli.main import EXIT_OK, EXIT_USAGE
+from dissect.cli.options.completing import connections
 from dissect.cli.task import current
 
 if TYPE_CHECKING:
@@ -36,6 +38,8 @@ if TYPE_CHECKING:
 else:
     _ParamType = click.ParamType
 
+#: Items that a line on a terminal names.
+MOST_ITEMS: Final = 12
 #: Name of the format that writes fields alone.
 FIELDS_FORMAT: Final = "fields"
 
@@ -163,6 +167,8 @@ class Chosen:
         of = current()
         if of is None or of.direct is not None:  # else another process writes the lines
             writer.plain = plain()
+        if of is None and sys.stdout.isatty():
+            writer.most = MOST_ITEMS
         if self.columns:
             from dissect.select.columns import FieldsWriter
 
@@ -313,6 +319,7 @@ def select_options(
             added.append(
                 click.option(
                     "--connection", "numbers_of", multiple=True, type=click.IntRange(min=1), metavar="N",
+                    shell_complete=connections,
                     help="Only connection N of the analyze report. Repeatable.",
                 )
             )  # fmt: skip

@@ -47,8 +47,11 @@ _SHORT: Final = frozenset(("too_short", "length_beyond", "count_mismatch"))
 _KINDS: Final = ("push", "request", "response", "type 3")
 
 
-def transaction_line(transaction: Transaction, clock: Clock, places: Places) -> str:
-    """Return one transaction on one line: when, who asked whom, how long, function, outcome, items or notes."""
+def transaction_line(transaction: Transaction, clock: Clock, places: Places, most: int = 0) -> str:
+    """Return one transaction on one line: when, who asked whom, how long, function, outcome, items or notes.
+
+    Of more than ``most`` items the first are named, and how many more there are; 0 names all.
+    """
     ends = transaction.connection.tcp.ends
     begun = transaction.request_ns if transaction.request_frame else transaction.response_ns
     asked, answered = ends[transaction.asked_by], ends[1 - transaction.asked_by]
@@ -58,6 +61,9 @@ def transaction_line(transaction: Transaction, clock: Clock, places: Places) -> 
     frames = places.pair(int(transaction.request_frame), int(transaction.response_frame))
     ending = facets.outcome(transaction)
     subject = facet.subject(transaction)
+    if most and subject:
+        items = facet.items(transaction)
+        subject = subject.replace(", ".join(items), _some(items, most), 1)
     said = f"  {ending}" if ending else ""
     if subject:
         said += f"  {subject}"
@@ -72,6 +78,13 @@ def transaction_line(transaction: Transaction, clock: Clock, places: Places) -> 
     )
 
 
+def _some(items: list[str], most: int) -> str:
+    """Return items for a line: of more than ``most`` the first, and how many more there are; 0 names all."""
+    if not most or len(items) <= most:
+        return ", ".join(items)
+    return f"{', '.join(items[:most])} and {len(items) - most} more"
+
+
 def _blanks(count: i64) -> str:
     """Return ``count`` blanks; none if it is negative."""
     return _BLANKS[count] if count > 0 else ""
@@ -82,9 +95,11 @@ def pdu_line(pdu: Pdu, connection: Connection, clock: Clock, places: Places) -> 
     return _pdu_line(pdu, connection, clock, places, [])
 
 
-def _pdu_line(pdu: Pdu, connection: Connection, clock: Clock, places: Places, faults: list[Malformed]) -> str:
+def _pdu_line(
+    pdu: Pdu, connection: Connection, clock: Clock, places: Places, faults: list[Malformed], most: int = 0
+) -> str:
     """Return the line of a PDU; contradictions within its parts are added to ``faults``."""
-    said = f"  {body}" if (body := _body(pdu, connection.naming, faults)) else ""
+    said = f"  {body}" if (body := _body(pdu, connection.naming, faults, most)) else ""
     function = f"  {pdu.function_name}" if pdu.function_name else ""
     if pdu.cut:
         said += "  TRUNCATED by the capture"
@@ -129,7 +144,7 @@ def _head(frame: int, time_ns: int, connection: Connection, side: int, clock: Cl
     return f"{places.mark(frame).rjust(6)}  {moment}  {places.end(ends[side])} → {places.end(ends[1 - side])}"
 
 
-def _body(pdu: Pdu, naming: Naming | None, faults: list[Malformed]) -> str:
+def _body(pdu: Pdu, naming: Naming | None, faults: list[Malformed], most: int) -> str:
     parameters = pdu.parameters
     if pdu.error and parameters.userdata is None:
         return f"error {errors_of(pdu.function).coded(pdu.error)}"
@@ -137,7 +152,7 @@ def _body(pdu: Pdu, naming: Naming | None, faults: list[Malformed]) -> str:
         setup = parameters.setup
         return str(setup)
     if parameters.items and pdu.rosctr == JOB:
-        return _requested(pdu, parameters.items, naming)
+        return _some(_requested(pdu, parameters.items, naming), most)
     codes = pdu.return_codes()
     if codes:
         refused = [
@@ -146,7 +161,7 @@ def _body(pdu: Pdu, naming: Naming | None, faults: list[Malformed]) -> str:
         good = words.count(len(codes), "item")
         if not refused:
             return f"{good}, all good" if len(codes) > 1 else f"{good}, good"
-        return f"{len(refused)} of {good} refused: {', '.join(refused)}"
+        return f"{len(refused)} of {good} refused: {_some(refused, most)}"
     head = parameters.userdata
     body = pdu.body
     if not pdu.cut:
@@ -161,7 +176,7 @@ def _body(pdu: Pdu, naming: Naming | None, faults: list[Malformed]) -> str:
     return f"{_KINDS[head.type]}, sequence {head.sequence}{more}{error}{f'  {said}' if said else ''}"
 
 
-def _requested(pdu: Pdu, items: list[Item], naming: Naming | None) -> str:
+def _requested(pdu: Pdu, items: list[Item], naming: Naming | None) -> list[str]:
     """Return the items of a job, with the values that it writes."""
     data = pdu.data_items()
     said = []
@@ -170,7 +185,7 @@ def _requested(pdu: Pdu, items: list[Item], naming: Naming | None) -> str:
         written = answer.data if answer is not None else None
         # Where the capture cut the data, the length field of the data item says how much there was.
         said.append(facets.item(ItemResult(item, -1, written, answer if pdu.cut else None), index + 1, naming))
-    return ", ".join(said)
+    return said
 
 
 def tpdu_line(
@@ -265,7 +280,7 @@ class TextWriter(Writer):
         if line:
             self.lines.append(line)
         else:
-            text = transaction_line(transaction, self.clock, self.places)
+            text = transaction_line(transaction, self.clock, self.places, self.most)
             self._put(text, FAILED if went_wrong(transaction) else PLAIN, HANG)
 
     def operation(self, operation: Operation) -> None:
@@ -315,7 +330,7 @@ class TextWriter(Writer):
         connection = side.connection
         pdu = parse_pdu(octets, frame, time_ns, connection.number, side.index, cut)
         faults: list[Malformed] = []
-        line = _pdu_line(pdu, connection, self.clock, self.places, faults)
+        line = _pdu_line(pdu, connection, self.clock, self.places, faults, self.most)
         header = self.header_of(side, octets)
         if header is not None:
             line += header.remark

@@ -1,0 +1,54 @@
+"""What the shell completes beyond choices: names from a table, and the connections of a capture."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING, Final
+
+import click
+
+if TYPE_CHECKING:
+    from click.shell_completion import CompletionItem
+
+#: A larger capture is not read to complete a number.
+_LARGEST: Final = 20_000_000
+#: Connections that are offered.
+_MOST: Final = 50
+
+#: What click asks for completions.
+Completer = Callable[[click.Context, click.Parameter, str], "list[CompletionItem]"]
+
+
+def from_table(table: Callable[[], Mapping[str, str]]) -> Completer:
+    """Return what completes the names of a table, each with what it is."""
+
+    def complete(_ctx: click.Context, _param: click.Parameter, incomplete: str) -> list[CompletionItem]:
+        from click.shell_completion import CompletionItem
+
+        return [CompletionItem(name, help=said) for name, said in table().items() if name.startswith(incomplete)]
+
+    return complete
+
+
+def connections(ctx: click.Context, _param: click.Parameter, incomplete: str) -> list[CompletionItem]:
+    """Return the numbers of the connections of the captures that were typed, with their ends; none where it would take long."""
+    from pathlib import Path
+
+    from click.shell_completion import CompletionItem
+
+    # Where the value of an option is missing, click leaves arguments as they were typed.
+    files = [Path(name) for name in ctx.params.get("files") or ctx.args]
+    try:
+        if not files or sum([path.stat().st_size for path in files]) > _LARGEST:
+            return []
+        from dissect.session import analyze
+        from dissect.source.packet import CaptureError
+
+        try:
+            found = analyze(*files).connections
+        except CaptureError:
+            return []
+    except OSError:
+        return []
+    named = [(str(one.number), f"{one.tcp.ends[0]} {one.tcp.ends[1]}") for one in found]
+    return [CompletionItem(number, help=ends) for number, ends in named if number.startswith(incomplete)][:_MOST]
