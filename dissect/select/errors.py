@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import unicodedata
 from typing import Final
 
@@ -52,3 +54,9 @@ def _one(character: str) -> str:
 
 def _width(character: str) -> int:
     return 2 if unicodedata.east_asian_width(character) in {"W", "F"} else 1
+
+
+def range_hint(text: str) -> str:
+    """Return how a range of numbers is written, where a text means one in another way."""
+    found = re.fullmatch(r"([0-9]+)(?:-|\.\.\.?)([0-9]+)", text)
+    return f", or with `in` the range {found[1]}..{found[2]}" if found else ""

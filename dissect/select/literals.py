@@ -17,7 +17,7 @@ from dissect.config.hints import close_names
 from dissect.recording.window import Moment, parse_moment, parse_window
 from dissect.s7.address import Address, address_text, parse_address
 from dissect.s7.tables import AREA_LETTERS, DB_AREAS, NUMBERED_AREAS, RECORD_AREA
-from dissect.select.errors import SelectError
+from dissect.select.errors import SelectError, range_hint
 from dissect.select.grammar import Literal
 
 Test = Callable[[Any], bool]
@@ -168,14 +168,8 @@ class Number(Kind):
         """Compare with a number."""
         wanted = number(literal.text)
         if wanted is None:
-            raise self.unfit(literal, f"expected a number, such as 5 or 0x05{_range_hint(literal.text)}")
+            raise self.unfit(literal, f"expected a number, such as 5 or 0x05{range_hint(literal.text)}")
         return _compared(operator, wanted)
-
-
-def _range_hint(text: str) -> str:
-    """Return how a range of numbers is written, where a text means one in another way."""
-    found = re.fullmatch(r"([0-9]+)(?:-|\.\.\.?)([0-9]+)", text)
-    return f", or with `in` the range {found[1]}..{found[2]}" if found else ""
 
 
 def _compared(operator: str, wanted: Any) -> Test:
