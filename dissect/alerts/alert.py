@@ -19,8 +19,8 @@ class Alert:
     """One alert of a rule.
 
     ``text`` is a sentence. ``pair`` and ``connection`` (0: none) say who it is about; ``detail`` is what was seen, as values
-    for JSON: ``finding``, ``new`` or ``measured``. ``repeated`` counts how often the alert was suppressed since it was last
-    given. ``since_ns`` is when a lasting state began (0: an event). Texts may contain text from the wire, not escaped.
+    for JSON: ``finding``, ``new``, ``measured`` or ``problem``. ``repeated`` counts how often the alert was suppressed since it
+    was last given. ``since_ns`` is when a lasting state began (0: an event). Texts may contain text from the wire, not escaped.
     """
 
     __slots__ = ("connection", "detail", "pair", "repeated", "rule", "severity", "since_ns", "text", "time_ns")
@@ -50,8 +50,8 @@ class Alert:
 
     @property
     def kind(self) -> str:
-        """The kind of the alert within its rule: the slug of a finding, what is new, or empty."""
-        found, new = self.detail.get("finding"), self.detail.get("new")
+        """The kind of the alert within its rule: the slug of a finding, what is new, the kind of a problem, or empty."""
+        found, new = self.detail.get("finding"), self.detail.get("new") or self.detail.get("problem")
         if isinstance(found, dict):
             return str(found.get("slug", ""))
         return str(new.get("kind", "")) if isinstance(new, dict) else ""

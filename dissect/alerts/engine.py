@@ -12,13 +12,13 @@ from dissect.acts.act import Act
 from dissect.alerts.alert import Alert
 from dissect.alerts.cooldown import Cooldown
 from dissect.alerts.loading import AlertRules, RuleError
-from dissect.alerts.rules import EVENTS, FINDING, NEW, Rule
+from dissect.alerts.rules import EVENTS, FINDING, NEW, PROBLEM, Rule
 from dissect.alerts.states import StateWatch, state_watch
 from dissect.baseline.norms import Baseline
 from dissect.baseline.subjects import Pair, Pairs, moment, pair_of
 from dissect.baseline.watch import BaselineWatch, Deviation
 from dissect.engine.observer import Observer
-from dissect.findings.catalogue import WARNING
+from dissect.findings.catalogue import NOTE, WARNING
 from dissect.findings.reporter import Finding
 from dissect.report.contract import finding_as_dict
 from dissect.report.words import Places
@@ -55,6 +55,7 @@ class AlertEngine(Observer):
         self._cooldown = Cooldown(self._pass_on)
         self._finding_rules = [rule for rule in rules.rules if rule.when == FINDING]
         self._new_rules = [rule for rule in rules.rules if rule.when == NEW]
+        self._problem_rules = [rule for rule in rules.rules if rule.when == PROBLEM]
         self._states = [state_watch(rule, baseline) for rule in rules.rules if rule.when not in EVENTS]
         self._watch = BaselineWatch(baseline) if baseline is not None and self._new_rules else None
         self._pairs = Pairs()
@@ -140,6 +141,18 @@ class AlertEngine(Observer):
             if finding.slug in rule.slugs and rule.covers(pair):
                 make = partial(self._found, rule, finding, pair)
                 self._cooldown.more(rule, (finding.slug, pair), int(finding.repeated), self.now_ns, make)
+
+    def problem(self, kind: str, text: str, over: bool) -> None:
+        """Apply the rules to a problem of this program itself, or to its end."""
+        for rule in self._problem_rules:
+            if kind in rule.kinds:
+                make = partial(_troubled, rule, kind, text, over)
+                self._cooldown.event(rule, (kind, over), self.now_ns, make)
+
+    def captured(self, now_ns: int) -> None:
+        """Note that packets were captured until now, whatever they are."""
+        for watch in self._states:
+            watch.captured(now_ns)
 
     # ---- time -------------------------------------------------------------------------------------------------------
 
@@ -239,3 +252,8 @@ class AlertEngine(Observer):
 def _new(rule: Rule, deviation: Deviation, connection: int, now_ns: int) -> Alert:
     detail: dict[str, object] = {"new": {"kind": deviation.kind, "what": deviation.what}}
     return Alert(rule, now_ns, rule.severity or WARNING, deviation.pair, deviation.text, detail, connection)
+
+
+def _troubled(rule: Rule, kind: str, text: str, over: bool, now_ns: int) -> Alert:
+    severity = NOTE if over else rule.severity or WARNING
+    return Alert(rule, now_ns, severity, None, text, {"problem": {"kind": kind, "over": over}})

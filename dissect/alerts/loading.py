@@ -10,6 +10,7 @@ from typing import Any, Final
 
 from dissect.alerts import states
 from dissect.alerts.actions import Action
+from dissect.alerts.problems import KINDS as PROBLEMS
 from dissect.alerts.rules import (
     EVENTS,
     FINDING,
@@ -19,6 +20,7 @@ from dissect.alerts.rules import (
     PER_ALL,
     PER_CONNECTION,
     PER_PAIR,
+    PROBLEM,
     RATE,
     SILENCE,
     STDERR,
@@ -296,6 +298,8 @@ def _latency(table: Table) -> dict[str, Any]:
 
 def _silence(table: Table) -> dict[str, Any]:
     _one_of(table, "longer", "longer_than_learned")
+    if table.content.get("of") == states.INTERFACE:
+        return _silent_interface(table)
     per = _per(table, PER_PAIR, PER_CONNECTION, PER_ALL)
     learned = _learned(table, "longer_than_learned", per)
     if learned and table.has("longer"):
@@ -303,6 +307,30 @@ def _silence(table: Table) -> dict[str, Any]:
     usual = states.TRANSACTIONS if learned else states.PACKETS
     of = table.choice("of", (states.TRANSACTIONS,) if learned else (states.PACKETS, states.TRANSACTIONS), usual)
     return {"per": per, "of": of, "learned": learned, "longer_ns": _duration(table, "longer", 0)}
+
+
+def _silent_interface(table: Table) -> dict[str, Any]:
+    if table.has("longer_than_learned"):
+        raise table.fail("longer_than_learned", 'a baseline does not know the interface: use "longer"')
+    _of_this_machine(table)
+    return {"of": table.choice("of", (states.INTERFACE,), ""), "per": table.choice("per", (PER_ALL,), PER_ALL),
+            "learned": 0.0, "longer_ns": _duration(table, "longer", 0)}  # fmt: skip
+
+
+def _problem(table: Table) -> dict[str, Any]:
+    kinds = names_of(table, "of")
+    if kinds is not None and (not kinds or not kinds <= frozenset(PROBLEMS)):
+        hints = "".join([close_to(kind, PROBLEMS) for kind in sorted(kinds - frozenset(PROBLEMS))])
+        raise table.fail("of", f"must be a list of: {', '.join(PROBLEMS)}{hints}")
+    _of_this_machine(table)
+    return {"kinds": kinds if kinds is not None else frozenset(PROBLEMS)}
+
+
+def _of_this_machine(table: Table) -> None:
+    """Raise an error where the rule names hosts: what it looks for is about no host of the network."""
+    for key in ("client", "server"):
+        if table.has(key):
+            raise table.fail(key, "does not go with what happens to this program itself")
 
 
 def _outcome(table: Table) -> dict[str, Any]:
@@ -316,6 +344,7 @@ def _outcome(table: Table) -> dict[str, Any]:
 
 _READERS: Final = {
     FINDING: _finding, NEW: _new, RATE: _rate, LATENCY: _latency, SILENCE: _silence, OUTCOME: _outcome,
+    PROBLEM: _problem,
 }  # fmt: skip
 
 

@@ -17,10 +17,11 @@ RATE: Final = "rate"
 LATENCY: Final = "latency"
 SILENCE: Final = "silence"
 OUTCOME: Final = "outcome"
+PROBLEM: Final = "problem"
 
-WHENS: Final = (FINDING, NEW, RATE, LATENCY, SILENCE, OUTCOME)
+WHENS: Final = (FINDING, NEW, RATE, LATENCY, SILENCE, OUTCOME, PROBLEM)
 #: Kinds of rules that look for single events; the others look for a lasting state.
-EVENTS: Final = frozenset((FINDING, NEW))
+EVENTS: Final = frozenset((FINDING, NEW, PROBLEM))
 
 # For what state rules measure separately (`Rule.per`).
 PER_PAIR: Final = "pair"
@@ -37,10 +38,10 @@ _S: Final = 1_000_000_000
 class Rule:
     """One [[rule]]. Times are nanoseconds; ``when`` decides which fields are used.
 
-    ``slugs`` are findings; ``kinds`` are what can be new; ``of`` names what is measured. ``above`` and ``below`` are a rate per
-    second, an answer time in nanoseconds, or outcomes per minute; ``longer_ns`` is a silence. ``learned`` is a factor for the
-    values of the baseline (0: none). ``burst`` is how many different alerts of one kind and severity the rule gives a minute
-    before the rest is summed up (0: no limit).
+    ``slugs`` are findings; ``kinds`` are what can be new, or kinds of problems; ``of`` names what is measured. ``above`` and
+    ``below`` are a rate per second, an answer time in nanoseconds, or outcomes per minute; ``longer_ns`` is a silence.
+    ``learned`` is a factor for the values of the baseline (0: none). ``burst`` is how many different alerts of one kind and
+    severity the rule gives a minute before the rest is summed up (0: no limit).
     """
 
     name: str

@@ -35,6 +35,8 @@ LEAST_ANSWER_NS: Final = 10_000_000
 # What a rule measures (`Rule.of`).
 TRANSACTIONS: Final = "transactions"
 MESSAGES: Final = "messages"
+#: All that is captured, also what belongs to no connection.
+INTERFACE: Final = "interface"
 PACKETS: Final = "packets"
 MEDIAN: Final = "median"
 MAX: Final = "max"
@@ -98,6 +100,9 @@ class StateWatch:
 
     def take(self, pair: Pair, transaction: Transaction, now_ns: int) -> None:
         """Take a transaction of a pair to which the rule applies."""
+
+    def captured(self, now_ns: int) -> None:
+        """Note that packets were captured."""
 
     def ends(self, pair: Pair, connection: Connection, now_ns: int) -> bool:
         """Return whether the next transaction ends the state that the rule looks for, so that it must be checked before."""
@@ -331,6 +336,11 @@ class SilenceWatch(StateWatch):
         limit = self._limit(about)
         return last_ns is not None and limit is not None and now_ns - last_ns > limit
 
+    def captured(self, now_ns: int) -> None:
+        """Note that packets were captured, whatever they are."""
+        if self.rule.of == INTERFACE:
+            self._heard(None, now_ns)
+
     def take(self, pair: Pair, transaction: Transaction, now_ns: int) -> None:
         """Note a transaction."""
         self._heard(self.about(pair, transaction.connection), now_ns)
@@ -348,7 +358,8 @@ class SilenceWatch(StateWatch):
             if limit is None or now_ns - last_ns <= limit:
                 yield about, None
                 continue
-            said = f"no {self.rule.of} for {words.duration(now_ns - last_ns)}; more than {words.duration(limit)}"
+            what = "packets on the interface" if self.rule.of == INTERFACE else self.rule.of
+            said = f"no {what} for {words.duration(now_ns - last_ns)}; more than {words.duration(limit)}"
             yield about, self.told(about, said, {"of": self.rule.of, "ns": now_ns - last_ns, "limit": limit})
 
     def _wait(self, now_ns: int) -> None:

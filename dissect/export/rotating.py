@@ -6,9 +6,12 @@ complete files, even after a run that was killed.
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Any, Final
 
 from dissect.export.arrow import Batches
 from dissect.export.extras import needed
@@ -19,11 +22,16 @@ from dissect.export.transaction_rows import Row
 from dissect.wire.saving import Saving
 from dissect.wire.text import Clock
 
+#: Octets that `RotatingSink.probe` writes.
+_PROBE: Final = 64 * 1024
+
 
 class RotatingSink(Sink):
     """Writes ``FOLDER/TABLE/day=YYYY-MM-DD/part-TIME-N.parquet``; `rotate` completes the present files.
 
-    TIME is the time of the latest `rotate`, by the clock of the capture, in UTC. Raises `OSError` if files cannot be written.
+    TIME is the time of the latest `rotate`, by the clock of the capture, in UTC. What cannot be written raises nothing:
+    ``error`` is the latest `OSError`, the rows of its file are counted in ``lost``, and so are further rows until `probe` has
+    found that files can be written again. ``files`` counts those that were completed, ``octets`` theirs.
     """
 
     def __init__(self, folder: Path, tables: Iterable[Table], metadata: Mapping[str, str]) -> None:
@@ -31,26 +39,71 @@ class RotatingSink(Sink):
         self._folder = folder
         self._batches = {table.name: Batches(table, metadata=dict(metadata)) for table in tables}
         self._try_out()
+        self.error: OSError | None = None
+        self.lost = 0
+        self.files = 0
+        self.octets = 0
+        self._paused = False
+        self._rows: dict[tuple[str, str], int] = {}  # rows given to each open file
         self._open: dict[tuple[str, str], tuple[Saving, ParquetFile]] = {}
         self._since = ""
         self._clock = Clock()
 
     def take(self, table: Table, rows: Sequence[Row]) -> None:
         """Write rows to the files of their days."""
+        if self._paused:
+            self.lost += len(rows)
+            return
         for day, some in by_days(table, self._batches[table.name].batch(rows)).items():
-            found = self._open.get((table.name, day))
-            if found is None:
-                first_ns = some.column(table.time)[0].as_py()
-                found = self._open[table.name, day] = self._begin(table, day, first_ns)
-            found[1].add(some)
+            try:
+                self._add(table, day, some)
+            except OSError as error:
+                self._fail((table.name, day), error, some.num_rows)
 
     def rotate(self, now_ns: int) -> None:
         """Complete the present files, and give them their final names."""
         self._since = self._stamp(now_ns)
         while self._open:
-            saving, file = self._open.pop(next(iter(self._open)))
-            with saving:
-                file.close()
+            key = next(iter(self._open))
+            saving, file = self._open[key]
+            try:
+                with saving:
+                    file.close()
+                self.octets += Path(saving.output).stat().st_size
+            except OSError as error:
+                self._fail(key, error, 0)
+                continue
+            self.files += 1
+            del self._open[key]
+            self._rows.pop(key, None)
+
+    def probe(self) -> None:
+        """Find out whether files can be written again, and take rows again if so; else raises `OSError`."""
+        path = self._folder / f".{os.getpid()}.probe"
+        try:
+            path.write_bytes(bytes(_PROBE))
+        finally:
+            path.unlink(missing_ok=True)
+        self._paused = False
+
+    def _add(self, table: Table, day: str, some: Any) -> None:
+        key = (table.name, day)
+        found = self._open.get(key)
+        if found is None:
+            found = self._open[key] = self._begin(table, day, some.column(table.time)[0].as_py())
+        found[1].add(some)
+        self._rows[key] = self._rows.get(key, 0) + some.num_rows
+
+    def _fail(self, key: tuple[str, str], error: OSError, more: int) -> None:
+        """Delete the file that cannot be written, and count its rows and ``more``."""
+        self.error = error
+        self._paused = True
+        self.lost += self._rows.pop(key, 0) + more
+        found = self._open.pop(key, None)
+        if found is not None:
+            found[1].abandon()
+            with suppress(OSError):
+                Path(found[0].path).unlink(missing_ok=True)
 
     def abandon(self) -> None:
         """Close the unfinished files, and delete them."""

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import time
+from collections.abc import Callable
 from pathlib import Path
 
 from dissect.acts.act import Act
+from dissect.alerts.problems import EXPORT
 from dissect.engine.pipeline import Pipeline
 from dissect.export.feed import TableFeed
 from dissect.export.parquet import metadata_of
 from dissect.export.rotating import RotatingSink
 from dissect.export.tables import TABLES
 from dissect.findings.reporter import Finding
-from dissect.live.run import Companion
+from dissect.live.writing import WritingCompanion
 from dissect.source.live.reader import Drops
 from dissect.source.packet import SourceFile
 from dissect.stations.facts import Fact
@@ -22,7 +25,7 @@ from dissect.transactions.side import Side
 from dissect.transactions.transaction import Transaction
 
 
-class ExportCompanion(Companion):
+class ExportCompanion(WritingCompanion):
     """Writes all tables below ``folder`` as Parquet, new files every ``every_ns`` of the capture's clock.
 
     ``source`` is the name of the source in the column ``file``. Rows are passed on at every tick, so that few wait in memory.
@@ -30,9 +33,19 @@ class ExportCompanion(Companion):
     """
 
     name = "the export"
+    kind = EXPORT
+    label = "export"
+    unit = "row"
 
-    def __init__(self, folder: Path, every_ns: int, source: str, version: str) -> None:
-        super().__init__()
+    def __init__(
+        self,
+        folder: Path,
+        every_ns: int,
+        source: str,
+        version: str,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        super().__init__(folder, clock)
         self._sink = RotatingSink(folder, TABLES.values(), metadata_of(version, [source]))
         self._feed = TableFeed(TABLES.values(), self._sink)
         self._files = [SourceFile(source, 1)]
@@ -42,6 +55,16 @@ class ExportCompanion(Companion):
         self._due_ns = 0
         self._now_ns = 0
         self.wants_pdus = self._feed.wants_pdus
+
+    @property
+    def lost(self) -> tuple[int, int]:
+        """How many rows are in no file."""
+        return self._sink.lost, 0
+
+    @property
+    def written(self) -> tuple[int, int]:
+        """How many files were completed, and their octets."""
+        return self._sink.files, self._sink.octets
 
     def begin(self, pipeline: Pipeline) -> None:
         """Keep the pipeline, for the rows that are known only at the end."""
@@ -56,6 +79,12 @@ class ExportCompanion(Companion):
         elif now_ns >= self._due_ns:
             self._due_ns = now_ns + self._every_ns
             self._sink.rotate(now_ns)
+        error, self._sink.error = self._sink.error, None
+        if error is not None:
+            self.recover(error)
+        elif self.recovery.failing and self.recovery.due:
+            self._sink.probe()
+            self.resumed()
 
     def close(self) -> None:
         """Write the rest; if that fails, the unfinished files are deleted."""

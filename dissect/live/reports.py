@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Final
 
 from dissect.acts.act import Act
+from dissect.alerts.problems import REPORT
 from dissect.engine.pipeline import Pipeline
 from dissect.findings.reporter import Finding
-from dissect.live.run import Companion
+from dissect.live.writing import WritingCompanion
 from dissect.page.gathered import Gathered, span_of
 from dissect.page.rendering import Side, prepare, render
 from dissect.page.rows import Rows, time_of
@@ -20,23 +23,28 @@ from dissect.transactions.transaction import Transaction
 from dissect.wire.saving import save
 from dissect.wire.text import Clock
 
+#: At most so many pages that cannot be written wait.
+_MAX_WAITING: Final = 8
 
-class ReportCompanion(Companion):
+
+class ReportCompanion(WritingCompanion):
     """Writes a page for each period of ``every_ns`` into ``directory``, and one for the last period at the end.
 
     Periods begin at multiples of their length since 1970, so that a period of an hour begins on the hour. A page is named by
     the beginning of its period in UTC; an existing page is kept, and the new one gets a number. ``name`` is the name of the
-    source, ``version`` that of this package.
+    source, ``version`` that of this package. Pages that cannot be written wait, `_MAX_WAITING` of them; the oldest are lost.
     """
 
-    name = "writing reports"
+    name = "the report"
+    kind = REPORT
+    label = "report"
+    unit = "page"
 
     def __init__(
         self, directory: str, every_ns: int, name: str, version: str, clock: Clock, hosts: Mapping[str, str]
     ) -> None:
-        super().__init__()
+        super().__init__(Path(directory))
         prepare()
-        self.written: list[Path] = []
         self._directory = Path(directory)
         self._every_ns = every_ns
         self._name = name
@@ -47,6 +55,22 @@ class ReportCompanion(Companion):
         self._period = -1
         self._before: dict[str, int] = {}
         self._gathered = self._fresh()
+        self._waiting: deque[tuple[str, bytes]] = (
+            deque()
+        )  # pages that could not be written, by the name of their period
+        self._lost = 0
+        self._pages = 0
+        self._octets = 0
+
+    @property
+    def lost(self) -> tuple[int, int]:
+        """How many pages were not written."""
+        return self._lost, 0
+
+    @property
+    def written(self) -> tuple[int, int]:
+        """How many pages were written, and their octets."""
+        return self._pages, self._octets
 
     # ---- what is gathered -------------------------------------------------------------------------------------------
 
@@ -86,6 +110,10 @@ class ReportCompanion(Companion):
         """Write the page of a period that is over."""
         if self._pipeline is not None and self._pipeline.frames:
             self._turn(now_ns)
+        if self._waiting and self.recovery.due:
+            self._save()
+        if self.recovery.failing and not self._waiting:
+            self.resumed()
 
     def _turn(self, now_ns: int) -> None:
         period = now_ns // self._every_ns
@@ -100,13 +128,13 @@ class ReportCompanion(Companion):
         if self._pipeline is not None and self._pipeline.frames:
             if self._period < 0:
                 self._period = int(self._pipeline.now_ns) // self._every_ns
-            self._write()
+            self._write(at_end=True)
 
     def _fresh(self) -> Gathered:
         # No files: there is none from which a command in the report could read packets.
         return Gathered(Rows([], self._clock, self._hosts))
 
-    def _write(self) -> None:
+    def _write(self, at_end: bool = False) -> None:
         assert self._pipeline is not None
         gathered, self._gathered = self._gathered, self._fresh()
         begin_ns, end_ns = self._period * self._every_ns, (self._period + 1) * self._every_ns
@@ -123,10 +151,30 @@ class ReportCompanion(Companion):
         self._before = counts
         gathered.analysis.part = part
         page = render([Side(gathered, [self._name])], self._version)
-        target = self._free(self._clock.iso(begin_ns)[:19].replace("-", "").replace(":", ""))
-        save(target, page.encode())
-        self.written.append(target)
-        del self.written[:-1]  # only the latest is needed, and a run may go on for months
+        moment = self._clock.iso(begin_ns)[:19].replace("-", "").replace(":", "")
+        self._waiting.append((moment, page.encode()))
+        if len(self._waiting) > _MAX_WAITING:
+            self._waiting.popleft()
+            self._lost += 1
+        if at_end or self.recovery.due:
+            self._save(at_end)
+
+    def _save(self, at_end: bool = False) -> None:
+        """Write the pages that wait, the oldest first; at the end those that cannot be written are lost."""
+        while self._waiting:
+            moment, page = self._waiting[0]
+            target = self._free(moment)
+            try:
+                save(target, page)
+            except OSError as error:
+                if at_end:
+                    self._lost += len(self._waiting)
+                    self._waiting.clear()
+                self.recover(error)
+                return
+            self._waiting.popleft()
+            self._pages += 1
+            self._octets += len(page)
 
     def _free(self, moment: str) -> Path:
         """Return a name that no file has."""

@@ -10,15 +10,18 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterable, Sequence
+from functools import partial
 from typing import Final, NamedTuple
 
 from mypy_extensions import i64
 
 from dissect.acts.act import Act
+from dissect.alerts.problems import DROPS, INTERFACE, STOPPED
 from dissect.engine.observer import Observer
 from dissect.engine.pipeline import Options, Pipeline
 from dissect.findings.bounds import COUNTED
 from dissect.findings.reporter import Finding
+from dissect.live.problems import Problem, Problems, WriterState
 from dissect.source.live.reader import Drops, LiveReader
 from dissect.source.packet import PacketSink, Reader, SourceFile
 from dissect.stations.facts import Fact
@@ -53,7 +56,9 @@ class Fanout(Observer):
         return list(self._observers)
 
     def drop(self, observer: Observer, error: Exception) -> None:
-        """Pass no more events on to ``observer``, which failed."""
+        """Pass no more events on to ``observer``, which failed, unless it says that it tries again."""
+        if isinstance(error, OSError) and isinstance(observer, Companion) and observer.recover(error):
+            return
         if observer in self._observers:
             self._observers = [one for one in self._observers if one is not observer]
             self._failed(observer, error)
@@ -159,11 +164,33 @@ class Limits(NamedTuple):
 class Companion(Observer):
     """Accompanies a run: an observer that also gets ticks and, with ``wants_packets``, each packet before the pipeline does.
 
-    A companion that raises gets no more events and is closed; the run goes on.
+    A companion that raises gets no more events and is closed; the run goes on. One that returns True from `recover` stays.
+    ``problems`` is where it reports what goes wrong; `LiveRun` gives it its own.
     """
 
     name = "companion"
     wants_packets = False
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.problems = Problems()
+
+    @property
+    def state(self) -> WriterState | None:
+        """The state of one that writes files, for metrics; None for others. May be asked for in another thread."""
+        return None
+
+    @property
+    def summary(self) -> str:
+        """What has to be said at the end of the run, empty for nothing: the command fails with it."""
+        return ""
+
+    def recover(self, error: OSError) -> bool:
+        """Return whether it stays after an error of the system, because it tries again."""
+        return False
+
+    def problem(self, problem: Problem) -> None:
+        """Take a problem of the run, or its end."""
 
     def begin(self, pipeline: Pipeline) -> None:
         """The run begins with ``pipeline``."""
@@ -176,6 +203,12 @@ class Companion(Observer):
 
     def close(self) -> None:
         """The run is over: write the rest, and close files."""
+
+
+def _state(companion: Companion) -> WriterState:
+    state = companion.state
+    assert state is not None
+    return state
 
 
 class _Door(PacketSink):
@@ -234,8 +267,13 @@ class LiveRun:
         self._sink: PacketSink = self.pipeline
         if self._wanting or self._limits.packets:
             self._sink = _Door(self, self._limits.packets)
+        self.problems = Problems()
+        self.problems.listen(self._pass_on)
         for companion in companions:
+            companion.problems = self.problems
             companion.begin(self.pipeline)
+            if companion.state is not None:
+                self.problems.writers.append(partial(_state, companion))
         now = clock()
         self._begun = now
         self._anchor = now  # when the latest packet came, by the clock of this machine
@@ -316,6 +354,7 @@ class LiveRun:
         self.pipeline.finish()
         for companion in self._companions:
             self._close(companion)
+        self.failures += [companion.summary for companion in self._companions if companion.summary]
 
     def _let_silence_count(self) -> None:
         """After silence, end at the present time: open requests have waited until now, not only until the last packet.
@@ -338,6 +377,13 @@ class LiveRun:
 
     # ---- when time passes -------------------------------------------------------------------------------------------
 
+    def _pass_on(self, problem: Problem) -> None:
+        for companion in self._companions:
+            try:
+                companion.problem(problem)
+            except Exception as error:  # noqa: BLE001 - as above
+                self._fanout.drop(companion, error)
+
     def _tick(self, now: int) -> None:
         self._ticked = now
         if now - self._looked >= _DROPS_EVERY_NS:
@@ -356,12 +402,16 @@ class LiveRun:
         if self._live is None:
             return
         before, self.drops = self.drops, self._live.drops
+        self.problems.down_seconds = self._live.down_seconds
+        for text, over in self._live.take_outages():
+            self.problems.tell(INTERFACE, text, over)
         told = [
             f"{lost - (known or 0)} by the {who} ({lost} in all)"
             for who, lost, known in zip(("kernel", "interface"), self.drops, before, strict=True)
             if lost is not None and lost > (known or 0)
         ]
         if told:
+            self.problems.tell(DROPS, f"packets were lost: {', '.join(told)}", shown=False)  # the finding is shown
             self.pipeline.note_dropped(", ".join(told))
             self.pipeline.exchange.report_findings()
 
@@ -386,16 +436,20 @@ class LiveRun:
     def _note_failure(self, observer: Observer, error: Exception) -> None:
         """Note that an observer failed, and give it no more packets."""
         name = observer.name if isinstance(observer, Companion) else type(observer).__name__
+        told = f"{name} failed and was switched off: {reason(error)}"
         if len(self.failures) < _MAX_FAILURES:
-            self.failures.append(f"{name} failed and was switched off: {reason(error)}")
+            self.failures.append(told)
         self._wanting = [one for one in self._wanting if one is not observer]
         if isinstance(observer, Companion) and observer in self._companions:
             self._companions = [one for one in self._companions if one is not observer]
             self._close(observer)
+        self.problems.tell(STOPPED, told)
 
     def _close(self, companion: Companion) -> None:
         try:
             companion.close()
         except Exception as error:  # noqa: BLE001 - as above
             if not any([told.startswith(f"{companion.name} failed") for told in self.failures]):
-                self.failures.append(f"{companion.name} failed at the end: {reason(error)}")
+                told = f"{companion.name} failed at the end: {reason(error)}"
+                self.failures.append(told)
+                self.problems.tell(STOPPED, told)

@@ -87,7 +87,6 @@ class Session:
         self._run: LiveRun | None = None
         self._thread: threading.Thread | None = None
         self._stop_asked = False
-        self._failures_told = 0
         self._notes_told = 0
         self._patient = False
         self.engine = ""
@@ -203,9 +202,7 @@ class Session:
 
     def _hand_over(self, run: LiveRun) -> None:
         fresh = self._collector.fresh
-        for told in run.failures[self._failures_told :]:
-            fresh.append(Event(PROBLEM, run.now_ns, told))
-            self._failures_told += 1
+        fresh += [Event(PROBLEM, run.now_ns, problem.text) for problem in run.problems.take()]
         for note in run.notes[self._notes_told :]:
             fresh.append(Event(PROBLEM, run.now_ns, note))
             self._notes_told += 1

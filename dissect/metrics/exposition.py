@@ -17,11 +17,14 @@ from prometheus_client.process_collector import ProcessCollector
 from prometheus_client.registry import Collector
 
 from dissect import __version__
+from dissect.alerts.problems import KINDS as PROBLEMS
 from dissect.engine.pipeline import Pipeline
 from dissect.findings.catalogue import CATALOGUE, CONNECTION
 from dissect.ibh.tables import KINDS
 from dissect.iso.tables import TPDU_TYPES
 from dissect.iso.upper import UPPER_NAMES
+from dissect.live.problems import WriterState
+from dissect.metrics.clock import clock_offset
 from dissect.metrics.counters import SEPARATOR, Metrics
 from dissect.metrics.functions import BOUNDS_NS, OTHER
 from dissect.s7.tables import ROSCTR
@@ -116,6 +119,16 @@ FAMILIES: Final[tuple[Family, ...]] = (
     Family("finding_events", COUNTER, ("slug", "severity"), "Events of what is reported once per connection."),
     Family("queue_events", GAUGE, (), "Events waiting to be shown or written."),
     Family("events_lost", COUNTER, (), "Events not shown or written because too many were waiting."),
+    Family("writer_up", GAUGE, ("writer",), "1 while what a writer gets is written, 0 while that fails."),
+    Family("writer_files", COUNTER, ("writer",), "Files completed by a writer."),
+    Family("writer_octets", COUNTER, ("writer",), "Bytes of these files."),
+    Family("writer_lost", COUNTER, ("writer",), "Packets, rows or pages that a writer could not write."),
+    Family("writer_lost_octets", COUNTER, ("writer",), "Bytes of packets that a writer could not write."),
+    Family("writer_lost_seconds", COUNTER, ("writer",), "Time for which a writer could not write."),
+    Family("free_octets", GAUGE, ("writer",), "Free bytes on the disk that a writer writes to."),
+    Family("problems", COUNTER, ("kind",), "Problems of this program, by kind."),
+    Family("interface_down_seconds", COUNTER, (), "Time for which the interface was down."),
+    Family("clock_offset_seconds", GAUGE, (), "Offset of this machine's clock; absent if unsynchronized."),
     Family("build_info", GAUGE, ("version", "build"), "Always 1; the version of s7dissect, compiled or interpreted."),
 )  # fmt: skip
 
@@ -158,7 +171,34 @@ def _told(metrics: Metrics) -> dict[str, list[Sample]]:
         "queue_events": _one(waiting),
         "events_lost": _one(lost),
         "capture_lag_seconds": _one(metrics.lag_ns, 1e9),
+        "clock_offset_seconds": _one(clock_offset()),
+        "interface_down_seconds": _one(metrics.problems.down_seconds),
+        "problems": _from_zero(PROBLEMS, metrics.problems.counts),
+        **_writers(metrics),
     }
+
+
+def _writers(metrics: Metrics) -> dict[str, list[Sample]]:
+    """Return the metrics of what writes files; several of one kind are added up, and well only if each is."""
+    states: dict[str, list[WriterState]] = {}
+    for state in [writer() for writer in list(metrics.problems.writers)]:
+        states.setdefault(state.label, []).append(state)
+    found: dict[str, list[Sample]] = {}
+    for label, some in states.items():
+        free = [state.free for state in some if state.free is not None]
+        values: dict[str, float | None] = {
+            "writer_up": int(all([state.well for state in some])),
+            "writer_files": sum([state.files for state in some]),
+            "writer_octets": sum([state.octets for state in some]),
+            "writer_lost": sum([state.lost for state in some]),
+            "writer_lost_octets": sum([state.lost_octets for state in some]),
+            "writer_lost_seconds": sum([state.lost_seconds for state in some]),
+            "free_octets": min(free) if free else None,
+        }
+        for name, value in values.items():
+            if value is not None:
+                found.setdefault(name, []).append(Sample((label,), value))
+    return found
 
 
 def _transactions(metrics: Metrics) -> dict[str, list[Sample]]:

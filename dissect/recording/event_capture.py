@@ -7,7 +7,9 @@ because the pipeline reports its findings in between; without a next packet, `Ev
 
 from __future__ import annotations
 
+import errno
 import os
+import shutil
 from collections import deque
 from collections.abc import Collection
 from pathlib import Path
@@ -67,6 +69,39 @@ class KeptFiles:
         self.octets -= octets
 
 
+#: A number above that of every packet.
+_NONE: Final = 2**62
+#: Octets that `EventCapture.probe` writes.
+_PROBE: Final = 64 * 1024
+
+
+class Owed:
+    """The packets that a trigger wants and that are in no file yet: how many, their octets, and the number of the first one.
+
+    ``name`` is that of the trigger, ``hosts`` are those that it is about.
+    """
+
+    __slots__ = ("first", "hosts", "name", "octets", "packets")
+
+    def __init__(self, name: str, hosts: str, packets: list[KeptPacket]) -> None:
+        self.name = name
+        self.hosts = hosts
+        self.first = packets[0].frame if packets else _NONE
+        self.packets = len(packets)
+        self.octets = sum([len(packet.octets) for packet in packets])
+
+    def add(self, packet: KeptPacket) -> None:
+        """One more is owed."""
+        self.first = min(self.first, packet.frame)
+        self.packets += 1
+        self.octets += len(packet.octets)
+
+    def pay(self, packet: KeptPacket) -> None:
+        """One of them was written."""
+        self.packets -= 1
+        self.octets -= len(packet.octets)
+
+
 class EventCapture(PacketSink):
     """Keeps ``before_ns`` and ``after_ns`` (capture time) around each trigger, in ``directory``. An `OSError` names its file.
 
@@ -77,6 +112,9 @@ class EventCapture(PacketSink):
     comment in the file says so. ``finished`` are the latest files; ``files`` counts all files, ``triggers`` all triggers,
     ``removed`` files that gave way to newer ones (`MAX_FILES`, `MAX_ALL_OCTETS`), ``untold`` comments that came too late to be
     written.
+
+    After an error the packets of the trigger are owed: while they are, call `retry` now and then, which writes to a new file
+    what is still in memory. ``lost`` and ``lost_octets`` count the packets that are in no file although a trigger wanted them.
 
     A file is called ``SLUG_20160208T145137.916123000Z.pcapng`` after its first trigger, and ends with ``.part`` while it grows.
     """
@@ -90,6 +128,7 @@ class EventCapture(PacketSink):
         slugs: Collection[str] = (),
         application: str = "",
         os_name: str = "",
+        keep_free: int = 0,
     ) -> None:
         if before_ns < 0 or after_ns < 0:
             raise ValueError("the time before and after a trigger cannot be less than 0")
@@ -98,12 +137,17 @@ class EventCapture(PacketSink):
         self.triggers = 0
         self.removed = 0
         self.untold = 0
+        self.lost = 0
+        self.lost_octets = 0
+        self.octets = 0
         self.finished: list[Path] = []
         self._directory = Path(directory)
         self._before_ns = before_ns
         self._after_ns = after_ns
         self._slugs = frozenset(slugs)
         self._about = (os_name, application)
+        self._keep_free = keep_free
+        self._name = ""
         self._recent = RecentPackets(max_octets, before_ns)
         self._latest: KeptPacket | None = None  # the latest packet, which is not written yet, even if a file is open
         self._comments: list[str] = []
@@ -113,6 +157,7 @@ class EventCapture(PacketSink):
         self._pair = ""  # the hosts of the first trigger of the present file
         self._kept = KeptFiles()
         self._until_ns = 0
+        self._owed: Owed | None = None
         self._clock = Clock()
         self._directory.mkdir(parents=True, exist_ok=True)
 
@@ -129,19 +174,23 @@ class EventCapture(PacketSink):
 
     def add(self, time_ns: int, octets: bytes, wire_length: int, link_type: int, interface: str = "") -> None:
         """Keep a packet that ``interface`` captured."""
-        self.settle()
-        self.tick(time_ns)
-        self.frames += 1
-        packet = KeptPacket(self.frames, time_ns, octets, wire_length, link_type, interface, self._comments)
-        self._comments = []
-        self._latest = packet
-        self._recent.add(packet)
+        try:
+            self.settle()
+            self.tick(time_ns)
+        finally:  # an error is about the packet before: this one is kept, and counted as the pipeline counts it
+            self.frames += 1
+            packet = KeptPacket(self.frames, time_ns, octets, wire_length, link_type, interface, self._comments)
+            self._comments = []
+            self._latest = packet
+            self._recent.add(packet)
 
     def settle(self) -> None:
         """Write the latest packet, if a file is open: there will be no more findings on it."""
         packet = self._latest
         self._latest = None
         writer = self._writer
+        if packet is not None and self._owed is not None:
+            self._owed.add(packet)
         if packet is None or writer is None:
             return
         for comment in self._late:
@@ -153,15 +202,24 @@ class EventCapture(PacketSink):
 
     def tick(self, now_ns: int) -> None:
         """End the file when the time after its last trigger is over; ``now_ns`` is the time by the clock of the capture."""
-        if self._writer is not None and (now_ns > self._until_ns or now_ns < self._until_ns - self._span_ns):
+        if self._writer is None and self._owed is None:
+            return
+        if now_ns > self._until_ns or now_ns < self._until_ns - self._span_ns:
             self.settle()
+            self._forgive()
             self._end()
 
     def close(self) -> None:
         """Finish the present file, and forget all packets. May be called twice."""
         self.settle()
+        self._forgive()
         self._end()
         self._recent.clear()
+
+    @property
+    def directory(self) -> Path:
+        """The folder of the files."""
+        return self._directory
 
     @property
     def _span_ns(self) -> int:
@@ -192,9 +250,47 @@ class EventCapture(PacketSink):
             self._say(comment, list(frames))
         latest = self._latest
         now_ns = latest.time_ns if latest is not None else time_ns
-        if self._writer is None:
-            self._begin(name, now_ns, hosts)
+        if self._owed is None and self._writer is None:
+            self._until_ns = now_ns + self._after_ns
+            self._owed = Owed(name, hosts, [packet for packet in self._recent.within(now_ns) if packet is not latest])
+            self.retry()
         self._until_ns = now_ns + self._after_ns
+
+    @property
+    def owes(self) -> bool:
+        """Whether packets of a trigger wait because writing failed: `retry` tries again."""
+        return self._owed is not None
+
+    def retry(self) -> None:
+        """Write what is owed, and still in memory, to a file; an `OSError` leaves it owed."""
+        owed = self._owed
+        if owed is None:
+            return
+        latest = self._latest
+        self._begin(owed, latest.time_ns if latest is not None else self._until_ns - self._after_ns)
+        writer = self._writer
+        self._owed = None
+        for packet in self._recent:
+            if packet is not latest and packet.frame >= owed.first and writer is not None:
+                self._write(writer, packet, owed)
+        self.lost += owed.packets
+        self.lost_octets += owed.octets
+
+    def probe(self) -> None:
+        """Find out whether a file can be written; `OSError` where it cannot."""
+        path = self._directory / f".{os.getpid()}.probe"
+        try:
+            path.write_bytes(bytes(_PROBE))
+        finally:
+            path.unlink(missing_ok=True)
+
+    def _forgive(self) -> None:
+        """The time of the trigger is over: what is owed is lost."""
+        owed = self._owed
+        self._owed = None
+        if owed is not None:
+            self.lost += owed.packets
+            self.lost_octets += owed.octets
 
     def _say(self, comment: str, frames: list[int]) -> None:
         """Add a comment to packets that are still in memory; if all were written, add it to a later one."""
@@ -224,18 +320,17 @@ class EventCapture(PacketSink):
 
     # ---- the file ---------------------------------------------------------------------------------------------------
 
-    def _begin(self, name: str, time_ns: int, hosts: str) -> None:
-        """Begin a file with the packets in memory, except the latest."""
+    def _begin(self, owed: Owed, time_ns: int) -> None:
+        """Begin a file for what is owed."""
         self.removed += self._kept.make_room(MAX_FILES - 1, MAX_ALL_OCTETS)
-        self._pair = hosts
-        stem = f"{names.file_word(name)}_{names.time_word(time_ns, self._clock, fraction=True)}"
+        self._pair = owed.hosts
+        stem = f"{names.file_word(owed.name)}_{names.time_word(time_ns, self._clock, fraction=True)}"
         self._path = names.unused(self._directory, stem)
-        writer = names.begin(self._path, self._about, comment=self._told_before())
-        self._writer = writer
+        if self._keep_free and shutil.disk_usage(self._directory).free < self._keep_free:
+            raise OSError(errno.ENOSPC, "less is free than --keep-free asks for", str(self._directory))
+        self._writer = names.begin(self._path, self._about, comment=self._told_before())
         self.files += 1
-        for packet in self._recent.within(time_ns):
-            if packet is not self._latest:
-                self._write(writer, packet)
+        self._name = owed.name
 
     def _told_before(self) -> str:
         """Return the comment for a file whose beginning is missing because there was not enough memory; else empty."""
@@ -244,15 +339,23 @@ class EventCapture(PacketSink):
             return ""
         return f"s7dissect: memory ran short: so far {shortened} packets were dropped before their time was over"
 
-    def _write(self, writer: PcapngWriter, packet: KeptPacket) -> None:
+    def _write(self, writer: PcapngWriter, packet: KeptPacket, owed: Owed | None = None) -> None:
+        """Write a packet, which is one less of those ``owed``; after an error, it and those that follow are owed."""
         try:
             writer.packet(
                 packet.time_ns, packet.octets, packet.wire_length, packet.link_type, packet.comments, packet.interface
             )
         except OSError:
             writer.abandon()
+            self.octets += writer.octets
             self._writer = None
+            if owed is None:
+                owed = Owed(self._name, self._pair, [packet])
+            self._owed = owed
+            owed.first = packet.frame
             raise
+        if owed is not None:
+            owed.pay(packet)
 
     def _end(self) -> None:
         writer = self._writer
@@ -265,5 +368,6 @@ class EventCapture(PacketSink):
         names.finish(self._path)
         self._kept.add(self._pair, self._path, int(writer.octets))
         self.removed += self._kept.make_room(MAX_FILES, MAX_ALL_OCTETS)
+        self.octets += writer.octets
         self.finished.append(self._path)
         del self.finished[:-MAX_COMMENTS]

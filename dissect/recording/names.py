@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+from collections.abc import Callable
 from pathlib import Path
 from typing import Final
 
@@ -45,16 +46,29 @@ def part_of(path: Path) -> Path:
     return path.with_name(path.name + PART)
 
 
-def begin(path: Path, about: tuple[str, str], comment: str = "", batch: int = 0) -> PcapngWriter:
+def begin(
+    path: Path,
+    about: tuple[str, str],
+    comment: str = "",
+    batch: int = 0,
+    make_room: Callable[[], bool] | None = None,
+) -> PcapngWriter:
     """Create the unfinished file of ``path``; when it becomes visible, it already has its section header.
 
-    ``about`` is (operating system, application). If the process is killed in between, a hidden file without packets remains.
+    ``about`` is (operating system, application), ``make_room`` what `PcapngWriter` calls on a full disk. If the process is
+    killed in between, a hidden file without packets remains.
     """
     part = part_of(path)
     if os.name == "nt":  # Windows cannot rename an open file
-        return PcapngWriter(str(part), "", *about, comment=comment, batch=batch)
+        return PcapngWriter(str(part), "", *about, comment=comment, batch=batch, make_room=make_room)
     hidden = path.with_name(f".{path.name}.{os.getpid()}.begun")
-    writer = PcapngWriter(str(hidden), "", *about, comment=comment, batch=batch, overwrite=True)
+    try:
+        writer = PcapngWriter(
+            str(hidden), "", *about, comment=comment, batch=batch, overwrite=True, make_room=make_room
+        )
+    except OSError:
+        hidden.unlink(missing_ok=True)  # an empty file takes a place in the folder, too
+        raise
     try:
         hidden.replace(part)
     except OSError:

@@ -7,9 +7,10 @@ before the error is raised.
 
 from __future__ import annotations
 
+import errno
 import os
 import struct
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Final
 
 from dissect.source.packet_blocks import MAX_COUNT, PacketBlocks, Told, plain_block
@@ -53,6 +54,9 @@ _PAIR: Final = struct.Struct("<II")
 _TIME_HALVES: Final = struct.Struct("<III")
 _U32: Final = struct.Struct("<I")
 _MASK: Final = 0xFFFFFFFF
+
+#: The errors of a disk that has no room left: none at all, or none for this user.
+FULL: Final = frozenset((errno.ENOSPC, getattr(errno, "EDQUOT", errno.ENOSPC)))
 
 #: Mode of a new capture file: not for other users of the machine, because captures hold passwords.
 CAPTURE_MODE: Final = 0o640
@@ -173,8 +177,9 @@ class PcapngWriter:
     """A pcapng file being written, block by block.
 
     Each block goes to the file in one write. With ``batch``, whole blocks are gathered until they have that many octets;
-    gathered blocks are lost if the process is killed. ``packets`` and ``octets`` count what was added so far. An `OSError`
-    names ``path``.
+    gathered blocks are lost if the process is killed. ``packets`` and ``octets`` count what was added so far, `unwritten` says
+    what of that is not in the file. ``make_room`` is called when the disk is full, and returns whether it freed something, so
+    that it is worth trying again. An `OSError` names ``path``.
     """
 
     def __init__(
@@ -186,6 +191,7 @@ class PcapngWriter:
         comment: str = "",
         batch: int = 0,
         overwrite: bool = False,
+        make_room: Callable[[], bool] | None = None,
     ) -> None:
         """Create the file at ``path`` (FileExistsError when there is one, unless ``overwrite``); ``-`` is standard output.
 
@@ -194,6 +200,10 @@ class PcapngWriter:
         self.path = path = os.fspath(path)
         self.packets = 0
         self.octets = 0
+        self._given = 0  # packets that were given, and their octets
+        self._captured = 0
+        self._safe = (0, 0)  # packets and octets of packets that are in the file
+        self._make_room = make_room
         self._batch = batch
         self._gathered: list[bytes] = []
         self._held = 0
@@ -203,6 +213,7 @@ class PcapngWriter:
         self._owned = path != "-"
         self._whole = 0  # octets of the file up to the last whole block
         self._failed = False
+        self._taken_back = True  # the file ends with a whole block
         if self._owned:
             flags = os.O_WRONLY | getattr(os, "O_BINARY", 0) | getattr(os, "O_CLOEXEC", 0)
             if not is_special(path):  # a device or a FIFO is only opened: it has no content to overwrite
@@ -221,6 +232,11 @@ class PcapngWriter:
     def closed(self) -> bool:
         """True when nothing more can be written."""
         return self._descriptor < 0
+
+    @property
+    def unwritten(self) -> tuple[int, int]:
+        """How many packets were added and are not in the file, and their octets."""
+        return self._given - self._safe[0], self._captured - self._safe[1]
 
     def fileno(self) -> int:
         """Return the file descriptor, -1 when it is closed."""
@@ -255,7 +271,10 @@ class PcapngWriter:
         number = self._interfaces.get((link_type, name), -1)
         if number < 0:
             number = self.interface(link_type, name)
-        self._put(packet_block(number, time_ns, octets, wire_length, comments))
+        block = packet_block(number, time_ns, octets, wire_length, comments)
+        self._given += 1  # before it is put: what cannot be written counts as unwritten
+        self._captured += len(octets)
+        self._put(block)
         self._told[number].count(time_ns)
         self.packets += 1
 
@@ -268,6 +287,7 @@ class PcapngWriter:
         """Add the packets that were gathered; the caller must have added everything that comes before them."""
         if blocks.packets:
             self.packets += blocks.packets
+            self._given += blocks.packets
             self._put(blocks.take())
 
     def secrets(self, text: bytes) -> None:
@@ -308,6 +328,17 @@ class PcapngWriter:
         finally:
             self._release()
 
+    def resume(self) -> bool:
+        """Write to the file again after a failure; return False where it does not end with a whole block any more.
+
+        Packets that were unwritten then are gone: count them before.
+        """
+        if self.closed or not self._taken_back:
+            return False
+        self._failed = False
+        self._safe = (self._given, self._captured)
+        return True
+
     def abandon(self) -> None:
         """End the file as it is, without the gathered blocks and without statistics. May be called twice."""
         self._gathered.clear()
@@ -334,10 +365,8 @@ class PcapngWriter:
         """Write whole blocks; if that fails, remove what was written of them."""
         if self.closed or self._failed:
             raise ValueError(f"{self.path} was closed, or writing to it failed before")
-        rest = memoryview(octets)
         try:
-            while rest:
-                rest = rest[os.write(self._descriptor, rest) :]
+            self._write_all(octets)
         except OSError as error:
             self._failed = True
             self._take_back()
@@ -345,11 +374,26 @@ class PcapngWriter:
                 raise
             raise OSError(error.errno, error.strerror, self.path) from None
         self._whole += len(octets)
+        self._safe = (self._given, self._captured)
+
+    def _write_all(self, octets: bytes) -> None:
+        """Write all of it; on a full disk, as long as there is something that can be freed."""
+        rest = memoryview(octets)
+        while rest:
+            try:
+                rest = rest[os.write(self._descriptor, rest) :]
+            except OSError as error:
+                if error.errno not in FULL or self._make_room is None or not self._make_room():
+                    raise
 
     def _take_back(self) -> None:
         """Cut the file after its last whole block."""
+        self._taken_back = self._owned
         if self._owned:
             try:
                 os.ftruncate(self._descriptor, self._whole)
+                os.lseek(self._descriptor, 0, os.SEEK_END)
             except OSError:
-                return  # a pipe or a device keeps what was written, and readers report where it is cut
+                self._taken_back = (
+                    False  # a pipe or a device keeps what was written, and readers report where it is cut
+                )

@@ -181,4 +181,4 @@ def test_the_examples_of_the_document_are_right(tmp_path: Path) -> None:
     for rule_file in rules:
         example = rule_file.replace("/usr/local/bin/page-operator", "true").replace("/dev/log", "127.0.0.1")
         whens = {rule.when for rule in load_rules(saved(tmp_path, example)).rules}
-        assert whens == {"finding", "new", "rate", "latency", "silence", "outcome"}
+        assert whens == {"finding", "new", "rate", "latency", "silence", "outcome", "problem"}

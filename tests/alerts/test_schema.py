@@ -22,6 +22,7 @@ RULES = {
     "latency": 'above = "1ms"\nper = "connection"',
     "silence": 'longer = "2s"\nper = "all"',
     "outcome": "above = 0",
+    "problem": "",
 }
 
 
@@ -40,6 +41,7 @@ def test_an_alert_is_as_the_schema_says(when: str) -> None:
     client.write(1.0)
     client.read(2.0, content=0x0A, answer=0.1)
     client.read(3.0, content=0x0A, answer=0.1)
+    engine.problem("evidence", "the ring of files cannot be written", False)
     engine.ticks(4, 10)
     client.close(11.0)
     engine.over()

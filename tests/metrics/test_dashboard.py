@@ -9,6 +9,7 @@ from typing import Any, Final
 
 import pytest
 
+from dissect.live.problems import WriterState
 from dissect.metrics.counters import Metrics
 from dissect.metrics.exposition import PREFIX, Exposition
 from dissect.source.live.reader import Drops
@@ -40,9 +41,16 @@ NAME: Final = re.compile(r"[a-zA-Z_][a-zA-Z0-9_]*")
 
 def exported() -> dict[str, set[str]]:
     """Return every sample name that a run exports, with its labels."""
+    with pytest.MonkeyPatch.context() as patched:  # this machine's clock may be without a time service
+        patched.setattr("dissect.metrics.exposition.clock_offset", lambda: 0.001)
+        return sampled()
+
+
+def sampled() -> dict[str, set[str]]:
     metrics, _ = counted(ROOT / "captures" / "item-errors.pcapng")
     metrics.tick(0, Drops(1, 1))
     metrics.watch_queue(lambda: (0, 0))
+    metrics.problems.writers.append(lambda: WriterState("ring", True, 1, 2, 3, 4, 5.0, 6))
     return {sample.name: set(sample.labels) for family in Exposition(metrics).collect() for sample in family.samples}
 
 

@@ -155,7 +155,7 @@ def test_after_an_error_it_goes_on_in_another_file(tmp_path: Path) -> None:
     ring = RingBuffer(str(tmp_path))
     failed = []
     with small_disk(1000):
-        for number in range(20):
+        for number in range(18):
             try:
                 put(ring, number)
             except OSError as error:
@@ -163,8 +163,12 @@ def test_after_an_error_it_goes_on_in_another_file(tmp_path: Path) -> None:
         ring.close()
     parts = sorted(tmp_path.iterdir())
     assert failed == [str(path) for path in parts[:2]]
-    assert [numbers(path) for path in parts] == [list(range(6)), list(range(7, 13)), list(range(14, 20))]
+    assert [numbers(path) for path in parts] == [list(range(6)), list(range(7, 13)), list(range(14, 18))]
     assert len(list(tmp_path.glob("*.part"))) == 2
+    assert (ring.packets, ring.lost, ring.lost_octets) == (16, 2, 200)
+    comments = [list(drain(open_capture(str(path))).comments) for path in parts]
+    assert [len(found) for found in comments] == [0, 1, 1]
+    assert "1 packets before this one were not written" in str(comments[1])
 
 
 CHILD = """

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import signal
 import socket
 import subprocess
@@ -345,14 +346,20 @@ def test_an_interface_that_was_down_is_waited_for(engine: str) -> None:
     def task() -> None:
         reader = open_live("vb", "udp port 4711", engine)
         sink = Sink()
+        told: list[tuple[str, bool]] = []
         for state in ("down", "up"):
             subprocess.run(["ip", "link", "set", "vb", state], check=True)
             assert all(reader.step(sink) for _ in range(3))
+            assert reader.drops is not None
+            told += reader.take_outages()
         with sender("va") as out:
             out.send(udp(b"again"))
         assert until(reader, sink, 1) == [udp(b"again")]
-        down = "the interface vb went down; nothing is captured until it is up"
-        assert reader.notes == ([down] if engine == "ring" else [])
+        told += reader.take_outages()
+        assert [over for _, over in told] == [False, True]
+        assert told[0][0] == "the interface vb went down; nothing is captured until it is up"
+        assert re.fullmatch(r"the interface vb is up again; nothing was captured for 0\.[0-9] s", told[1][0])
+        assert 0 < reader.down_seconds < 1
         reader.close()
 
     in_namespace(task)

@@ -24,6 +24,8 @@ _UNITS = {"ms": 1_000_000, "s": 1_000_000_000, "min": 60_000_000_000}
 _PERIOD = re.compile(r"([0-9]{1,6})(s|min|h)")
 _HOUR = 3600 * 1_000_000_000
 _PERIODS = {"s": 1_000_000_000, "min": 60_000_000_000, "h": _HOUR}
+_SIZE = re.compile(r"([0-9]{1,6})([KMGT])")
+_SIZES = {"K": 10**3, "M": 10**6, "G": 10**9, "T": 10**12}
 _LEAST = 10_000_000_000
 _FILE = click.Path(dir_okay=False, readable=False)
 #: Octets of the ring that are written together; what is gathered is written several times a second in any case.
@@ -64,6 +66,16 @@ def _period(ctx: click.Context, param: click.Parameter, value: str | None) -> in
     if length < _LEAST:
         raise click.BadParameter(f"expected a time of at least 10 s such as 15min or 1h, got {value!r}.", ctx, param)
     return length
+
+
+def _size(ctx: click.Context, param: click.Parameter, value: str | None) -> int:
+    """Return what ``--keep-free`` says in octets, 0 when it was not given."""
+    if value is None:
+        return 0
+    found = _SIZE.fullmatch(value)
+    if found is None or not int(found[1]):
+        raise click.BadParameter(f"expected a size such as 500M or 2G, got {value!r}.", ctx, param)
+    return int(found[1]) * _SIZES[found[2]]
 
 
 def file_of(out: str) -> Path | None:
@@ -118,7 +130,10 @@ class Beside:
         export: LiveExport | None = None,
         reports: str | None = None,
         every_ns: int = 0,
+        keep_free: int = 0,
     ) -> None:
+        if keep_free and directory is None:
+            raise click.UsageError("--keep-free needs -w, the folder whose disk must not become full.")
         if every_ns and reports is None:
             raise click.UsageError("--every needs --report, the folder that pages are written to.")
         if directory is None and (limits is not None or kept):
@@ -139,6 +154,7 @@ class Beside:
         self._export = export
         self._reports = reports
         self._every_ns = every_ns or _HOUR
+        self._keep_free = keep_free
         self._session: Session | None = None
         self._shown = False
         #: The only file that is written, or in whose place the files of a ring are; None where -w names a folder.
@@ -219,11 +235,28 @@ class Beside:
         program, system = f"s7dissect {__version__}", platform.platform()
         made: list[Companion] = []
         if self._limits is not None or not self._kept:
-            made.append(RingCompanion(RingBuffer(directory, self._limits, name, program, os_name=system, batch=_BATCH)))
+            ring = RingBuffer(
+                directory,
+                self._limits,
+                name,
+                program,
+                os_name=system,
+                batch=_BATCH,
+                keep_free=self._keep_free,
+            )
+            made.append(RingCompanion(ring))
         for slugs, span_ns in self._kept:
             made.append(
                 KeeperCompanion(
-                    EventCapture(directory, span_ns, span_ns, slugs=slugs, application=program, os_name=system)
+                    EventCapture(
+                        directory,
+                        span_ns,
+                        span_ns,
+                        slugs=slugs,
+                        application=program,
+                        os_name=system,
+                        keep_free=self._keep_free,
+                    )
                 )
             )
         return made
@@ -300,7 +333,15 @@ def beside_options(command: Callable[..., int]) -> Callable[..., int]:
         multiple=True,
         callback=_limits,
         metavar="LIMIT",
-        help="… in a ring: a new file after filesize:KB or duration:SECONDS, and only the latest files:NUMBER are kept.",
+        help="… in a ring: a new file after filesize:KB or duration:SECONDS; only the latest files:NUMBER, total:KB or "
+        "days:NUMBER are kept.",
+    )
+    @click.option(
+        "--keep-free",
+        "keep_free",
+        callback=_size,
+        metavar="SIZE",
+        help="With -w: leave so much of the disk free, such as 500M or 2G; a ring removes its oldest files first.",
     )
     @click.option(
         "--keep-around",
@@ -361,13 +402,14 @@ def beside_options(command: Callable[..., int]) -> Callable[..., int]:
         export_ns: int,
         reports: str | None,
         every_ns: int,
+        keep_free: int,
         **options: Any,
     ) -> int:
         if export is None and was_given("export_ns"):
             raise click.UsageError("--export-every needs --export, the folder that tables are written to.")
         source = options.get("interface") or options.get("file") or "live"
         tables = LiveExport(export, export_ns, source) if export is not None else None
-        beside = Beside(directory, limits, kept, rules, baseline, tables, reports, every_ns)
+        beside = Beside(directory, limits, kept, rules, baseline, tables, reports, every_ns, keep_free)
         return command(*arguments, beside=beside, **options)
 
     return with_beside

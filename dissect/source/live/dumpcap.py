@@ -97,7 +97,11 @@ class DumpcapReader(PipeReader):
         """What was lost so far; the kernel's part is only known once dumpcap has ended."""
         if self._lost is not None:
             return self._lost
-        described = find_interface(self._name) if self._lost_before is not None else None
+        described = find_interface(self._name)
+        if described is not None and described.state == "down":  # dumpcap waits for it, and says nothing
+            self.went_down()
+        elif described is not None:
+            self.is_up()
         if described is not None and described.lost is not None and self._lost_before is not None:
             self._lost_here = max(described.lost - self._lost_before, 0)
         return Drops(None, self._lost_here)

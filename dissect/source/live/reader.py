@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import time
+from collections import deque
 from typing import Final, NamedTuple
 
 from dissect.source.packet import CaptureError, Reader
 
 #: How long `LiveReader.step` waits for packets by default, in milliseconds.
 WAIT_MS: Final = 50
+#: At most so many sentences on the interface wait to be taken.
+_MAX_OUTAGES: Final = 100
 
 
 class Drops(NamedTuple):
@@ -46,6 +50,39 @@ class LiveReader(Reader):
         self.interface = interface
         self.engine = engine
         self.wait_ms = wait_ms
+        self._down_at: float | None = None
+        self._down_before = 0.0
+        self._outages: deque[tuple[str, bool]] = deque(maxlen=_MAX_OUTAGES)
+
+    @property
+    def down_seconds(self) -> float:
+        """How long the interface was down since the source was opened, as far as that is known."""
+        return self._down_before + (time.monotonic() - self._down_at if self._down_at is not None else 0.0)
+
+    def went_down(self) -> None:
+        """Note that the interface is down."""
+        if self._down_at is None:
+            self._down_at = time.monotonic()
+            self._outages.append(
+                (f"the interface {self.interface} went down; nothing is captured until it is up", False)
+            )
+
+    def is_up(self) -> None:
+        """Note that the interface is up: if it was down, say for how long nothing was captured."""
+        if self._down_at is not None:
+            lasted = time.monotonic() - self._down_at
+            self._down_at = None
+            self._down_before += lasted
+            self._outages.append(
+                (f"the interface {self.interface} is up again; nothing was captured for {lasted:.1f} s", True)
+            )
+
+    def take_outages(self) -> list[tuple[str, bool]]:
+        """Return what happened to the interface since the last call: sentences, and whether each says that it is over."""
+        taken: list[tuple[str, bool]] = []
+        while self._outages:
+            taken.append(self._outages.popleft())
+        return taken
 
     @property
     def drops(self) -> Drops:

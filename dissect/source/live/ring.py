@@ -50,8 +50,6 @@ BLOCK_SIZE: Final = 256 * 1024
 _FRAME_SIZE: Final = 2048
 #: How long a block with packets in it is held back, in milliseconds.
 _RETIRE_MS: Final = 20
-#: How often it is noted that the interface went down.
-_MAX_NOTES: Final = 20
 _STATUS_USER: Final = 1
 _GIVE_BACK: Final = struct.pack("=I", 0)
 
@@ -118,6 +116,8 @@ class RingReader(LiveReader):
             status, count, first, used = BLOCK.unpack_from(self._ring, at)
             if not status & _STATUS_USER:
                 return True
+        if self._down_at is not None:
+            self.is_up()
         start = self._next * BLOCK_SIZE
         block = self._ring[start : start + used]
         self._ring[at : at + 4] = _GIVE_BACK
@@ -163,8 +163,8 @@ class RingReader(LiveReader):
         if number not in {0, errno.ENETDOWN}:
             self.damage = f"reading {self.interface} failed: {errno.errorcode.get(number, number)}"
             return False
-        if number and len(self.notes) < _MAX_NOTES:
-            self.notes = [*self.notes, f"the interface {self.interface} went down; nothing is captured until it is up"]
+        if number:
+            self.went_down()
         return True
 
     def _count(self) -> None:
@@ -174,7 +174,11 @@ class RingReader(LiveReader):
         self._dropped += dropped
         self.freezes += freezes
         lost = self._last.interface
-        described = find_interface(self.interface) if self._lost_before is not None else None
+        described = None
+        if self._lost_before is not None or self._down_at is not None:
+            described = find_interface(self.interface)
+        if self._down_at is not None and described is not None and described.state != "down":
+            self.is_up()
         if described is not None and described.lost is not None and self._lost_before is not None:
             lost = max(described.lost - self._lost_before, 0)
         self._last = Drops(self._dropped, lost)

@@ -1,0 +1,20 @@
+"""What can go wrong with this program itself: the kinds of problems, which rules, metrics and the live run share."""
+
+from __future__ import annotations
+
+from typing import Final
+
+#: Packets are not written: the disk is full, or gone.
+EVIDENCE: Final = "evidence"
+#: Tables are not written.
+EXPORT: Final = "export"
+#: A report is not written.
+REPORT: Final = "report"
+#: Packets were lost while capturing.
+DROPS: Final = "drops"
+#: The interface is down.
+INTERFACE: Final = "interface"
+#: Something failed for good, and goes on no longer.
+STOPPED: Final = "stopped"
+
+KINDS: Final = (EVIDENCE, EXPORT, REPORT, DROPS, INTERFACE, STOPPED)
