@@ -314,6 +314,36 @@ def nothing_runs_what_it_reads(module: str, tree: ast.Module) -> list[str]:
     ]
 
 
+#: Who may read JSON, TOML, SQLite and names of code pages without `dissect.config.hostile`: what they read is our own.
+OWN_CONTENT: Final = {
+    "dissect.config.hostile": "reads it for everybody",
+    "dissect.golden.values": "a text that our parser cut out, within its quotes",
+    "dissect.report.contract": "lines that our writer made a moment ago",
+    "dissect.report.kept": "what the same process packed",
+    "dissect.variables.summary": "lines that our writer made a moment ago",
+    "dissect.cli.separate_export": "rows that our own processes sent",
+    "dissect.cli.schema": "the schemas of the package",
+    "dissect.export.sqlite": "only writes a new file",
+    "dissect.index.store": "catches DATABASE_ERRORS",
+    "dissect.s7.values": "only the decoder of UTF-16",
+    "dissect.tags.decoding": "only names of byte order marks",
+}
+HOSTILE_CALLS: Final = frozenset(("json.loads", "json.load", "tomllib.loads", "tomllib.load", "codecs.lookup"))
+
+
+def hostile_content_has_one_reader(module: str, tree: ast.Module) -> list[str]:
+    if module in OWN_CONTENT:
+        return []
+    wrong = [
+        f"{module}:{line}: {name}" for line, name in imports(tree) if name in {"sqlite3", "tomllib", "codecs", "pickle"}
+    ]
+    return wrong + [
+        f"{module}:{node.lineno}: {ast.unparse(node.func)}()"
+        for node in nodes(tree)
+        if isinstance(node, ast.Call) and ast.unparse(node.func) in HOSTILE_CALLS
+    ]
+
+
 def names_say_something(module: str, tree: ast.Module) -> list[str]:
     parts = module.split(".")
     wrong = [f"{module}: another project's {parts[1]}"] if len(parts) > 1 and parts[1] in FOREIGN else []
@@ -387,6 +417,7 @@ RULES: Final[tuple[Rule, ...]] = (
     packages_stay_in_their_room,
     the_engine_is_pure,
     nothing_runs_what_it_reads,
+    hostile_content_has_one_reader,
     names_say_something,
     asserts_only_narrow_types,
     docstrings_name_what_is_there,
@@ -432,6 +463,9 @@ def test_rule_holds(rule: Rule, modules: dict[str, ast.Module]) -> None:
         (nothing_runs_what_it_reads, "dissect.cli.show", "import subprocess\nsubprocess.run('ls', shell=True)"),
         (nothing_runs_what_it_reads, "dissect.cli.show", "import os\nos.system('ls')"),
         (nothing_runs_what_it_reads, "dissect.scd.loading", "import yaml\nyaml.load('1')"),
+        (hostile_content_has_one_reader, "dissect.carve.folder", "import json\njson.loads(text)"),
+        (hostile_content_has_one_reader, "dissect.cli.sql", "import sqlite3"),
+        (hostile_content_has_one_reader, "dissect.scd.loading", "def late():\n    from tomllib import loads"),
         (names_say_something, "dissect.network", ""),
         (names_say_something, "dissect.tcp.stream_utils", ""),
         (names_say_something, "dissect.tcp.stream", "class ConnectionManager:\n    pass"),
@@ -461,6 +495,7 @@ def test_rule_sees_its_breach(rule: Rule, module: str, source: str) -> None:
         (the_engine_is_pure, "dissect.s7.message", "ROWS = {}\nROWS[1] = 2\ndef row(rows):\n    rows[1] = ROWS[1]"),
         (the_engine_is_pure, "dissect.mc7.code", "_rows = {}\ndef row(one):\n    _rows[one] = 1"),
         (nothing_runs_what_it_reads, "dissect.cli.show", "import re\nre.compile('a')"),
+        (hostile_content_has_one_reader, "dissect.carve.folder", "import json\njson.dumps(made)"),
         (names_say_something, "dissect.s7.timebase", "class Database:\n    pass"),
         (asserts_only_narrow_types, "dissect.tcp.stream", "assert held is not None and isinstance(held.octets, bytes)"),
         (

@@ -6,6 +6,7 @@ that sums up the rest. So a flood of warnings cannot hide an error.
 
 from __future__ import annotations
 
+from collections import OrderedDict
 from collections.abc import Callable, Hashable
 from typing import Final
 
@@ -76,7 +77,7 @@ class Cooldown:
         self.crowded = 0
         self._tell = tell
         self._flush_ns = 0
-        self._told: dict[tuple[Rule, Hashable], _Told] = {}
+        self._told: OrderedDict[tuple[Rule, Hashable], _Told] = OrderedDict()
         self._bursts: dict[tuple[Rule, str, str], _Burst] = {}
 
     def event(self, rule: Rule, about: Hashable, now_ns: int, make: Make) -> None:
@@ -155,7 +156,7 @@ class Cooldown:
         if told is None:
             if len(self._told) >= MAX_REMEMBERED:
                 self.crowded += 1
-                del self._told[next(iter(self._told))]
+                self._told.popitem(last=False)
             told = self._told[key] = _Told(make)
         return told
 

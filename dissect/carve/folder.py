@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from dissect.carve.records import BLOCKS_SCHEMA
+from dissect.config.hostile import ContentError, read_json
 from dissect.program.carved import S7COMM_PLUS, CarvedBlock, block_of, plus_block
 from dissect.program.plus import TEXTS
 from dissect.s7plus.blobs import open_blob
@@ -135,7 +136,7 @@ def read_folder(folder: str | Path) -> list[CarvedBlock]:
 
 def _read_manifest(home: Path, path: Path) -> list[CarvedBlock]:
     try:
-        told = json.loads(_octets(path))
+        told = read_json(_octets(path))
         records = told["blocks"]
         if told["schema"] != BLOCKS_SCHEMA or not isinstance(records, list):
             raise FolderError(f"{printable(str(path))}: expected schema {BLOCKS_SCHEMA}")
@@ -143,6 +144,8 @@ def _read_manifest(home: Path, path: Path) -> list[CarvedBlock]:
     except (ValueError, KeyError, TypeError, AttributeError) as error:
         if isinstance(error, FolderError):
             raise
+        if isinstance(error, ContentError):
+            raise FolderError(f"{printable(str(path))}: not a manifest of blocks: {error}") from None
         raise FolderError(f"{printable(str(path))}: not a manifest of blocks: {printable(repr(error))}") from None
 
 

@@ -7,9 +7,10 @@ wants a line.
 from __future__ import annotations
 
 import re
-import tomllib
 from functools import cached_property
 from typing import Final, NamedTuple
+
+from dissect.config.hostile import ContentError, read_toml
 
 #: Keys and positions from the top: ("object", 2, "fields", 0, "name").
 Path = tuple[str | int, ...]
@@ -167,7 +168,7 @@ def _plain_key(token: str) -> str:
     if token[0] not in "\"'":
         return token
     try:
-        (key,) = tomllib.loads(f"{token} = 0")
-    except tomllib.TOMLDecodeError:
+        (key,) = read_toml(f"{token} = 0")
+    except ContentError:
         return token
     return key

@@ -6,13 +6,13 @@ Everything that is wrong in it is reported at once, and then nothing of it is us
 from __future__ import annotations
 
 import os
-import tomllib
 from collections.abc import Callable, Iterable, Mapping
 from ipaddress import ip_address
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 from dissect.config.hints import close_to
+from dissect.config.hostile import ContentError, check_code_page, read_toml
 from dissect.config.lines import Lines
 from dissect.wire.errors import Error
 from dissect.wire.text import printable, shortened
@@ -42,6 +42,12 @@ def _text(value: object, _folder: Path) -> str:
     if not isinstance(value, str) or not value.strip():
         raise ValueError("expected a text")
     return value
+
+
+def _code_page(value: object, folder: Path) -> str:
+    name = _text(value, folder)
+    check_code_page(name)
+    return name
 
 
 def _file(value: object, folder: Path) -> str:
@@ -111,7 +117,7 @@ def _check_format(name: str, formats: tuple[str, ...]) -> None:
 #: Every key: what it means for docs/config.md, and what takes its value (with the folder of the file). Tables are joined.
 KEYS: Final[dict[str, tuple[str, Callable[[object, Path], Any]]]] = {
     "tags": ("files of tags, as `--tags`", _tag_files),
-    "tags-encoding": ("their code page, as `--tags-encoding`", _text),
+    "tags-encoding": ("their code page, as `--tags-encoding`", _code_page),
     "tags-db": ("numbers of data blocks by name, as `--tags-db`", _numbers),
     "scd": ("an SCD dictionary, as `--scd`", _file),
     "bind": ("where SCD is carried, as `--bind`", _file),
@@ -167,13 +173,14 @@ def _read(path: Path, problems: list[str], formats: tuple[str, ...]) -> dict[str
         return {}
     try:
         text = octets.decode("utf-8-sig")
-        content = tomllib.loads(text)
+        content = read_toml(text)
     except UnicodeDecodeError as error:
         line = octets.count(b"\n", 0, error.start) + 1
         problems.append(f"{name}:{line}: byte 0x{octets[error.start]:02X} is not UTF-8: save the file as UTF-8")
         return {}
-    except (tomllib.TOMLDecodeError, RecursionError) as error:
-        problems.append(f"{name}: not valid TOML: {shortened(str(error), 200)}")
+    except ContentError as error:
+        place = f"{name}:{error.line}" if error.line else name
+        problems.append(f"{place}: not valid TOML: {shortened(str(error), 200)}")
         return {}
     lines = Lines(text)
     found: dict[str, Any] = {}

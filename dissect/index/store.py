@@ -1,8 +1,8 @@
 """The catalogue on disk: a SQLite database with a row for each file, its connections' ends and its findings.
 
 Names of files are kept as the bytes that the file system has, which need not be text in any encoding. The catalogue can be
-made again at any time, so one that another version wrote is emptied. A file is replaced in one transaction: who
-reads meanwhile, or after a crash, sees it as it was before or as it is.
+made again at any time, so one that another version wrote is emptied. Files are replaced in transactions: who reads meanwhile,
+or after a crash, sees each as it was before or as it is.
 """
 
 from __future__ import annotations
@@ -10,11 +10,12 @@ from __future__ import annotations
 import errno
 import os
 import sqlite3
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from types import TracebackType
 from typing import Final, Self
 
+from dissect.config.hostile import DATABASE_ERRORS
 from dissect.index.facts import FileFacts
 
 #: The name of the catalogue in its folder.
@@ -81,7 +82,7 @@ class Store:
             except BaseException:
                 self._base.close()
                 raise
-        except sqlite3.Error as error:
+        except DATABASE_ERRORS as error:
             raise self._failed(error) from None
         return self
 
@@ -117,7 +118,7 @@ class Store:
             raise StoreError(f"{self.path} is a database of another program: choose another name with --file")
         return mark == _MARK and dict(self._base.execute("SELECT name, value FROM about")) == self._about
 
-    def _failed(self, error: sqlite3.Error) -> StoreError:
+    def _failed(self, error: Exception) -> StoreError:
         if isinstance(error, sqlite3.OperationalError) and "locked" in str(error):
             return StoreError(f"{self.path} is being written by another process: try again when that is done")
         if isinstance(error, sqlite3.DatabaseError) and "not a database" in str(error):
@@ -128,7 +129,7 @@ class Store:
             if not self._changes:
                 return StoreError(f"{self.path} cannot be read")
             return StoreError(f"{self.path} cannot be written: choose another place with --file")
-        if "malformed" in str(error):
+        if "malformed" in str(error) or not isinstance(error, sqlite3.Error):
             return StoreError(f"{self.path} is damaged: remove it, `s7dissect index` makes it again")
         return StoreError(f"{self.path}: {error}")
 
@@ -136,35 +137,32 @@ class Store:
         """Return the size and time of change of each file when it was read, by name."""
         try:
             rows = self._base.execute("SELECT name, size, mtime_ns FROM files").fetchall()
-        except sqlite3.Error as error:
+        except DATABASE_ERRORS as error:
             raise self._failed(error) from None
         return {os.fsdecode(name): (size, mtime_ns) for name, size, mtime_ns in rows}
 
-    def put(self, facts: FileFacts) -> None:
-        """Write the facts on a file, and replace earlier ones."""
-        name = os.fsencode(facts.name)
-        values = [name, *[getattr(facts, column) for column in _COLUMNS[1:]]]
+    def write(self, changes: Iterable[FileFacts | str]) -> None:
+        """Write the facts on files in one transaction, and replace earlier ones; of a name, forget the file."""
         try:
             with self._base as base:
-                base.execute("DELETE FROM files WHERE name = ?", (name,))
-                marks = ", ".join("?" * len(_COLUMNS))
-                row = base.execute(f"INSERT INTO files ({', '.join(_COLUMNS)}) VALUES ({marks})", values)  # noqa: S608 - our own words
-                number = row.lastrowid
-                base.executemany("INSERT INTO pairs VALUES (?, ?, ?, ?, ?)", [(number, *pair) for pair in facts.pairs])
-                base.executemany(
-                    "INSERT INTO findings VALUES (?, ?, ?)",
-                    [(number, slug, count) for slug, count in facts.findings.items()],
-                )
-        except sqlite3.Error as error:
+                for change in changes:
+                    name = os.fsencode(change if isinstance(change, str) else change.name)
+                    base.execute("DELETE FROM files WHERE name = ?", (name,))
+                    if not isinstance(change, str):
+                        self._insert(name, change)
+        except DATABASE_ERRORS as error:
             raise self._failed(error) from None
 
-    def drop(self, name: str) -> None:
-        """Forget a file."""
-        try:
-            with self._base as base:
-                base.execute("DELETE FROM files WHERE name = ?", (os.fsencode(name),))
-        except sqlite3.Error as error:
-            raise self._failed(error) from None
+    def _insert(self, name: bytes, facts: FileFacts) -> None:
+        base = self._base
+        values = [name, *[getattr(facts, column) for column in _COLUMNS[1:]]]
+        marks = ", ".join("?" * len(_COLUMNS))
+        row = base.execute(f"INSERT INTO files ({', '.join(_COLUMNS)}) VALUES ({marks})", values)  # noqa: S608 - our own words
+        number = row.lastrowid
+        base.executemany("INSERT INTO pairs VALUES (?, ?, ?, ?, ?)", [(number, *pair) for pair in facts.pairs])
+        base.executemany(
+            "INSERT INTO findings VALUES (?, ?, ?)", [(number, slug, count) for slug, count in facts.findings.items()]
+        )
 
     def files(self) -> Iterator[FileFacts]:
         """Yield the files in the order of their first packets, then of their names."""
@@ -184,5 +182,5 @@ class Store:
                     base.execute("SELECT slug, count FROM findings WHERE file = ? ORDER BY slug", (number,))
                 )
                 yield facts
-        except sqlite3.Error as error:
+        except DATABASE_ERRORS as error:
             raise self._failed(error) from None

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -14,6 +15,9 @@ from dissect.index.store import Store
 #: Endings of the names of captures, before the ending of a compression.
 _CAPTURES: Final = (".pcap", ".pcapng", ".cap", ".ntar")
 _COMPRESSED: Final = (".gz", ".zst")
+#: At most so many changes are written together, and none waits longer than this for the next file.
+_TOGETHER: Final = 200
+_LONGEST_S: Final = 1.0
 
 
 @dataclass
@@ -69,12 +73,44 @@ def is_capture(name: str) -> bool:
     return stem.rstrip("0123456789").endswith(_CAPTURES)
 
 
+class _Batch:
+    """Changes of the catalogue that are written together: each transaction waits for the disk."""
+
+    def __init__(self, store: Store) -> None:
+        self._store = store
+        self._waiting: list[FileFacts | str] = []
+        self._written = time.monotonic()
+
+    def add(self, change: FileFacts | str) -> None:
+        """Take the facts on a file, or the name of one to forget; write what waits when it is many or a second old."""
+        self._waiting.append(change)
+        if len(self._waiting) >= _TOGETHER or time.monotonic() - self._written >= _LONGEST_S:
+            self.write()
+
+    def write(self) -> None:
+        """Write what waits."""
+        waiting, self._waiting = self._waiting, []
+        if waiting:
+            self._store.write(waiting)
+        self._written = time.monotonic()
+
+
 def update(store: Store, folder: Path, read: Callable[[str, FileFacts], FileFacts | str | None]) -> Changes:
     """Read what the catalogue does not know yet, with ``read``, and forget what is gone.
 
     ``read`` is given the path of a file and facts of which name, size and time of change are filled in. It returns the facts,
     a text that says why the file cannot be read, or None to break off. Raises `StoreError` and `OSError`.
     """
+    batch = _Batch(store)
+    try:
+        return _update(store, batch, folder, read)
+    finally:
+        batch.write()
+
+
+def _update(
+    store: Store, batch: _Batch, folder: Path, read: Callable[[str, FileFacts], FileFacts | str | None]
+) -> Changes:
     changes = Changes()
     known = store.known()
     names = list(captures(folder, changes.unreadable))
@@ -82,7 +118,7 @@ def update(store: Store, folder: Path, read: Callable[[str, FileFacts], FileFact
     for name in known.keys() - set(names) - changes.unreadable.keys():
         if name.startswith(hidden):
             continue  # perhaps it is there: who may look into the folder finds what is known of it
-        store.drop(name)
+        batch.add(name)
         changes.gone.append(name)
     for name in names:
         path = folder / name
@@ -100,9 +136,9 @@ def update(store: Store, folder: Path, read: Callable[[str, FileFacts], FileFact
             break
         if isinstance(found, str) or found.broken_off:
             changes.unreadable[name] = found if isinstance(found, str) else found.damage
-            store.drop(name)
+            batch.add(name)
             continue
-        store.put(found)
+        batch.add(found)
         changes.read.append(name)
         if found.damage:
             changes.damaged[name] = found.damage

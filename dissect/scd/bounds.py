@@ -6,42 +6,17 @@ do with dictionaries.
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator
 from typing import Final
 
+from dissect.config.hostile import MAX_DEPTH
 from dissect.scd.errors import DictionaryError, shown
 
 #: Whole numbers of a source fit 64 bits, signed or unsigned.
 LOWEST: Final = -(1 << 63)
 HIGHEST: Final = (1 << 64) - 1
-#: Most nested tables and arrays; the text for a value of a field of a type is on level seven.
-MAX_DEPTH: Final = 16
 #: Longer keys are cut in errors.
 _LONGEST_KEY: Final = 100
-
-_KEY: Final = r"(?:[A-Za-z0-9_-]++|\"[^\"\n]*\"|'[^'\n]*')"
-#: A dotted key with so many parts that tomllib needs too much memory, which grows with the square of the parts.
-_LONG_KEY: Final = re.compile(rf"(?<![A-Za-z0-9_-]){_KEY}(?:[ \t]*\.[ \t]*{_KEY}){{{MAX_DEPTH}}}")
-_LONG_NUMBER: Final = re.compile(r"(?<![\w\"'.-])[0-9][0-9_]{4000}")
-
-
-def long_key_line(text: str) -> int:
-    """Return the line of a dotted key with more parts than tables may nest, 0 if there is none.
-
-    It looks at the text only, so that a value is found as well: sixteen words with points between them.
-    """
-    return _line(text, _LONG_KEY)
-
-
-def long_number_line(text: str) -> int:
-    """Return the line of a decimal number with more digits than Python reads, 0 if there is none."""
-    return _line(text, _LONG_NUMBER)
-
-
-def _line(text: str, pattern: re.Pattern[str]) -> int:
-    match = pattern.search(text)
-    return text.count("\n", 0, match.start()) + 1 if match else 0
 
 
 def check_bounds(content: object, where: str, line: int = 0) -> None:

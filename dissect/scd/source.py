@@ -10,7 +10,6 @@ at 6000h-67FFh and 64 to its PDO numbers for each device, and puts numbers into 
 
 from __future__ import annotations
 
-import json
 import re
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Final, Literal, TypeVar
@@ -18,6 +17,7 @@ from typing import Any, Final, Literal, TypeVar
 import msgspec
 
 from dissect.config.hints import close_to
+from dissect.config.hostile import ContentError, read_json
 from dissect.config.lines import Lines, Place
 from dissect.scd import ranges
 from dissect.scd.bounds import check_bounds
@@ -131,11 +131,9 @@ def parse_toml(text: str, path: str = "") -> Dictionary:
 def parse_json(text: str, path: str = "") -> Dictionary:
     """Return the dictionary of a JSON source with the tables of a TOML one; raises `DictionaryError` as `parse_toml` does."""
     try:
-        tables = json.loads(text, object_pairs_hook=_no_key_twice)
-    except json.JSONDecodeError as error:
-        raise DictionaryError("JSON", error.msg, path=path, line=error.lineno) from None
-    except (RecursionError, ValueError) as error:
-        raise DictionaryError("JSON", str(error), path=path) from None
+        tables = read_json(text, _no_key_twice)
+    except ContentError as error:
+        raise DictionaryError("JSON", str(error), path=path, line=error.line) from None
     if not isinstance(tables, dict):
         raise DictionaryError("JSON", "a dictionary is an object with the tables of a TOML source", path=path)
     return _build(tables, path, Lines(""))
@@ -144,7 +142,7 @@ def parse_json(text: str, path: str = "") -> Dictionary:
 def _no_key_twice(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     found = dict(pairs)
     if len(found) != len(pairs):
-        raise ValueError("a key is there twice in one object")
+        raise ContentError("a key is there twice in one object")
     return found
 
 

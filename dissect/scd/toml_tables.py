@@ -2,15 +2,10 @@
 
 from __future__ import annotations
 
-import re
-import tomllib
 from typing import Any, Final
 
-from dissect.scd.bounds import MAX_DEPTH, long_key_line, long_number_line
+from dissect.config.hostile import ContentError, read_toml
 from dissect.scd.errors import DictionaryError
-
-_AT_LINE: Final = re.compile(r" \(at line (\d+), column \d+\)$")
-
 
 #: Byte order marks at the beginning of a text (longer ones first), as Windows editors write them.
 _MARKS: Final = (
@@ -40,16 +35,7 @@ def source_text(octets: bytes, path: str) -> str:
 
 def parse_tables(text: str, path: str = "") -> dict[str, Any]:
     """Return the tables of a TOML text; raises `DictionaryError` with ``path`` and line."""
-    line = long_key_line(text)
-    if line:
-        raise DictionaryError("TOML", f"a key of more than {MAX_DEPTH} parts", path=path, line=line)
     try:
-        return tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        match = _AT_LINE.search(str(error))
-        line = int(match[1]) if match else text.count("\n") + 1
-        raise DictionaryError("TOML", _AT_LINE.sub("", str(error)), path=path, line=line) from None
-    except ValueError:
-        raise DictionaryError("TOML", "a number of too many digits", path=path, line=long_number_line(text)) from None
-    except RecursionError:
-        raise DictionaryError("TOML", "arrays in arrays without end", path=path) from None
+        return read_toml(text)
+    except ContentError as error:
+        raise DictionaryError("TOML", str(error), path=path, line=error.line) from None

@@ -19,6 +19,7 @@ from dissect.s7.address import Address, address_text, parse_address
 from dissect.s7.tables import AREA_LETTERS, DB_AREAS, NUMBERED_AREAS, RECORD_AREA
 from dissect.select.errors import SelectError, range_hint
 from dissect.select.grammar import Literal
+from dissect.select.patterns import takes_too_long
 
 Test = Callable[[Any], bool]
 #: Returns the time of the first packet, nanoseconds since 1970.
@@ -143,6 +144,11 @@ def _pattern(literal: Literal) -> Callable[[str], bool]:
             search = re.compile(literal.text, re.IGNORECASE).search
     except (re.error, OverflowError, RecursionError) as error:
         raise SelectError(f"invalid regular expression: {error}", "", literal.start, literal.end) from None
+    if takes_too_long(literal.text, re.IGNORECASE):
+        raise SelectError(
+            "this regular expression may take forever: a repetition within a repetition, or too many of them",
+            "", literal.start, literal.end,
+        )  # fmt: skip
     return lambda text: search(text) is not None
 
 

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-import json
 from typing import Any, Final
 
+from dissect.config.hostile import ContentError
+from dissect.config.hostile import read_json as read_any
 from dissect.tags.tag_file import Row, TagFile
 
 _MAX_DEPTH: Final = 64
@@ -15,15 +16,9 @@ _ATOMIC: Final = "opcItemPath"
 def read_json(text: str, into: TagFile) -> None:
     """Read a file in any of these forms."""
     try:
-        content = json.loads(text, object_pairs_hook=lambda pairs: _object(pairs, into))
-    except (json.JSONDecodeError, RecursionError) as error:
-        line = error.lineno if isinstance(error, json.JSONDecodeError) else 0
-        into.problems.error(line, f"is not valid JSON: {error}")
-        return
-    except ValueError:
-        into.problems.error(
-            0, "has a number of thousands of digits: no address, number of a block or value is that long"
-        )
+        content = read_any(text, lambda pairs: _object(pairs, into))
+    except ContentError as error:
+        into.problems.error(error.line, f"is not valid JSON: {error}")
         return
     if isinstance(content, list) and any([isinstance(node, dict) and "vartable" in node for node in content]):
         into.format = "Node-RED flow"

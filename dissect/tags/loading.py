@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import codecs
 import os
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -10,6 +9,7 @@ from pathlib import Path
 from typing import Final
 
 from dissect.config.hints import close_names, close_to
+from dissect.config.hostile import ContentError, check_code_page
 from dissect.s7.tables import DB
 from dissect.s7plus.program import Program
 from dissect.source.files import compression
@@ -126,7 +126,10 @@ def read_tags(
 ) -> TagSet:
     """Return the same as `load_tags`, even if files have errors. Raises OSError, ImportError, LookupError."""
     if encoding:
-        codecs.lookup(encoding)
+        try:
+            check_code_page(encoding)
+        except ContentError as error:
+            raise LookupError(str(error)) from None
     files = [_read(os.fspath(path), encoding) for path in paths]
     found = TagSet(files)
     numbers = numbers or {}

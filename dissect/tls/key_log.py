@@ -6,6 +6,7 @@ Secrets are only given to code that decrypts; nothing here writes one as text.
 from __future__ import annotations
 
 import re
+from collections import OrderedDict
 from collections.abc import Callable, Sequence
 from typing import Final, Protocol
 
@@ -47,7 +48,9 @@ class KeyLog:
 
     def __init__(self, sources: Sequence[Callable[[], bytes]] = (), files: Sequence[Growing] = ()) -> None:
         self._sources = [*[_Source(more) for more in sources], *[_Source(file.more, file) for file in files]]
-        self._sessions: dict[bytes, dict[str, bytes]] = {}
+        self._sessions: OrderedDict[bytes, dict[str, bytes]] = (
+            OrderedDict()
+        )  # a dict looks for its first key from the start
         self.lines = 0
         self.wrong = 0
         self.forgotten = 0
@@ -82,7 +85,7 @@ class KeyLog:
         session = self._sessions.get(random)
         if session is None:
             if len(self._sessions) >= MAX_SESSIONS:
-                del self._sessions[next(iter(self._sessions))]
+                self._sessions.popitem(last=False)
                 self.forgotten += 1
             session = {}
             self._sessions[random] = session

@@ -86,8 +86,8 @@ def test_a_place_that_may_not_be_looked_into_has_no_file(tmp_path: Path, monkeyp
         ("format = 'jsn'\n", ":1: format: 'jsn' is not one of text, json; close to it: 'json'"),
         ("[hosts]\nplc = 'x'\n", ":1: hosts: 'plc' is not an IP address"),
         ("[tags-db]\nTank = 0\n", ":1: tags-db: 'Tank': expected the number of a data block from 1 to 65535"),
-        ("slow = \n", ": not valid TOML: "),
-        ("tags = '\x1b'\n", ": not valid TOML: "),
+        ("slow = \n", ":1: not valid TOML: "),
+        ("tags = '\x1b'\n", ":1: not valid TOML: "),
     ],
 )
 def test_a_mistake_is_reported_with_its_line(text: str, said: str, tmp_path: Path) -> None:

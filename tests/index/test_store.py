@@ -29,16 +29,16 @@ def some(name: str = "a.pcap", first_ns: int = 5) -> FileFacts:
 def test_what_is_put_in_comes_out_in_the_order_of_time(tmp_path: Path) -> None:
     later, sooner = some("a.pcap", 8), some("b.pcap", 5)
     with Store(tmp_path / "index", "1") as store:
-        store.put(later)
-        store.put(sooner)
+        store.write([later])
+        store.write([sooner])
     with Store(tmp_path / "index", "1") as store:
         assert list(store.files()) == [sooner, later]
         assert store.known() == {"a.pcap": (100, 7), "b.pcap": (100, 7)}
         again = some("a.pcap", 1)
         again.pairs = frozenset()
-        store.put(again)
+        store.write([again])
         assert list(store.files()) == [again, sooner]
-        store.drop("b.pcap")
+        store.write(["b.pcap"])
         assert list(store.files()) == [again]
     with sqlite3.connect(tmp_path / "index") as base:
         assert base.execute("SELECT (SELECT count(*) FROM pairs), (SELECT count(*) FROM findings)").fetchone() == (0, 1)
@@ -46,10 +46,10 @@ def test_what_is_put_in_comes_out_in_the_order_of_time(tmp_path: Path) -> None:
 
 def test_an_index_of_another_version_is_made_anew(tmp_path: Path) -> None:
     with Store(tmp_path / "index", "1") as store:
-        store.put(some())
+        store.write([some()])
     with Store(tmp_path / "index", "2") as store:
         assert list(store.files()) == []
-        store.put(some())
+        store.write([some()])
     with Store(tmp_path / "index", "2") as store:
         assert list(store.files()) == [some()]
 
@@ -75,15 +75,15 @@ def test_an_index_that_another_process_writes_is_waited_for_and_then_told(
         holder = sqlite3.connect(tmp_path / "index", isolation_level=None)
         holder.execute("BEGIN EXCLUSIVE")
         with pytest.raises(StoreError, match="written by another process"):
-            store.put(some())
+            store.write([some()])
         holder.close()
-        store.put(some())
+        store.write([some()])
         assert list(store.files()) == [some()]
 
 
 def test_two_that_begin_an_index_at_the_same_time_both_have_it(tmp_path: Path) -> None:
     with Store(tmp_path / "other", "1") as store:
-        store.put(some())
+        store.write([some()])
     made = (tmp_path / "other").read_bytes()
     path = tmp_path / "index"
     holder = sqlite3.connect(path, check_same_thread=False, isolation_level=None)
@@ -104,7 +104,7 @@ def test_two_that_begin_an_index_at_the_same_time_both_have_it(tmp_path: Path) -
 
 def test_what_is_wrong_with_an_index_that_is_only_read(tmp_path: Path) -> None:
     with Store(tmp_path / "index", "1") as store:
-        store.put(some())
+        store.write([some()])
     octets = (tmp_path / "index").read_bytes()
     (tmp_path / "cut").write_bytes(octets[: len(octets) // 2])
     with (
@@ -123,7 +123,7 @@ def test_a_full_disk_and_a_place_that_is_not_there_are_told(tmp_path: Path) -> N
         big = some()
         big.pairs = frozenset([(number.to_bytes(4, "big"), 1, b"\0\0\0\0", 102) for number in range(5000)])
         with pytest.raises(StoreError) as told:
-            store.put(big)
+            store.write([big])
         assert told.value.full == errno.ENOSPC
         assert list(store.files()) == []
     with pytest.raises(StoreError, match="cannot be written: choose another place"), Store(tmp_path / "no" / "x", "1"):
@@ -200,12 +200,12 @@ def test_what_a_disk_or_server_broke_off_is_read_again(tmp_path: Path) -> None:
 def test_a_name_may_be_of_any_bytes(tmp_path: Path) -> None:
     name = os.fsdecode(b"m\xfcnchen.pcap")
     with Store(tmp_path / "index", "1") as store:
-        store.put(some(name))
-        store.put(some("z\u00fc.pcap"))
+        store.write([some(name)])
+        store.write([some("z\u00fc.pcap")])
     with Store(tmp_path / "index", "1") as store:
         assert list(store.files()) == [some(name), some("z\u00fc.pcap")] or os.name == "nt"
         assert store.known() == {name: (100, 7), "z\u00fc.pcap": (100, 7)}
-        store.put(some(name))
+        store.write([some(name)])
         store.drop(name)
         assert list(store.known()) == ["z\u00fc.pcap"]
 

@@ -26,7 +26,7 @@ from hypothesis import strategies as st
 from benchmarks.scd_damage import nested, sealed
 from benchmarks.scd_fuzz import main, run_case
 from dissect import scd
-from dissect.scd.bounds import MAX_DEPTH, long_key_line
+from dissect.config.hostile import MAX_DEPTH, long_key_line
 from dissect.scd.codec import Codec
 from dissect.scd.dictionary import Dictionary
 from dissect.scd.dump import dump_json, dump_tables, dump_toml

@@ -169,7 +169,7 @@ CASES: Final[dict[str, tuple[str, str | bytes, str, int, str]]] = {
         "tags.xml", '<Tagtable><Constant value="\u00b2">c</Constant><Tag type="Array[0..\u00b2] of Int" addr="%DB1.DBW0">x</Tag></Tagtable>',
         "error", 1, "x: array bounds '0..\u00b2': expected LOWEST..HIGHEST",
     ),
-    "a number of thousands of digits in JSON": ("tags.json", '{"a": ' + "9" * 5000 + "}", "error", 0, "has a number of thousands of digits"),
+    "a number of thousands of digits in JSON": ("tags.json", '{"a": ' + "9" * 5000 + "}", "error", 1, "is not valid JSON: a number of too many digits"),
     "a quote that swallows the table": (
         "tags.csv", HEAD + '"MW0,INT,a\n' + "MW2,INT,b\n" * 20_000, "error", 0, "cannot be read as a table: field larger than",
     ),

@@ -61,12 +61,12 @@ def tag_reading_options(command: Callable[..., int]) -> Callable[..., int]:
 
 
 def _encoding(ctx: click.Context, param: click.Parameter, name: str) -> str:
-    import codecs
+    from dissect.config.hostile import ContentError, check_code_page
 
     try:
         if name:
-            codecs.lookup(name)
-    except LookupError:
+            check_code_page(name)
+    except ContentError:
         raise click.BadParameter(
             f"{name!r} is not an encoding: try cp1252, cp1251, gbk or utf-8.", ctx, param
         ) from None

@@ -1,0 +1,101 @@
+"""The only readers of JSON, TOML and names of code pages that come from a file of a user, which may be damaged or made to harm.
+
+Each raises one kind of error, whatever the content: what nests without end, is no text, or has a number of thousands of digits.
+A test of the house finds readers elsewhere.
+"""
+
+from __future__ import annotations
+
+import codecs
+import json
+import re
+import sqlite3
+import tomllib
+from collections.abc import Callable
+from typing import Any, Final
+
+#: Most parts of a dotted key in TOML, and most nested tables and arrays of what is bounded by it.
+MAX_DEPTH: Final = 16
+
+#: What reading a damaged database raises: also names and texts in it that are no UTF-8, and numbers out of range.
+DATABASE_ERRORS: Final = (sqlite3.Error, UnicodeError, OverflowError)
+
+#: Encodings of names of hosts, whose decoders raise errors of their own, and one that only raises.
+_NO_PAGES: Final = frozenset(("idna", "punycode", "undefined"))
+
+_KEY: Final = r"(?:[A-Za-z0-9_-]++|\"[^\"\n]*\"|'[^'\n]*')"
+#: A dotted key with so many parts that tomllib needs too much time and memory, which grow with the square of the parts.
+_LONG_KEY: Final = re.compile(rf"(?<![A-Za-z0-9_-]){_KEY}(?:[ \t]*\.[ \t]*{_KEY}){{{MAX_DEPTH}}}")
+_LONG_NUMBER: Final = re.compile(r"(?<![\w\"'.-])[0-9][0-9_]{4000}")
+_AT_LINE: Final = re.compile(r" \(at line (\d+), column \d+\)$")
+
+
+class ContentError(ValueError):
+    """The content of a file cannot be used: the text says why, ``line`` where (0: not known)."""
+
+    def __init__(self, text: str, line: int = 0) -> None:
+        super().__init__(text)
+        self.line = line
+
+
+def long_key_line(text: str) -> int:
+    """Return the line of a dotted key with more parts than tables may nest, 0 if there is none.
+
+    It looks at the text only, so that a value is found as well: sixteen words with points between them.
+    """
+    return _line(text, _LONG_KEY)
+
+
+def _line(text: str, pattern: re.Pattern[str]) -> int:
+    match = pattern.search(text)
+    return text.count("\n", 0, match.start()) + 1 if match else 0
+
+
+def read_toml(text: str) -> dict[str, Any]:
+    """Return the tables of a TOML text. Raises `ContentError`."""
+    line = long_key_line(text)
+    if line:
+        raise ContentError(f"a key of more than {MAX_DEPTH} parts", line)
+    try:
+        return tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        match = _AT_LINE.search(str(error))
+        raise ContentError(_AT_LINE.sub("", str(error)), int(match[1]) if match else text.count("\n") + 1) from None
+    except ValueError:
+        raise ContentError("a number of too many digits", _line(text, _LONG_NUMBER)) from None
+    except RecursionError:
+        raise ContentError("arrays in arrays without end") from None
+
+
+def read_json(text: str | bytes, pairs: Callable[[list[tuple[str, Any]]], Any] | None = None) -> Any:
+    """Return the content of a JSON text; ``pairs`` makes an object of its members. Raises `ContentError`."""
+    try:
+        return json.loads(text, object_pairs_hook=pairs)
+    except json.JSONDecodeError as error:
+        raise ContentError(error.msg, error.lineno) from None
+    except UnicodeError:
+        raise ContentError("not UTF-8") from None
+    except RecursionError:
+        raise ContentError("it nests without end") from None
+    except ContentError:
+        raise
+    except ValueError:  # Python reads no number of so many digits
+        octets = text if isinstance(text, bytes) else text.encode("utf-8", "replace")
+        found = re.search(rb"[0-9]{4000}", octets)
+        line = octets.count(b"\n", 0, found.start()) + 1 if found else 0
+        raise ContentError("a number of too many digits", line) from None
+
+
+def check_code_page(name: str) -> None:
+    """Raise `ContentError` unless ``name`` is an encoding of texts that Python can decode.
+
+    Python's codecs also transform octets (``hex``, ``zlib``) and texts (``rot13``), or exist to fail (``undefined``).
+    """
+    try:
+        known = codecs.lookup(name).name
+        "".encode(name)  # refuses what is no encoding of texts
+        b"".decode(name)
+    except (LookupError, UnicodeError, ValueError, TypeError):
+        known = ""
+    if not known or known in _NO_PAGES:
+        raise ContentError(f"{name!r} is not an encoding of texts")
