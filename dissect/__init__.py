@@ -43,7 +43,9 @@ _PUBLIC: Final = {
     "frames": "dissect.export.frames",
     "blocks": "dissect.carve.reading",
     "devices": "dissect.session",
+    "live": "dissect.live.iterating",
     "open": "dissect.session",
+    "stream": "dissect.proxy.stream",
     "value_tables": "dissect.variables.reading",
     "values": "dissect.variables.reading",
 }
@@ -56,7 +58,9 @@ if TYPE_CHECKING:
     from dissect.export.frames import frames as frames
     from dissect.findings.reporter import Finding as Finding
     from dissect.inventory.model import Device as Device
+    from dissect.live.iterating import live as live
     from dissect.program.carved import CarvedBlock as CarvedBlock
+    from dissect.proxy.stream import stream as stream
     from dissect.report.analysis import Analysis as Analysis
     from dissect.s7.message import Pdu as Pdu
     from dissect.s7plus.message import PlusPdu as PlusPdu

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING, Final, TypeAlias
+from typing import TYPE_CHECKING, Final, TypeAlias, cast
 
 from mypy_extensions import i64
 
@@ -19,9 +19,8 @@ from dissect.findings.reporter import Finding
 from dissect.report.analysis import Analysis
 from dissect.s7.message import Pdu, parse_pdu
 from dissect.s7plus.message import PlusPdu, parse_plus
-from dissect.source.files import open_capture
+from dissect.source.given import Source, given_one, open_source
 from dissect.source.packet import PacketSink, Reader, SourceFile
-from dissect.source.remote import shown
 from dissect.transactions.connection import Connection
 from dissect.transactions.naming import Naming
 from dissect.transactions.operation import Operation
@@ -71,19 +70,22 @@ class _Joint(PacketSink):
 
 
 class Run:
-    """A file, or files read one after another, into a pipeline that feeds ``observer``.
+    """A capture, or several read one after another, into a pipeline that feeds ``observer``.
 
-    Raises `CaptureError` from `step` when a file cannot be read at all.
+    A capture is a path, an open binary file, or packets (`dissect.source.given.Source`); several are given in a list. Raises
+    `CaptureError` from `step` when one cannot be read at all. A file that was given open stays open.
     """
 
     def __init__(
         self,
-        paths: Sequence[str | os.PathLike[str]] | str | os.PathLike[str],
+        sources: Sequence[Source] | Source,
         observer: Observer,
         options: Options | None = None,
     ) -> None:
         # A str is a sequence of str, too: without this check each of its characters would be taken for a path.
-        self._paths = [os.fspath(path) for path in ([paths] if isinstance(paths, (str, os.PathLike)) else paths)]
+        self._sources = cast(
+            "list[Source]", [sources] if given_one(sources) else list(cast("Sequence[Source]", sources))
+        )
         self._observer = observer
         self._options = options
         self._reader: Reader | None = None
@@ -99,14 +101,13 @@ class Run:
         """Read some more (about 256 KiB); False when everything was read and every connection is closed."""
         reader = self._reader
         if reader is None:
-            if not self._paths:
+            if not self._sources:
                 self.finish()
                 return False
-            path = self._paths.pop(0)
-            reader = open_capture(path)
+            reader, name = open_source(self._sources.pop(0))
             self._reader = reader
             self._joined = not self.files
-            self.files.append(SourceFile("stdin" if path == "-" else shown(path), self.pipeline.frames + 1))
+            self.files.append(SourceFile(name, self.pipeline.frames + 1))
         more = reader.step(self.pipeline if self._joined and reader.packets else _Joint(self))
         file = self.files[-1]
         file.packets = reader.packets
@@ -168,7 +169,7 @@ class Run:
         reader.close()
 
 
-class _Queue(Observer):
+class EventQueue(Observer):
     """Collects events until the iterator hands them out."""
 
     def __init__(self, pdus: bool) -> None:
@@ -177,24 +178,31 @@ class _Queue(Observer):
         self.events: list[Event] = []
 
     def pdu(self, frame: i64, time_ns: i64, side: Side, octets: bytes, cut: bool) -> None:
+        """Keep an S7comm PDU."""
         self.events.append(parse_pdu(octets, frame, time_ns, side.connection.number, side.index, cut))
 
     def plus_pdu(self, frame: i64, time_ns: i64, side: Side, octets: bytes, cut: bool) -> None:
+        """Keep an S7comm-plus PDU."""
         self.events.append(parse_plus(octets, frame, time_ns, side.connection.number, side.index, cut))
 
     def scd(self, frame: i64, time_ns: i64, side: Side, found: ScdMessage) -> None:
+        """Keep an SCD message."""
         self.events.append(found)
 
     def transaction(self, transaction: Transaction) -> None:
+        """Keep a transaction."""
         self.events.append(transaction)
 
     def operation(self, operation: Operation) -> None:
+        """Keep an operation."""
         self.events.append(operation)
 
     def finding(self, finding: Finding) -> None:
+        """Keep a finding."""
         self.events.append(finding)
 
     def connection_closed(self, connection: Connection) -> None:
+        """Keep a connection, which is over."""
         self.events.append(connection)
 
 
@@ -251,7 +259,7 @@ def sieved(observer: Observer, where: str | Where | None, options: Options) -> S
     return Sieve(observer, chosen)
 
 
-def _run(paths: Sequence[str | os.PathLike[str]], observer: Observer, sieve: Sieve | None, options: Options) -> Run:
+def _run(paths: Sequence[Source], observer: Observer, sieve: Sieve | None, options: Options) -> Run:
     """Return a run that tells ``observer`` of everything or, where ``sieve`` is given, of what the sieve lets pass."""
     if sieve is None:
         return Run(paths, observer, options)
@@ -261,7 +269,7 @@ def _run(paths: Sequence[str | os.PathLike[str]], observer: Observer, sieve: Sie
 
 
 def prepared_run(
-    paths: Sequence[str | os.PathLike[str]],
+    paths: Sequence[Source],
     observer: Observer,
     options: Options,
     where: str | Where | None = None,
@@ -311,8 +319,8 @@ def keys_of(given: KeyLogFiles) -> KeyLog | None:
 
 
 def open(
-    path: str | os.PathLike[str],
-    *more: str | os.PathLike[str],
+    path: Source,
+    *more: Source,
     pdus: bool = True,
     slow_ns: int = 1_000_000_000,
     scd: str | os.PathLike[str] | Dictionary | None = None,
@@ -323,6 +331,9 @@ def open(
     tags: Tags = None,
 ) -> Iterator[Event]:
     """Iterate the events of one capture or several: PDUs, transactions, operations, findings, and connections when they end.
+
+    A capture is a path, an open binary file (``open(path, "rb")``, `io.BytesIO`), or an iterable of packets, each a tuple of
+    time, LINKTYPE number and octets (`dissect.source.given.Packet`). A file that was given open stays open.
 
     Events come in the order in which they become certain; a transaction follows its PDUs. ``pdus=False`` leaves the single
     PDUs out, which is faster. ``slow_ns``: an answer that takes longer is a finding (nanoseconds). With the dictionary ``scd``
@@ -337,12 +348,12 @@ def open(
     capture is opened only when the iteration reaches it: a file that cannot be read at all raises `CaptureError` then; damage
     inside a file is a finding. No file stays open when the iteration is broken off.
     """
-    queue = _Queue(pdus)
+    queue = EventQueue(pdus)
     options = Options(slow_ns, decoder=decoder_of(scd, bind), checksums=checksums)
     return _events(prepared_run([path, *more], queue, options, where, tags, tls_keys), queue)
 
 
-def _events(run: Run, queue: _Queue) -> Iterator[Event]:
+def _events(run: Run, queue: EventQueue) -> Iterator[Event]:
     try:
         while run.step():
             yield from queue.events
@@ -353,8 +364,8 @@ def _events(run: Run, queue: _Queue) -> Iterator[Event]:
 
 
 def analyze(
-    path: str | os.PathLike[str],
-    *more: str | os.PathLike[str],
+    path: Source,
+    *more: Source,
     slow_ns: int = 1_000_000_000,
     scd: str | os.PathLike[str] | Dictionary | None = None,
     bind: str | os.PathLike[str] | None = None,
@@ -383,8 +394,8 @@ def analyze(
 
 
 def devices(
-    path: str | os.PathLike[str],
-    *more: str | os.PathLike[str],
+    path: Source,
+    *more: Source,
     checksums: bool = False,
     where: str | Where | None = None,
     tls_keys: KeyLogFiles = None,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Final
 
@@ -10,6 +9,7 @@ from dissect.engine.observer import Observer
 from dissect.engine.pipeline import Options
 from dissect.program.carved import CarvedBlock, carve
 from dissect.session import KeyLogFiles, Run, Tags, keys_of, naming_of, where_of
+from dissect.source.given import Source
 from dissect.transactions.operation import TRANSFERS, Operation
 
 if TYPE_CHECKING:
@@ -62,8 +62,8 @@ def _place(block: CarvedBlock) -> tuple[int, int]:
 
 
 def blocks(
-    path: str | os.PathLike[str],
-    *more: str | os.PathLike[str],
+    path: Source,
+    *more: Source,
     where: str | Where | None = None,
     tls_keys: KeyLogFiles = None,
     checksums: bool = False,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, Final
 
@@ -13,6 +12,7 @@ from dissect.export.feed import TableFeed
 from dissect.export.sql import MemorySink
 from dissect.export.tables import chosen_tables
 from dissect.session import KeyLogFiles, Tags, prepared_run
+from dissect.source.given import Source
 from dissect.wire.text import encodable
 
 if TYPE_CHECKING:
@@ -66,8 +66,8 @@ class Frames:
 
 
 def frames(
-    path: str | os.PathLike[str],
-    *more: str | os.PathLike[str],
+    path: Source,
+    *more: Source,
     library: str = "pandas",
     tables: Sequence[str] | str = (),
     where: str | Where | None = None,

@@ -14,10 +14,11 @@ from abc import ABC, abstractmethod
 from pathlib import Path
 from typing import Final, Protocol, cast
 
-from dissect.source.packet import READING_FAILED, CaptureError, MissingCaptureError, Reader
+from dissect.source.packet import READING_FAILED, CaptureError, Reader
 from dissect.source.pcap import CHUNK, PCAP_MAGICS, OctetSource, PcapReader
 from dissect.source.pcapng import BYTE_ORDER_MAGICS, PCAPNG_MAGIC, PcapngReader
 from dissect.source.remote import is_remote, open_remote, shown
+from dissect.wire.errors import MissingCaptureError
 
 #: The largest window of a zstd frame that is decompressed, in octets: enough for all levels up to ``zstd --ultra -20``.
 MAX_ZSTD_WINDOW: Final = 32 * 1024 * 1024

@@ -7,7 +7,9 @@ from typing import Final
 from mypy_extensions import i64, mypyc_attr
 
 from dissect.wire.copies import leaves
-from dissect.wire.errors import Error
+from dissect.wire.errors import CaptureError
+
+__all__ = ["READING_FAILED", "CaptureError", "PacketSink", "Reader", "SourceFile"]
 
 #: How damage begins that is not the file's: the system or the network gave no more of it, and may do so another time.
 READING_FAILED: Final = "reading failed after byte"
@@ -67,14 +69,6 @@ class Reader:
 
     def close(self) -> None:
         """Release the file. May be called twice."""
-
-
-class CaptureError(Error):
-    """The input that the user named cannot be used: not a capture, a decompressor that is not installed."""
-
-
-class MissingCaptureError(CaptureError, FileNotFoundError):
-    """There is no such file."""
 
 
 class SourceFile:

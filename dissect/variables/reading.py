@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from dissect.engine.pipeline import Options
 from dissect.session import KeyLogFiles, Run, Tags, decoder_of, keys_of, naming_of, where_of
+from dissect.source.given import Source
 from dissect.tcp.link import within
 from dissect.variables.collector import Collector
 from dissect.variables.model import ValueRow, Variable
@@ -24,8 +25,8 @@ _LARGEST: Final = 2**63 - 1
 
 
 def values(
-    path: str | os.PathLike[str],
-    *more: str | os.PathLike[str],
+    path: Source,
+    *more: Source,
     of: str | Sequence[str] = (),
     changes: bool = False,
     every: timedelta | None = None,

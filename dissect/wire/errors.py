@@ -21,3 +21,11 @@ class Error(Exception):
 
 def _again(kind: type[Error], arguments: tuple[Any, ...]) -> Error:
     return kind.__new__(kind, *arguments)
+
+
+class CaptureError(Error):
+    """The input that the user named cannot be used: not a capture, a decompressor that is not installed."""
+
+
+class MissingCaptureError(CaptureError, FileNotFoundError):
+    """There is no such file."""
