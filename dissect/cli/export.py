@@ -116,6 +116,7 @@ def command(
     from dissect.export.extras import MissingLibraryError
     from dissect.export.forms import Request, UnknownFormError, target_of
     from dissect.export.tables import UnknownTableError
+    from dissect.report.happened import findings_in
     from dissect.session import Run
 
     of = current()
@@ -145,6 +146,7 @@ def command(
     try:
         with saved_remotely(target, force, MARK) if remote else saved(target) as place:
             losses: list[tuple[str, str]] = []
+            found = 0
             if separate and (remote or len(files) > 1):
                 counts, code = (
                     export_separately_remotely(files, jobs, target.path, only, place)
@@ -166,6 +168,7 @@ def command(
                 expect_possible(run, chosen)
                 counts = dict(export.counts)
                 losses = [(file.name, file.loss) for file in run.files]
+                found = findings_in(run.pipeline.exchange.ledger)
             if remote:
                 place.write(MARK, mark_of(target.form.name, counts, names))
             elif target.folder:
@@ -176,9 +179,16 @@ def command(
     except MissingLibraryError as error:
         raise click.ClickException(str(error)) from None
     complain_of(losses, code)
-    said = ", ".join([f"{count} {name if count != 1 else name.removesuffix('s')}" for name, count in counts.items()])
+    said = ", ".join([_said(name, count, found) for name, count in counts.items()])
     click.echo(f"s7dissect: {said} written to {printable(shown(target.path))}", err=True)
     return code
+
+
+def _said(name: str, count: int, found: int) -> str:
+    """Return how many rows a table has; of findings only so many are in detail of all that were ``found``."""
+    if name == "findings" and found > count:
+        return f"{count} of {found} findings in detail"
+    return f"{count} {(name if count != 1 else name.removesuffix('s')).replace('_', ' ')}"
 
 
 def _export(export: Export, run: Run, files: Sequence[str]) -> int:

@@ -13,6 +13,7 @@ from typing import Final
 
 from mypy_extensions import i64
 
+from dissect.engine.counters import Counters
 from dissect.engine.exchange import Exchange
 from dissect.findings.scan_rules import ScanWatch
 from dissect.findings.session_rules import judge_cut, judge_end
@@ -29,6 +30,7 @@ from dissect.tcp.stream import MASK
 from dissect.tls.handshake import chosen_version
 from dissect.transactions.connection import FOREIGN, ISO_TSAP_PORT, LEFT_OUT, PROBING, Connection
 from dissect.transactions.ending import Ending
+from dissect.transactions.memory_limit import holds_something
 from dissect.transactions.protocol import Protocol
 from dissect.transactions.side import Side
 from dissect.transactions.table import ConnectionTable
@@ -180,6 +182,9 @@ class Unread(Protocol):
 class Connections:
     """Gives connections to protocols and takes them back. ``count`` is how many were opened so far.
 
+    ``forgotten`` counts those that were evicted without a loss: nothing on them was open or unread. What comes of one later is
+    another connection; ``twice`` counts connections that may be such.
+
     A connection that ``only`` does not want gets its number and no more; ``left_out`` counts those. ``iso`` takes a connection
     that begins in the place of one of them.
     """
@@ -188,6 +193,8 @@ class Connections:
         self._exchange: Exchange = exchange
         self.count: i64 = 0
         self.left_out: i64 = 0
+        self.forgotten: i64 = 0
+        self.twice: i64 = 0
         self._only: Callable[[Connection], bool] | None = only
         self._unread: Protocol = Unread(self)
         self.iso: Protocol = self._unread
@@ -207,10 +214,23 @@ class Connections:
             return
         if self._exchange.naming is not None:
             connection.naming = self._exchange.naming.of(connection)
+        if connection.mid_stream and self.table.may_be_forgotten(side):
+            self.twice += 1
         self._exchange.reporter.ledger.met(connection)
         protocol.begin(side, at_start)
         self._exchange.observer.connection_opened(connection)
         self._exchange.watch.opened(connection)
+
+    def note_evicted(self, counters: Counters, side: Side, detail: str) -> None:
+        """Too much is open at once, and the connection of ``side`` has to go: report it if something of it is lost."""
+        connection = side.connection
+        if not connection.followed:
+            return
+        if detail or holds_something(side):
+            counters.note("stream.evicted", detail, connection.number)
+        else:
+            self.forgotten += 1
+            self.table.forget(side)
 
     def begin_anew(self, side: Side) -> None:
         """A connection that is not read is over, because another transport connection begins on the same TCP connection."""

@@ -221,8 +221,7 @@ class Pipeline(PacketSink):
 
     def _evict(self, side: Side, detail: str) -> None:
         side.tcp.ended = side.tcp.ended or "evicted"
-        if side.connection.followed:
-            self.counters.note("stream.evicted", detail, side.connection.number)
+        self.connections.note_evicted(self.counters, side, detail)
         self._finish(side, CONNECTION_EVICTED)
 
     def _packet(self, buf: bytes, start: i64, end: i64, link_type: i64) -> i64:

@@ -22,7 +22,7 @@ _COUNTERS: Final = (
     ],
     *[f"counters.fragments.{name}" for name in ("used", "dropped", "invalid", "conflicts", "evicted", "expired")],
     *[f"table.{name}" for name in ("evicted", "half_open_evicted")],
-    *[f"connections.{name}" for name in ("count", "left_out", "scans.forgotten")],
+    *[f"connections.{name}" for name in ("count", "left_out", "forgotten", "twice", "scans.forgotten")],
     *[f"exchange.{name}" for name in ("dialogue.count", "watch.operations.evicted")],
     *[f"exchange.reporter.{name}" for name in ("counts", "explained", "number")],
     *[f"iso.{name}" for name in ("tpdus", "tsdus")],

@@ -265,7 +265,7 @@ ACTS: Final = Table(
 
 FINDINGS: Final = Table(
     "findings",
-    "finding in detail (at most 100 a slug and connection, 1000 a slug)",
+    "finding in detail (at most 100 a slug and pair of hosts, 1000 a slug, and the first of each pair); finding_counts has all",
     (
         Column("finding", INT, "", "number of the finding in the run, in the order of reports", "Finding.number"),
         Column("slug", WORD, "", "stable name (docs/findings.md)", "Rule.slug"),

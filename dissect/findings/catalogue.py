@@ -180,7 +180,8 @@ _ROWS: Final[tuple[tuple[str, str, str, str, str, str], ...]] = (
      ""),
     ("stream.evicted", WARNING, CAPTURE,
      "Too many connections were open at once; the longest-idle or largest ones were dropped.",
-     "Their pending requests count as unanswered. Analyze the capture in parts if they matter.", ""),
+     "Their pending requests count as unanswered. Analyze the capture in parts if they matter. Idle ones are not reported.",
+     ""),
     ("stream.half_open_evicted", NOTE, SECURITY, "More unanswered connection attempts than can be tracked.",
      "A SYN flood or a port scan looks like this. Identify the host that sends them.", "system_discovery denial_of_service"),
     # TPKT and COTP.

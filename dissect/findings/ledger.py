@@ -218,6 +218,10 @@ class Ledger:
                 self.pairs[client, server] = found
         return found
 
+    def same(self, pair: Pair) -> Pair:
+        """Return the pair of this ledger for one of another."""
+        return pair if pair is NO_PAIR else self.between(pair.client, pair.server)
+
     # ---- events -----------------------------------------------------------------------------------------------------
 
     def take(
@@ -279,13 +283,12 @@ class Ledger:
             found = self.rest[slug] = Occurrences()
         return found
 
-    def settle(self, slug: str, connection: i64, events: Occurrences, cause: str) -> None:
+    def settle(self, slug: str, pair: Pair, connection: i64, events: Occurrences, cause: str) -> None:
         """Add events of a connection that waited for their cause; ``cause`` is the rule that explains them, empty for none."""
         if cause:
             self.explanation(cause, slug).absorb(events, connection)
             return
         self.rule(slug).absorb(events, connection)
-        pair = self.pair(connection)
         if pair is not NO_PAIR:
             self._of_hosts(pair, slug).absorb(events, connection)
 

@@ -144,6 +144,7 @@ class Reporter:
         self.counts: dict[str, int] = {}
         self.explained: dict[tuple[str, str], int] = {}
         self.ledger: Ledger = Ledger()
+        self.period: Ledger | None = None  # the same since a time of the reader's choice, where one wants that
         self.fresh: list[Finding] = []
         self.because: Finding | None = None
         self.latest: Finding | None = None  # the one that was counted last, None if it was not detailed
@@ -210,6 +211,9 @@ class Reporter:
             found.take(connection, first_frame, last_frame, time_ns, reported)
         else:
             self.ledger.take(slug, pair, connection, first_frame, last_frame, time_ns, reported)
+            period = self.period
+            if period is not None:
+                period.take(slug, period.same(pair), connection, first_frame, last_frame, time_ns, reported)
             if reported:
                 self.counts[slug] = self.counts.get(slug, 0) + 1
 
@@ -341,7 +345,11 @@ class Reporter:
         for slug, events in waiting.events.items():
             count: int = events.reports
             explained: bool = cause is not None and slug in explains
-            self.ledger.settle(slug, connection, events, cause.slug if cause is not None and explained else "")
+            blamed = cause.slug if cause is not None and explained else ""
+            pair = self.ledger.pair(connection)
+            self.ledger.settle(slug, pair, connection, events, blamed)
+            if self.period is not None:
+                self.period.settle(slug, self.period.same(pair), connection, events, blamed)
             if count and cause is not None and explained:
                 self.explained[cause.slug, slug] = self.explained.get((cause.slug, slug), 0) + count
             elif count:

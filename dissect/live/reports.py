@@ -10,6 +10,7 @@ from typing import Final
 from dissect.acts.act import Act
 from dissect.alerts.problems import REPORT
 from dissect.engine.pipeline import Pipeline
+from dissect.findings.ledger import Ledger
 from dissect.findings.reporter import Finding
 from dissect.live.writing import WritingCompanion
 from dissect.page.gathered import Gathered, span_of
@@ -77,6 +78,7 @@ class ReportCompanion(WritingCompanion):
     def begin(self, pipeline: Pipeline) -> None:
         """Take the pipeline; its counters are not reset between periods."""
         self._pipeline = pipeline
+        pipeline.exchange.reporter.period = Ledger()
 
     def connection_opened(self, connection: Connection) -> None:
         """Take a connection."""
@@ -148,6 +150,8 @@ class ReportCompanion(WritingCompanion):
             for slug, count in counts.items()
             if count > self._before.get(slug, 0)
         }
+        reporter = self._pipeline.exchange.reporter
+        part.ledger, reporter.period = reporter.period or Ledger(), Ledger()
         self._before = counts
         gathered.analysis.part = part
         page = render([Side(gathered, [self._name])], self._version)

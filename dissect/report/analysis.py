@@ -286,6 +286,11 @@ class Analysis(Observer):
             return self.part.ledger
         return self.pipeline.exchange.ledger if self.pipeline is not None else Ledger()
 
+    @property
+    def perhaps_twice(self) -> bool:
+        """True when a connection may have been counted twice: an idle one was forgotten, and may have gone on."""
+        return self.pipeline is not None and self.pipeline.connections.twice > 0
+
     def by_cause(self) -> dict[str, dict[str, int]]:
         """Return how many findings each cause explains: by its slug, then by theirs."""
         found: dict[str, dict[str, int]] = {}

@@ -164,7 +164,8 @@ def _plcs(analysis: Analysis, places: Places) -> Iterator[Line]:
 
 def _connections(analysis: Analysis, places: Places) -> Iterator[Line]:
     total = len(analysis.connections) + int(analysis.connections_not_listed)
-    yield Line(f"Connections: {total}", HEADING)
+    least = "at least " if analysis.perhaps_twice else ""
+    yield Line(f"Connections: {least}{total}", HEADING)
     chosen = analysis.worst_connections(_CONNECTIONS)
     rows = [_row(connection, places) for connection in sorted(chosen, key=_number)]
     yield from table(rows, frozenset((0,)))

@@ -141,6 +141,8 @@ def _loss(pipeline: Pipeline) -> dict[str, object]:
         "octets_skipped": octets.skipped,
         "octets": octets.as_dict(),
         "connections_evicted": pipeline.table.evicted,
+        "connections_forgotten": pipeline.connections.forgotten,
+        "connections_perhaps_twice": pipeline.connections.twice,
         "half_open_evicted": pipeline.table.half_open_evicted,
         "datagrams_evicted": pipeline.counters.fragments.evicted,
         "datagrams_expired": pipeline.counters.fragments.expired,

@@ -129,6 +129,11 @@ def _first_ns(rule: Rule, ledger: Ledger) -> int:
     return int(found.first_ns) if found is not None else 0
 
 
+def findings_in(ledger: Ledger) -> int:
+    """Return how many findings there were, in detail or not, also of those that others explain."""
+    return sum([int(found.reports) for found in [*ledger.rules.values(), *ledger.explained.values()]])
+
+
 def times_of(slug: str, findings: int, ledger: Ledger) -> int:
     """Return how many events of a rule there were: at least as many as ``findings``."""
     found = ledger.rules.get(slug)

@@ -255,11 +255,13 @@ def _connections(analysis: Analysis, places: Places) -> Iterator[Line]:
         yield Line(f"No ISO-on-TCP connection in {of}.", HEADING)
         return
     total = len(connections) + int(analysis.connections_not_listed)
+    least = "at least " if analysis.perhaps_twice else ""
     if total <= _CONNECTIONS:
         yield Line("Connections", HEADING)
     else:
         yield Line(
-            f"Connections ({_CONNECTIONS} of {total}: those with most errors, then the busiest, by number)", HEADING
+            f"Connections ({_CONNECTIONS} of {least}{total}: those with most errors, then the busiest, by number)",
+            HEADING,
         )
         connections = analysis.worst_connections(_CONNECTIONS)
     for connection in sorted(connections, key=_number):

@@ -406,6 +406,14 @@ class Connection:
         return found
 
     @property
+    def has_open_operations(self) -> bool:
+        """True when an operation is under way."""
+        found = self._operations
+        if found is None:
+            return False
+        return len(found.these) > 0 or len(found.halves) > 0 or (found.plus is not None and len(found.plus.objects) > 0)
+
+    @property
     def traits(self) -> Traits:
         """What it was used for so far."""
         found = self._traits

@@ -10,6 +10,7 @@ from typing import Final
 
 from mypy_extensions import i64
 
+from dissect.transactions.connection import PROBING
 from dissect.transactions.open_requests import OpenRequests
 from dissect.transactions.side import Side
 
@@ -51,6 +52,19 @@ def _open(requests: OpenRequests) -> i64:
     for answer in requests.waiting():
         held += len(answer.response_buf)
     return held
+
+
+def holds_something(side: Side) -> bool:
+    """Return whether anything is open or unread on the connection of ``side``, so that forgetting it loses something."""
+    connection = side.connection
+    if connection.state == PROBING and connection.probed:
+        return True  # octets that were not recognised yet
+    for end in (side, side.peer):
+        if end is not None:
+            requests = connection.open_requests[end.index]
+            if end.stream.held is not None or end.protocol.held(end) or requests.count or requests.waiting():
+                return True
+    return connection.aside is not None or connection.has_open_operations
 
 
 class Room:

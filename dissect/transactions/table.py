@@ -184,6 +184,8 @@ RESERVE: Final = 512
 #: The most connections that are evicted when one opens.
 LEAVE_AT_ONCE: Final = 2
 MAX_HALF_OPEN: Final = 4096
+#: Keys of connections that are remembered as forgotten, two for each.
+MAX_FORGOTTEN: Final = 32_768
 #: A client repeats a SYN after at least a second (RFC 6298), less some tolerance. At the second repetition the attempt counts
 #: as unanswered.
 _REPEATED_NS: Final = 900_000_000
@@ -293,6 +295,20 @@ class ConnectionTable:
         self._idle: IdleSearch = IdleSearch()
         self.evicted: i64 = 0
         self.half_open_evicted: i64 = 0
+        self._forgot: set[bytes] = set()  # keys of idle connections that were evicted, and may go on
+
+    def forget(self, side: Side) -> None:
+        """Remember that a connection is forgotten that may go on."""
+        if len(self._forgot) < MAX_FORGOTTEN:
+            self._forgot.add(side.key)
+            if side.peer is not None:
+                self._forgot.add(side.peer.key)
+
+    def may_be_forgotten(self, side: Side) -> bool:
+        """Return whether a connection may be the rest of a forgotten one."""
+        if len(self._forgot) >= MAX_FORGOTTEN:
+            return True  # not all are remembered
+        return len(self._forgot) > 0 and side.key in self._forgot
 
     def anew(self) -> ConnectionTable:
         """Return an empty table that goes on with the counts of this one."""

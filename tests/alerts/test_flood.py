@@ -108,6 +108,52 @@ def test_a_burst_is_of_a_minute_of_a_kind_and_of_a_severity(capsys: pytest.Captu
     assert [alert.text[:3] for alert in told[5:]] == ["a10", "a11", "2 m"]
 
 
+def test_a_burst_does_not_hide_a_server() -> None:
+    from dissect.alerts import cooldown
+    from dissect.alerts.rules import Rule
+
+    told: list[Alert] = []
+    book = cooldown.Cooldown(told.append)
+    rule = Rule("r", "finding", burst=2)
+
+    def stopped(number: int, server: str) -> None:
+        detail: dict[str, object] = {"finding": {"slug": "security.plc_stop"}}
+        pair = (f"10.0.1.{number}", server)
+        book.event(rule, (pair,), S + number, lambda at: Alert(rule, at, "error", pair, f"stop of {server}", detail, 1))
+
+    for number in range(50):
+        stopped(number, "10.0.0.2")
+    stopped(51, "10.0.0.3")
+    assert [alert.text for alert in told] == ["stop of 10.0.0.2", "stop of 10.0.0.2", "stop of 10.0.0.3"]
+    for number in range(60, 60 + cooldown.MAX_SERVERS):
+        stopped(number, f"10.0.9.{number}")
+    book.flush(90 * S, over=True)
+    last = told[-1]
+    assert last.repeated == 50
+    assert ", of 2 further servers 10.0.9.158, 10.0.9.159; the last: stop of 10.0.9.159" in last.text
+
+
+def test_what_was_only_counted_is_told_with_the_next_alert() -> None:
+    from dissect.alerts.cooldown import Cooldown
+    from dissect.alerts.rules import Rule
+
+    told: list[Alert] = []
+    book = Cooldown(told.append)
+    rule = Rule("r", "finding", cooldown_ns=60 * S)
+
+    def make(at: int) -> Alert:
+        return Alert(rule, at, "error", None, "stop", {})
+
+    book.event(rule, "a", S, make)
+    book.more(rule, "a", 600, 2 * S, make)
+    book.flush(30 * S)
+    assert [alert.repeated for alert in told] == [0]
+    book.flush(62 * S)
+    assert [alert.repeated for alert in told] == [0, 599]  # the alert is about the latest one
+    book.more(rule, "b", 600, 63 * S, make)  # its first alert was forgotten
+    assert [alert.repeated for alert in told] == [0, 599, 599]
+
+
 def test_a_program_hears_of_the_stop(tmp_path: Path) -> None:
     target = tmp_path / "got"
     command = json.dumps([sys.executable, "-c", APPEND, str(target)])

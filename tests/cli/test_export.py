@@ -14,7 +14,7 @@ from typing import Final
 import pytest
 
 from tests.cli.support import WITHOUT_CACHE, run
-from tests.report.support import ROOT
+from tests.report.support import ROOT, WORD, begun, read, saved
 
 Capture = pytest.CaptureFixture[bytes]
 ERRORS: Final = ROOT / "captures" / "item-errors.pcapng"
@@ -65,6 +65,17 @@ def test_a_selection_and_tags(capfdbinary: Capture, tmp_path: Path) -> None:
     assert f"{len(lines) - 1} items written to" in ran.err
     assert any(",write,sure,Valve.pressure,DB," in line for line in lines)
     assert not any(",read," in line for line in lines)
+
+
+def test_findings_in_detail_are_told_from_all(capfdbinary: Capture, tmp_path: Path) -> None:
+    talk = begun()
+    for ref in range(1, 301):
+        read(talk, ref, WORD, 0x0A)
+    many = saved(tmp_path / "many.pcapng", talk.packets())
+    ran = run(capfdbinary, "export", many, "-o", tmp_path / "a.db")
+    assert "100 of 300 findings in detail, 2 finding counts" in ran.err
+    few = run(capfdbinary, "export", ERRORS, "-o", tmp_path / "b.db")
+    assert "15 findings, " in few.err
 
 
 @pytest.mark.parametrize(("package", "form"), [("pyarrow", "parquet"), ("pyarrow", "arrow"), ("duckdb", "duckdb")])

@@ -373,6 +373,23 @@ def test_too_many_connections_push_out_the_idle_ones() -> None:
     assert {one.request_frame for one in result.transactions[:evicted]} == set(range(1, evicted + 1))
 
 
+def test_idle_connections_are_forgotten_without_a_warning() -> None:
+    """Nothing is open or unread on them; one that goes on may have been counted twice."""
+    count = MAX_CONNECTIONS + 101
+    flows = [Flow(f"10.{1 + (number >> 16)}.{number >> 8 & 255}.{number & 255}") for number in range(count)]
+    opened = [Segment(flow, 0, 1, 1, ACK, connect()) for flow in flows]
+    result = Result(captured(opened, step_ns=1000))
+    connections = result.pipeline.connections
+    assert (result.pipeline.table.evicted, connections.forgotten, connections.twice) == (100, 100, 0)
+    assert "stream.evicted" not in result.counts
+    size = len(connect())
+    again = [*opened, Segment(flows[0], 0, 1 + size, 1, ACK, asked(1))]
+    result = Result(captured(again, step_ns=1000))
+    connections = result.pipeline.connections
+    assert (connections.forgotten, connections.twice) == (101, 1)
+    assert connections.count == count + 1
+
+
 def test_what_waits_is_bounded_when_the_clock_stands_still() -> None:
     closed = MAX_LINGERING + 300
     talks = []

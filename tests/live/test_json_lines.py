@@ -3,10 +3,13 @@ from __future__ import annotations
 import json
 from typing import Any
 
+from dissect.findings.bounds import COUNTED
 from dissect.findings.catalogue import CATALOGUE
-from dissect.live.events import PROBLEM, TRANSACTION, Event
+from dissect.findings.reporter import Finding
+from dissect.live.events import PROBLEM, TRANSACTION, Collector, Event
 from dissect.live.json_lines import JsonLines
-from dissect.live.lines import kinds_of
+from dissect.live.lines import PlainLines, kinds_of
+from dissect.monitor.lists import FindingList
 from dissect.source.live.reader import Drops
 from tests.live.test_lines import conversation, events_of, status
 from tests.properties.packets import EPOCH_NS
@@ -58,3 +61,20 @@ def test_lines_about_the_output_itself() -> None:
     assert (lost["event"], lost["counts"]) == ("events_lost", {"transaction": 3})
     assert problem["event"] == "problem"
     assert (summary["summary"]["packets"], summary["summary"]["dropped"]) == (5, {"kernel": None, "interface": 2})
+
+
+def test_what_was_only_counted_is_one_line() -> None:
+    finding = Finding(CATALOGUE["security.plc_stop"], 0, [9], EPOCH_NS, "101 more, between 10.0.0.1 and 10.0.0.2")
+    finding.repeated, finding.room = 101, COUNTED
+    collector = Collector(lambda _: {})
+    collector.repeated(finding)
+    (event,) = collector.fresh
+    told = json.loads(JsonLines(kinds_of([])).line(event))
+    assert complaints("event", told, exact=True) == []
+    assert (told["event"], told["repeated"], told["finding"]["frames"]) == ("finding", 101, [9])
+    assert (told["finding"]["number"], told["finding"]["connection"]) == (None, None)
+    line = PlainLines(kinds_of([])).line(event)
+    assert line.endswith("ERROR  security.plc_stop  packet 9: 101 more, between 10.0.0.1 and 10.0.0.2")
+    listed = FindingList()
+    listed.note(finding)
+    assert listed.facts({"security.plc_stop": 201})[0].details == ()
