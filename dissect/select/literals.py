@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import ipaddress
 import re
-import warnings
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, Final, NamedTuple
@@ -19,7 +18,7 @@ from dissect.s7.address import Address, address_text, parse_address
 from dissect.s7.tables import AREA_LETTERS, DB_AREAS, NUMBERED_AREAS, RECORD_AREA
 from dissect.select.errors import SelectError, range_hint
 from dissect.select.grammar import Literal
-from dissect.select.patterns import takes_too_long
+from dissect.select.patterns import searching
 
 Test = Callable[[Any], bool]
 #: Returns the time of the first packet, nanoseconds since 1970.
@@ -36,8 +35,7 @@ _ORDER: Final[dict[str, Callable[[Any, Any], bool]]] = {
     ">": lambda a, b: bool(a > b),
     ">=": lambda a, b: bool(a >= b),
 }
-#: Greatest number of characters of a pattern, and of names that an error lists as expected.
-_MAX_PATTERN: Final = 200
+#: Greatest number of names that an error lists as expected.
 _MOST_LISTED: Final = 12
 
 
@@ -129,27 +127,6 @@ class Kind(ABC):
     def wrong(self, literal: Literal, reason: str) -> SelectError:
         """Return the error for a literal; ``reason`` names the literal."""
         return SelectError(reason, "", literal.start, literal.end)
-
-
-def _pattern(literal: Literal) -> Callable[[str], bool]:
-    """Return the search for a regular expression; it ignores case, as in Wireshark."""
-    if len(literal.text) > _MAX_PATTERN:
-        raise SelectError(
-            f"a pattern has at most {_MAX_PATTERN} characters; this one has {len(literal.text)}",
-            "", literal.start, literal.end,
-        )  # fmt: skip
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # warnings on what later Python versions may change are no help to users
-            search = re.compile(literal.text, re.IGNORECASE).search
-    except (re.error, OverflowError, RecursionError) as error:
-        raise SelectError(f"invalid regular expression: {error}", "", literal.start, literal.end) from None
-    if takes_too_long(literal.text, re.IGNORECASE):
-        raise SelectError(
-            "this regular expression may take forever: a repetition within a repetition, or too many of them",
-            "", literal.start, literal.end,
-        )  # fmt: skip
-    return lambda text: search(text) is not None
 
 
 _NUMBER: Final = re.compile(r"[+-]?(0x[0-9a-f]+|[0-9]+(\.[0-9]+)?(e[+-]?[0-9]{1,3})?)", re.IGNORECASE)
@@ -318,7 +295,7 @@ class Text(Kind):
     def compare(self, operator: str, literal: Literal, start: Start) -> Test:
         """Compare with a text."""
         if operator == MATCHES:
-            return _pattern(literal)
+            return searching(literal)
         wanted = literal.text
         if operator == CONTAINS:
             return lambda value: wanted in value
@@ -377,7 +354,7 @@ class Code(Kind):
     def compare(self, operator: str, literal: Literal, start: Start) -> Test:
         """Compare with a number or a name."""
         if operator == MATCHES:
-            found = _pattern(literal)
+            found = searching(literal)
             return lambda value: any([found(name) for name in value.names])
         if operator == CONTAINS:
             part = literal.text.casefold()
@@ -442,7 +419,7 @@ class Host(Kind):
     def compare(self, operator: str, literal: Literal, start: Start) -> Test:
         """Compare with an address or network, or the text of one."""
         if operator == MATCHES:
-            found = _pattern(literal)
+            found = searching(literal)
             return lambda value: found(str(value))
         if operator == CONTAINS:
             part = literal.text
@@ -484,7 +461,7 @@ class S7Address(Kind):
     def compare(self, operator: str, literal: Literal, start: Start) -> Test:
         """Compare with an address, or its text."""
         if operator == MATCHES:
-            found = _pattern(literal)
+            found = searching(literal)
             return lambda value: found(value.label)
         if operator == CONTAINS:
             part = literal.text.casefold()
@@ -579,7 +556,7 @@ class AnyValue(Kind):
     def compare(self, operator: str, literal: Literal, start: Start) -> Test:
         """Compare with a number, a text, or true or false."""
         if operator == MATCHES:
-            found = _pattern(literal)
+            found = searching(literal)
             return lambda value: isinstance(value, str) and found(value)
         if operator == CONTAINS:
             part = literal.text

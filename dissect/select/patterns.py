@@ -8,16 +8,44 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Sequence
+import warnings
+from collections.abc import Callable, Sequence
 from typing import Any, Final
+
+from dissect.select.errors import SelectError
+from dissect.select.grammar import Literal
 
 #: A text is taken to have so many characters, and a pattern may have so many ways to match it (powers of ten).
 _LENGTH: Final = 1000
 _MOST: Final = 9.0
 
+#: Greatest number of characters of a pattern.
+_MAX_PATTERN: Final = 200
+
 #: re has no public parser; what its own has is the same since Python 3.11.
 _parser: Any = re._parser  # noqa: SLF001
 _REPEATS: Final = frozenset(("MAX_REPEAT", "MIN_REPEAT", "POSSESSIVE_REPEAT"))
+
+
+def searching(literal: Literal) -> Callable[[str], bool]:
+    """Return the search for a regular expression; it ignores case, as in Wireshark."""
+    if len(literal.text) > _MAX_PATTERN:
+        raise SelectError(
+            f"a pattern has at most {_MAX_PATTERN} characters; this one has {len(literal.text)}",
+            "", literal.start, literal.end,
+        )  # fmt: skip
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # warnings on what later Python versions may change are no help to users
+            search = re.compile(literal.text, re.IGNORECASE).search
+    except (re.error, OverflowError, RecursionError) as error:
+        raise SelectError(f"invalid regular expression: {error}", "", literal.start, literal.end) from None
+    if takes_too_long(literal.text, re.IGNORECASE):
+        raise SelectError(
+            "this regular expression may take forever: a repetition within a repetition, or too many of them",
+            "", literal.start, literal.end,
+        )  # fmt: skip
+    return lambda text: search(text) is not None
 
 
 def takes_too_long(pattern: str, flags: int = 0) -> bool:
