@@ -38,9 +38,10 @@ def searching(literal: Literal) -> Callable[[str], bool]:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # warnings on what later Python versions may change are no help to users
             search = re.compile(literal.text, re.IGNORECASE).search
+            forever = takes_too_long(literal.text, re.IGNORECASE)
     except (re.error, OverflowError, RecursionError) as error:
         raise SelectError(f"invalid regular expression: {error}", "", literal.start, literal.end) from None
-    if takes_too_long(literal.text, re.IGNORECASE):
+    if forever:
         raise SelectError(
             "this regular expression may take forever: a repetition within a repetition, or too many of them",
             "", literal.start, literal.end,
