@@ -14,6 +14,7 @@ from dissect.transactions.operation import (
     NOT_CAPTURED,
     POLLING,
     RUNNING,
+    TRANSFERS,
     Operation,
 )
 from dissect.transactions.transaction import CONNECTION_CLOSED
@@ -111,6 +112,15 @@ def result(operation: Operation) -> str:
     return f"{shout} ({told})" if told else shout
 
 
+def _blocks(operation: Operation) -> dict[str, object]:
+    """Return the blocks of a transfer of S7comm-plus, which may carry many; nothing for other operations."""
+    if operation.connection.plus is None or operation.kind not in TRANSFERS or not operation.content:
+        return {}
+    from dissect.program.carved import carve  # late: few captures have transfers
+
+    return {"blocks": [block.label for block in carve(operation)]}
+
+
 def operation_json(operation: Operation, clock: Clock, places: Places) -> str:
     """Return one operation as a line of JSON."""
     import json  # late: text does not need it
@@ -138,6 +148,7 @@ def operation_json(operation: Operation, clock: Clock, places: Places) -> str:
         "pushes": operation.pushes,
         **({"likely": operation.likely} if operation.likely else {}),
         "octets": operation.octets,
+        **_blocks(operation),
         "announced": operation.announced if operation.announced >= 0 else None,
         "tells": [part.note for part in operation.content_parts() if part.note],
         "content": operation.content.hex() if operation.content_head is not None else None,

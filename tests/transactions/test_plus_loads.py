@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import pytest
 
 import dissect
 from dissect.program.carved import carve
+from dissect.report.operations import operation_json
+from dissect.report.words import Places
 from dissect.s7plus.assembly import MAX_PDU
 from dissect.s7plus.contents import Address
 from dissect.s7plus.ids import BLOCK_CLASSES
@@ -23,6 +26,7 @@ from dissect.s7plus.tables import (
 from dissect.s7plus.value_tables import BLOB, BOOL, UINT, WSTRING
 from dissect.s7plus.values import Blob, Value
 from dissect.transactions import operation as kinds
+from dissect.wire.text import Clock
 from tests.findings.test_plus_rules import DENIED, NOTHING, begun, block, do
 from tests.s7plus import bodies
 from tests.s7plus.pdus import asked, framed, told
@@ -284,3 +288,19 @@ def test_a_shared_capture(corpus: Path) -> None:
     assert len(found) == 22
     assert all([block.complete for block in found])
     assert {block.language for block in found if block.label.startswith("FB")} == {"SCL"}
+
+
+def test_the_blocks_of_a_load_are_in_json() -> None:
+    """Of S7comm-plus, where one operation carries many; a deletion carries none."""
+    talk = begun()
+    begin(talk, 1)
+    create(talk, 2, 1, within(3, OB, DB))
+    create(talk, 3, 3, block(0x8A24026C, 3932, "Req", 0))
+    end(talk, 4)
+    do(talk, 5, DELETE_OBJECT, bodies.delete_object(0x8A0E0003), b"\0" + bodies.rid(0x8A0E0003))
+    talk.close()
+    told_ = [json.loads(operation_json(one, Clock(), Places([], False))) for one in talk.operations]
+    assert [(one["kind"], one.get("blocks")) for one in told_] == [
+        ("download", ["OB1", "DB3", "UDT620"]),
+        ("delete", None),
+    ]
