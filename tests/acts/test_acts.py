@@ -19,6 +19,8 @@ from dissect.s7plus.objects import PlusObject, build_object
 from dissect.s7plus.tables import CREATE_OBJECT, DELETE_OBJECT, SET_MULTI_VARIABLES, SET_VARIABLE
 from dissect.s7plus.value_tables import BLOB, DINT, UINT
 from dissect.s7plus.values import Blob, Value
+from dissect.select import Where
+from dissect.select.sieve import Sieve
 from dissect.session import Run
 from dissect.transactions import operation as operations
 from dissect.transactions.operation import Operation
@@ -333,3 +335,21 @@ def test_they_agree_in_shared_captures(corpus: Path) -> None:
     for path in sorted(corpus.rglob("*.pcap*")):
         if "faults" not in path.parts:
             compare(path)
+
+
+@pytest.mark.parametrize(
+    ("expression", "wanted"),
+    [
+        ("function == 'S7comm-plus SetVariable'", [kinds.STOP, kinds.START]),
+        ("kind == download", [kinds.DOWNLOAD]),
+        ("function == 'S7comm-plus CreateObject'", [kinds.DOWNLOAD]),
+        ("client == 192.0.2.30", []),
+        ("server == 192.0.2.20", [kinds.STOP, kinds.START, kinds.DOWNLOAD]),
+    ],
+)
+def test_a_selection_passes_the_acts_of_what_it_selects(expression: str, wanted: list[str]) -> None:
+    """By the transaction that asked for it, or by the operation that a transfer was."""
+    faces = Faces()
+    where = Where(expression)
+    Run([str(CAPTURES / "crafted" / "plus-plant.pcapng")], Sieve(faces, where)).read()
+    assert [act.kind for act in faces.acts] == wanted

@@ -32,7 +32,7 @@ READ: Final = str(CAPTURES / "read-areas.pcapng")
 PAGE: Final = mmap.PAGESIZE
 
 #: Columns that count over all files.
-COUNTED: Final = {"connection", "transaction", "operation", "finding", "pdu", "transactions"}
+COUNTED: Final = {"connection", "transaction", "operation", "act", "finding", "pdu", "transactions"}
 
 
 @pytest.fixture(autouse=True)
@@ -99,7 +99,7 @@ def test_rows_are_those_of_one_run_but_their_numbers(capfdbinary: Capture, tmp_p
 
         assert plain(apart) == plain(whole), table
     places = {name: place for place, name in enumerate(FILES)}
-    for table in ("transactions", "findings", "operations", "pdus"):
+    for table in ("transactions", "findings", "operations", "acts", "pdus"):
         own = table.removesuffix("s")
         rows = rows_of(apart, table)
         assert {row[own] // NUMBERS for row in rows} == {places[row["file"]] for row in rows}
