@@ -92,7 +92,7 @@ def test_rows_are_those_of_one_run_but_their_numbers(capfdbinary: Capture, tmp_p
     whole, apart = tmp_path / "whole", tmp_path / "apart"
     run(capfdbinary, "export", *FILES, "-o", f"parquet:{whole}")
     assert run(capfdbinary, "export", "--separate", "-j", "2", *FILES, "-o", f"parquet:{apart}").code == 0
-    for table in ("connections", "transactions", "items", "values", "operations", "pdus"):
+    for table in ("connections", "transactions", "items", "values", "operations", "acts", "pdus"):
 
         def plain(path: Path, table: str = table) -> list[str]:
             return sorted([str({key: row[key] for key in row if key not in COUNTED}) for row in rows_of(path, table)])

@@ -82,7 +82,7 @@ ALONE: Final[dict[tuple[str, str], tuple[str, ...]]] = {
         "outcome", "pdu_ref", "reason", "request_frame", "request_time", "response_frame", "response_time", "rosctr", "subject",
     ),
     ("operation", "fields"): ("pdu_length",),
-    ("operation", "jsonl"): ("schema", "beginning_captured", "content", "error.text", "tells"),
+    ("operation", "jsonl"): ("schema", "beginning_captured", "content", "error.text", "tells", "blocks"),
     ("operation", "tables"): ("file",),
     ("pdu", "fields"): ("error", "pdu_length", "scd.*", "tag"),
     ("pdu", "jsonl"): (
