@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 from dissect.acts.tables import (
     ACCEPTED,
@@ -16,7 +16,6 @@ from dissect.acts.tables import (
     UNFINISHED,
     Kind,
 )
-from dissect.program.carved import CarvedBlock, carve
 from dissect.s7plus.tables import PARTIAL_ERROR
 from dissect.s7plus.tables import RETURN_CODES as PLUS_CODES
 from dissect.transactions import operation as operations
@@ -25,6 +24,9 @@ from dissect.transactions.operation import DONE, TRANSFERS, Operation
 from dissect.transactions.plus_loads import beginning_of
 from dissect.transactions.results import RETURN_VALUE, TransactionError, refusal
 from dissect.transactions.transaction import PUSH, Transaction
+
+if TYPE_CHECKING:
+    from dissect.program.carved import CarvedBlock
 
 _OUTCOMES: Final[dict[str, str]] = {
     operations.DONE: ACCEPTED,
@@ -101,6 +103,8 @@ class Act:
 
     def blocks(self) -> list[CarvedBlock]:
         """Return the blocks that it carried, in wire order; call this while its operation has its contents."""
+        from dissect.program.carved import carve  # late: few captures have transfers
+
         operation = self.operation
         return carve(operation) if operation is not None and operation.kind in TRANSFERS else []
 

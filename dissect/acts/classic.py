@@ -10,7 +10,7 @@ from typing import Final
 
 from dissect.acts import tables as kinds
 from dissect.acts.act import Act, act_of
-from dissect.s7.control import PI_ARGUMENT
+from dissect.s7.body import Body
 from dissect.s7.items import ItemResult
 from dissect.s7.parameters import PUSH as INDICATION
 from dissect.s7.parameters import UserdataHead
@@ -150,8 +150,7 @@ def _of_service(transaction: Transaction) -> Act | None:
     if not name or (row is not None and row.effect == READ):
         return None
     kind = _SERVICES.get(name, "")
-    argument = body.find(PI_ARGUMENT) if body is not None and kind == kinds.START else None
-    if argument is not None and argument.octets("argument").startswith(_COLD):
+    if kind == kinds.START and _is_cold(body):
         kind = kinds.RESTART
     if not kind:
         kind = kinds.NC if row is not None or name.startswith(NC_PREFIX) else kinds.UNKNOWN
@@ -162,6 +161,14 @@ def _of_service(transaction: Transaction) -> Act | None:
         act.slug = _NC_COMMAND
         act.command = ""
     return act
+
+
+def _is_cold(body: Body | None) -> bool:
+    """Return whether the argument of a start asks for a cold restart."""
+    from dissect.s7.control import PI_ARGUMENT  # late, as bodies are parsed: few captures have PI services
+
+    argument = body.find(PI_ARGUMENT) if body is not None else None
+    return argument is not None and argument.octets("argument").startswith(_COLD)
 
 
 def _is_cut_short(transaction: Transaction, name: str) -> bool:
