@@ -120,11 +120,13 @@ class SecurityWatch:
         became = Became(transaction)
         naming = transaction.connection.naming
         for area, slug in _WRITES_TO:
-            for found, said in ((became.written, ""), (became.unsure, "" if unanswered else ", without a return code")):
-                items = [result for result in found if result.item is not None and written_areas([result.item]) & area]
-                if items:
-                    what = f"{transaction.function_name} {items_said(naming, items, True)}{said}"
-                    self.wrote(slug, area, transaction, what, sure=not said and not unanswered)
+            written, unsure = _items_in(became.written, area), _items_in(became.unsure, area)
+            said = [items_said(naming, written, True)] if written else []
+            if unsure:
+                said.append(f"{items_said(naming, unsure, True)}{'' if unanswered else ', without a return code'}")
+            if said:  # one write, whatever is known of its items
+                what = f"{transaction.function_name} {', '.join(said)}"
+                self.wrote(slug, area, transaction, what, sure=bool(written))
         self._refused(transaction, became)
 
     def _refused(self, transaction: Transaction, became: Became) -> None:
@@ -438,6 +440,11 @@ def _denied(transaction: Transaction) -> bool:
     """Return whether an answer refuses its request as a whole because the PLC is protected."""
     error = refusal(transaction)
     return error is not None and (error.code == _ACCESS_DENIED if error.part == DATA else protects(error.code))
+
+
+def _items_in(results: list[ItemResult], area: i64) -> list[ItemResult]:
+    """Return the items of a kind of areas."""
+    return [result for result in results if result.item is not None and written_areas([result.item]) & area]
 
 
 def _item_codes(refused: list[ItemResult]) -> str:

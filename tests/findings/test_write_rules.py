@@ -106,6 +106,24 @@ def test_each_item_is_judged_by_its_own_code(answer: bytes, expected: list[tuple
     assert said(talk) == expected
 
 
+@pytest.mark.parametrize("again", [0, 2])
+def test_a_write_of_which_some_items_have_no_code_is_one_write(again: int) -> None:
+    """However many items of one kind of area it has, and whatever is known of them; so are further ones."""
+    talk = set_up()
+    for number in range(1 + again):
+        items = [item(0x84, 1, 8 * at, 2) for at in range(3)]
+        talk.ask(write(1 + number, items, b"".join([written(4, b"\7") + b"\0" for _ in items[1:]]) + written(4, b"\7")))
+        talk.tell(ack_data(1 + number, b"\x05\x03", b"\xff"))
+    talk.pipeline.exchange.report_findings()
+    assert said(talk) == [
+        (
+            "security.write",
+            "Write Var DB1.DBB0 = 7, DB1.DBB1 = 7, DB1.DBB2 = 7, without a return code",
+        )
+    ]
+    assert talk.pipeline.exchange.reporter.ledger.rules["security.write"].events == 1 + again
+
+
 def test_what_was_not_answered_is_told_and_hides_nothing() -> None:
     talk = set_up()
     for value in (b"\1", b"\2"):

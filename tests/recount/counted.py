@@ -7,11 +7,73 @@ from typing import Final
 
 from tests.recount.recount import Json, item_errors
 
-#: The transactions that show a rule, one for each time it applied.
-RULES: Final[Mapping[str, Callable[[list[Json]], list[Json]]]] = {
+_WRITE: Final = 5
+_OUTPUTS: Final = frozenset((0x80, 0x82))
+#: Kinds of messages of S7comm with functions: others are judged by what they carry.
+_JOB: Final = 1
+#: Where an error stands that refuses a request as a whole.
+WHOLE: Final = frozenset(("header", "parameter", "data"))
+
+Rule = Callable[[list[Json]], list[Json] | None]
+
+
+def _refused(rows: list[Json]) -> list[Json] | None:
+    """Requests that were refused as a whole; None where S7comm-plus has refusals of its own."""
+    if any([one.get("s7plus") or one.get("protocol") for one in rows]):
+        return None
+    return [one for one in rows if any([error["where"] in WHOLE for error in one["errors"]])]
+
+
+def _writes(rows: list[Json]) -> list[Json] | None:
+    """Writes of S7comm; None where other functions write as well."""
+    if any([one.get("s7plus") or one.get("protocol") for one in rows]):
+        return None
+    if any([one["userdata"]["group"] == 1 for one in rows if one.get("userdata")]):
+        return None
+    return [one for one in rows if one["rosctr"] == _JOB and one["function"]["code"] == _WRITE]
+
+
+def _accepted(outputs: bool) -> Rule:
+    """Return what finds writes with an accepted item of outputs, or of other areas."""
+
+    def found(rows: list[Json]) -> list[Json] | None:
+        writes = _writes(rows)
+        if writes is None:
+            return None
+        return [one for one in writes if one["request_frame"] and _wrote(one, outputs)]
+
+    return found
+
+
+def _wrote(one: Json, outputs: bool) -> bool:
+    wrong = {error["where"] for error in one["errors"] if error["code"] is not None}
+    if wrong & WHOLE:
+        return False
+    areas = [item.get("area") for number, item in enumerate(one["items"], 1) if f"item {number}" not in wrong]
+    return any([(area in _OUTPUTS) == outputs for area in areas])
+
+
+def _writes_refused(rows: list[Json]) -> list[Json] | None:
+    writes = _writes(rows)
+    return None if writes is None else [one for one in writes if _has_codes(one)]
+
+
+def _has_codes(one: Json) -> bool:
+    """Return whether anything of a write was refused: without a return code it is not known."""
+    return any([error["code"] is not None for error in one["errors"]])
+
+
+#: The transactions that show a rule, one for each time it applied; None where they do not tell.
+RULES: Final[Mapping[str, Rule]] = {
     "transaction.item_error": item_errors,
     "transaction.unanswered": lambda rows: [one for one in rows if one["missed"] and not one["deaf"]],
+    "transaction.refused": _refused,
+    "security.write": _accepted(False),
+    "security.write_outputs": _accepted(True),
+    "security.write_refused": _writes_refused,
 }
+#: Those that report each event. The others report the first of a connection, and count the rest.
+EACH: Final = frozenset(("transaction.item_error", "transaction.unanswered", "transaction.refused"))
 
 
 def host_of(end: str) -> str:

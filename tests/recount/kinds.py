@@ -10,7 +10,7 @@ import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import Final
 
-from tests.recount.counted import RULES, host_of
+from tests.recount.counted import EACH, RULES, host_of
 from tests.recount.pages import PAGES
 from tests.recount.recount import (
     DURATION,
@@ -220,19 +220,25 @@ _FINDING: Final = re.compile(
 def findings(capture: Capture, reader: Reader) -> Iterator[Claim]:
     """How often rules applied, since when and until when, on how many connections, and what is shown of it."""
     for found in _FINDING.finditer(reader.text):
-        events = RULES[found[1]](capture.transactions) if found[1] in RULES else None
+        yield from _explained_too(capture, reader, found)
+        events = capture.events(RULES, found[1])
         if events is None:
             continue
-        because = capture.explained.get(found[1], 0)
         if found[2]:
-            yield reader.number("finding: times it happened", found, 2, len(events) - because)
+            yield reader.number("finding: times it happened", found, 2, len(events))
         else:
-            yield reader.claim(
-                "finding: times it happened", found, 1, len(events) - because, len(events) - because == 1
-            )
-        if not because:
-            yield from _facts(reader, found, events)
-            yield from _shown(reader, found, events)
+            yield reader.claim("finding: times it happened", found, 1, len(events), len(events) == 1)
+        yield from _facts(reader, found, events)
+        yield from _shown(reader, found, events, found[1] in EACH)
+
+
+def _explained_too(capture: Capture, reader: Reader, found: re.Match[str]) -> Iterator[Claim]:
+    """Of a rule that other findings explain at times, both together are all events."""
+    because = capture.explained.get(found[1], 0)
+    if because and found[1] in EACH and found[2]:
+        events = RULES[found[1]](capture.transactions)
+        if events is not None:
+            yield reader.number("finding: times besides those explained", found, 2, len(events) - because)
 
 
 def _facts(reader: Reader, finding: re.Match[str], events: list[Json]) -> Iterator[Claim]:
@@ -253,7 +259,7 @@ def _facts(reader: Reader, finding: re.Match[str], events: list[Json]) -> Iterat
             yield reader.claim(f"facts: {name}", found, group, ns, is_time_of_day(found[group], ns))
 
 
-def _shown(reader: Reader, finding: re.Match[str], events: list[Json]) -> Iterator[Claim]:
+def _shown(reader: Reader, finding: re.Match[str], events: list[Json], each: bool) -> Iterator[Claim]:
     """Check the packets of the findings that are shown, and how many more there are."""
     begin, end = finding.span(3)
     shown = 0
@@ -261,13 +267,15 @@ def _shown(reader: Reader, finding: re.Match[str], events: list[Json]) -> Iterat
     for found in re.compile(r"^      connection (\d+), packets? ([\d, ]+): ", re.MULTILINE).finditer(
         reader.text, begin, end
     ):
-        if shown >= len(events):
-            yield reader.claim("finding: packets", found, 2, f"{len(events)} events", False)
-            continue
         numbers = {int(number) for number in found[2].split(", ")}
-        yield reader.number("finding: connection", found, 1, events[shown]["connection"])
-        right = numbers == frames[shown]
-        yield reader.claim("finding: packets", found, 2, sorted(frames[shown]), right)
+        if each and shown < len(events):
+            yield reader.number("finding: connection", found, 1, events[shown]["connection"])
+            yield reader.claim("finding: packets", found, 2, sorted(frames[shown]), numbers == frames[shown])
+        else:
+            mine = [one for one, both in zip(events, frames, strict=True) if numbers == both]
+            yield reader.claim("finding: packets", found, 2, "packets of such a transaction", bool(mine))
+            if mine:
+                yield reader.number("finding: connection", found, 1, mine[0]["connection"])
         shown += 1
     more = re.compile(r"^      and (\d+) more(?:: packets? ([\d, ]+))?", re.MULTILINE).search(reader.text, begin, end)
     if more is not None:
@@ -311,8 +319,9 @@ def brief(capture: Capture, reader: Reader) -> Iterator[Claim]:
     for found in re.finditer(
         r"^  (?:error|warning|note) +(\S+?) \((\d+)(?: [a-z ]+? on .*?)?\): ", reader.text, re.MULTILINE
     ):
-        if found[1] in RULES and not capture.explained.get(found[1]):
-            yield reader.number("brief: times it happened", found, 2, len(RULES[found[1]](capture.transactions)))
+        events = capture.events(RULES, found[1])
+        if events is not None:
+            yield reader.number("brief: times it happened", found, 2, len(events))
 
 
 def servers_of(capture: Capture) -> dict[int, str]:

@@ -8,7 +8,7 @@ from collections import Counter
 from collections.abc import Iterator, Mapping
 from typing import Final
 
-from tests.recount.counted import RULES, host_of
+from tests.recount.counted import EACH, RULES, host_of
 from tests.recount.recount import (
     DURATION,
     Capture,
@@ -57,9 +57,9 @@ def verdict(capture: Capture, reader: Reader) -> Iterator[Claim]:
     yield from _sound(capture, reader, section)
     yield from _missing(capture, reader, section)
     named = re.compile(r'<a href="#f-([^"]+)">').search(reader.text, *section.span())
-    if named is None or named[1] not in RULES or capture.explained.get(named[1]):
+    events = capture.events(RULES, named[1]) if named is not None else None
+    if events is None:
         return
-    events = RULES[named[1]](capture.transactions)
     times = sorted([ended_ns(one) for one in events])
     found = re.compile(r"It happened (once|twice|[\d,]+ times)").search(reader.text, *section.span())
     if found is None or len(capture.transactions) == 0:
@@ -178,8 +178,9 @@ def screens(capture: Capture, reader: Reader) -> Iterator[Claim]:
         for group, name, count in ((4, "answered", answered), (5, "errors", with_errors), (6, "no answer", unanswered)):
             yield reader.number(f"screen: {name} of a connection", found, group, count(rows))
     for found in _SCREEN_FINDING.finditer(reader.text):
-        if found[1] in RULES and found[2] and not capture.explained.get(found[1]):
-            yield reader.number("screen: times it happened", found, 2, len(RULES[found[1]](capture.transactions)))
+        events = capture.events(RULES, found[1]) if found[2] else None
+        if events is not None:
+            yield reader.number("screen: times it happened", found, 2, len(events))
     for found in _SCREEN_ENTRY.finditer(reader.text):
         one = capture.by_number.get(int(found[2]))
         if one is None:
@@ -204,18 +205,18 @@ def alerts(capture: Capture, reader: Reader) -> Iterator[Claim]:
         slug = alert["finding"]["slug"]
         found = re.compile(r'"repeated": (\d+)').search(reader.text, at, at + len(line))
         assert found is not None
-        if slug in RULES:
+        if slug in EACH and capture.events(RULES, slug) is not None:
             first[slug] = found
             told[slug] += 1 + alert["repeated"]
             yield from _alert(capture, reader, alert, at, at + len(line))
         at += len(line) + 1
     for slug, found in first.items():
-        events = len(RULES[slug](capture.transactions)) - capture.explained.get(slug, 0)
+        events = len(capture.events(RULES, slug) or [])
         yield reader.claim("alert: times it happened", found, 1, events, told[slug] == events)
 
 
 def _alert(capture: Capture, reader: Reader, alert: Json, begin: int, end: int) -> Iterator[Claim]:
-    events = RULES[alert["finding"]["slug"]](capture.transactions)
+    events = capture.events(RULES, alert["finding"]["slug"]) or []
     frames = re.compile(r'"frames": \[([\d, ]+)\]').search(reader.text, begin, end)
     assert frames is not None
     numbers = {int(number) for number in frames[1].split(", ")}
@@ -240,14 +241,14 @@ def tables(capture: Capture, reader: Reader) -> Iterator[Claim]:
         row = json.loads(line)
         if row["table"] == "connections":
             yield from _connection(capture, reader, row, at, at + len(line))
-        elif row["table"] == "findings" and row.get("slug") in RULES and not row.get("explained_by"):
+        elif row["table"] == "findings" and row["slug"] in EACH and capture.events(RULES, row["slug"]) is not None:
             findings[row["slug"]] += 1
             found = re.compile(r'"slug": "([^"]*)"').search(reader.text, at, at + len(line))
             assert found is not None
             place.setdefault(row["slug"], found)
         at += len(line) + 1
     for slug, found in place.items():
-        events = len(RULES[slug](capture.transactions)) - capture.explained.get(slug, 0)
+        events = len(capture.events(RULES, slug) or [])
         yield reader.claim("table: findings", found, 1, events, findings[slug] == min(events, 100))
 
 
@@ -270,12 +271,14 @@ def _connection(capture: Capture, reader: Reader, row: Json, begin: int, end: in
 
 def bundle(capture: Capture, reader: Reader) -> Iterator[Claim]:
     """Notes of a STIX bundle name packets of what they are about."""
-    for slug, count in RULES.items():
-        events = count(capture.transactions)
+    for slug in RULES:
+        events = capture.events(RULES, slug)
+        if events is None:
+            continue
         frames = {frame for one in events for frame in (one["request_frame"], one["response_frame"])}
         pattern = re.compile(
             r'"content": "(?:[^"\\]|\\.)*? Packets? ([\d, ]+) of (?:[^"\\]|\\.)*"[^}]*?"labels": \[\s*"'
-            + re.escape(slug),
+            + f'{re.escape(slug)}"',
             re.DOTALL,
         )
         for found in pattern.finditer(reader.text):

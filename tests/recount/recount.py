@@ -80,6 +80,12 @@ class Capture:
         segments = segments_of(self.packets) if self.packets else None
         return missing_of(segments) if segments else None
 
+    def events(self, rules: Mapping[str, Callable[[list[Json]], list[Json] | None]], slug: str) -> list[Json] | None:
+        """Return the transactions that show a rule; None where they do not tell, or where other findings explain some."""
+        if slug not in rules or self.explained.get(slug):
+            return None
+        return rules[slug](self.transactions)
+
     def time_ns(self, frame: int) -> int | None:
         """Return the time of a packet."""
         packets = self.packets
