@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import Final
 
 from tests.recount.counted import EACH, RULES, host_of
+from tests.recount.details import DETAILS
 from tests.recount.pages import PAGES
 from tests.recount.recount import (
     DURATION,
@@ -166,7 +167,7 @@ _ROW: Final = re.compile(rf"^ +#(\d+)  (\d+|\?)→(\d+|\?) +({DURATION}|-)  ", r
 
 
 def _part(reader: Reader, title: str) -> tuple[int, int]:
-    found = re.search(rf"^{title}.*\n(?:.+\n)*", reader.text, re.MULTILINE)
+    found = re.search(rf"^{title}.*\n(?:.+(?:\n|\Z))*", reader.text, re.MULTILINE)
     return found.span() if found is not None else (0, 0)
 
 
@@ -446,12 +447,14 @@ def operations(capture: Capture, reader: Reader) -> Iterator[Claim]:
             yield reader.duration("operation: duration", found, 7, last - first)
 
 
-#: Who finds what in which output.
-KINDS: Final[Mapping[str, tuple[Kind, ...]]] = {
+_OWN: Final[Mapping[str, tuple[Kind, ...]]] = {
     "analyze.txt": (head, headline, connections, functions, failed, slowest, findings, gaps),
     "brief.txt": (brief,),
     "devices.txt": (devices,),
     "transactions.txt": (transactions,),
     "operations.txt": (operations,),
-    **PAGES,
+}
+#: Who finds what in which output.
+KINDS: Final[Mapping[str, tuple[Kind, ...]]] = {
+    face: (*_OWN.get(face, ()), *PAGES.get(face, ()), *DETAILS.get(face, ())) for face in (*_OWN, *PAGES)
 }

@@ -278,7 +278,7 @@ def bundle(capture: Capture, reader: Reader) -> Iterator[Claim]:
         frames = {frame for one in events for frame in (one["request_frame"], one["response_frame"])}
         pattern = re.compile(
             r'"content": "(?:[^"\\]|\\.)*? Packets? ([\d, ]+) of (?:[^"\\]|\\.)*"[^}]*?"labels": \[\s*"'
-            + f'{re.escape(slug)}"',
+            f'{re.escape(slug)}"',
             re.DOTALL,
         )
         for found in pattern.finditer(reader.text):

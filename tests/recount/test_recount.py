@@ -16,7 +16,7 @@ from tests.report.support import WORD, begun, read, saved
 
 ROOM: Final = Path(__file__).parent
 #: What reads outputs and counts; the other modules of this room make the outputs.
-INDEPENDENT: Final = ("recount", "kinds", "pages", "counted", "packets")
+INDEPENDENT: Final = ("recount", "kinds", "pages", "details", "counted", "packets")
 
 
 def test_all_captures_of_the_project(project: list[Recounted], record_property: Callable[[str, object], None]) -> None:
