@@ -87,7 +87,7 @@ class _Written:
             if kind == TRANSACTIONS:
                 self.feeds.append(TransactionFeed(writer))
             else:
-                self.feeds.append(OperationFeed(writer) if kind == OPERATIONS else PduFeed(writer, frozenset(), None))
+                self.feeds.append(OperationFeed(writer) if kind == OPERATIONS else PduFeed(writer))
 
     def take(self) -> dict[str, str]:
         return {name: text_of(writer.take()) for name, writer in self.writers.items()}
