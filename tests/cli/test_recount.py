@@ -14,8 +14,8 @@ import pytest
 from tests.cli.support import run
 from tests.properties.messages import Item, dt, read_answer, read_job, write_answer, write_job
 from tests.properties.packets import EPOCH_NS, Flow, Packet
-from tests.recount import Line, answered_ns, nanoseconds, recount
 from tests.report.support import WORD, begun, saved
+from tests.selections_recounted import Line, answered_ns, nanoseconds, recount
 
 MS: Final = 1_000_000
 #: Requests of each connection: of ten, nine are refused reads of two items, and one is a write.

@@ -1,6 +1,7 @@
 """Counts events again, from what `transactions -T jsonl` writes, to hold the counts of findings against them.
 
-It imports nothing of the package: `s7dissect transactions -T jsonl FILE… | python tests/recount.py` prints the numbers.
+It imports nothing of the package: `s7dissect transactions -T jsonl FILE… | python tests/selections_recounted.py` prints the
+numbers.
 """
 
 from __future__ import annotations
