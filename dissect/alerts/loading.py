@@ -370,4 +370,4 @@ def action_of(table: Table, name: str, hosts: frozenset[str], timeout: float, tr
         return syslog_of(table, name, hosts, trial)
     from dissect.alerts.webhook import webhook_of
 
-    return webhook_of(table, name, hosts, timeout, parallel)
+    return webhook_of(table, name, hosts, timeout, parallel, trial)

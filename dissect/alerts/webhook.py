@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import ssl
 import urllib.error
 import urllib.request
+from collections.abc import Mapping
 from email.message import Message
 from http.client import HTTPException
 from pathlib import Path
@@ -12,6 +14,7 @@ from urllib.parse import urlsplit
 
 from dissect.alerts.actions import DeliveryError, Posting, RefusedError
 from dissect.alerts.hosts import allowed
+from dissect.alerts.secrets import address_shown, filled, headers_of
 from dissect.scd.errors import shown
 from dissect.scd.reading import Table
 from dissect.wire.text import printable, reason
@@ -35,19 +38,31 @@ class Webhook(Posting):
     """Posts each alert to ``url``. Any 2xx means delivered; an alert that is refused as malformed or too large is dropped."""
 
     def __init__(
-        self, name: str, url: str, timeout: float = 10.0, parallel: int = 1, spool: Path | None = None
+        self,
+        name: str,
+        url: str,
+        timeout: float = 10.0,
+        parallel: int = 1,
+        spool: Path | None = None,
+        headers: Mapping[str, str] | None = None,
+        trusted: ssl.SSLContext | None = None,
     ) -> None:
         super().__init__(name, parallel, spool)
         self._url = url
+        self._shown = address_shown(url)
         self._timeout = timeout
-        self._opener = urllib.request.build_opener(urllib.request.ProxyHandler({}), _NoRedirect())
+        self._headers = dict(headers or {})
+        handlers: list[urllib.request.BaseHandler] = [urllib.request.ProxyHandler({}), _NoRedirect()]
+        if trusted is not None:
+            handlers.append(urllib.request.HTTPSHandler(context=trusted))
+        self._opener = urllib.request.build_opener(*handlers)
 
     def post(self, content: bytes) -> None:
         """Post an alert as JSON. Raises `DeliveryError`, `RefusedError`."""
         request = urllib.request.Request(  # noqa: S310 - the scheme was looked at
             self._url,
             content,
-            {"Content-Type": "application/json", "User-Agent": "s7dissect"},
+            {**self._headers, "Content-Type": "application/json", "User-Agent": "s7dissect"},
             method="POST",
         )
         try:
@@ -57,16 +72,27 @@ class Webhook(Posting):
             code = error.code
             error.close()
             kind = RefusedError if code in _REFUSED else DeliveryError
-            raise kind(f"{self._url}: HTTP {code}") from None
+            raise kind(f"{self._shown}: HTTP {code}") from None
         except (OSError, HTTPException, ValueError) as error:
             why = getattr(error, "reason", error)
             said = reason(why) if isinstance(why, BaseException) else str(why)
-            raise DeliveryError(printable(f"{self._url}: {said}")) from None
+            raise DeliveryError(printable(f"{self._shown}: {self._without(said)}")) from None
+
+    def _without(self, said: str) -> str:
+        """Return an error of the library without the address and the headers, which may hold secrets."""
+        parts = urlsplit(self._url)
+        for secret in (self._url, f"{parts.path}?{parts.query}", parts.query, parts.path, *self._headers.values()):
+            if len(secret) > 1:
+                said = said.replace(secret, "…")
+        return said
 
 
-def webhook_of(table: Table, name: str, hosts: frozenset[str], timeout: float, parallel: int) -> Webhook:
-    """Return the action of a table; raises `DictionaryError`."""
-    url = table.text("webhook")
+def webhook_of(
+    table: Table, name: str, hosts: frozenset[str], timeout: float, parallel: int, trial: bool = False
+) -> Webhook:
+    """Return the action of a table; raises `DictionaryError`. For a ``trial``, the secrets need not be there."""
+    written = table.text("webhook")
+    url = written if trial else filled(table, "webhook", written)
     try:
         parts = urlsplit(url)
         host, port = parts.hostname, parts.port
@@ -80,7 +106,7 @@ def webhook_of(table: Table, name: str, hosts: frozenset[str], timeout: float, p
         or not url.isprintable()
         or " " in url
     ):
-        raise table.fail("webhook", f'{shown(url)} is not an address such as "http://127.0.0.1:8080/alerts"')
+        raise table.fail("webhook", 'is not an address such as "http://127.0.0.1:8080/alerts"')
     if parts.username is not None or parts.password is not None:
         raise table.fail("webhook", "holds a name or a password, which must not be in the address")
     if not allowed(host, hosts):
@@ -93,4 +119,20 @@ def webhook_of(table: Table, name: str, hosts: frozenset[str], timeout: float, p
                 "spool", f'{shown(str(spool))} is not an absolute path such as "/var/lib/s7dissect/alerts"'
             )
     table.mark("spool")
-    return Webhook(name, url, timeout, parallel, spool)
+    if trial:
+        for key in ("headers", "ca_file"):
+            table.mark(key)
+        return Webhook(name, url, timeout, parallel, spool)
+    return Webhook(name, url, timeout, parallel, spool, headers_of(table), _trusted(table))
+
+
+def _trusted(table: Table) -> ssl.SSLContext | None:
+    """Return what says which certificates are trusted: those of ``ca_file`` alone, or None for those of the system."""
+    if not table.has("ca_file"):
+        table.mark("ca_file")
+        return None
+    path = table.text("ca_file")
+    try:
+        return ssl.create_default_context(cafile=path)
+    except (OSError, ValueError) as error:  # ssl.SSLError is an OSError
+        raise table.fail("ca_file", f"{shown(path)} holds no certificates: {reason(error)}") from None

@@ -90,6 +90,7 @@ EXAMPLES: Final = {
         "s7dissect anonymize trace.pcapng -o shared.pcapng",
         "s7dissect anonymize trace.pcapng -o shared.pcapng --key plant.key",
     ),
+    "alerts test": ("s7dissect alerts test alerts.toml",),
     "baseline": (
         "s7dissect baseline old.pcapng -o plant.toml",
         "s7dissect baseline --against plant.toml new.pcapng",

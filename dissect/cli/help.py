@@ -34,6 +34,7 @@ _PAGES: Final = {
     "cut": "evidence",
     "open": "wireshark",
     "extcap": "wireshark",
+    "alerts": "alerts",
     "baseline": "alerts",
     "diff": "golden",
     "fields": "select",

@@ -58,6 +58,7 @@ HEADINGS: Final = {
     },
     "Live": {
         "monitor": "Watch live S7 traffic.",
+        "alerts": "Test the actions of alert rules.",
         "proxy": "TCP relay in front of a PLC that reports what passes.",
         "serve": "Fake PLC that answers like a recorded one.",
         "replay": "Play a recorded client to a server, check the answers.",
@@ -270,8 +271,6 @@ def run(arguments: list[str] | None = None) -> int:
     except (click.Abort, KeyboardInterrupt):
         click.echo("s7dissect: interrupted", err=True)
         return EXIT_INTERRUPTED
-    except OSError as exc:
-        return _system_refused(exc)
     except SystemExit:
         if COMPLETION in os.environ:
             raise
@@ -280,7 +279,9 @@ def run(arguments: list[str] | None = None) -> int:
     except Exception as exc:
         from dissect.source.packet import CaptureError
 
-        if not isinstance(exc, CaptureError):
+        if not isinstance(exc, CaptureError):  # a file that is not there is both
+            if isinstance(exc, OSError):
+                return _system_refused(exc)
             raise
         _say(str(exc))
         for line in getattr(exc, "advice", ()):

@@ -7,6 +7,7 @@ import os
 import signal
 import stat
 import sys
+import time
 from collections.abc import Callable, Iterable, Sequence
 from itertools import islice
 from pathlib import Path
@@ -243,11 +244,20 @@ def _safe(error: CaptureError) -> CaptureError:
     return CaptureError(printable(str(error)))
 
 
+#: Seconds within which two SIGTERM are one.
+_TWICE_S: Final = 0.5
+
+
 class Signals:
-    """SIGINT and SIGTERM while something goes on: the first one is remembered as ``asked``; `react` says what else they do."""
+    """SIGINT and SIGTERM while something goes on: the first one is remembered as ``asked``; `react` says what else they do.
+
+    A second SIGTERM within `_TWICE_S` is the first one sent again: `timeout` sends one to the process and one to its group. Who
+    presses Ctrl-C twice means it.
+    """
 
     def __init__(self) -> None:
         self.asked = False
+        self._terminated = -_TWICE_S
         self._previous: dict[signal.Signals, Any] = {}
 
     def __enter__(self) -> Self:
@@ -259,7 +269,12 @@ class Signals:
         for number, handler in self._previous.items():
             signal.signal(number, handler)
 
-    def _note(self, _signal: int, frame: FrameType | None) -> None:
+    def _note(self, number: int, frame: FrameType | None) -> None:
+        now = time.monotonic()
+        if number == signal.SIGTERM:
+            before, self._terminated = self._terminated, now
+            if now - before < _TWICE_S:
+                return
         again = self.asked
         self.asked = True
         self.react(again, frame)
