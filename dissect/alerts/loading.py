@@ -10,6 +10,7 @@ from typing import Any, Final
 
 from dissect.alerts import states
 from dissect.alerts.actions import Action
+from dissect.alerts.problems import HEAD
 from dissect.alerts.problems import KINDS as PROBLEMS
 from dissect.alerts.rules import (
     EVENTS,
@@ -319,9 +320,10 @@ def _silent_interface(table: Table) -> dict[str, Any]:
 
 def _problem(table: Table) -> dict[str, Any]:
     kinds = names_of(table, "of")
-    if kinds is not None and (not kinds or not kinds <= frozenset(PROBLEMS)):
-        hints = "".join([close_to(kind, PROBLEMS) for kind in sorted(kinds - frozenset(PROBLEMS))])
-        raise table.fail("of", f"must be a list of: {', '.join(PROBLEMS)}{hints}")
+    every = (*PROBLEMS, HEAD)
+    if kinds is not None and (not kinds or not kinds <= frozenset(every)):
+        hints = "".join([close_to(kind, every) for kind in sorted(kinds - frozenset(every))])
+        raise table.fail("of", f"must be a list of: {', '.join(every)}{hints}")
     _of_this_machine(table)
     return {"kinds": kinds if kinds is not None else frozenset(PROBLEMS)}
 

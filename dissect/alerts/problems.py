@@ -17,4 +17,7 @@ INTERFACE: Final = "interface"
 #: Something failed for good, and goes on no longer.
 STOPPED: Final = "stopped"
 
+#: No problem: the hash of the latest entry of the manifest, for whoever keeps it elsewhere.
+HEAD: Final = "head"
+
 KINDS: Final = (EVIDENCE, EXPORT, REPORT, DROPS, INTERFACE, STOPPED)

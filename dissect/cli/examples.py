@@ -91,6 +91,7 @@ EXAMPLES: Final = {
         "s7dissect anonymize trace.pcapng -o shared.pcapng --key plant.key",
     ),
     "alerts test": ("s7dissect alerts test alerts.toml",),
+    "evidence verify": ("s7dissect evidence verify /var/lib/s7dissect",),
     "baseline": (
         "s7dissect baseline old.pcapng -o plant.toml",
         "s7dissect baseline --against plant.toml new.pcapng",

@@ -47,6 +47,7 @@ HEADINGS: Final = {
     "Hand on": {
         "open": "Open a capture in Wireshark, findings as comments.",
         "cut": "Extract part of a capture, findings as packet comments.",
+        "evidence": "Compare evidence with its manifest.",
         "anonymize": "Replace addresses, names and values for sharing.",
         "export": "Tables and logs for other tools: Parquet, SQL, Zeek …",
     },

@@ -3,34 +3,102 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
-from typing import Final
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any, Final
 
-from dissect.alerts.problems import INTERFACE
+from dissect.alerts.problems import HEAD, INTERFACE
+from dissect.engine.pipeline import Pipeline
 from dissect.findings.reporter import Finding
-from dissect.live.problems import Problem
+from dissect.live.manifest import ManifestThread
+from dissect.live.problems import Problem, Problems
 from dissect.live.writing import WritingCompanion
+from dissect.recording import manifest
 from dissect.recording.comments import MARK
 from dissect.recording.event_capture import EventCapture
-from dissect.recording.ring_buffer import RingBuffer
+from dissect.recording.ring_buffer import RingBuffer, Witness, earlier_files
 from dissect.source.live.reader import Drops
-from dissect.wire.text import printable
+from dissect.wire.text import Clock, printable
 
 #: So often (capture time) the ring looks whether files are too old or too much space is taken.
 _LOOK_NS: Final = 1_000_000_000
 
 
+class ManifestWitness(Witness):
+    """Gives what becomes of the files of a ring, and of the run, to a manifest."""
+
+    def __init__(self, ring: RingBuffer, about: Mapping[str, object]) -> None:
+        self._about: dict[str, Any] = dict(about)
+        self._ring = ring
+        self._thread = ManifestThread(manifest.manifest_of(ring.directory, ring.name))
+        self._times = Clock()
+        self._pipeline: Pipeline | None = None
+
+    @property
+    def head(self) -> str:
+        """The hash of the latest entry on the disk, empty before the first."""
+        return self._thread.head
+
+    def begin(self, pipeline: Pipeline, problems: Problems) -> None:
+        """Write what the run is, and which files earlier runs left without an entry."""
+        self._pipeline = pipeline
+        self._thread.start(problems)
+        self._thread.add(manifest.BEGIN, **self._about)
+        for file in earlier_files(self._ring.directory, self._ring.name):
+            self._thread.add(manifest.LEFT, file.path)
+
+    def finished(self, path: Path, packets: int, first_ns: int, last_ns: int) -> None:
+        """Write the entry of a file."""
+        octets = self._pipeline.counters.octets if self._pipeline is not None else None
+        self._thread.add(
+            manifest.FILE,
+            path,
+            packets=packets,
+            first=self._times.iso(first_ns),
+            last=self._times.iso(last_ns),
+            gaps=int(octets.holes) if octets is not None else 0,
+            lost=self._ring.lost,
+        )
+
+    def removed(self, path: Path) -> None:
+        """Write that a file was removed; its entry stays."""
+        self._thread.add(manifest.REMOVED, name=path.name)
+
+    def event(self, problem: Problem) -> None:
+        """Write what happened to the evidence, the interface or the run."""
+        self._thread.add(manifest.EVENT, about=problem.kind, text=problem.text, over=problem.over)
+
+    def end(self, ring: RingBuffer) -> None:
+        """Write how the run ended, and wait until it is on the disk."""
+        self._thread.add(manifest.END, packets=ring.packets, lost=ring.lost, lost_octets=ring.lost_octets)
+        self._thread.close()
+
+
 class RingCompanion(WritingCompanion):
-    """Writes every packet to ``ring``; buffered packets are on disk after the next tick."""
+    """Writes every packet to ``ring``; buffered packets are on disk after the next tick.
+
+    With ``about``, facts on the run (who, where, how), it keeps a manifest of the files.
+    """
 
     name = "the ring of files"
     label = "ring"
     wants_packets = True
 
-    def __init__(self, ring: RingBuffer, clock: Callable[[], float] = time.monotonic) -> None:
+    def __init__(
+        self, ring: RingBuffer, clock: Callable[[], float] = time.monotonic, about: Mapping[str, object] | None = None
+    ) -> None:
         super().__init__(ring.directory, clock)
         self.ring = ring
         self._looked_ns = 0
+        self._witness: ManifestWitness | None = None
+        self._head = ""
+        if about is not None:
+            self._witness = ring.witness = ManifestWitness(ring, about)
+
+    def begin(self, pipeline: Pipeline) -> None:
+        """Begin the manifest, now that rights were given up."""
+        if self._witness is not None:
+            self._witness.begin(pipeline, self.problems)
 
     @property
     def lost(self) -> tuple[int, int]:
@@ -61,15 +129,25 @@ class RingCompanion(WritingCompanion):
         if not 0 <= now_ns - self._looked_ns < _LOOK_NS and not self.recovery.failing:
             self._looked_ns = now_ns
             self.ring.look_at_room(now_ns)
+        if self._witness is not None and self._witness.head != self._head:
+            self._head = self._witness.head
+            told = f"evidence {self.ring.name}: head {self._head}"
+            self.problems.tell(HEAD, told, over=True, shown=False)
 
     def problem(self, problem: Problem) -> None:
         """Say in the evidence that the interface was down: the next packet gets a comment."""
         if problem.kind == INTERFACE:
             self.ring.comment(f"{MARK} {printable(problem.text)}")
+        if self._witness is not None and problem.kind != HEAD:
+            self._witness.event(problem)
 
     def close(self) -> None:
         """Finish the present file."""
-        self.ring.close()
+        try:
+            self.ring.close()
+        finally:
+            if self._witness is not None:
+                self._witness.end(self.ring)
 
 
 class KeeperCompanion(WritingCompanion):

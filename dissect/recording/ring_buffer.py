@@ -186,6 +186,16 @@ def _number(word: str, text: str, least: float, most: float, whole: bool = True)
     return number
 
 
+class Witness:
+    """Is told what becomes of the files of a ring; this one does nothing."""
+
+    def finished(self, path: Path, packets: int, first_ns: int, last_ns: int) -> None:
+        """A file is whole, or with the ending of an unfinished one, was given up."""
+
+    def removed(self, path: Path) -> None:
+        """A file was removed to make room."""
+
+
 class RingBuffer(PacketSink):
     """Writes every packet to the files of a ring in ``directory``. An `OSError` names the file it is about.
 
@@ -212,6 +222,7 @@ class RingBuffer(PacketSink):
         self.packets = 0
         self.removed = 0
         self.files = 0
+        self.witness = Witness()
         self.lost = 0
         self.lost_octets = 0
         self._lost_told = 0
@@ -238,6 +249,11 @@ class RingBuffer(PacketSink):
                 self._keep(file.path, file.octets, file.written_ns)
                 self._number = max(self._number, file.number)
             self._make_room(0)
+
+    @property
+    def name(self) -> str:
+        """What its files are called."""
+        return self._name
 
     @property
     def directory(self) -> Path:
@@ -366,6 +382,7 @@ class RingBuffer(PacketSink):
         self.octets += writer.octets
         self.finished.append(path)
         self._keep(path, writer.octets, self._last_ns)
+        self.witness.finished(path, writer.packets, self._since_ns, self._last_ns)
 
     def _give_up(self) -> None:
         """Writing failed: leave the present file as it is; the next packet begins a new one."""
@@ -382,6 +399,7 @@ class RingBuffer(PacketSink):
         self.packets -= packets
         self.miss(packets, octets)
         self._keep(names.part_of(path), writer.octets, self._last_ns)
+        self.witness.finished(names.part_of(path), writer.packets - packets, self._since_ns, self._last_ns)
 
     def _keep(self, path: Path, octets: int, last_ns: int) -> None:
         if self._limits.removes:
@@ -418,5 +436,6 @@ class RingBuffer(PacketSink):
         if self.finished and self.finished[0] == file.path:
             self.finished.popleft()
         file.path.unlink(missing_ok=True)
+        self.witness.removed(file.path)
         self.removed += 1
         return True

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import re
+import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -131,7 +132,10 @@ class Beside:
         reports: str | None = None,
         every_ns: int = 0,
         keep_free: int = 0,
+        about: dict[str, object] | None = None,
     ) -> None:
+        if about is not None and (directory is None or (file_of(directory) is not None and limits is None)):
+            raise click.UsageError("--manifest needs -w with a folder, or -b.")
         if keep_free and directory is None:
             raise click.UsageError("--keep-free needs -w, the folder whose disk must not become full.")
         if every_ns and reports is None:
@@ -155,6 +159,7 @@ class Beside:
         self._reports = reports
         self._every_ns = every_ns or _HOUR
         self._keep_free = keep_free
+        self._about = about
         self._session: Session | None = None
         self._shown = False
         #: The only file that is written, or in whose place the files of a ring are; None where -w names a folder.
@@ -244,7 +249,7 @@ class Beside:
                 batch=_BATCH,
                 keep_free=self._keep_free,
             )
-            made.append(RingCompanion(ring))
+            made.append(RingCompanion(ring, about=self._manifest_facts()))
         for slugs, span_ns in self._kept:
             made.append(
                 KeeperCompanion(
@@ -260,6 +265,26 @@ class Beside:
                 )
             )
         return made
+
+    def _manifest_facts(self) -> dict[str, object] | None:
+        """Return what the manifest says of the run, None without one."""
+        if self._about is None:
+            return None
+        import platform
+
+        from dissect import __version__
+        from dissect.metrics.clock import clock_offset
+        from dissect.recording.manifest import masked
+
+        offset = clock_offset()
+        return {
+            "program": f"s7dissect {__version__}",
+            "host": platform.node(),
+            "command": masked(sys.argv),
+            **self._about,
+            "clock": "unsynchronized" if offset is None else "synchronized",
+            "clock_offset_s": offset,
+        }
 
     def _alerts(self, path: str) -> Companion:
         from dissect.alerts.dispatcher import Dispatcher
@@ -353,6 +378,11 @@ def beside_options(command: Callable[..., int]) -> Callable[..., int]:
         help="Write the packets from TIME before to TIME after each FINDING (a severity, slug, or 'security.*') to a file of "
         "their own in the folder of -w; without -b only these are written.",
     )
+    @click.option(
+        "--manifest",
+        is_flag=True,
+        help="With -w or -b: keep a manifest of the files, chained by hashes, for `s7dissect evidence verify`.",
+    )
     @click.option("--alerts", "rules", type=_FILE, metavar="RULES", help="Load alert rules from this file.")
     @click.option(
         "--baseline",
@@ -403,13 +433,15 @@ def beside_options(command: Callable[..., int]) -> Callable[..., int]:
         reports: str | None,
         every_ns: int,
         keep_free: int,
+        manifest: bool,
         **options: Any,
     ) -> int:
         if export is None and was_given("export_ns"):
             raise click.UsageError("--export-every needs --export, the folder that tables are written to.")
         source = options.get("interface") or options.get("file") or "live"
         tables = LiveExport(export, export_ns, source) if export is not None else None
-        beside = Beside(directory, limits, kept, rules, baseline, tables, reports, every_ns, keep_free)
+        about = {"source": source, "filter": options.get("expression") or ""} if manifest else None
+        beside = Beside(directory, limits, kept, rules, baseline, tables, reports, every_ns, keep_free, about)
         return command(*arguments, beside=beside, **options)
 
     return with_beside
