@@ -111,7 +111,8 @@ CLOCK.now += 5
 put(200)
 companion.close()
 lines = [json.loads(line) for line in (FOLDER / "s7dissect.manifest.jsonl").read_bytes().splitlines()]
-print(json.dumps([[line["kind"] for line in lines], lines[-1], list(companion.lost), [v.state for v in verified(FOLDER) if not v.well]]))
+wrong = [verdict.state for verdict in verified(FOLDER) if not verdict.well]
+print(json.dumps([[line["kind"] for line in lines], lines[-1], list(companion.lost), wrong]))
 """,
     )
     kinds, end, lost, wrong = got
