@@ -189,7 +189,7 @@ def test_there_are_as_many_series_as_the_page_tells() -> None:
 
     fresh = Metrics()
     fresh.begin(Pipeline(fresh))
-    assert 260 < count(fresh) < 360
+    assert 310 < count(fresh) < 410
     metrics, _ = counted(ROOT / "captures" / "item-errors.pcapng")
     each = count(metrics, "transactions") + count(metrics, "latency")
     assert each == 21 * len(metrics.functions.rows)

@@ -151,7 +151,6 @@ def test_an_entry_is_the_hash_of_the_line_before(tmp_path: Path) -> None:
 def test_a_command_line_is_kept_without_its_secrets() -> None:
     words = [
         "s7dissect",
-        "monitor",
         "-i",
         "eth0",
         "--token",
