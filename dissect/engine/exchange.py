@@ -31,7 +31,7 @@ from dissect.s7.tables import GROUP_CPU, JOB, READ_VAR, SETUP_COMMUNICATION, USE
 from dissect.stations.evidence import TELLING
 from dissect.stations.facts import Fact
 from dissect.transactions.behind import Behind
-from dissect.transactions.connection import Connection
+from dissect.transactions.connection import Connection, Traits
 from dissect.transactions.naming import Naming
 from dissect.transactions.operation import DONE, DOWNLOAD, TRANSFERS, Operation
 from dissect.transactions.operations import Operations
@@ -367,10 +367,24 @@ class Exchange:
                 self.watch.security.write(transaction)
                 self.watch.tell_acts()
             elif parameters.written:
-                self.watch.security.write_again(transaction)
+                self._write_again(transaction, traits)
             if transaction.has_errors:
                 self.watch.security.refused_items(transaction)
                 self.watch.tell_acts()
+
+    def _write_again(self, transaction: Transaction, traits: Traits) -> None:
+        """Count a write to areas that the connection wrote to before; what is sound is added up before it is counted."""
+        if transaction.has_errors or self.reporter.every:
+            self.watch.security.write_again(transaction)
+            return
+        writes = traits.writes
+        if writes.areas != transaction.parameters.written:
+            self.watch.security.count_writes(transaction.connection)
+            writes.areas = transaction.parameters.written
+        writes.note(
+            max(transaction.request_frame, transaction.response_frame),
+            max(transaction.request_ns, transaction.response_ns),
+        )
 
     # ---- findings and bugs ------------------------------------------------------------------------------------------
 

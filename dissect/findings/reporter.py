@@ -185,6 +185,13 @@ class Reporter:
             finding.reported = reported
         self.latest = None
 
+    def many(self, slug: str, connection: i64, events: Occurrences) -> None:
+        """Count events of a connection that were added up, none of which is a finding, or waits for a cause."""
+        pair = self.ledger.pair(connection)
+        self.ledger.settle(slug, pair, connection, events, "")
+        if self.period is not None:
+            self.period.settle(slug, self.period.same(pair), connection, events, "")
+
     def first(self, connection: Connection, slug: str, frame: i64, time_ns: i64) -> bool:
         """Return whether an event is the first of a connection, of which the rule reports no others; count the others."""
         if connection.traits.first(slug):

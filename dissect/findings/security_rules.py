@@ -14,6 +14,7 @@ from dissect.acts.act import Act
 from dissect.acts.book import ActBook
 from dissect.acts.classic import Became, asked, is_push
 from dissect.acts.tables import COMMANDS
+from dissect.findings.ledger import Occurrences
 from dissect.findings.reporter import Reporter
 from dissect.s7.diagnostics import event_name, states_stop
 from dissect.s7.errors import may_protect, protects
@@ -34,7 +35,7 @@ from dissect.s7.tables import (
 from dissect.s7plus.tables import PARTIAL_ERROR
 from dissect.s7plus.tables import RETURN_CODES as PLUS_CODES
 from dissect.tcp.link import within
-from dissect.transactions.connection import Connection, Writes
+from dissect.transactions.connection import Connection
 from dissect.transactions.naming import items_said, subject
 from dissect.transactions.results import DATA, refusal
 from dissect.transactions.transaction import (
@@ -46,6 +47,7 @@ from dissect.transactions.transaction import (
     UNANSWERED,
     Transaction,
 )
+from dissect.transactions.writes import Writes
 from dissect.wire.codes import coded
 from dissect.wire.octets import u16
 from dissect.wire.text import duration_text, hex_number, titled
@@ -156,6 +158,20 @@ class SecurityWatch:
         self._count_writes(transaction, done)
         self._refused(transaction, became)
 
+    def count_writes(self, connection: Connection) -> None:
+        """Count the writes of a connection that were added up so far."""
+        writes = connection.counted_writes
+        if writes is None:
+            return
+        events = Occurrences()
+        events.events = writes.again
+        events.first_frame, events.first_ns = writes.first_frame, writes.first_ns
+        events.last_frame, events.last_ns = writes.last_frame, writes.last_ns
+        for area, slug in _WRITES_TO:
+            if writes.areas & area:
+                self._reporter.many(slug, connection.number, events)
+        writes.again = 0
+
     def _count_writes(self, transaction: Transaction, areas: i64 = WRITTEN_IO | WRITTEN_ELSEWHERE) -> None:
         """Count a write for each kind of area that it writes to, of those in ``areas``; none of them is reported."""
         areas &= transaction.parameters.written
@@ -213,6 +229,7 @@ class SecurityWatch:
         """Take one write in `SAMPLED`; after each `_WRITES` of a connection, judge how fast they came."""
         connection = transaction.connection
         writes = connection.traits.writes
+        self.count_writes(connection)
         now_ns = int(max(transaction.request_ns, transaction.response_ns))
         writes.variables.add(transaction.parameters.octets)
         if transaction.outcome == ANSWERED:
@@ -254,6 +271,7 @@ class SecurityWatch:
 
     def end(self, connection: Connection) -> None:
         """A connection is over, so that its requests are all counted: judge hasty writes without answers by their share."""
+        self.count_writes(connection)
         writes = connection.hasty_writes
         if writes is None or writes.hasty is None:
             return

@@ -30,6 +30,7 @@ from dissect.transactions.ending import OPEN, Ending
 from dissect.transactions.open_requests import OpenRequests
 from dissect.transactions.operation import Activation, OpenOperations
 from dissect.transactions.results import Subscription
+from dissect.transactions.writes import Writes
 from dissect.wire.copies import leaves
 
 if TYPE_CHECKING:
@@ -75,27 +76,6 @@ MAX_EARLY: Final = 16
 
 #: The open requests of a connection that is over. Its sides are forgotten, so that nothing opens another one.
 _NONE_OPEN: Final[list[OpenRequests]] = [OpenRequests(), OpenRequests()]
-
-
-class Writes:
-    """The latest writes of a connection: how many there are, and a sample of them (`dissect.findings.security_rules`).
-
-    ``count`` counts all writes ever; the others begin anew with each sample. ``since_ns`` and ``pdus`` are the time, and the
-    PDUs of the connection, at which the sample began; ``variables`` its distinct requests, ``answers_ns`` the time that each
-    answer took. ``hasty`` is the write with which there were so many within ``hasty_ns``, none of them answered, that it may be
-    a flood.
-    """
-
-    __slots__ = ("answers_ns", "count", "hasty", "hasty_ns", "pdus", "since_ns", "variables")
-
-    def __init__(self) -> None:
-        self.count: i64 = 0
-        self.since_ns: i64 = 0
-        self.pdus: i64 = 0
-        self.answers_ns: list[int] = []
-        self.variables: set[bytes] = set()
-        self.hasty: Transaction | None = None
-        self.hasty_ns: i64 = 0
 
 
 class EarlyAck:
@@ -198,6 +178,12 @@ class Traits:
         """Its writes, where some came in a hurry and without an answer; else None."""
         found = self._writes
         return found if found is not None and found.hasty is not None else None
+
+    @property
+    def counted(self) -> Writes | None:
+        """Its writes, where some are not in the facts of findings yet; else None."""
+        found = self._writes
+        return found if found is not None and found.again > 0 else None
 
     @property
     def writes(self) -> Writes:
@@ -438,6 +424,11 @@ class Connection:
     def has_loaded(self) -> bool:
         """True when blocks were loaded on it."""
         return self._traits is not None and self._traits.has_loaded
+
+    @property
+    def counted_writes(self) -> Writes | None:
+        """Its writes that are not in the facts of findings yet; None for none."""
+        return self._traits.counted if self._traits is not None else None
 
     @property
     def hasty_writes(self) -> Writes | None:

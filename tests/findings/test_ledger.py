@@ -96,6 +96,28 @@ def test_writes_to_both_kinds_of_areas_count_for_each() -> None:
     assert facts(talk, "security.write").events == 3
 
 
+def test_writes_of_several_kinds_of_areas_and_connections_are_all_counted() -> None:
+    """They are added up on their way, and a few at a time are counted."""
+    first = Talk()
+    first.open()
+    other = Talk(50001, beside=first)
+    other.open()
+    for number in range(1, 60):
+        put(first, number, OUTPUTS if number % 7 == 0 else DB, 0x0A if number % 11 == 0 else 0xFF)
+        if number % 2:
+            put(other, number)
+    first.finish()
+    outputs, elsewhere = facts(first, "security.write_outputs"), facts(first, "security.write")
+    assert (outputs.events, outputs.connections) == (len([n for n in range(1, 60) if n % 7 == 0 and n % 11]), 1)
+    own = [n for n in range(1, 60) if n % 7 and n % 11]
+    assert (elsewhere.events, elsewhere.connections) == (len(own) + 30, 2)
+    done = [transaction for transaction in first.transactions if transaction.function == 5]
+    assert elsewhere.last_frame == done[-1].response_frame
+    assert elsewhere.last_ns == done[-1].response_ns
+    (pair,) = first.pipeline.exchange.reporter.ledger.pairs_of("security.write")
+    assert pair.records["security.write"].events == elsewhere.events
+
+
 def test_what_a_rule_says_once_for_a_side_counts_each_time() -> None:
     talk = Talk()
     talk.open()
