@@ -121,12 +121,14 @@ def said(found: Any) -> object:
     return repr(found)
 
 
+def _pickled(number: int) -> Callable[[Any], Any]:
+    return lambda one: pickle.loads(pickle.dumps(one, number))
+
+
 WAYS: Final[dict[str, Callable[[Any], Any]]] = {
     "copy": copy.copy,
     "deepcopy": copy.deepcopy,
-    **{
-        f"pickle {number}": lambda one, number=number: pickle.loads(pickle.dumps(one, number)) for number in range(2, 6)
-    },
+    **{f"pickle {number}": _pickled(number) for number in range(2, 6)},
 }
 
 
@@ -146,7 +148,7 @@ def test_objects_copy_and_pickle(name: str) -> None:
 
 @pytest.mark.parametrize("name", sorted(MADE))
 def test_public_classes_have_help(name: str) -> None:
-    text = pydoc.render_doc(getattr(dissect, name), renderer=pydoc.plaintext)
+    text = pydoc.plain(pydoc.render_doc(getattr(dissect, name)))
     assert f"class {name}" in text
     assert " object at 0x" not in "".join([repr(one) for one in MADE[name]()[:3]]) or name in {"Observer", "Pipeline"}
 

@@ -65,11 +65,18 @@ def test_every_kind_of_source_gives_the_same() -> None:
     assert said(dissect.open(packets)) == expected
     assert said(dissect.open(packet[:3] for packet in packets)) == expected
     seconds = [(datetime.fromtimestamp(0, UTC), packet[1], packet[2]) for packet in packets[:1]]
-    assert dissect.analyze([*seconds, (1.5, 1, b"")]).pipeline.now_ns == 1_500_000_000
+    pipeline = dissect.analyze([*seconds, (1.5, 1, b"")]).pipeline
+    assert pipeline is not None
+    assert pipeline.now_ns == 1_500_000_000
     assert dissect.analyze(io.BytesIO(octets)).files[0].name == "<BytesIO>"
     read, write = os.pipe()
-    with os.fdopen(read, "rb") as end, os.fdopen(write, "wb") as begin:
-        threading.Thread(target=lambda: (begin.write(octets), begin.close())).start()
+
+    def feed() -> None:
+        with os.fdopen(write, "wb") as begin:
+            begin.write(octets)
+
+    with os.fdopen(read, "rb") as end:
+        threading.Thread(target=feed).start()
         assert said(dissect.open(end)) == expected
 
 

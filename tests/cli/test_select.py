@@ -339,8 +339,13 @@ def test_a_number_that_nothing_has_is_wrong_use(capfdbinary: Capture, tmp_path: 
     name, *words = command.replace(" ", "|").replace("select|1", "select 1").split("|")
     files = [*words, ERRORS] if name == "sql" else [ERRORS, *words]
     out = tmp_path / "out.csv"
-    more = {"golden": ["-o", out], "report": ["-o", out], "diff": [ERRORS], "export": ["-o", out]}.get(name, [])
-    ran = run(capfdbinary, name, *files, *map(str, more), "--connection", "9")
+    outputs: dict[str, list[object]] = {
+        "golden": ["-o", out],
+        "report": ["-o", out],
+        "diff": [ERRORS],
+        "export": ["-o", out],
+    }
+    ran = run(capfdbinary, name, *files, *map(str, outputs.get(name, [])), "--connection", "9")
     assert ran.code == 2
     assert "no connection 9; the capture has 1" in ran.err
     assert not out.exists()

@@ -6,10 +6,10 @@ from pathlib import Path
 
 import pytest
 
-from tests.cli.support import begun, on_terminal, run
+from tests.cli.support import on_terminal, run
 from tests.properties import messages
 from tests.properties.messages import Item, dt
-from tests.report.support import saved
+from tests.report.support import begun, saved
 
 
 @pytest.mark.parametrize(("count", "more"), [(12, 0), (13, 1), (19, 7)])

@@ -6,6 +6,7 @@ import gzip
 import random
 import time
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -151,7 +152,12 @@ def test_an_index_is_written_in_batches(capfdbinary: Capture, tmp_path: Path, mo
         simple(tmp_path / f"{number:02}.pcapng", 1)
     sizes: list[int] = []
     write = Store.write
-    monkeypatch.setattr(Store, "write", lambda self, changes: (sizes.append(len(changes)), write(self, changes))[1])
+
+    def counted(self: Store, changes: Any) -> None:
+        sizes.append(len(changes))
+        write(self, changes)
+
+    monkeypatch.setattr(Store, "write", counted)
     monkeypatch.setattr("dissect.index.update._LONGEST_S", 3600.0)
     monkeypatch.setattr("dissect.index.update._TOGETHER", 12)
     ran = run(capfdbinary, "index", tmp_path)

@@ -139,9 +139,8 @@ def test_what_is_kept_of_parts_is_what_is_kept_of_the_whole(
 
 def test_after_a_renewal_details_are_made_again() -> None:
     made = Bounds()
-    for _ in range(MAX_DETAILED + 1):
-        last = made.take(SLUG, "c", "plc", 0)
-    assert last == COUNTED
+    taken = [made.take(SLUG, "c", "plc", 0) for _ in range(MAX_DETAILED + 1)]
+    assert taken[-1] == COUNTED
     made.renew()
     assert made.take(SLUG, "c", "plc", 0) == KEPT
 

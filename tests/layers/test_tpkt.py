@@ -179,6 +179,7 @@ def test_a_stream_is_cut_into_tpkts() -> None:
     for size in range(len(READ)):
         assert TPKT.tcp_reassemble(stream[:size], {"seq": 1}, {}) is None
         nothing_yet = TPKT.tcp_reassemble(stream[:size], {}, {})
+        assert nothing_yet is not None
         assert not nothing_yet
         assert bytes(nothing_yet) == stream[:size]
     first = TPKT.tcp_reassemble(stream, {}, {})

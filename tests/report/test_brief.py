@@ -173,7 +173,7 @@ def test_findings_beyond_the_details_are_counted_where_they_are(tmp_path: Path) 
     paths = [saved(tmp_path / "1.pcapng", packets[:-4]), saved(tmp_path / "2.pcapng", packets[-4:])]
     rows = PerFile()
     both = Run([str(path) for path in paths], rows)
-    rows.files, rows.reporter = both.files, both.pipeline.exchange.reporter
+    rows.files = both.files
     while both.step():
         pass
     assert len(list(rows.lines())) == 5

@@ -120,7 +120,6 @@ def test_rows_by_file_count_them_not(capfdbinary: Capfd) -> None:
     rows = PerFile()
     reading = Run([CAUSES], rows)
     rows.files = reading.files
-    rows.reporter = reading.pipeline.exchange.reporter
     while reading.step():
         pass
     list(rows.lines())
