@@ -134,7 +134,7 @@ class S7Plus(Protocol):
         connection = side.connection
         head = self._head
         pdu: PlusPdu | None = None
-        if cut or not head.read(octets):
+        if cut or not head.read_plain(octets):
             pdu = parse_plus(octets, frame, time_ns, connection.number, side.index, cut)
             head.take(pdu)
         self.pdus += 1

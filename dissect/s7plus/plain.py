@@ -71,7 +71,7 @@ def data_of(octets: bytes) -> tuple[bytes, i64, i64]:
 class Head:
     """What the engine needs of a PDU; missing numbers are -1, as in `PlusPdu`. One object is used for many PDUs.
 
-    ``begins`` is the result of `is_beginning`. ``at`` and ``end`` are where its data begin and end; only `read` sets them.
+    ``begins`` is the result of `is_beginning`. ``at`` and ``end`` are where its data begin and end; only `read_plain` sets them.
     """
 
     __slots__ = (
@@ -99,7 +99,7 @@ class Head:
         self.begins = False
         self.wants_response = False
 
-    def read(self, octets: bytes) -> bool:
+    def read_plain(self, octets: bytes) -> bool:
         """Read the head of a PDU that is one sound frame; False for any other, for which `take` is used. Never raises."""
         at, end = one_frame(octets)
         if at < 0 or at >= end:

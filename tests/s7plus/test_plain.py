@@ -31,7 +31,7 @@ def facts(octets: bytes) -> tuple[list[object], list[object]]:
     parsed: list[object] = [
         pdu.version, pdu.frames, pdu.opcode, pdu.function, pdu.sequence, pdu.subscription_id, pdu.wants_response,
     ]  # fmt: skip
-    if not head.read(octets):
+    if not head.read_plain(octets):
         other = Head()
         other.take(pdu)
         assert (other.frames, other.sequence, other.wants_response) == (pdu.frames, pdu.sequence, pdu.wants_response)
@@ -62,6 +62,6 @@ def test_a_head_in_place_is_that_of_the_pdu(
 def test_plain_pdus_are_read_in_place() -> None:
     for data in (asked(1), told(1), notified(), notified(subscription=0x386)):
         for version in (2, 3):
-            assert Head().read(framed(data, version)), data.hex()
+            assert Head().read_plain(framed(data, version)), data.hex()
     for octets in (b"", b"\x72", KEEP_ALIVE, event(5), framed(asked(1), trailer=False), framed(b"")):
-        assert not Head().read(octets), octets.hex()
+        assert not Head().read_plain(octets), octets.hex()
