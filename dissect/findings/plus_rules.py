@@ -29,7 +29,6 @@ from dissect.s7plus.events import (
     WRITTEN_OUTPUTS,
     Event,
     Facts,
-    subscription_of,
     take,
 )
 from dissect.s7plus.program import Program
@@ -87,16 +86,18 @@ class PlusWatch:
         if session is None:
             session = self._begin(connection)
         function: i64 = transaction.function
+        told = transaction.checked
+        transaction.checked = None
         if function >= 0:
             self._sessions.take(session, transaction)
             if function == EXPLORE and transaction.request_frame:
                 session.note_explore(int(transaction.request_frame), transaction.request_ns)
         elif len(session.subscriptions) > 0 or connection.mid_stream:
-            if self._operations.notified(subscription_of(transaction.response_octets), transaction):
+            if told is None:
+                told = check(transaction.response_octets)
+            if self._operations.notified(told.subscription_id, transaction):
                 self._subscribes(connection)
         read: Reads | None = None
-        told = transaction.checked
-        transaction.checked = None
         if (function == GET_MULTI_VARIABLES or function == SET_MULTI_VARIABLES) and transaction.outcome == ANSWERED:
             if function == GET_MULTI_VARIABLES:
                 read = self._operations.polled(session, transaction)

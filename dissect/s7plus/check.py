@@ -191,6 +191,12 @@ class Check(Cursor):
         return u16(self._octets, self.begin + SEQUENCE_AT)
 
     @property
+    def subscription_id(self) -> i64:
+        """The subscription of a notification, -1 if the PDU is too short."""
+        at: i64 = self.begin + 1
+        return u32(self._octets, at) if at + 4 <= self._end else -1
+
+    @property
     def session_id(self) -> i64:
         """The session of a request."""
         return u32(self._octets, self.begin + SESSION_AT)

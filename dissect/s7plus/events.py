@@ -307,10 +307,14 @@ def _says_no_more(function: i64, told: Check) -> bool:
 
 def _judge_contents(asked: Check | None, told: Check | None) -> Facts | None:
     """Look for faults in contents that have no events."""
+    asks: bool = asked is not None and asked.odd
+    tells: bool = told is not None and told.odd
+    if not asks and not tells:
+        return None
     facts = Facts()
-    if asked is not None and asked.odd:
+    if asked is not None and asks:
         _read(asked.pdu(), facts)
-    if told is not None and told.odd:
+    if told is not None and tells:
         _read(told.pdu(), facts)
     return facts if facts.malformed or facts.exhausted else None
 
@@ -583,7 +587,7 @@ def subscription_of(octets: bytes) -> i64:
 
 
 def _notified(session: PlusSession, told: Check) -> Facts | None:
-    if len(session.states) == 0 or subscription_of(told.octets) not in session.states:
+    if len(session.states) == 0 or told.subscription_id not in session.states:
         return _judge_contents(None, told)
     facts = Facts()
     pdu = told.pdu()

@@ -71,7 +71,7 @@ def data_of(octets: bytes) -> tuple[bytes, i64, i64]:
 class Head:
     """What the engine needs of a PDU; missing numbers are -1, as in `PlusPdu`. One object is used for many PDUs.
 
-    ``begins`` is the result of `is_beginning`. ``at`` and ``end`` are where its data begin and end; only `read_plain` sets them.
+    ``begins`` is the result of `is_beginning`. ``at`` and ``end``, where its data begin and end, are set only by `read_plain`.
     """
 
     __slots__ = (
