@@ -30,7 +30,7 @@ _COUNTERS: Final = (
     *[f"s7.{name}" for name in ("pdus", "behind_malformed", "cut_pdus", "unpaired", "rosctrs", "functions")],
     *[
         f"plus.{name}"
-        for name in ("pdus", "behind_malformed", "cut_pdus", "unpaired", "versions", "opcodes", "functions")
+        for name in ("pdus", "behind_malformed", "cut_pdus", "unpaired", "versions", "opcodes", "_functions", "_others")
     ],
     *[f"tls.{name}" for name in ("sessions", "decrypted", "opened", "shut", "other")],
 )
