@@ -44,6 +44,7 @@ if TYPE_CHECKING:
 
     from dissect.cli.options.monitor import Beside
     from dissect.engine.exchange import PayloadDecoder
+    from dissect.live.run import Companion
     from dissect.live.session import Session, Status
     from dissect.metrics.address import Address
     from dissect.source.packet import Reader
@@ -194,7 +195,11 @@ def command(
             Options(
                 slow_ns, decoder=decoder, overdue_ns=overdue_ns, checksums=checksums, tls_keys=tls_keys, naming=naming
             ),
-            companions=[*beside.companions(interface or ("stdin" if file == "-" else file or "")), *scrape.companions],
+            companions=[
+                *beside.companions(interface or ("stdin" if file == "-" else file or "")),
+                *scrape.companions,
+                *_watchdog(),
+            ],
             limits=Limits(duration_ns, packets or 0),
             name=interface or ("stdin" if file == "-" else file or ""),
             # The screens, and an expression, look at all that happens.
@@ -237,6 +242,14 @@ def _opener(
         return open_live("-") if file == "-" else open_capture(file or "")
 
     return opened
+
+
+def _watchdog() -> list[Companion]:
+    """Return the heartbeat, where systemd asks for one."""
+    from dissect.live.watchdog import of_environment
+
+    found = of_environment()
+    return [found] if found is not None else []
 
 
 def _opened(opener: Callable[[], Reader], scrape: Scrape) -> Reader:
