@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import importlib.util
 from typing import Any, Final
 
 #: The extra of this package that installs each library.
@@ -13,6 +14,13 @@ _THEIRS: Final = ("pandas", "polars")
 
 class MissingLibraryError(ImportError):
     """A library is not installed; the text has the command that installs it."""
+
+
+def check_needed(name: str, what: str = "this export") -> None:
+    """Raise `MissingLibraryError` if a library is not installed, without importing it: some start threads when they are."""
+    package = name.partition(".")[0]
+    if importlib.util.find_spec(package) is None:
+        needed(package, what)
 
 
 def needed(name: str, what: str = "this export") -> Any:

@@ -14,7 +14,7 @@ from tempfile import TemporaryDirectory
 from typing import Any, Final
 
 from dissect.export.arrow import Batches
-from dissect.export.extras import needed
+from dissect.export.extras import check_needed, needed
 from dissect.export.feed import Sink
 from dissect.export.parquet import ParquetFile, by_days
 from dissect.export.tables import Table
@@ -32,13 +32,16 @@ class RotatingSink(Sink):
     TIME is the time of the latest `rotate`, by the clock of the capture, in UTC. What cannot be written raises nothing:
     ``error`` is the latest `OSError`, the rows of its file are counted in ``lost``, and so are further rows until `probe` has
     found that files can be written again. ``files`` counts those that were completed, ``octets`` theirs.
+
+    `prepare` imports pyarrow, which starts threads: call it before the first rows.
     """
 
     def __init__(self, folder: Path, tables: Iterable[Table], metadata: Mapping[str, str]) -> None:
-        needed("pyarrow.parquet", "--export")  # now, before the process gives up its privileges
+        check_needed("pyarrow", "--export")
         self._folder = folder
-        self._batches = {table.name: Batches(table, metadata=dict(metadata)) for table in tables}
-        self._try_out()
+        self._tables = list(tables)
+        self._metadata = dict(metadata)
+        self._batches: dict[str, Batches] = {}
         self.error: OSError | None = None
         self.lost = 0
         self.files = 0
@@ -48,6 +51,13 @@ class RotatingSink(Sink):
         self._open: dict[tuple[str, str], tuple[Saving, ParquetFile]] = {}
         self._since = ""
         self._clock = Clock()
+
+    def prepare(self) -> None:
+        """Import all that is needed to write. May be called twice."""
+        if not self._batches:
+            needed("pyarrow.parquet", "--export")
+            self._batches = {table.name: Batches(table, metadata=dict(self._metadata)) for table in self._tables}
+            self._try_out()
 
     def take(self, table: Table, rows: Sequence[Row]) -> None:
         """Write rows to the files of their days."""

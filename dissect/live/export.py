@@ -15,6 +15,7 @@ from dissect.export.rotating import RotatingSink
 from dissect.export.tables import TABLES
 from dissect.findings.reporter import Finding
 from dissect.live.writing import WritingCompanion
+from dissect.source.live.privileges import is_root
 from dissect.source.live.reader import Drops
 from dissect.source.packet import SourceFile
 from dissect.stations.facts import Fact
@@ -47,6 +48,9 @@ class ExportCompanion(WritingCompanion):
     ) -> None:
         super().__init__(folder, clock)
         self._sink = RotatingSink(folder, TABLES.values(), metadata_of(version, [source]))
+        if is_root():
+            # Now: whoever root becomes may not read the files of Python. The kernel takes the rights of all threads then.
+            self._sink.prepare()
         self._feed = TableFeed(TABLES.values(), self._sink)
         self._files = [SourceFile(source, 1)]
         self._feed.begin(self._files)
@@ -67,8 +71,12 @@ class ExportCompanion(WritingCompanion):
         return self._sink.files, self._sink.octets
 
     def begin(self, pipeline: Pipeline) -> None:
-        """Keep the pipeline, for the rows that are known only at the end."""
+        """Keep the pipeline, for the rows that are known only at the end; prepare to write.
+
+        Capabilities belong to each thread. A user who has some gives them up before pyarrow starts its threads.
+        """
         self._pipeline = pipeline
+        self._sink.prepare()
 
     def tick(self, now_ns: int, drops: Drops) -> None:
         """Pass on the rows, and begin new files when it is time."""

@@ -234,6 +234,7 @@ from dissect.export.tables import TABLES
 tempfile.tempdir = "/tmp"
 table = TABLES["findings"]
 sink = RotatingSink(FOLDER, [table], {})
+sink.prepare()
 width = len(table.stored)
 row = (None,) * width
 

@@ -1,0 +1,100 @@
+"""Every option of `monitor` that writes or sends, as root and as a user with CAP_NET_RAW: none needs what is given up."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from dissect.source.live import privileges
+from tests.conftest import ROOT
+from tests.source.live_support import in_namespace, needs_ring
+
+needs_root = pytest.mark.skipif(not privileges.is_root(), reason="only root can give itself fewer rights")
+
+#: Becomes nobody with CAP_NET_RAW, as a unit with AmbientCapabilities runs it, and runs the command.
+AMBIENT = """
+import ctypes, os, sys
+library = ctypes.CDLL(None)
+library.prctl(8, 1, 0, 0, 0)
+os.setgroups([])
+os.setresgid(65534, 65534, 65534)
+os.setresuid(65534, 65534, 65534)
+library.capset((ctypes.c_uint32 * 2)(0x20080522, 0), (ctypes.c_uint32 * 6)(1 << 13, 1 << 13, 1 << 13))
+library.prctl(47, 2, 13, 0, 0)
+os.execv(sys.executable, [sys.executable, "-m", "dissect", *sys.argv[1:]])
+"""
+#: Shows a Python in a folder that only root may enter to everybody, in a mount namespace of its own.
+SHOWN = """
+home=$1; top=/$(echo "$home" | cut -d/ -f2); spare=$2; shift 2
+mount --bind "$home" "$spare" && mount -t tmpfs none "$top" && mkdir -p "$home" && mount --move "$spare" "$home" || exit 77
+exec "$@"
+"""
+RULES = '[[rule]]\nname = "r"\nwhen = "problem"\n'
+
+OPTIONS = {
+    "plain": [],
+    "ring": ["-w", "OUT", "-b", "filesize:10", "-b", "files:3", "--keep-free", "1K"],
+    "manifest": ["-w", "OUT", "-b", "filesize:10", "--manifest"],
+    "keep-around": ["-w", "OUT", "--keep-around", "error", "1s"],
+    "export": ["--export", "parquet:OUT"],
+    "report": ["--report", "OUT"],
+    "alerts": ["--alerts", "RULES"],
+    "metrics": ["--metrics", "127.0.0.1:0"],
+    "all": ["-w", "OUT", "-b", "filesize:10", "--manifest", "--export", "parquet:OUT/t", "--report", "OUT/r", "--alerts",
+            "RULES", "--metrics", "127.0.0.1:0"],
+}  # fmt: skip
+
+
+@pytest.fixture
+def folder() -> Iterator[Path]:
+    made = Path(tempfile.mkdtemp(prefix="s7dissect-rights-"))
+    made.chmod(0o777)
+    yield made
+    shutil.rmtree(made)
+
+
+def _shown(folder: Path) -> list[str]:
+    """Return what precedes a command so that nobody may read this Python; nothing where he may."""
+    home = Path(sys.base_prefix).resolve()
+    if all([parent.stat().st_mode & 0o001 for parent in (home, *home.parents)]):
+        return []
+    (folder / "spare").mkdir()
+    return ["unshare", "--mount", "sh", "-c", SHOWN, "sh", str(home), str(folder / "spare")]
+
+
+@needs_ring
+@needs_root
+@pytest.mark.parametrize("who", ["root", "ambient"])
+@pytest.mark.parametrize("options", OPTIONS)
+def test_an_option_works_with_these_rights(options: str, who: str, folder: Path) -> None:
+    (folder / "rules.toml").write_text(RULES, encoding="utf-8")
+    out = folder / "out"
+    out.mkdir()
+    out.chmod(0o777)
+    words = [word.replace("OUT", str(out)).replace("RULES", str(folder / "rules.toml")) for word in OPTIONS[options]]
+    arguments = ["monitor", "--plain", "-i", "vb", "--engine", "ring", "--duration", "1", *words]
+    begin = [sys.executable, "-m", "dissect"] if who == "root" else [*_shown(folder), sys.executable, "-c", AMBIENT]
+
+    def task() -> None:
+        ran = subprocess.run(
+            [*begin, *arguments],
+            cwd=ROOT,
+            capture_output=True,
+            text=True,
+            check=False,
+            timeout=60,
+            env={**os.environ, "PYTHONPATH": str(ROOT), "HOME": str(folder), "XDG_STATE_HOME": str(folder)},
+        )
+        if ran.returncode == 77:
+            pytest.skip("nobody may not read this Python, and it cannot be shown: mounting is not allowed here")
+        assert (ran.returncode, "Traceback" in ran.stderr) == (0, False), ran.stderr
+        assert "remain" not in ran.stderr
+
+    in_namespace(task)
