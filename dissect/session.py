@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING, Final, TypeAlias, cast
+from typing import TYPE_CHECKING, TypeAlias, cast
 
 from mypy_extensions import i64
 
@@ -20,7 +20,8 @@ from dissect.report.analysis import Analysis
 from dissect.s7.message import Pdu, parse_pdu
 from dissect.s7plus.message import PlusPdu, parse_plus
 from dissect.source.given import Source, given_one, open_source
-from dissect.source.packet import PacketSink, Reader, SourceFile
+from dissect.source.packet import CONTINUES_NS, CaptureError, PacketSink, Reader, SourceFile
+from dissect.source.remote import shown
 from dissect.transactions.connection import Connection
 from dissect.transactions.naming import Naming
 from dissect.transactions.operation import Operation
@@ -29,6 +30,7 @@ from dissect.transactions.side import Side
 from dissect.transactions.transaction import Transaction
 from dissect.wire.copies import refuse
 from dissect.wire.errors import Error
+from dissect.wire.text import printable
 
 if TYPE_CHECKING:
     from dissect.inventory.collector import Inventory
@@ -44,9 +46,6 @@ Tags: TypeAlias = "str | os.PathLike[str] | Sequence[str | os.PathLike[str]] | T
 
 #: Files with session keys of TLS: one or several.
 KeyLogFiles: TypeAlias = "str | os.PathLike[str] | Sequence[str | os.PathLike[str]] | None"
-
-#: A file whose first packet comes this soon after the last one of the file before it continues its connections.
-CONTINUES_NS: Final = 60_000_000_000
 
 #: What `open` yields.
 Event = Connection | Pdu | PlusPdu | ScdMessage | Transaction | Operation | Finding
@@ -73,7 +72,8 @@ class Run:
     """A capture, or several read one after another, into a pipeline that feeds ``observer``.
 
     A capture is a path, an open binary file, or packets (`dissect.source.given.Source`); several are given in a list. Raises
-    `CaptureError` from `step` when one cannot be read at all. A file that was given open stays open.
+    `CaptureError` from `step` when one cannot be read at all, unless ``lenient``: then it is a file without packets, and what is
+    wrong with it is its damage. A file that was given open stays open.
     """
 
     def __init__(
@@ -91,6 +91,7 @@ class Run:
         self._reader: Reader | None = None
         self._joined = False
         self._finished = False
+        self.lenient = False
         self.pipeline = Pipeline(observer, options)
         self.files: list[SourceFile] = []
 
@@ -104,7 +105,14 @@ class Run:
             if not self._sources:
                 self.finish()
                 return False
-            reader, name = open_source(self._sources.pop(0))
+            source = self._sources.pop(0)
+            try:
+                reader, name = open_source(source)
+            except CaptureError as error:
+                if not self.lenient or not isinstance(source, (str, os.PathLike)):
+                    raise
+                self._leave_out(os.fspath(source), str(error))
+                return True
             self._reader = reader
             self._joined = not self.files
             self.files.append(SourceFile(name, self.pipeline.frames + 1))
@@ -115,6 +123,12 @@ class Run:
         if not more:
             self._close(reader, file)
         return True
+
+    def _leave_out(self, path: str, why: str) -> None:
+        file = SourceFile(shown(path), self.pipeline.frames + 1)
+        file.damage = why.removeprefix(f"{printable(file.name)}: ")
+        self.files.append(file)
+        self.pipeline.note_damage(f"{file.name}: {file.damage}")
 
     def read(self) -> None:
         """Read everything that is left. No file stays open, even where an exception ends the reading."""

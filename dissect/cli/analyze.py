@@ -7,12 +7,14 @@ from typing import TYPE_CHECKING
 import click
 
 from dissect.cli.configuration import hosts
+from dissect.cli.folders import any_folder, foreign
 from dissect.cli.formats import format_option, write_outcome
 from dissect.cli.gate import fail_on_option, gate, gate_of
 from dissect.cli.indexed import may_match
 from dissect.cli.look import clock, write_lines
 from dissect.cli.main import EXIT_INTERRUPTED
 from dissect.cli.nothing import complain_impossible
+from dissect.cli.options.given import was_given
 from dissect.cli.options.jobs import check_jobs, indexed_option, separate_options
 from dissect.cli.options.scd import scd_options
 from dissect.cli.options.select import Chosen, select_options
@@ -73,7 +75,7 @@ def command(
 
     FILE is a pcap or pcapng file, plain or compressed with gzip or zstd; - is standard input. Several files are read in
     order; one that continues where the previous one ended (a ring buffer) continues its connections, unless --separate
-    reads each file on its own.
+    reads each file on its own. Of a folder each file is read on its own, in the order of their times, and has a row.
     """
     from dissect.engine.pipeline import Options
     from dissect.report.analysis import Analysis
@@ -84,7 +86,8 @@ def command(
         raise click.UsageError(f"{'--brief' if brief else '--per-file'} is for text, not for -T {format_.name}.")
     if brief and per_file:
         raise click.UsageError("--brief and --per-file cannot be combined.")
-    check_jobs(separate, jobs)
+    separate = check_jobs(separate, jobs)
+    per_file = per_file or (any_folder() and not brief and not was_given("format_"))
     analysis = Analysis()
     options = Options(slow_ns, decoder=decoder, checksums=checksums, tls_keys=tls_keys, naming=naming)
     of = current()
@@ -94,12 +97,15 @@ def command(
         return found_task(of, analysis, chosen.sieve(analysis), options, chosen)
     if separate:
         from dissect.cli.separate import add_separately, refuse
-        from dissect.jobs.analyses import Analyses
+        from dissect.jobs.analyses import Analyses, AnalysesByFile
 
-        refuse(chosen, [(decoder, "SCD is decoded over all files"), (per_file, "--per-file reads them in one run")])
+        refuse(chosen, [(decoder, "SCD is decoded over all files")])
         files = may_match(files, chosen)
-        sums = Analyses(options)
+        sums = AnalysesByFile(options) if per_file else Analyses(options)
         code = add_separately(files, jobs, sums, Analysis)
+        if isinstance(sums, AnalysesByFile):
+            write_lines(sums.rows.lines(foreign(), joined=False))
+            return gate_of(sums.found.finding_counts, fail_on, code)
         write_outcome(format_, ANALYSIS, Summary(sums.found, code == EXIT_INTERRUPTED, clock(), hosts(), brief))
         return gate_of(sums.found.finding_counts, fail_on, code)
     if per_file:
@@ -109,6 +115,7 @@ def command(
         run = Run(files, chosen.sieve(rows), chosen.narrow(options))
         rows.files = run.files
         chosen.begin(run, files)
+        run.lenient = len(files) > 1
         code = drive(run, files)
         write_lines(rows.lines())
         complain(run, code)

@@ -20,7 +20,8 @@ from dissect.engine.pipeline import Options
 from dissect.report.formats import ALERTS, Format
 from dissect.report.outcome import SPACED_LINE, Outcome
 from dissect.report.styled import HANG, Line
-from dissect.session import CONTINUES_NS, Run
+from dissect.session import Run
+from dissect.source.packet import CONTINUES_NS
 from dissect.wire.saving import expect_place, is_special, save
 from dissect.wire.text import printable
 

@@ -61,7 +61,7 @@ def command(
     from dissect.inventory.outcome import Devices
     from dissect.session import Run
 
-    check_jobs(separate, jobs)
+    separate = check_jobs(separate, jobs)
     inventory = Inventory()
     observer = chosen.sieve(inventory)
     options = Options(checksums=checksums, tls_keys=tls_keys, naming=naming)

@@ -120,7 +120,7 @@ def command(
     from dissect.session import Run
 
     of = current()
-    check_jobs(separate, jobs)
+    separate = check_jobs(separate, jobs)
     try:
         target = target_of(output, only, len(of.files if of is not None else files))
     except (UnknownFormError, UnknownTableError) as error:

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any, Final, Self
 
 import click
 
+from dissect.cli.folders import any_folder, expanded
 from dissect.cli.main import EXIT_DAMAGED, EXIT_INTERRUPTED, EXIT_OK
 from dissect.cli.task import current
 from dissect.source import files as reading
@@ -49,9 +50,9 @@ def files_meant(files: Iterable[str]) -> tuple[str, ...]:
     of = current()
     if of is not None:
         return (of.file,)
-    if not any([mark in name for name in names for mark in _NOT_PLAIN]):
-        return names
-    return tuple(remote.expand(names))
+    if any([mark in name for name in names for mark in _NOT_PLAIN]):
+        names = tuple(remote.expand(names))
+    return tuple(expanded(names))
 
 
 def _files(_ctx: click.Context, _param: click.Parameter, files: tuple[str, ...]) -> tuple[str, ...]:
@@ -176,7 +177,8 @@ def drive(
     reported, and the exit code says so. Raises `CaptureError` before anything is read if one of ``files`` is not a capture.
     """
     code = EXIT_OK
-    if len(files) > 1:
+    run.lenient = run.lenient or any_folder()
+    if len(files) > 1 and not run.lenient:
         check_captures(files)
     # The engine makes no cycles, so nothing waits for the collector; its walks over thousands of open connections would
     # only make pauses.

@@ -276,7 +276,7 @@ class _Joints:
 
     def look(self, first_ns: int, last_ns: int) -> None:
         """Take the times of the packets at both ends of the next file, 0 for a file without packets."""
-        from dissect.session import CONTINUES_NS
+        from dissect.source.packet import CONTINUES_NS
 
         if self._last_ns and first_ns and 0 <= first_ns - self._last_ns <= CONTINUES_NS:
             self._count += 1

@@ -93,7 +93,7 @@ def command(
         options.slow_ns = slow_ns
     writer = chosen.writer(format_, TRANSACTIONS, clock())
     choice = chosen.choice("transaction", _choice(failed, slow_ns))
-    check_jobs(separate, jobs)
+    separate = check_jobs(separate, jobs)
     of = current()
     if of is not None:
         return _task(of, writer, TransactionFeed(writer, choice), chosen, options, bool(fail_on))

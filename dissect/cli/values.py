@@ -127,7 +127,7 @@ def command(
     writer: ValueWriter = chosen.writer(format_, VALUES, clock())  # type: ignore[assignment]  # the kind says so
     collector = Collector(wanted, changes, every_ns, summary, chosen.choice("transaction"), likely=likely)
     options = Options(decoder=decoder, checksums=checksums, tls_keys=tls_keys, naming=naming)
-    check_jobs(separate, jobs)
+    separate = check_jobs(separate, jobs)
     of = current()
     if of is not None:
         return _task(of, writer, collector, chosen, options, bool(fail_on))

@@ -68,7 +68,7 @@ def command(
     from dissect.oracle.tshark import OracleError, read_tshark, version
     from dissect.oracle.verification import Verification
 
-    check_jobs(separate, jobs)
+    separate = check_jobs(separate, jobs)
 
     def compared(file: str) -> Comparison:
         return compare(file, read_pyshark if pyshark else read_tshark, reorder, tls_keys)

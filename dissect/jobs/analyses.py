@@ -8,9 +8,11 @@ from __future__ import annotations
 
 from dissect.engine.options import Options
 from dissect.findings.bounds import KEPT, Bounds
+from dissect.findings.catalogue import CATALOGUE, SEVERITIES
 from dissect.findings.reporter import Finding
 from dissect.jobs.sums import FilePart, Sum
 from dissect.report.analysis import Analysis
+from dissect.report.per_file import PerFile
 from dissect.transactions.naming import Naming
 
 
@@ -62,6 +64,35 @@ class Analyses:
         """Return whether one run would keep this finding in detail (`dissect.findings.bounds`)."""
         bounds = self._explained_bounds if finding.because else self._bounds
         return bounds.take(finding.slug, finding.client, finding.server, finding.connection) == KEPT
+
+
+class AnalysesByFile(Analyses):
+    """Adds up parts, and keeps in ``rows`` what each file had of it."""
+
+    def __init__(self, options: Options) -> None:
+        super().__init__(options)
+        self.rows = PerFile()
+        self.rows.files = self._sum.files
+
+    def add(self, part: FilePart) -> None:
+        """Add the part of the next file, which has what there is more then."""
+        before = _counts(self.found)
+        super().add(part)
+        after = _counts(self.found)
+        counts = self.rows.of(len(self._sum.files) - 1)
+        more = [now - then for now, then in zip(after, before, strict=True)]
+        counts.connections, counts.transactions, counts.errors, counts.missed = more[:4]
+        counts.findings = dict(zip(SEVERITIES, more[4:], strict=True))
+
+
+def _counts(found: Analysis) -> list[int]:
+    """Return connections, transactions, errors, missing answers, and findings by severity."""
+    counts = found.finding_counts
+    by_severity = [
+        sum([n for slug, n in counts.items() if CATALOGUE[slug].severity == severity]) for severity in SEVERITIES
+    ]
+    connections = len(found.connections) + int(found.connections_not_listed)
+    return [connections, int(found.total), int(found.with_errors), found.missed, *by_severity]
 
 
 def _number(finding: Finding) -> int:

@@ -24,8 +24,7 @@ from dissect.program.carved import carve
 from dissect.report.analysis import Analysis
 from dissect.report.latencies import Latencies
 from dissect.s7.tables import GROUP_MODE
-from dissect.session import CONTINUES_NS
-from dissect.source.packet import SourceFile
+from dissect.source.packet import CONTINUES_NS, SourceFile
 from dissect.stations.facts import Fact
 from dissect.transactions.connection import ISO_TSAP_PORT, Connection
 from dissect.transactions.operation import CONNECT, Operation

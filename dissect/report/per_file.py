@@ -11,7 +11,7 @@ from dissect.findings.catalogue import SEVERITIES
 from dissect.findings.reporter import Finding
 from dissect.report.styled import DIM, HEADING, PLAIN, Line
 from dissect.report.text import table
-from dissect.source.packet import SourceFile
+from dissect.source.packet import CONTINUES_NS, SourceFile
 from dissect.transactions.connection import Connection
 from dissect.transactions.transaction import Transaction
 from dissect.wire.text import shortened
@@ -71,14 +71,19 @@ class PerFile(Observer):
         counts = self._at(finding.frames[0]) if finding.frames else self.of(max(0, len(self.files) - 1))
         counts.findings[finding.severity] += 1
 
-    def lines(self) -> Iterator[Line]:
-        """Yield a heading, a row for each file, and where there are several files a row with the sums."""
+    def lines(self, foreign: Sequence[str] = (), joined: bool = True) -> Iterator[Line]:
+        """Yield a heading, a row for each file, and where there are several files a row with the sums.
+
+        ``foreign`` are files that are no captures; ``joined`` tells whether files that continue each other were read as one.
+        """
         total = FileCounts()
         rows = [["file", "packets", "connections", "transactions", "errors", "no answer", *SEVERITIES, ""]]
         packets = 0
+        before_ns = 0
         for index, file in enumerate(self.files):
             counts = self.of(index)
-            rows.append(_row(shortened(file.name, _NAME), int(file.packets), counts, file.damage))
+            rows.append(_row(shortened(file.name, _NAME), int(file.packets), counts, _remark(file, before_ns, joined)))
+            before_ns = int(file.last_ns) or before_ns
             packets += int(file.packets)
             for name in ("connections", "transactions", "errors", "missed"):
                 setattr(total, name, getattr(total, name) + getattr(counts, name))
@@ -89,10 +94,22 @@ class PerFile(Observer):
         for number, line in enumerate(table(rows, frozenset(range(1, 9)))):
             damaged = 0 < number <= len(self.files) and self.files[number - 1].damage
             yield Line(line.text, HEADING if not number else "error" if damaged else PLAIN, line.hang)
+        for name in foreign:
+            yield Line(f"  {shortened(name, _NAME)}: not a capture by its name, not read", DIM)
         yield Line("  findings by severity; each counts for the file of its first packet", DIM)
 
 
-def _row(name: str, packets: int, counts: FileCounts, damage: str) -> list[str]:
+def _remark(file: SourceFile, before_ns: int, joined: bool) -> str:
+    """Return what is to be said of a file; ``before_ns`` is the time of the last packet before it, 0 for none."""
+    if file.damage:
+        return f"DAMAGED: {shortened(file.damage, 80)}" if file.packets else f"UNREAD: {shortened(file.damage, 80)}"
+    if not file.packets:
+        return "no packets"
+    if before_ns and 0 <= int(file.first_ns) - before_ns <= CONTINUES_NS:
+        return "continues the file before" if joined else "continues the file before; read apart"
+    return ""
+
+
+def _row(name: str, packets: int, counts: FileCounts, remark: str) -> list[str]:
     numbers = [counts.connections, counts.transactions, counts.errors, counts.missed, *counts.findings.values()]
-    cells = [str(number) if number else "." for number in numbers]
-    return [name, str(packets), *cells, f"DAMAGED: {shortened(damage, 80)}" if damage else ""]
+    return [name, str(packets), *[str(number) if number else "." for number in numbers], remark]

@@ -15,6 +15,10 @@ __all__ = ["READING_FAILED", "CaptureError", "PacketSink", "Reader", "SourceFile
 READING_FAILED: Final = "reading failed after byte"
 
 
+#: A file whose first packet comes this soon after the last one of the file before it continues its connections.
+CONTINUES_NS: Final = 60_000_000_000
+
+
 @mypyc_attr(allow_interpreted_subclasses=True)
 class PacketSink:
     """Takes packets one at a time; `dissect.engine.pipeline.Pipeline` is one.

@@ -244,8 +244,9 @@ def _reason_of_tls(error: ssl.SSLError) -> str:
 def expand(names: Iterable[str]) -> list[str]:
     """Return the files that names stand for: patterns (``*``, ``?``, ``[…]``) and days (``{2026-11-01..2026-11-30}``).
 
-    The files of a pattern are sorted. Where a local file has the pattern itself as its name, only that file is meant. Days of a
-    range without a file are left out. `CaptureError` when a pattern or a range finds no file, or the range is invalid.
+    The files of a pattern come in the order of their packets' time, remote ones by name. Where a local file has the pattern
+    itself as its name, only that file is meant. Days of a range without a file are left out. `CaptureError` when a pattern or a
+    range finds no file, or the range is invalid.
     """
     found: list[str] = []
     for name in names:
@@ -291,7 +292,9 @@ def _local(name: str) -> list[str]:
         hidden = [part for part in path.parts if part.startswith(".")]
         return all([any([fnmatchcase(part, each) for each in dotted]) for part in hidden])
 
-    return sorted([os.fspath(path) for path in Path(anchor).glob(str(Path(*parts))) if is_meant(path)])
+    from dissect.source.order import by_time
+
+    return by_time([os.fspath(path) for path in Path(anchor).glob(str(Path(*parts))) if is_meant(path)])
 
 
 def _globbed(name: str) -> list[str]:

@@ -8,6 +8,9 @@ from typing import Any, Final
 
 import click
 
+from dissect.cli.folders import any_folder
+from dissect.cli.task import current
+
 AUTO: Final = "auto"
 #: Under these the context of a command keeps the address of a cluster, and whether files are looked up in their index.
 _CLUSTER: Final = "dissect.cli.options.jobs.cluster"
@@ -102,8 +105,12 @@ def separate_options(command: Any) -> Any:
     )(command)
 
 
-def check_jobs(separate: bool, jobs: int) -> None:
-    """Raise UsageError for several processes, machines or an index where files may go on one in another (decision 18)."""
+def check_jobs(separate: bool, jobs: int) -> bool:
+    """Return whether each file is a capture of its own: asked for, or the files are those of a folder.
+
+    Raises UsageError for several processes, machines or an index where files may go on one in another (decision 18).
+    """
+    separate = separate or any_folder() or current() is not None
     if indexed_meant() and not separate:
         raise click.UsageError("--indexed leaves out files, and needs --separate: each is a capture of its own.")
     if cluster_meant() and jobs > 1:
@@ -116,3 +123,4 @@ def check_jobs(separate: bool, jobs: int) -> None:
         raise click.UsageError(
             "-j reads several files at the same time, and needs --separate: each is a capture of its own."
         )
+    return separate

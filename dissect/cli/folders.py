@@ -1,0 +1,70 @@
+"""Folders in the place of files: which captures they hold, and that these are read one by one."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Final
+
+import click
+
+from dissect.wire.text import printable
+
+#: Under this the context of a command keeps the folders that were named, each with the files in it that are no captures.
+_FOLDERS: Final = "dissect.cli.folders.foreign"
+#: What a folder of blocks has, which `blocks` reads as it is.
+_BLOCKS: Final = "manifest.json"
+
+
+def expanded(names: tuple[str, ...]) -> list[str]:
+    """Return names with the captures of each folder in its place, in the order of the times of their packets.
+
+    Raises ClickException for a folder without a capture.
+    """
+    found: list[str] = []
+    for name in names:
+        found += _captures(name) if _is_meant(name) else [name]
+    return found
+
+
+def any_folder() -> bool:
+    """Return whether the command at hand was given a folder, so that its files are read one by one."""
+    ctx = click.get_current_context(silent=True)
+    return ctx is not None and _FOLDERS in ctx.meta
+
+
+def foreign() -> list[str]:
+    """Return the files of the folders of the command at hand that do not have the name of a capture."""
+    ctx = click.get_current_context(silent=True)
+    return list(ctx.meta.get(_FOLDERS, [])) if ctx is not None else []
+
+
+def _is_meant(name: str) -> bool:
+    if name == "-" or not os.path.isdir(name):  # noqa: PTH112 - a name that no path can have is simply not there
+        return False
+    command = click.get_current_context().command.name
+    return command != "blocks" or not Path(name, _BLOCKS).exists()
+
+
+def _captures(folder: str) -> list[str]:
+    from dissect.index.update import captures
+    from dissect.source.order import by_time
+
+    unreadable: dict[str, str] = {}
+    found = [os.path.join(folder, name) for name in captures(Path(folder), unreadable)]  # noqa: PTH118
+    for name, why in unreadable.items():
+        click.echo(f"s7dissect: {printable(os.path.join(folder, name))}: {why}", err=True)  # noqa: PTH118
+    if not found:
+        raise click.ClickException(f"{printable(folder)}: a folder without a capture (.pcap, .pcapng, .cap).")
+    click.get_current_context().meta.setdefault(_FOLDERS, []).extend(_others(folder))
+    return by_time(found)
+
+
+def _others(folder: str) -> list[str]:
+    """Return the files of a folder, not of those below it, that do not have the name of a capture."""
+    from dissect.index.update import is_capture
+
+    with os.scandir(folder) as entries:
+        return sorted(
+            [entry.path for entry in entries if entry.is_file() and not is_capture(entry.name) and entry.name[0] != "."]
+        )
