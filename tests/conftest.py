@@ -48,6 +48,7 @@ os.environ.pop("STATE_DIRECTORY", None)
 os.environ.setdefault("S7DISSECT_TSHARK_ANSWERS", os.environ["XDG_STATE_HOME"])
 # The same of settings: those of whoever runs the tests are none of theirs.
 os.environ["XDG_CONFIG_HOME"] = os.environ["XDG_STATE_HOME"]
+os.environ["XDG_CACHE_HOME"] = os.environ["XDG_STATE_HOME"]
 atexit.register(shutil.rmtree, os.environ["XDG_STATE_HOME"], ignore_errors=True)
 
 

@@ -49,10 +49,17 @@ _NAMED: Final = 3
     "index_file",
     type=click.Path(dir_okay=False, readable=False),
     metavar="INDEX",
-    help="Keep the index here.  [default: in DIR]",
+    help="Keep the index here.  [default: in the cache of the user]",
 )
+@click.option("--here", is_flag=True, help="Keep the index in DIR, where it is used from then on.")
 def command(
-    folder: str, where: str | None, format_: Format, null: bool, no_update: bool, index_file: str | None
+    folder: str,
+    where: str | None,
+    format_: Format,
+    null: bool,
+    no_update: bool,
+    index_file: str | None,
+    here: bool,
 ) -> int:
     """Keep an index of the captures in a folder: what each holds, and which of them can answer a question.
 
@@ -61,8 +68,11 @@ def command(
     the expression can select something, so that other commands need not open the rest; addresses, ports, times and findings
     rule files out, whatever else the expression says.
     """
+    from dissect.index.place import index_of, made_room
     from dissect.index.store import NAME, Store, StoreError
 
+    if here and index_file is not None:
+        raise click.UsageError("--here and --file cannot be combined.")
     if null and where is None:
         raise click.UsageError("-0 needs -Y.")
     if not folder:  # `Path` would take it for the current folder
@@ -71,10 +81,12 @@ def command(
     place = Path(folder)
     if not place.is_dir():
         raise click.ClickException(f"{printable(folder)}: no such folder")
-    path = Path(index_file) if index_file is not None else place / NAME
+    path = Path(index_file) if index_file is not None else place / NAME if here else index_of(place)
     if no_update and not path.is_file():
         raise click.ClickException(f"{printable(str(path))}: there is no index yet; run without --no-update.")
     try:
+        if not here and index_file is None and not no_update:
+            made_room(path)
         with Store(path, __version__, changes=not no_update) as store:
             changes = None if no_update else _updated(store, place)
             code = _complain(changes)

@@ -83,9 +83,10 @@ class _Indexes:
         return self._by_folder[folder]
 
     def _read(self, folder: Path) -> dict[str, FileFacts] | None:
-        from dissect.index.store import NAME, Store, StoreError
+        from dissect.index.place import index_of
+        from dissect.index.store import Store, StoreError
 
-        path = folder / NAME
+        path = index_of(folder)
         if not path.is_file():
             return None
         try:

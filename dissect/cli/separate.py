@@ -16,6 +16,7 @@ import click
 
 from dissect.cli import task
 from dissect.cli.collector import RARELY
+from dissect.cli.folders import any_folder
 from dissect.cli.main import ARGUMENTS, EXIT_DAMAGED, EXIT_INTERRUPTED, EXIT_OK
 from dissect.cli.options.jobs import cluster_meant
 from dissect.cli.run import Bar, Interruption
@@ -74,13 +75,17 @@ def refuse(chosen: Chosen, reasons: Sequence[tuple[Any, str]] = ()) -> None:
     """Raise UsageError where options do not go with --separate; ``reasons`` are values of options and what is said of them."""
     for given, why in (*reasons, (chosen.most, "-c counts over all files")):
         if given:
-            raise click.UsageError(f"--separate: {why}.")
+            raise click.UsageError(f"{_how()}: {why}.")
     if chosen.where is not None:
         for name in _COUNTED:
             if name in chosen.where.names:
                 raise click.UsageError(
-                    f"--separate: the field {name} counts over all files; choose by host, port or time instead."
+                    f"{_how()}: the field {name} counts over all files; choose by host, port or time instead."
                 )
+
+
+def _how() -> str:
+    return "the files of a folder are read one by one" if any_folder() else "--separate"
 
 
 class Interrupted:
@@ -286,8 +291,11 @@ class _Joints:
         """Say so on stderr, if there are any."""
         if self._count:
             files = "1 file goes" if self._count == 1 else f"{self._count} files go"
+            followed = (
+                "Named one by one they are followed." if any_folder() else "Without --separate they are followed."
+            )
             click.echo(
                 f"s7dissect: {files} on where the file before ends; connections that go on are counted once in each file. "
-                "Without --separate they are followed.",
+                f"{followed}",
                 err=True,
             )

@@ -14,9 +14,10 @@ from dissect.report.text import table
 from dissect.source.packet import CONTINUES_NS, SourceFile
 from dissect.transactions.connection import Connection
 from dissect.transactions.transaction import Transaction
-from dissect.wire.text import shortened
+from dissect.wire.text import printable, shortened
 
 _NAME: Final = 60
+_DAMAGED: Final = "capture.damaged"
 
 
 class FileCounts:
@@ -65,11 +66,22 @@ class PerFile(Observer):
         self._at(connection.tcp.first_frame).connections += 1
 
     def finding(self, finding: Finding) -> None:
-        """Count a finding that no other explains; one that names no packet counts for the latest file."""
+        """Count a finding that no other explains; one that names no packet counts for the latest file.
+
+        One about the damage of a file counts for that, which may have no packet of its own.
+        """
         if finding.because or not finding.reported:
             return
-        counts = self._at(finding.frames[0]) if finding.frames else self.of(max(0, len(self.files) - 1))
+        if finding.slug == _DAMAGED or not finding.frames:
+            counts = self.of(self._named(finding.detail))
+        else:
+            counts = self._at(finding.frames[0])
         counts.findings[finding.severity] += 1
+
+    def _named(self, detail: str) -> int:
+        """Return the index of the latest file that a detail begins with, else of the latest of all."""
+        named = [at for at, file in enumerate(self.files) if detail.startswith(f"{file.name}: ")]
+        return named[-1] if named else max(0, len(self.files) - 1)
 
     def lines(self, foreign: Sequence[str] = (), joined: bool = True) -> Iterator[Line]:
         """Yield a heading, a row for each file, and where there are several files a row with the sums.
@@ -82,7 +94,7 @@ class PerFile(Observer):
         before_ns = 0
         for index, file in enumerate(self.files):
             counts = self.of(index)
-            rows.append(_row(shortened(file.name, _NAME), int(file.packets), counts, _remark(file, before_ns, joined)))
+            rows.append(_row(_named(file.name), int(file.packets), counts, _remark(file, before_ns, joined)))
             before_ns = int(file.last_ns) or before_ns
             packets += int(file.packets)
             for name in ("connections", "transactions", "errors", "missed"):
@@ -95,19 +107,26 @@ class PerFile(Observer):
             damaged = 0 < number <= len(self.files) and self.files[number - 1].damage
             yield Line(line.text, HEADING if not number else "error" if damaged else PLAIN, line.hang)
         for name in foreign:
-            yield Line(f"  {shortened(name, _NAME)}: not a capture by its name, not read", DIM)
+            yield Line(f"  {_named(name)}: not a capture by its name, not read", DIM)
         yield Line("  findings by severity; each counts for the file of its first packet", DIM)
+
+
+def _named(name: str) -> str:
+    """Return the name of a file, of a long one the end: the files of a folder begin alike."""
+    whole = printable(name)
+    return whole if len(whole) <= _NAME else f"…{whole[1 - _NAME :]}"
 
 
 def _remark(file: SourceFile, before_ns: int, joined: bool) -> str:
     """Return what is to be said of a file; ``before_ns`` is the time of the last packet before it, 0 for none."""
+    said = []
     if file.damage:
-        return f"DAMAGED: {shortened(file.damage, 80)}" if file.packets else f"UNREAD: {shortened(file.damage, 80)}"
-    if not file.packets:
-        return "no packets"
-    if before_ns and 0 <= int(file.first_ns) - before_ns <= CONTINUES_NS:
-        return "continues the file before" if joined else "continues the file before; read apart"
-    return ""
+        said.append(f"{'DAMAGED' if file.packets else 'UNREAD'}: {shortened(file.damage, 80)}")
+    elif not file.packets:
+        said.append("no packets")
+    if file.packets and before_ns and 0 <= int(file.first_ns) - before_ns <= CONTINUES_NS:
+        said.append("continues the file before" if joined else "continues the file before; read apart")
+    return "; ".join(said)
 
 
 def _row(name: str, packets: int, counts: FileCounts, remark: str) -> list[str]:

@@ -14,6 +14,7 @@ import pytest
 import dissect
 from dissect.cli.main import EXIT_INTERRUPTED
 from dissect.cli.run import drive
+from dissect.index.place import cached
 from dissect.index.store import NAME
 from dissect.session import Run
 from tests.cli.support import run
@@ -191,7 +192,7 @@ def test_indexed_needs_an_index_and_a_question(capfdbinary: Capture, folder: Pat
         assert (ran.code, ran.out) == (2, "")
         assert why in ran.err
     run(capfdbinary, "index", folder)
-    index = folder / NAME
+    index = cached(folder)
     with sqlite3.connect(index) as base:
         base.execute("UPDATE about SET value = '0.0.1' WHERE name = 'version'")
     base.close()
@@ -238,3 +239,19 @@ def test_a_folder_that_may_not_be_read_is_named_and_its_files_stay(capfdbinary: 
         (folder / "day 2").chmod(0o700)
     assert (ran.code, ran.err) == (3, "s7dissect: day 2/: Permission denied\n")
     assert "4 files: 0 read, 3 unchanged since the last time; 1 folder could not be read" in ran.out
+
+
+def test_the_index_is_beside_captures_only_where_that_was_asked_for(capfdbinary: Capture, folder: Path) -> None:
+    before = sorted(folder.iterdir())
+    run(capfdbinary, "index", folder)
+    assert sorted(folder.iterdir()) == before
+    assert cached(folder).is_file()
+    assert cached(folder).parent.stat().st_mode & 0o777 == 0o700
+    here = run(capfdbinary, "index", "--here", folder)
+    assert "4 files: 4 read" in here.out
+    assert (folder / NAME).is_file()
+    cached(folder).unlink()
+    again = run(capfdbinary, "index", folder)
+    assert "4 files: 0 read, 4 unchanged since the last time" in again.out
+    assert not cached(folder).exists()
+    assert run(capfdbinary, "index", "--here", "--file", folder / "x", folder).code == 2

@@ -101,7 +101,6 @@ def test_two_hundred_files(capfdbinary: Capture, tmp_path: Path) -> None:
     (["--separate", "-j", "0"], "0 processes can do nothing"),
     (["--separate", "-j", "3"], "3 is too many, there are 2 processors here"),
     (["--separate", "-j", "many"], "expected a number of processes or auto"),
-    (["--separate", "--per-file"], "--separate: --per-file reads them in one run."),
     (["--separate", "-Y", "connection == 2"], "--separate: the field connection counts over all files"),
     (["--separate", "--connection", "2"], "--separate: the field connection counts over all files"),
 ])  # fmt: skip
