@@ -72,8 +72,8 @@ class Run:
     """A capture, or several read one after another, into a pipeline that feeds ``observer``.
 
     A capture is a path, an open binary file, or packets (`dissect.source.given.Source`); several are given in a list. Raises
-    `CaptureError` from `step` when one cannot be read at all, unless ``lenient``: then it is a file without packets, and what is
-    wrong with it is its damage. A file that was given open stays open.
+    `CaptureError` from `step` when one cannot be read at all, unless ``lenient``: then it is a file without packets, and what
+    is wrong with it is its damage. A file that was given open stays open.
     """
 
     def __init__(
