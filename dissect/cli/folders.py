@@ -42,8 +42,11 @@ def foreign() -> list[str]:
 def _is_meant(name: str) -> bool:
     if name == "-" or not os.path.isdir(name):  # noqa: PTH112 - a name that no path can have is simply not there
         return False
-    command = click.get_current_context().command.name
-    return command != "blocks" or not Path(name, _BLOCKS).exists()
+    if click.get_current_context().command.name != "blocks":
+        return True
+    from dissect.index.update import captures
+
+    return not Path(name, _BLOCKS).exists() and next(captures(Path(name)), "") != ""
 
 
 def _captures(folder: str) -> list[str]:
