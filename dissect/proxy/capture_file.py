@@ -57,12 +57,13 @@ class CaptureFile(WritingCompanion):
         self._writer.flush()
 
     def close(self) -> None:
-        """End the file."""
+        """End the file; while it cannot be written, it ends behind its last whole packet, as was said."""
         try:
             self._writer.close()
         except OSError:
             self._miss(*self._writer.unwritten)
-            raise
+            if not self.recovery.failing:
+                raise
 
     def _miss(self, packets: int, octets: int) -> None:
         self._lost = (self._lost[0] + packets, self._lost[1] + octets)

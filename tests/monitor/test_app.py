@@ -16,6 +16,7 @@ from textual.color import Color
 from textual.filter import NoColor
 from textual.pilot import Pilot
 
+from dissect.alerts.problems import STOPPED
 from dissect.findings.catalogue import CATALOGUE
 from dissect.live.events import ALERT
 from dissect.live.session import Session
@@ -354,7 +355,7 @@ def test_the_latest_alert_is_shown_however_many_came_before() -> None:
 
 def test_a_problem_of_the_monitor_is_said() -> None:
     session = of_capture("nodes7-poll-missing")
-    session.run.failures.append("alerts failed and was switched off: no such file \x1b[2J")
+    session.run.problems.tell(STOPPED, "alerts failed and was switched off: no such file \x1b[2J")
     session._hand_over(session.run)
 
     async def act(app: MonitorApp, pilot: Pilot[bool]) -> None:
