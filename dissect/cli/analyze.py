@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
 import click
@@ -9,30 +10,24 @@ import click
 from dissect.cli.configuration import hosts
 from dissect.cli.folders import any_folder, foreign
 from dissect.cli.formats import format_option, write_outcome
-from dissect.cli.gate import fail_on_option, gate, gate_of
-from dissect.cli.indexed import may_match
+from dissect.cli.gate import fail_on_option
 from dissect.cli.look import clock, write_lines
-from dissect.cli.main import EXIT_INTERRUPTED
-from dissect.cli.nothing import complain_impossible
 from dissect.cli.options.given import was_given
-from dissect.cli.options.jobs import check_jobs, indexed_option, separate_options
+from dissect.cli.options.jobs import indexed_option, separate_options
 from dissect.cli.options.scd import scd_options
 from dissect.cli.options.select import Chosen, select_options
 from dissect.cli.options.tags import tag_options
 from dissect.cli.options.tls import tls_option
-from dissect.cli.run import (
-    EXIT_CODES,
-    checksums_option,
-    complain,
-    drive,
-    files_argument,
-    slow_option,
-)
-from dissect.cli.task import current
+from dissect.cli.reading import Reading
+from dissect.cli.run import EXIT_CODES, checksums_option, files_argument, slow_option
 from dissect.report.formats import ANALYSIS, Format, formats_for
+from dissect.report.styled import Line
 
 if TYPE_CHECKING:
     from dissect.engine.exchange import PayloadDecoder
+    from dissect.engine.options import Options
+    from dissect.jobs.analyses import Analyses
+    from dissect.session import Run
     from dissect.tls.key_log import KeyLog
     from dissect.transactions.naming import Naming
 
@@ -80,53 +75,41 @@ def command(
     from dissect.engine.pipeline import Options
     from dissect.report.analysis import Analysis
     from dissect.report.summary import Summary
-    from dissect.session import Run
 
     if (brief or per_file) and format_ is not formats_for(ANALYSIS)[0]:
         raise click.UsageError(f"{'--brief' if brief else '--per-file'} is for text, not for -T {format_.name}.")
     if brief and per_file:
         raise click.UsageError("--brief and --per-file cannot be combined.")
-    separate = check_jobs(separate, jobs)
-    per_file = per_file or (any_folder() and not brief and not was_given("format_"))
-    analysis = Analysis()
     options = Options(slow_ns, decoder=decoder, checksums=checksums, tls_keys=tls_keys, naming=naming)
-    of = current()
-    if of is not None:
-        from dissect.cli.separate import found_task
+    reading = Reading(files, options, chosen, separate, jobs, [(decoder, "SCD is decoded over all files")])
+    if per_file or (any_folder() and not brief and not was_given("format_")):
+        write_lines(_rows(reading, len(files)))
+        return reading.ended(fail_on)
+    analysis = reading.sum(Analysis, _analyses)
+    write_outcome(format_, ANALYSIS, Summary(analysis, reading.interrupted, clock(), hosts(), brief))
+    return reading.ended(fail_on)
 
-        return found_task(of, analysis, chosen.sieve(analysis), options, chosen)
-    if separate:
-        from dissect.cli.separate import add_separately, refuse
-        from dissect.jobs.analyses import Analyses, AnalysesByFile
 
-        refuse(chosen, [(decoder, "SCD is decoded over all files")])
-        files = may_match(files, chosen)
-        sums = AnalysesByFile(options) if per_file else Analyses(options)
-        code = add_separately(files, jobs, sums, Analysis)
-        if isinstance(sums, AnalysesByFile):
-            write_lines(sums.rows.lines(foreign(), joined=False))
-            return gate_of(sums.found.finding_counts, fail_on, code)
-        write_outcome(format_, ANALYSIS, Summary(sums.found, code == EXIT_INTERRUPTED, clock(), hosts(), brief))
-        return gate_of(sums.found.finding_counts, fail_on, code)
-    if per_file:
-        from dissect.report.per_file import PerFile
+def _analyses(options: Options) -> Analyses:
+    from dissect.jobs.analyses import Analyses  # late: most runs need none of it
 
-        rows = PerFile()
-        run = Run(files, chosen.sieve(rows), chosen.narrow(options))
+    return Analyses(options)
+
+
+def _rows(reading: Reading, count: int) -> Iterable[Line]:
+    """Return a row for each of so many files."""
+    from dissect.jobs.analyses import AnalysesByFile
+    from dissect.report.analysis import Analysis
+    from dissect.report.per_file import PerFile
+
+    rows = PerFile()
+    if reading.separate:
+        reading.sum(Analysis, lambda options: AnalysesByFile(options, rows))
+        return rows.lines(foreign(), joined=False)
+
+    def begin(run: Run) -> None:
         rows.files = run.files
-        chosen.begin(run, files)
-        run.lenient = len(files) > 1
-        code = drive(run, files)
-        write_lines(rows.lines())
-        complain(run, code)
-        complain_impossible(run, chosen)
-        return gate(run, fail_on, chosen.ended(code), chosen.findings)
-    run = Run(files, chosen.sieve(analysis), chosen.narrow(options))
-    chosen.begin(run, files)
-    code = drive(run, files)
-    analysis.take(run.pipeline, run.files)
-    analysis.part = chosen.part(run)
-    write_outcome(format_, ANALYSIS, Summary(analysis, code == EXIT_INTERRUPTED, clock(), hosts(), brief))
-    complain(run, code)
-    complain_impossible(run, chosen)
-    return gate(run, fail_on, chosen.ended(code), chosen.findings)
+        run.lenient = count > 1
+
+    reading.run(rows, begin)
+    return rows.lines()

@@ -8,20 +8,19 @@ import click
 
 from dissect.cli.configuration import hosts
 from dissect.cli.formats import format_option, write_outcome
-from dissect.cli.gate import fail_on_option, gate, gate_of
-from dissect.cli.indexed import may_match
+from dissect.cli.gate import fail_on_option
 from dissect.cli.look import clock
-from dissect.cli.main import EXIT_INTERRUPTED
-from dissect.cli.nothing import complain_impossible
-from dissect.cli.options.jobs import check_jobs, indexed_option, separate_options
+from dissect.cli.options.jobs import indexed_option, separate_options
 from dissect.cli.options.select import Chosen, select_options
 from dissect.cli.options.tags import tag_options
 from dissect.cli.options.tls import tls_option
-from dissect.cli.run import EXIT_CODES, checksums_option, complain, drive, files_argument
-from dissect.cli.task import current
+from dissect.cli.reading import Reading
+from dissect.cli.run import EXIT_CODES, checksums_option, files_argument
 from dissect.report.formats import DEVICES, Format
 
 if TYPE_CHECKING:
+    from dissect.engine.options import Options
+    from dissect.jobs.inventories import Inventories
     from dissect.tls.key_log import KeyLog
     from dissect.transactions.naming import Naming
 
@@ -59,34 +58,15 @@ def command(
     from dissect.engine.pipeline import Options
     from dissect.inventory.collector import Inventory
     from dissect.inventory.outcome import Devices
-    from dissect.session import Run
 
-    separate = check_jobs(separate, jobs)
-    inventory = Inventory()
-    observer = chosen.sieve(inventory)
     options = Options(checksums=checksums, tls_keys=tls_keys, naming=naming)
-    of = current()
-    if of is not None:
-        from dissect.cli.separate import found_task
+    reading = Reading(files, options, chosen, separate, jobs)
+    inventory = reading.sum(Inventory, _inventories)
+    write_outcome(format_, DEVICES, Devices(inventory, reading.interrupted, clock(), hosts()))
+    return reading.ended(fail_on)
 
-        return found_task(of, inventory, observer, options, chosen)
-    if separate:
-        from dissect.cli.separate import add_separately, refuse
-        from dissect.jobs.inventories import Inventories
 
-        refuse(chosen)
-        files = may_match(files, chosen)
-        sums = Inventories(options)
-        code = add_separately(files, jobs, sums, Inventory)
-        sums.finish()
-        write_outcome(format_, DEVICES, Devices(sums.found, code == EXIT_INTERRUPTED, clock(), hosts()))
-        return gate_of(sums.found.finding_counts, fail_on, code)
-    run = Run(files, observer, chosen.narrow(options))
-    chosen.begin(run, files)
-    code = drive(run, files)
-    inventory.take(run.pipeline, run.files)
-    inventory.part = chosen.part(run)
-    write_outcome(format_, DEVICES, Devices(inventory, code == EXIT_INTERRUPTED, clock(), hosts()))
-    complain(run, code)
-    complain_impossible(run, chosen)
-    return gate(run, fail_on, chosen.ended(code), chosen.findings)
+def _inventories(options: Options) -> Inventories:
+    from dissect.jobs.inventories import Inventories  # late: most runs need none of it
+
+    return Inventories(options)

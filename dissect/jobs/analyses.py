@@ -43,6 +43,9 @@ class Analyses:
         self.found.merge(later)
         self._add_findings(later, before)
 
+    def finish(self) -> None:
+        """There are no more parts; nothing waits for one."""
+
     def _add_findings(self, later: Analysis, before: int) -> None:
         """Keep the findings of a part with the numbers that they have in one run; ``before`` were reported in earlier parts.
 
@@ -69,9 +72,9 @@ class Analyses:
 class AnalysesByFile(Analyses):
     """Adds up parts, and keeps in ``rows`` what each file had of it."""
 
-    def __init__(self, options: Options) -> None:
+    def __init__(self, options: Options, rows: PerFile) -> None:
         super().__init__(options)
-        self.rows = PerFile()
+        self.rows = rows
         self.rows.files = self._sum.files
 
     def add(self, part: FilePart) -> None:
