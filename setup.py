@@ -16,6 +16,7 @@ pip shows what a build prints only with ``-v``; ``s7dissect --version`` says whi
 
 from __future__ import annotations
 
+import ast
 import os
 import shutil
 import subprocess
@@ -24,6 +25,7 @@ import sysconfig
 import tempfile
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from functools import cache
 from pathlib import Path
 from typing import Any, Final
 
@@ -134,6 +136,7 @@ COLD: Final = (
     "dissect/s7/szl_modules.py",
     "dissect/s7/szl_records.py",
     "dissect/s7/transfer.py",
+    "dissect/transactions/items.py",
     "dissect/variables/choosing.py",
     "dissect/variables/reading.py",
     "dissect/variables/summary.py",
@@ -387,6 +390,7 @@ def extensions() -> list[Extension]:
     try:
         from mypyc.build import mypycify
 
+        keep_docs()
         compiled = mypycify(
             # No configuration file and no complaint about modules that are only looked at: what mypy demands of the code
             # is asked in the tests, with everything installed; a build needs the types alone.
@@ -421,6 +425,50 @@ def extensions() -> list[Extension]:
             # Nobody reads what a compiler would say of generated code, and to look for it is a sixth of its work.
             extension.extra_compile_args = [*extension.extra_compile_args, *hidden, "-w"]
     return compiled
+
+
+def keep_docs() -> None:
+    """Let mypyc keep the docstrings of methods and properties, which it leaves out: ``help`` shows them then."""
+    from mypyc.codegen import emitclass, emitmodule
+
+    signature, table = emitclass.native_function_doc_initializer, emitclass.generate_getseters_table
+
+    def method(function: Any) -> str:
+        said = docs_of(function.decl.module_name).get((function.decl.class_name or "", function.name), "")
+        return f'{signature(function)[:-1]}{c_text(said)}"'
+
+    def properties(cl: Any, name: str, emitter: Any) -> None:
+        begin = len(emitter.fragments)
+        table(cl, name, emitter)
+        said = ""
+        for number in range(begin, len(emitter.fragments)):
+            line = emitter.fragments[number]
+            if line.strip().startswith('{"'):
+                said = docs_of(cl.module_name).get((cl.name, line.split('"')[1]), "")
+            elif said and "NULL, NULL}," in line:
+                emitter.fragments[number] = line.replace("NULL, NULL},", f'PyDoc_STR("{c_text(said)}"), NULL}},')
+
+    emitclass.native_function_doc_initializer = emitmodule.native_function_doc_initializer = method
+    emitclass.generate_getseters_table = properties
+
+
+@cache
+def docs_of(module: str) -> dict[tuple[str, str], str]:
+    """Return the docstrings of a module's functions and methods, by class (empty for none) and name."""
+    found: dict[tuple[str, str], str] = {}
+    tree = ast.parse(Path(*module.split(".")).with_suffix(".py").read_text(encoding="utf-8"))
+    for owner in [tree, *[node for node in tree.body if isinstance(node, ast.ClassDef)]]:
+        for node in owner.body:
+            if isinstance(node, ast.FunctionDef):
+                name = owner.name if isinstance(owner, ast.ClassDef) else ""
+                found.setdefault((name, node.name), ast.get_docstring(node) or "")
+    return found
+
+
+def c_text(text: str) -> str:
+    """Return a text for a literal of C, in octal where it is not plain."""
+    plain = frozenset(range(32, 127)) - frozenset(b'"\\?')
+    return "".join([chr(octet) if octet in plain else f"\\{octet:03o}" for octet in text.encode()])
 
 
 class AllOrNothing(build_ext):

@@ -27,7 +27,7 @@ from dissect.transactions.naming import Naming
 from dissect.transactions.operation import Operation
 from dissect.transactions.payloads import ScdMessage
 from dissect.transactions.side import Side
-from dissect.transactions.transaction import Transaction
+from dissect.transactions.transaction import AS_DICT, Transaction
 from dissect.wire.copies import refuse
 from dissect.wire.errors import Error
 from dissect.wire.text import printable
@@ -49,6 +49,19 @@ KeyLogFiles: TypeAlias = "str | os.PathLike[str] | Sequence[str | os.PathLike[st
 
 #: What `open` yields.
 Event = Connection | Pdu | PlusPdu | ScdMessage | Transaction | Operation | Finding
+
+
+def _line(transaction: Transaction) -> dict[str, object]:
+    """Return what the JSON line of a transaction says."""
+    import json
+
+    from dissect.report.writers.jsonl import TransactionLines
+
+    found: dict[str, object] = json.loads(TransactionLines().line(transaction))
+    return found
+
+
+AS_DICT.append(_line)
 
 
 class _Joint(PacketSink):

@@ -59,7 +59,10 @@ from dissect.wire.malformed import Malformed
 from dissect.wire.text import printable
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from dissect.transactions.connection import Connection
+    from dissect.transactions.items import TransactionItem
 
 # What became of a transaction.
 OPEN: Final = 0
@@ -103,6 +106,20 @@ DOUBT_TEXTS: Final[dict[str, str]] = {
     "gaps": "bytes of both directions are missing from the capture between request and answer",
     "alike": "the answer fits several pending requests with the same reference",
 }
+
+
+#: What is said of the outcomes, by their numbers, and how many errors `Transaction.__str__` names.
+OUTCOME_WORDS: Final = (
+    "open",
+    "answered",
+    "no answer",
+    "answer without request",
+    "unsolicited",
+    "behind a malformed header",
+)
+_SAID: Final = 3
+#: Makes `Transaction.as_dict`; `dissect.session` puts it here, because how lines are written is known only to a later room.
+AS_DICT: Final[list[Callable[[Transaction], dict[str, object]]]] = []
 
 
 @mypyc_attr(free_list_len=1)  # the next object reuses the memory of the last: most are freed before another one is made
@@ -188,6 +205,29 @@ class Transaction:
 
     def __repr__(self) -> str:
         return f"Transaction({self.number}, {self.function_name}, {self.outcome_name})"
+
+    def __str__(self) -> str:
+        """Return what it is about and what became of it: ``Read Var DB1.DBB0 x2: answered, Object does not exist``."""
+        from dissect.transactions.naming import subject
+
+        said = [str(error.name) for error in self.errors[:_SAID]] or ([self.reason_text] if self.reason_text else [])
+        return printable(f"{subject(self)}: {', '.join([OUTCOME_WORDS[self.outcome], *said])}")
+
+    @property
+    def items(self) -> list[TransactionItem]:
+        """What was read, written or pushed, in one form for S7comm, S7comm-plus and SCD; refused items are there as well.
+
+        Empty for functions without items. With tags, a part of an item that has a tag is an item of its own.
+        """
+        from dissect.transactions.items import items_of
+
+        return items_of(self)
+
+    def as_dict(self) -> dict[str, object]:
+        """Return the transaction as the JSON line of `s7dissect transactions -T jsonl` has it (docs/json.md)."""
+        if not AS_DICT:
+            raise RuntimeError("import dissect.session first: it knows how JSON lines are made")
+        return AS_DICT[0](self)
 
     def set_response(
         self, rosctr: i64, parameters: Parameters, buf: bytes, at: i64, size: i64, frame: i64, time_ns: i64
