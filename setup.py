@@ -435,7 +435,10 @@ def keep_docs() -> None:
 
     def method(function: Any) -> str:
         said = docs_of(function.decl.module_name).get((function.decl.class_name or "", function.name), "")
-        return f'{signature(function)[:-1]}{c_text(said)}"'
+        begin = signature(function)
+        if not begin.endswith('"'):  # it has no signature
+            return f'"{c_text(said)}"' if said else begin
+        return f'{begin[:-1]}{c_text(said)}"'
 
     def properties(cl: Any, name: str, emitter: Any) -> None:
         begin = len(emitter.fragments)
