@@ -18,6 +18,7 @@ from __future__ import annotations
 
 import ast
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -390,7 +391,6 @@ def extensions() -> list[Extension]:
     try:
         from mypyc.build import mypycify
 
-        keep_docs()
         compiled = mypycify(
             # No configuration file and no complaint about modules that are only looked at: what mypy demands of the code
             # is asked in the tests, with everything installed; a build needs the types alone.
@@ -414,6 +414,8 @@ def extensions() -> list[Extension]:
         share_shim(shims)
     for extension in compiled:
         extension.optional = True
+        for source in extension.sources:
+            keep_docs(source)
         if len(extension.sources) > PARTS * len(FAST):
             kinds = {name: [source for source in extension.sources if kind(source) == name] for name in FAST}
             extension.sources = [part for name, sources in kinds.items() for part in united(sources, name, PARTS)]
@@ -427,32 +429,29 @@ def extensions() -> list[Extension]:
     return compiled
 
 
-def keep_docs() -> None:
-    """Let mypyc keep the docstrings of methods and properties, which it leaves out: ``help`` shows them then."""
-    from mypyc.codegen import emitclass, emitmodule
+#: How the signature of a method ends in C.
+DOC_END: Final = '")},'
 
-    signature, table = emitclass.native_function_doc_initializer, emitclass.generate_getseters_table
 
-    def method(function: Any) -> str:
-        said = docs_of(function.decl.module_name).get((function.decl.class_name or "", function.name), "")
-        begin = signature(function)
-        if not begin.endswith('"'):  # it has no signature
-            return f'"{c_text(said)}"' if said else begin
-        return f'{begin[:-1]}{c_text(said)}"'
-
-    def properties(cl: Any, name: str, emitter: Any) -> None:
-        begin = len(emitter.fragments)
-        table(cl, name, emitter)
-        said = ""
-        for number in range(begin, len(emitter.fragments)):
-            line = emitter.fragments[number]
-            if line.strip().startswith('{"'):
-                said = docs_of(cl.module_name).get((cl.name, line.split('"')[1]), "")
-            elif said and "NULL, NULL}," in line:
-                emitter.fragments[number] = line.replace("NULL, NULL},", f'PyDoc_STR("{c_text(said)}"), NULL}},')
-
-    emitclass.native_function_doc_initializer = emitmodule.native_function_doc_initializer = method
-    emitclass.generate_getseters_table = properties
+def keep_docs(source: str) -> None:
+    """Write the docstrings of methods and properties, which mypyc leaves out, into a C file: ``help`` shows them then."""
+    path = Path(source)
+    module = path.name.removeprefix("__native_").removesuffix(".c").replace("___", ".")
+    if not Path(*module.split(".")).with_suffix(".py").is_file():
+        return  # of mypyc's own library
+    docs, owner, name = docs_of(module), "", ""
+    lines = path.read_text(encoding="utf-8").split("\n")
+    for number, line in enumerate(lines):
+        if table := re.match(r"static Py(?:GetSet|Method)Def (\w+?)_?(?:getseters|methods)\[\] = ", line):
+            owner = "" if table[1].endswith("module") else table[1].split("___")[-1]
+        elif entry := re.match(r' *\{"(\w+)",', line):
+            name = entry[1]
+        said = docs.get((owner, name), "")
+        if said and line.endswith("NULL, NULL},"):
+            lines[number] = f'{line.removesuffix("NULL, NULL},")}PyDoc_STR("{c_text(said)}"), NULL}},'
+        elif said and "PyDoc_STR(" in line and line.endswith('\\n--\\n\\n")},'):
+            lines[number] = f"{line.removesuffix(DOC_END)}{c_text(said)}{DOC_END}"
+    path.write_text("\n".join(lines), encoding="utf-8")
 
 
 @cache

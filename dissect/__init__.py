@@ -17,7 +17,7 @@ __version__: Final = "0.1.0"
 
 #: Each public name and the module that defines it. The imports below say the same to a type checker.
 _PUBLIC: Final = {
-    "CaptureError": "dissect.source.packet",
+    "CaptureError": "dissect.wire.errors",
     "Connection": "dissect.transactions.connection",
     "Device": "dissect.inventory.model",
     "Error": "dissect.wire.errors",
@@ -36,6 +36,7 @@ _PUBLIC: Final = {
     "ScdMessage": "dissect.transactions.payloads",
     "TagError": "dissect.tags.loading",
     "Transaction": "dissect.transactions.transaction",
+    "TransactionItem": "dissect.transactions.items",
     "TransactionError": "dissect.transactions.results",
     "Where": "dissect.select.where",
     "ValueRow": "dissect.variables.model",
@@ -71,9 +72,9 @@ if TYPE_CHECKING:
     from dissect.session import analyze as analyze
     from dissect.session import devices as devices
     from dissect.session import open as open
-    from dissect.source.packet import CaptureError as CaptureError
     from dissect.tags.loading import TagError as TagError
     from dissect.transactions.connection import Connection as Connection
+    from dissect.transactions.items import TransactionItem as TransactionItem
     from dissect.transactions.operation import Operation as Operation
     from dissect.transactions.payloads import ScdMessage as ScdMessage
     from dissect.transactions.results import TransactionError as TransactionError
@@ -81,6 +82,7 @@ if TYPE_CHECKING:
     from dissect.variables.model import ValueRow as ValueRow
     from dissect.variables.reading import value_tables as value_tables
     from dissect.variables.reading import values as values
+    from dissect.wire.errors import CaptureError as CaptureError
     from dissect.wire.errors import Error as Error
 else:
 

@@ -61,6 +61,7 @@ MADE: Final[dict[str, Callable[[], list[Any]]]] = {
     "ScdMessage": lambda: of(dissect.ScdMessage),
     "Transaction": lambda: of(dissect.Transaction),
     "TransactionError": lambda: [error for one in of(dissect.Transaction) for error in one.errors],
+    "TransactionItem": lambda: [item for one in of(dissect.Transaction) for item in one.items],
     "ValueRow": lambda: list(dissect.values(CAPTURES / FILES[0]))[:20],
     "Where": lambda: [dissect.Where('function contains "Read" and not error.code', also=["latency > 1 ms"])],
 }
@@ -136,12 +137,12 @@ WAYS: Final[dict[str, Callable[[Any], Any]]] = {
 def test_objects_copy_and_pickle(name: str) -> None:
     objects = MADE[name]()
     assert objects
-    for found in objects:
+    for found in objects[:40]:
         expected = said(found)
         for way, take in WAYS.items():
             taken = take(found)
             assert type(taken) is type(found)
-            assert taken is not found
+            assert taken is not found or isinstance(found, tuple)
             assert said(taken) == expected, way
             assert said(found) == expected, way
 
