@@ -27,8 +27,8 @@ same. Names that are not on this page or in `dissect.scd`, `dissect.layers` ([la
   version. Two objects are equal only if they are the same object; compare what they say (`as_dict()`, `repr()`).
 - A copy has what is known at that moment, and no session keys. A `Run` and a `Live` cannot be copied; the error says so.
 - Everything wrong with what is given raises a `dissect.Error`. What is wrong inside a capture is a finding and raises nothing.
-- Threads: each run, `Live` and `Stream` belongs to one thread or task. Several of them run side by side in threads and give what
-  they give alone. Results may be read by any thread; functions, `Where`, dictionaries and tag sets may be shared.
+- Threads: each run, `Live` and `Stream` belongs to one thread or task. Several of them run side by side in threads and give
+  what they give alone. Results may be read by any thread; functions, `Where`, dictionaries and tag sets may be shared.
 
 ## Programs
 

@@ -14,6 +14,7 @@ from pathlib import Path
 
 import pytest
 
+import dissect
 from dissect.cli.main import COMMANDS
 from tests.cli.support import run as cli
 from tests.conftest import Command
@@ -42,7 +43,7 @@ def test_a_snippet_runs_and_prints(snippet: str) -> None:
 
 PAGES = [path.name for path in sorted((ROOT / "docs").glob("*.md"))]
 #: Pages whose Python runs as it stands, beside the captures and the files of SCD's example.
-RUNNING = ("devices.md", "golden.md", "scd-traffic.md", "scd.md", "select.md", "tags.md", "values.md")
+RUNNING = ("api.md", "devices.md", "golden.md", "scd-traffic.md", "scd.md", "select.md", "tags.md", "values.md")
 
 
 def python_of(page: str) -> list[str]:
@@ -141,6 +142,13 @@ def test_every_command_and_option_in_the_recipes_exists(s7dissect: Command) -> N
 
 def test_the_tables_of_block_code_are_those_of_the_decoder() -> None:
     assert run("scripts/mc7_doc.py") == (ROOT / "docs" / "mc7.md").read_text(encoding="utf-8")
+
+
+def test_the_page_of_the_api_is_made_from_the_source() -> None:
+    assert run("scripts/api_doc.py") == (ROOT / "docs" / "api.md").read_text(encoding="utf-8")
+    names = {name for name in dir(dissect) if name in dissect._PUBLIC}
+    page = (ROOT / "docs" / "api.md").read_text(encoding="utf-8")
+    assert set(re.findall(r"^### (\w+)$", page, re.MULTILINE)) == names
 
 
 def test_the_page_of_findings_is_the_catalogue() -> None:

@@ -254,3 +254,32 @@ def test_beside_another_dissect_elsewhere_on_the_path(
 
 def wheel_is_compiled(wheel: Path) -> bool:
     return any(name.endswith(".so") for name in contents(wheel))
+
+
+@pytest.fixture(scope="session")
+def others(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
+    """Small packages of the other project, from PyPI; the test needs them and is skipped without a network."""
+    folder = tmp_path_factory.mktemp("others")
+    try:
+        pip("download", "--no-deps", "--only-binary", ":all:", "-q", "-d", folder, "dissect.cstruct", "dissect.util")
+    except AssertionError:
+        pytest.skip("the packages dissect.cstruct and dissect.util are not to be had here")
+    return sorted(folder.glob("*.whl"))
+
+
+@pytest.mark.parametrize("first", ["others", "ours"])
+def test_the_forensic_framework_lives_beside_it(
+    wheel: Path, dependencies: Path, others: list[Path], tmp_path: Path, first: str
+) -> None:
+    python = environment(tmp_path / "venv", dependencies)
+    for what in [others, [wheel]] if first == "others" else [[wheel], others]:
+        install(python, *what)
+    program = (
+        "from dissect.cstruct import cstruct; import dissect.util.ts, dissect;"
+        "print(cstruct().uint16(b'\\1\\0'), dissect.util.ts.unixms(0).year, dissect.Options(slow_ns=7).slow_ns)"
+    )
+    assert run(python, "-c", program).split() == ["1", "1970", "7"]
+    reversed_order = (
+        "import dissect; dissect.Options; import dissect.cstruct, dissect.util.ts; print(dissect.__version__)"
+    )
+    assert run(python, "-c", reversed_order).strip() == dissect.__version__
