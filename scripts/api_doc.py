@@ -226,7 +226,17 @@ print(next(iter(dissect.values("captures/item-errors.pcapng"))))
 def text_of(node: ast.AST) -> str:
     """Return a docstring as Markdown."""
     assert isinstance(node, (ast.ClassDef, ast.FunctionDef))
-    return re.sub(r"``([^`]+)``", r"`\1`", ast.get_docstring(node) or "")
+    pieces = re.split(r"(``[^`]+``|`[^`]+`)", ast.get_docstring(node) or "")
+    return "".join([piece.replace("``", "`") if piece.startswith("`") else reworded(piece) for piece in pieces])
+
+
+#: What docstrings call by its standard's name, and a page by the field's (byte, not octet).
+WORDS: Final = {"octets": "bytes", "Octets": "Bytes", "octet": "byte", "Octet": "Byte", "anew": "again"}
+
+
+def reworded(text: str) -> str:
+    """Return a piece of prose in the words of the pages."""
+    return re.sub(r"\b\w+\b", lambda word: WORDS.get(word[0], word[0]), text)
 
 
 def first(text: str) -> str:

@@ -276,7 +276,7 @@ def test_the_forensic_framework_lives_beside_it(
         install(python, *what)
     program = (
         "from dissect.cstruct import cstruct; import dissect.util.ts, dissect;"
-        "print(cstruct().uint16(b'\\1\\0'), dissect.util.ts.unixms(0).year, dissect.Options(slow_ns=7).slow_ns)"
+        "print(cstruct().uint16(b'\\1\\0'), dissect.util.ts.from_unix(0).year, dissect.Options(slow_ns=7).slow_ns)"
     )
     assert run(python, "-c", program).split() == ["1", "1970", "7"]
     reversed_order = (

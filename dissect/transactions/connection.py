@@ -449,7 +449,7 @@ class Connection:
         return self._subscriptions is not None and len(self._subscriptions) > 0
 
     def let_go(self) -> None:
-        """It is over, and everybody was told: keep what reports show of it, and forget what it worked with."""
+        """It is over and reported: keep what reports show of it, and forget what it worked with."""
         self.open_requests = _NONE_OPEN
         self._operations = None
         self._traits = None

@@ -85,7 +85,7 @@ def _rows(run: Run, collector: Collector) -> Iterator[ValueRow]:
 def value_tables(rows: Iterable[ValueRow]) -> dict[str, pyarrow.Table]:
     """Return rows of values as Arrow tables, one for each variable, by its name, or else its address.
 
-    Where several variables have a name the type stands behind it, and the PLC where that is not enough. Columns: ``time``
+    Where several variables have one name, the type follows it, and the PLC where that is not enough. Columns: ``time``
     (nanoseconds, UTC), ``value`` (of the type of the values: bool, int64, double, string, or lists of these; as text where
     they differ), ``how``, ``client``, ``connection``, ``frame``, ``certainty``; rows are in order of time. What is known of the
     variable is in the metadata of the schema: ``plc``, ``address``, ``tag``, ``type``, ``unit``. All values are in memory.
