@@ -53,12 +53,9 @@ Event = Connection | Pdu | PlusPdu | ScdMessage | Transaction | Operation | Find
 
 def _line(transaction: Transaction) -> dict[str, object]:
     """Return what the JSON line of a transaction says."""
-    import json
+    from dissect.report.contract import transaction_as_dict
 
-    from dissect.report.writers.jsonl import TransactionLines
-
-    found: dict[str, object] = json.loads(TransactionLines().line(transaction))
-    return found
+    return transaction_as_dict(transaction)
 
 
 AS_DICT.append(_line)

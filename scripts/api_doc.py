@@ -79,17 +79,20 @@ A proxy or gateway of your own, also with asyncio:
 ```python
 import asyncio
 
+
 async def follow(reader: asyncio.StreamReader) -> list[object]:
     talk, found = dissect.stream(("10.0.0.1", 4000), ("10.0.0.2", 102)), []
     while octets := await reader.read(4096):
         found += talk.client_sent(octets)
     return found + talk.close()
 
+
 async def main() -> None:
     reader = asyncio.StreamReader()
     reader.feed_data(bytes.fromhex("0300001f02f080320100000200000e00000401120a10020002000184000000"))
     reader.feed_eof()
     print(await follow(reader))
+
 
 asyncio.run(main())
 ```

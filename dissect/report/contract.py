@@ -23,6 +23,7 @@ from dissect.source.packet import SourceFile
 from dissect.tcp.link import vlan_ids
 from dissect.transactions.accounts import CATEGORIES, FIRST_IGNORED
 from dissect.transactions.connection import Connection
+from dissect.transactions.transaction import Transaction
 from dissect.wire.text import Clock, encodable
 
 ANALYSIS_SCHEMA: Final = "s7dissect.analysis/1"
@@ -268,3 +269,9 @@ def finding_as_dict(finding: Finding, places: Places, clock: Clock | None = None
     values["explained_by"] = finding.explained_by or None
     values["because_of"] = finding.because or None
     return values
+
+
+def transaction_as_dict(transaction: Transaction) -> dict[str, object]:
+    """Return a transaction as its JSON line has it."""
+    found: dict[str, object] = json.loads(TransactionLines().line(transaction))
+    return found
