@@ -57,6 +57,18 @@ class Mine(Observer):
 run = dissect.Run(["a.pcap"], Mine(), dissect.Options(slow_ns=1))
 while run.step():
     pass
+
+with dissect.live("eth0", filter="tcp port 102") as events:
+    for event in events:
+        if isinstance(event, dissect.Transaction):
+            reveal_type(event.items)
+reveal_type(dissect.stream(("10.0.0.1", 4000), ("10.0.0.2", 102)).client_sent(b""))
+with open("a.pcap", "rb") as file:
+    dissect.analyze(file, [(1, 1, b"")])
+try:
+    dissect.analyze("missing.pcap")
+except dissect.Error:
+    pass
 """
 
 REVEALED = [
@@ -76,6 +88,8 @@ REVEALED = [
     "list[dissect.transactions.payloads.ScdMessage]",
     "bytes",
     "dissect.tcp.stream.Endpoint",
+    "list[tuple[str, str, str, object, str, str, bytes | None, fallback=dissect.transactions.items.TransactionItem]]",
+    "list[dissect.transactions.connection.Connection | dissect.s7.message.Pdu",
 ]
 
 
