@@ -12,7 +12,7 @@ import pytest
 
 from dissect.cli.main import EXIT_OK
 from dissect.config.hostile import ContentError, check_code_page, read_json, read_toml
-from dissect.index.store import NAME, Store
+from dissect.index.store import Store
 from dissect.tls import key_log
 from dissect.tls.key_log import KeyLog
 from tests.cli.support import run, simple
@@ -124,8 +124,8 @@ def test_a_manifest_of_blocks(manifest: str, capfdbinary: Capture, tmp_path: Pat
 def test_a_damaged_index(capfdbinary: Capture, tmp_path: Path) -> None:
     """Names and texts of the database that are no UTF-8, and any other octet that is wrong."""
     simple(tmp_path / "a.pcapng")
-    assert run(capfdbinary, "index", tmp_path).code == EXIT_OK
-    path = tmp_path / NAME
+    path = tmp_path / "index.sqlite"
+    assert run(capfdbinary, "index", tmp_path, "--file", path).code == EXIT_OK
     sound = path.read_bytes()
     place = sound.index(b"CREATE TABLE files")
     cases = [bytearray(sound)]
@@ -138,13 +138,13 @@ def test_a_damaged_index(capfdbinary: Capture, tmp_path: Path) -> None:
         cases.append(case)
     for case in cases:
         path.write_bytes(case)
-        ran = run(capfdbinary, "index", tmp_path)
+        ran = run(capfdbinary, "index", tmp_path, "--file", path)
         assert ran.code in {0, 2}, ran.err
         assert "Traceback" not in ran.err
     path.write_bytes(cases[0])
-    assert "is damaged: remove it" in run(capfdbinary, "index", tmp_path).err
+    assert "is damaged: remove it" in run(capfdbinary, "index", tmp_path, "--file", path).err
     path.write_bytes(gzip.compress(sound))
-    assert "is no index of s7dissect" in run(capfdbinary, "index", tmp_path).err
+    assert "is no index of s7dissect" in run(capfdbinary, "index", tmp_path, "--file", path).err
 
 
 def test_an_index_is_written_in_batches(capfdbinary: Capture, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
