@@ -90,8 +90,11 @@ EXAMPLES: Final = {
         "s7dissect anonymize trace.pcapng -o shared.pcapng",
         "s7dissect anonymize trace.pcapng -o shared.pcapng --key plant.key",
     ),
-    "alerts test": ("s7dissect alerts test alerts.toml",),
-    "evidence verify": ("s7dissect evidence verify /var/lib/s7dissect",),
+    "alerts test": ("s7dissect alerts test alerts.toml", "s7dissect alerts test /etc/s7dissect/alerts.toml"),
+    "evidence verify": (
+        "s7dissect evidence verify /var/lib/s7dissect",
+        "s7dissect evidence verify /var/lib/s7dissect --head 5f2c1d3b",
+    ),
     "baseline": (
         "s7dissect baseline old.pcapng -o plant.toml",
         "s7dissect baseline --against plant.toml new.pcapng",

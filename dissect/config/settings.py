@@ -128,7 +128,7 @@ KEYS: Final[dict[str, tuple[str, Callable[[object, Path], Any]]]] = {
     ),
     "format": ("output format, as `-T`, of the commands that have it", _text),
     "checksums": ("ignore packets with wrong checksums, as `--checksums`", _switch),
-    "local-time": ("show times in the zone of this machine, as `--local-time`", _switch),
+    "local-time": ("show and take times in the zone of this machine, as `--local-time`", _switch),
     "color": ("colours, as `--color`", _color),
 }
 

@@ -177,6 +177,16 @@ def test_every_action_is_tried(capfdbinary: pytest.CaptureFixture[bytes], port: 
     assert SECRET not in ran.out + ran.err
 
 
+def test_all_is_delivered(capfdbinary: pytest.CaptureFixture[bytes], port: int, tmp_path: Path) -> None:
+    path = tmp_path / "rules.toml"
+    path.write_text(
+        f'[[action]]\nname = "hook"\nwebhook = "http://127.0.0.1:{port}/s7"\n{RULE}actions = ["hook"]\n',
+        encoding="utf-8",
+    )
+    ran = run(capfdbinary, "alerts", "test", path)
+    assert (ran.code, ran.out.splitlines()) == (0, ["stderr: delivered", "hook: delivered"])
+
+
 def test_rules_that_cannot_be_used(capfdbinary: pytest.CaptureFixture[bytes], tmp_path: Path) -> None:
     path = tmp_path / "rules.toml"
     path.write_text("[[rule]]\n", encoding="utf-8")

@@ -84,7 +84,6 @@ def test_0_when_all_is_well(s7dissect: Command, good: Path, command: str) -> Non
     ("name", "content", "said"),
     [
         ("gone.pcap", None, "no such file"),
-        (".", None, "a directory, not a capture file"),
         ("empty.pcap", b"", "empty"),
         (
             "notes.pcap",

@@ -17,7 +17,11 @@ from typing import Final
 import pytest
 
 from dissect.cli.examples import EXAMPLES
+from dissect.engine.observer import Observer
+from dissect.engine.pipeline import Pipeline
+from dissect.live.evidence import RingCompanion
 from dissect.playback.server import Server
+from dissect.recording.ring_buffer import RingBuffer, RingLimits
 from tests.cli.support import Ran, run
 from tests.cli.test_outputs import commands
 from tests.report.schemas import ROOT
@@ -35,11 +39,14 @@ ONE: Final = (
     "diff",
     "blocks --diff",
     "scd diff",
+    "evidence verify evidence --head",
     "replay trace.pcapng --to",
 )
 #: What another machine would write.
 ELSEWHERE: Final = {
     "ssh gateway cat trace.pcap.gz": "gzip -c trace.pcapng",
+    "/etc/s7dissect/alerts.toml": "alerts.toml",
+    "/var/lib/s7dissect": "evidence",
     "ssh gateway tcpdump -U -w - tcp port 102": "cat trace.pcapng",
 }
 FOR_EVER: Final = ("serve", "proxy")
@@ -62,6 +69,11 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (here / "alerts.toml").write_text(ALERTS, encoding="utf-8")
     (here / "device.eds").write_bytes(DEVICE)
     example_files(here)
+    evidence = RingBuffer(here / "evidence", RingLimits(octets=1000))
+    companion = RingCompanion(evidence, about={"host": "probe"})
+    companion.begin(Pipeline(Observer()))
+    companion.packet(1, bytes(60), 60, 1, "eth0")
+    companion.close()
     (here / "bin").mkdir()
     program = here / "bin" / "s7dissect"
     program.write_text(f'#!/bin/sh\nexec "{sys.executable}" -m dissect "$@"\n', encoding="utf-8")

@@ -73,6 +73,9 @@ golden GOOD --with WORD
 diff GOOD MISSING
 diff NONSENSE GOOD
 verify MISSING
+alerts test MISSING
+alerts test NONSENSE
+evidence verify MISSING
 monitor MISSING
 monitor NONSENSE
 monitor -i WORD

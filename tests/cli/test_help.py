@@ -129,7 +129,7 @@ def test_a_wrong_option_is_answered_by_the_right_one() -> None:
         (["schema", "analisys"], "Did you mean analysis"),
         (["transactions", "-T", "jsno", "x"], "Did you mean jsonl?"),
         (["fields", "latncy"], "Did you mean latency"),
-        (["sql", "slowst", "x"], "Did you mean slowest?"),
+        (["sql", "slowst", "x"], "Did you mean slowest or slow-items?"),
         (["export", "x", "-o", "x.parqet"], "Did you mean .parquet?"),
     ],
 )

@@ -152,14 +152,20 @@ def test_a_file_tshark_gives_up_on(capfdbinary: pytest.CaptureFixture[bytes]) ->
     assert "cut off" in ran.err
 
 
-@pytest.mark.parametrize("name", ["-", "."])
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [
+        ("-", "-: a regular file is needed, because it is read several times."),
+        (".", ".: a folder without a capture (.pcap, .pcapng, .cap)."),
+    ],
+)
 def test_what_cannot_be_read_twice(
-    capfdbinary: pytest.CaptureFixture[bytes], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
+    capfdbinary: pytest.CaptureFixture[bytes], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str, said: str
 ) -> None:
     monkeypatch.chdir(tmp_path)
     ran = run(capfdbinary, "verify", name)
     assert (ran.code, ran.out) == (2, "")
-    assert f"{name}: a regular file is needed, because it is read several times." in ran.err
+    assert said in ran.err
 
 
 def test_without_tshark(

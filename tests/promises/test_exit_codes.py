@@ -135,6 +135,12 @@ ELSEWHERE: Final = {
     ("verify", "1"): "tests/cli/test_verify.py::test_what_is_not_explained_is_told",
     ("verify", "2"): "tests/cli/test_verify.py::test_an_unreadable_file",
     ("verify", "3"): "tests/cli/test_verify.py::test_a_file_tshark_gives_up_on",
+    ("alerts test", "0"): "tests/alerts/test_secrets.py::test_all_is_delivered",
+    ("alerts test", "1"): "tests/alerts/test_secrets.py::test_every_action_is_tried",
+    ("alerts test", "2"): "tests/alerts/test_secrets.py::test_rules_that_cannot_be_used",
+    ("evidence verify", "0"): "tests/live/test_manifest.py::test_evidence_of_a_run_is_verified",
+    ("evidence verify", "1"): "tests/live/test_manifest.py::test_evidence_of_a_run_is_verified",
+    ("evidence verify", "2"): "tests/live/test_manifest.py::test_no_manifest_is_wrong_use",
     ("proxy", "0"): "tests/cli/test_proxy.py::test_what_passes_is_told_and_written",
     ("proxy", "1"): "tests/cli/test_proxy.py::test_findings_fail_the_command_when_asked_to",
     ("proxy", "2"): "tests/cli/test_proxy.py::test_wrong_use_is_told",
@@ -176,7 +182,7 @@ def listed(text: str) -> list[list[str]]:
 
 
 def name_of(call: list[str]) -> str:
-    return " ".join(call[:2]) if call[0] in {"scd", "tags"} else call[0]
+    return " ".join(call[:2]) if call[0] in {"scd", "tags", "alerts", "evidence"} else call[0]
 
 
 @pytest.fixture(scope="module")
