@@ -18,8 +18,8 @@ from dissect.bindings import BindingError
 from dissect.engine.pipeline import Options
 from dissect.findings.reporter import Finding
 from dissect.s7.message import Pdu
-from dissect.session import CONTINUES_NS, Run
-from dissect.source.packet import CaptureError
+from dissect.session import Run
+from dissect.source.packet import CONTINUES_NS, CaptureError
 from dissect.transactions.connection import Connection
 from dissect.transactions.payloads import ScdMessage
 from dissect.transactions.transaction import Transaction

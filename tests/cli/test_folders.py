@@ -75,7 +75,11 @@ def test_per_file_goes_with_separate(capfdbinary: Capture, folder: Path, jobs: s
     ["transactions", "values", "operations", "show", "devices", "golden", "blocks", "report", "export", "sql"],
 )
 def test_every_command_reads_a_folder(capfdbinary: Capture, tmp_path: Path, folder: Path, command: str) -> None:
-    out = {"report": ["-o", tmp_path / "out.html"], "export": ["-o", tmp_path / "out.sqlite"]}.get(command, [])
+    outputs: dict[str, list[str | Path]] = {
+        "report": ["-o", tmp_path / "out.html"],
+        "export": ["-o", tmp_path / "out.sqlite"],
+    }
+    out = outputs.get(command, [])
     first = ["select count(*) as n from transactions"] if command == "sql" else []
     ran = run(capfdbinary, command, *first, folder, *out)
     assert ran.code == 3
