@@ -9,16 +9,11 @@ from __future__ import annotations
 import codecs
 import json
 import re
-import sqlite3
-import tomllib
 from collections.abc import Callable
 from typing import Any, Final
 
 #: Most parts of a dotted key in TOML, and most nested tables and arrays of what is bounded by it.
 MAX_DEPTH: Final = 16
-
-#: What reading a damaged database raises: also names and texts in it that are no UTF-8, and numbers out of range.
-DATABASE_ERRORS: Final = (sqlite3.Error, UnicodeError, OverflowError)
 
 #: Encodings of names of hosts, whose decoders raise errors of their own, and one that only raises.
 _NO_PAGES: Final = frozenset(("idna", "punycode", "undefined"))
@@ -53,6 +48,8 @@ def _line(text: str, pattern: re.Pattern[str]) -> int:
 
 def read_toml(text: str) -> dict[str, Any]:
     """Return the tables of a TOML text. Raises `ContentError`."""
+    import tomllib  # most runs read none
+
     line = long_key_line(text)
     if line:
         raise ContentError(f"a key of more than {MAX_DEPTH} parts", line)

@@ -15,8 +15,10 @@ from pathlib import Path
 from types import TracebackType
 from typing import Final, Self
 
-from dissect.config.hostile import DATABASE_ERRORS
 from dissect.index.facts import FileFacts
+
+#: What reading a damaged database raises: also names and texts in it that are no UTF-8, and numbers out of range.
+DATABASE_ERRORS: Final = (sqlite3.Error, UnicodeError, OverflowError)
 
 #: The name of the catalogue in its folder.
 NAME: Final = ".s7dissect-index.sqlite"
