@@ -59,7 +59,7 @@ OF_A_CONNECTION: Final = frozenset((
     "security.debug", "security.write", "security.write_outputs", "security.password", "security.password_failed",
     "security.protected", "security.unauthenticated", "security.clear_text", "security.session_reused",
     "security.replay", "security.clock_set", "security.reconnaissance", "security.flash_led", "security.alarm_change",
-    "security.nc_command", "security.unknown_service", "security.flood",
+    "security.nc_command", "security.unknown_service", "security.flood", "security.protection", "security.firmware",
 ))  # fmt: skip
 #: The findings that blame.
 BLAMES: Final = OF_A_REQUEST | OF_A_PAIR | OF_A_CAPTURE | OF_HOSTS | OF_A_CONNECTION

@@ -213,7 +213,10 @@ def test_no_good_pdu_goes_missing_in_s7comm_plus(odd: str) -> None:
     for pdu in (PLUS_GOOD[0], PLUS_ODD[odd], PLUS_GOOD[1], PLUS_GOOD[2]):
         talk.ask(pdu)
     talk.close()
-    assert [pdu for pdu in talk.pdus if pdu in PLUS_GOOD] == PLUS_GOOD
+    told = [
+        pdu.removeprefix(PLUS_ODD["empty"]) for pdu in talk.pdus
+    ]  # an empty frame belongs to the PDU that comes next
+    assert [pdu for pdu in told if pdu in PLUS_GOOD] == PLUS_GOOD
 
 
 @pytest.mark.parametrize("version", [2, 3])
