@@ -172,6 +172,12 @@ def _rate(text: str) -> float:
     return rate
 
 
+def _title(folder: Path | None) -> str:
+    if folder is None:
+        return "made traffic"
+    return "captures of the project" if folder == _ROOT / "captures" else f"captures in {folder.parent.name}/{folder.name}"
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command."""
     parser = argparse.ArgumentParser(
@@ -191,7 +197,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         table = Table(options.rates, options.rounds, options.seed, blaming)
         for capture in captures(folder) if folder else [made(options.packets, options.seed)]:
             table.take(capture)
-        print(table.text(f"captures in {folder.name}" if folder else "made traffic"))
+        print(table.text(_title(folder)))
         tables.append(table)
     print_blame(tables, options.details)
     missed = judge(tables)

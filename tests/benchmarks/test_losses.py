@@ -334,7 +334,7 @@ def test_the_command_prints_a_row_for_each_rate(tmp_path: Path, capsys: pytest.C
     lines = out.splitlines()
     assert "made traffic: 1 captures, 500 packets" in lines[0]
     assert [line.split()[:2] for line in lines[2:4]] == [["10%", "single"], ["10%", "bursts"]]
-    assert lines[5].startswith(f"captures in {tmp_path.name}: 1 captures, ")
+    assert lines[5].startswith(f"captures in {tmp_path.parent.name}/{tmp_path.name}: 1 captures, ")
     assert "broken.pcap: not a capture file" in err
 
 
