@@ -175,7 +175,9 @@ def _rate(text: str) -> float:
 def _title(folder: Path | None) -> str:
     if folder is None:
         return "made traffic"
-    return "captures of the project" if folder == _ROOT / "captures" else f"captures in {folder.parent.name}/{folder.name}"
+    return (
+        "captures of the project" if folder == _ROOT / "captures" else f"captures in {folder.parent.name}/{folder.name}"
+    )
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
