@@ -306,6 +306,10 @@ def _learned(octets: bytes, way: Way) -> None:
     if drive(octets, learner, way.carrier()) is None:
         return
     baseline = learner.baseline(("fuzz.pcap",))
+    for norm in baseline.pairs.values():  # what is never learned, as a user allows it who takes the comment marks away
+        norm.acts = frozenset(norm.acts_seen)
+        if norm.functions is not None:
+            norm.functions |= norm.functions_seen
     text = baseline_toml(baseline)
     check_lines(text.split("\n"))
     parsed = parse_baseline(text)

@@ -18,6 +18,7 @@ _APART: Final = [shutil.which("unshare") or "unshare", "--user", "--map-root-use
 #: What every script begins with: FOLDER is the small disk, `fill` leaves so many octets free, `free` gives all back.
 _BEGIN: Final = """
 import json, os, sys
+sys.path.append(os.getcwd())  # for the tests; the package is that of the run
 from pathlib import Path
 from dissect.live.problems import Problems
 from dissect.source.files import open_capture
