@@ -8,6 +8,9 @@ from datetime import datetime
 from typing import Final, NamedTuple
 from zoneinfo import ZoneInfo
 
+from dissect.s7.tables import AREA_LETTERS, BIT, ELEMENT_OCTETS, TRANSPORT_SIZES
+from dissect.select.literals import place_of
+
 
 class Parameter(NamedTuple):
     """A word behind the name of a question: its name, what it is, and what counts where it is not given.
@@ -46,6 +49,24 @@ def _hour(text: str) -> int:
     if not 0 <= hour <= 24:
         raise ValueError(text)
     return hour
+
+
+#: How many bits an item has, by its type and count; timers and counters are counted.
+_BITS: Final = "CASE i.type {} ELSE 8 END * coalesce(i.count, 1)".format(
+    " ".join(
+        [
+            f"WHEN '{TRANSPORT_SIZES.name(code)}' THEN {1 if code == BIT else 8 * octets}"
+            for code, octets in sorted(ELEMENT_OCTETS.items())
+            if octets != 1 or code == BIT
+        ]
+    )
+)
+#: That an item has the name or tag ``address``, or a bit of that address, which `_place` says in numbers.
+_TOUCHES: Final = f"""(upper(i.address) = upper(getvariable('address')) OR upper(i.name) = upper(getvariable('address'))
+    OR (i.area = getvariable('area') AND i.db IS NOT DISTINCT FROM getvariable('db')::BIGINT
+        AND CASE WHEN i.bit IS NULL THEN i.byte ELSE 8 * i.byte + i.bit END < getvariable('end_bit')::BIGINT
+        AND CASE WHEN i.bit IS NULL THEN i.byte + coalesce(i.count, 1)
+                 ELSE 8 * i.byte + i.bit + {_BITS} END > getvariable('first_bit')::BIGINT))"""
 
 
 _ALL: Final = (
@@ -132,22 +153,16 @@ ORDER BY ts_ns, transaction, item""",
     Question(
         "who",
         "Who wrote an address, and when?",
-        "Writes of the address or tag, of places with a byte of it, and refused ones; with a time those of a minute before and "
-        "after.",
+        "Writes of the tag, or of any place that has a bit in common with the address, refused ones included; with a time "
+        "those of a minute before and after.",
         "Nobody wrote that address or tag.",
-        """
-WITH wanted AS (SELECT upper(getvariable('address')) AS address,
-  try_cast(nullif(getvariable('time'), '') AS TIMESTAMP) AS moment),
-place AS (
-  SELECT area, db, byte, max(greatest(octet_length(data), 1)) AS size FROM items, wanted
-  WHERE upper(items.address) = wanted.address AND byte IS NOT NULL AND data IS NOT NULL GROUP BY area, db, byte)
+        f"""
+WITH wanted AS (SELECT try_cast(nullif(getvariable('time'), '') AS TIMESTAMP) AS moment)
 SELECT i.ts, i.client_host, i.server_host, i.address, i.name, i.number, i.text, i.data, i.refused
-FROM items i CROSS JOIN wanted w LEFT JOIN place p ON i.area = p.area AND i.db IS NOT DISTINCT FROM p.db
-WHERE i.operation = 'write'
-  AND (upper(i.address) = w.address OR upper(i.name) = w.address
-       OR (i.byte < p.byte + p.size AND i.byte + octet_length(i.data) > p.byte))
+FROM items i, wanted w
+WHERE i.operation = 'write' AND {_TOUCHES}
   AND (w.moment IS NULL OR i.ts BETWEEN w.moment - INTERVAL 1 MINUTE AND w.moment + INTERVAL 1 MINUTE)
-ORDER BY i.ts_ns, i.transaction, i.item""",
+ORDER BY i.ts_ns, i.transaction, i.item""",  # noqa: S608 - our own tables
         (
             Parameter("address", "address or tag, such as DB10.DBW4", ""),
             Parameter("time", "a time in UTC, such as 2026-11-28 14:03", "", datetime.fromisoformat),
@@ -161,7 +176,7 @@ ORDER BY i.ts_ns, i.transaction, i.item""",
         """
 SELECT server_host, address, count(DISTINCT client_host) AS writers, list(DISTINCT client_host ORDER BY client_host) AS hosts,
        count(*) AS writes
-FROM items WHERE operation = 'write' AND NOT refused
+FROM items WHERE operation = 'write' AND NOT refused AND address IS NOT NULL
 GROUP BY server_host, address HAVING writers > 1
 ORDER BY writes DESC, server_host, address""",
     ),
@@ -200,7 +215,7 @@ ORDER BY unanswered DESC, connection""",
 WITH polls AS (
   SELECT DISTINCT client_host, server_host, connection, coalesce(name, address) AS what, coalesce(count, 1) AS length,
          operation, ts_ns
-  FROM items WHERE operation IN ('read', 'notify')),
+  FROM items WHERE operation IN ('read', 'notify') AND address IS NOT NULL),
 pauses AS (
   SELECT *, ts_ns - lag(ts_ns) OVER (PARTITION BY connection, operation, what, length ORDER BY ts_ns) AS pause FROM polls)
 SELECT client_host, server_host, what, length, count(*) AS times, round(median(pause) / 1e6, 3) AS period_ms,
@@ -215,16 +230,16 @@ ORDER BY period_ms, client_host, server_host, what, length""",
         "gaps",
         "When did a polled value not arrive?",
         "Refused, unanswered, lost (the answer was not captured), or late: asked for after more than twice the middle pause. "
-        "`gaps DB10.DBW4` asks about one address or tag.",
-        "Every polled value arrived, as often as usual.",
-        """
+        "`gaps DB10.DBW4` asks about what has a bit in common with it, or about a tag.",
+        "No polled value is missing: each arrived, as often as usual, or there were none.",
+        f"""
 WITH polls AS (
   SELECT i.ts, i.ts_ns, i.transaction, i.connection, i.client_host, i.server_host, coalesce(i.name, i.address) AS what,
          coalesce(i.count, 1) AS length,
          CASE WHEN t.reason = 'hole' THEN 'lost' WHEN t.outcome = 'unanswered' AND t.failed THEN 'unanswered'
               WHEN i.refused THEN 'refused' WHEN t.outcome = 'answered' THEN 'arrived' END AS state
   FROM items i JOIN transactions t USING (transaction)
-  WHERE i.operation = 'read' AND coalesce(nullif(getvariable('address'), ''), i.address) IN (i.address, i.name)),
+  WHERE i.operation = 'read' AND i.address IS NOT NULL AND (getvariable('address') IS NULL OR {_TOUCHES})),
 steps AS (
   SELECT *, ts_ns - lag(ts_ns) OVER (PARTITION BY connection, what, length ORDER BY ts_ns, transaction) AS pause FROM polls),
 usual AS (
@@ -233,7 +248,7 @@ SELECT ts, client_host, server_host, what, length, CASE WHEN state = 'arrived' T
        round(pause / 1e6, 3) AS pause_ms, round(period / 1e6, 3) AS period_ms
 FROM steps LEFT JOIN usual USING (connection, what, length)
 WHERE state IN ('refused', 'unanswered', 'lost') OR (state = 'arrived' AND pause > 2 * period)
-ORDER BY ts_ns, transaction, what, length""",
+ORDER BY ts_ns, transaction, what, length""",  # noqa: S608 - our own tables
         (Parameter("address", "address or tag, such as DB10.DBW4; all where it is not given", ""),),
     ),
     Question(
@@ -322,4 +337,17 @@ def named(text: str) -> tuple[Question, dict[str, str]] | None:
                 raise ValueError(message) from None
     if name == "who" and not given:
         raise ValueError("the question who takes an address or tag, such as 'who DB10.DBW4'")
-    return question, given
+    return question, {**given, **_place(given.get("address", ""))}
+
+
+def _place(address: str) -> dict[str, str]:
+    """Return the variables that say in numbers what an address is; none for a tag, and for what is no S7 address."""
+    place = place_of(address) if address else None
+    if place is None or place.area < 0:
+        return {}
+    return {
+        "area": AREA_LETTERS[place.area],
+        **({"db": str(place.db)} if place.db > 0 else {}),
+        "first_bit": str(place.start),
+        "end_bit": str(place.start + place.size),
+    }

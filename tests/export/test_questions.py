@@ -81,25 +81,30 @@ def is_refused(one: Row, item: Row) -> bool:
 @pytest.mark.parametrize("name", NAMES)
 def test_periods(capfdbinary: Capture, name: str) -> None:
     times: dict[tuple[int, str, int], set[int]] = defaultdict(set)
+    ends: dict[int, tuple[str, str]] = {}
     for one, item in asked(told(capfdbinary, name), 4):
         times[one["connection"], label(item), item["count"] or 1].add(nanoseconds(one["request_time"]))
-    wanted: dict[tuple[str, int], list[int]] = defaultdict(list)
-    for (_, what, length), seen in times.items():
-        ordered = sorted(seen)
-        wanted[what, length] += [later - before for before, later in pairwise(ordered)]
+        ends[one["connection"]] = host(one["asked_by"]), host(one["answered_by"])
+    wanted: dict[tuple[str, str, str, int], list[int]] = defaultdict(list)
+    for (connection, what, length), seen in times.items():
+        wanted[(*ends[connection], what, length)] += [later - before for before, later in pairwise(sorted(seen))]
     found = {
-        (row["what"], row["length"]): row
+        (row["client_host"], row["server_host"], row["what"], row["length"]): row
         for row in ask(capfdbinary, "periods", CAPTURES / name)
         if row["how"] != "on change"
     }
-    if len({(one["asked_by"], one["answered_by"]) for one in told(capfdbinary, name)}) > 1:
-        found = {key: row for key, row in found.items() if sum(k[1:] == key for k in times) == 1}
-    for (what, length), row in found.items():
-        pauses = wanted[what, length]
-        assert len(pauses) >= 2
-        assert row["period_ms"] == pytest.approx(median(pauses) / 1e6, abs=0.001)
-        assert row["how"] == ("irregular" if pstdev(pauses) > sum(pauses) / len(pauses) else "steady")
-        assert row["period_ms"] > 0
+    for key, pauses in wanted.items():
+        if len(pauses) < 2:
+            assert key not in found
+            continue
+        assert found[key]["period_ms"] == pytest.approx(median(pauses) / 1e6, abs=0.001)
+        assert found[key]["how"] == ("irregular" if pstdev(pauses) > sum(pauses) / len(pauses) else "steady")
+    assert None not in {what for _, _, what, _ in found}
+
+
+def test_some_capture_has_periods_of_either_kind(capfdbinary: Capture) -> None:
+    rows = ask(capfdbinary, "periods", *[CAPTURES / name for name in (*NAMES, "crafted/plus-plant.pcapng")])
+    assert {row["how"] for row in rows} == {"steady", "irregular", "on change"}
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -162,6 +167,7 @@ def test_slowest(capfdbinary: Capture, name: str) -> None:
     for row in rows:
         found.setdefault(row["server_host"], row["worst_ms"])
         assert row["median_ms"] <= row["worst_ms"] <= found[row["server_host"]]
+    assert found.keys() == worst.keys()
     for server, slowest in found.items():
         assert slowest == pytest.approx(worst[server] / 1e6, abs=0.001)
 
@@ -210,7 +216,13 @@ def test_words_behind_a_name(capfdbinary: Capture) -> None:
     assert len(ask(capfdbinary, "off-shift UTC 2 22", path)) == len(ask(capfdbinary, "off-shift", path))
     assert ask(capfdbinary, "who DB2.DBD16 '2026-11-21 01:31'", path) != []
     assert ask(capfdbinary, "who DB2.DBD16 '2026-11-21 01:35'", path) == []
-    assert [row["address"] for row in ask(capfdbinary, "who db2.dbb18", path)] == []  # nobody wrote it by that name
+    for part in ("db2.dbb18", "DB2.DBX19.7", "DB2.DBW14 x3", "DB2.DBD16", "DB2"):  # that REAL is 16 to 19
+        assert "DB2.DBD16" in [row["address"] for row in ask(capfdbinary, f"who '{part}'", path)], part
+    for other in ("DB2.DBB20", "DB2.DBX15.7", "DB3.DBD16", "MD16", "DB2.DBW14"):
+        assert "DB2.DBD16" not in [row["address"] for row in ask(capfdbinary, f"who {other}", path)], other
+    refused = {row["what"] for row in ask(capfdbinary, "gaps db99.dbx1.0", path)}
+    assert refused == {"DB99.DBB0"}
+    assert ask(capfdbinary, "gaps DB98.DBX1.0", path) == []
     assert named("select 1") is None
 
 
