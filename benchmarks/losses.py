@@ -176,7 +176,9 @@ def _title(folder: Path | None) -> str:
     if folder is None:
         return "made traffic"
     return (
-        "captures of the project" if folder == _ROOT / "captures" else f"captures in {folder.parent.name}/{folder.name}"
+        "captures of the project"
+        if folder.resolve() == _ROOT / "captures"
+        else f"captures in {folder.parent.name}/{folder.name}"
     )
 
 
@@ -195,7 +197,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     tables: list[Table] = []
     own = _ROOT / "captures"
     for folder in (None, *(options.folders or default_folders())):
-        blaming = _BLAMING_OWN if folder == own else _BLAMING
+        blaming = _BLAMING_OWN if folder and folder.resolve() == own else _BLAMING
         table = Table(options.rates, options.rounds, options.seed, blaming)
         for capture in captures(folder) if folder else [made(options.packets, options.seed)]:
             table.take(capture)
