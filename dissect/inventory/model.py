@@ -255,7 +255,31 @@ class Asked:
         return bool(self.answered or self.errors or self.missed)
 
 
-class Talk:
+class Seen:
+    """What was seen in packets from ``first_frame`` to ``last_frame``, each with its time; 0 for none."""
+
+    __slots__ = ("first_frame", "first_ns", "last_frame", "last_ns")
+
+    def __init__(self) -> None:
+        self.first_frame = 0
+        self.first_ns = 0
+        self.last_frame = 0
+        self.last_ns = 0
+
+    def seen(self, first: tuple[int, int], last: tuple[int, int]) -> None:
+        """It was seen from the packet ``first`` to ``last``, each with its time; files may come in any order."""
+        if not self.first_frame or first[::-1] < (self.first_ns, self.first_frame):
+            self.first_frame, self.first_ns = first
+        if last[::-1] > (self.last_ns, self.last_frame):
+            self.last_frame, self.last_ns = last
+
+    def seen_as(self, other: Seen) -> None:
+        """It was also seen where ``other`` was."""
+        if other.first_frame:
+            self.seen((other.first_frame, other.first_ns), (other.last_frame, other.last_ns))
+
+
+class Talk(Seen):
     """All connections between a client and a server together.
 
     ``client`` and ``server`` are addresses, ``vlan`` is the VLAN key of both. ``back`` counts requests by the server, such as
@@ -263,12 +287,12 @@ class Talk:
     """
 
     __slots__ = (
-        "answered", "areas", "back", "client", "connections", "errors", "first_frame", "first_ns", "last_frame", "last_ns",
-        "likely", "missed", "more_areas", "operations", "protocols", "pushes", "reads", "server", "transactions", "vlan",
-        "writes",
+        "answered", "areas", "back", "client", "connections", "errors", "likely", "missed", "more_areas", "operations",
+        "protocols", "pushes", "reads", "server", "transactions", "vlan", "writes",
     )  # fmt: skip
 
     def __init__(self, client: str, server: str, vlan: int = 0) -> None:
+        super().__init__()
         self.client = client
         self.server = server
         self.vlan = vlan
@@ -286,10 +310,6 @@ class Talk:
         self.operations: dict[str, int] = {}
         self.areas: dict[str, Area] = {}
         self.more_areas = Beyond()
-        self.first_frame = 0
-        self.first_ns = 0
-        self.last_frame = 0
-        self.last_ns = 0
 
     @property
     def ends(self) -> tuple[str, str]:
@@ -326,18 +346,10 @@ class Talk:
             if area is not None:
                 area.merge(theirs)
         self.more_areas.merge(later.more_areas, self.areas)
-        if later.first_frame:
-            self.seen((later.first_frame, later.first_ns), (later.last_frame, later.last_ns))
-
-    def seen(self, first: tuple[int, int], last: tuple[int, int]) -> None:
-        """The two talked in packets from ``first`` to ``last``, each with its time; files may come in any order."""
-        if not self.first_frame or first[::-1] < (self.first_ns, self.first_frame):
-            self.first_frame, self.first_ns = first
-        if last[::-1] > (self.last_ns, self.last_frame):
-            self.last_frame, self.last_ns = last
+        self.seen_as(later)
 
 
-class Device:
+class Device(Seen):
     """One station: an address in the network ``vlan``, a VLAN key (`link.find_ip`).
 
     ``station`` has its facts, each with source, packets and times. ``reasons`` are the reasons for its role. ``latencies`` are
@@ -346,6 +358,7 @@ class Device:
     """
 
     def __init__(self, address: str, vlan: int = 0) -> None:
+        super().__init__()
         self.address = address
         self.vlan = vlan
         self.station = Station(address, vlan)
@@ -362,10 +375,6 @@ class Device:
         self.more_blocks = Beyond()
         self.code: list[CarvedBlock] = []  # blocks with instructions, as loaded or read out
         self.more_code = 0
-        self.first_frame = 0
-        self.first_ns = 0
-        self.last_frame = 0
-        self.last_ns = 0
 
     def __repr__(self) -> str:
         return f"Device({self.address!r}, {self.role!r}, {self.get(facts.ORDER_NUMBER)!r})"
@@ -452,15 +461,7 @@ class Device:
                 names.merge(done)
         self.more_blocks.merge(later.more_blocks, self.blocks)
         self.more_code += later.more_code
-        if later.first_frame:
-            self.seen((later.first_frame, later.first_ns), (later.last_frame, later.last_ns))
-
-    def seen(self, first: tuple[int, int], last: tuple[int, int]) -> None:
-        """It was seen in packets from ``first`` to ``last``, each with its time."""
-        if not self.first_frame or first[::-1] < (self.first_ns, self.first_frame):
-            self.first_frame, self.first_ns = first
-        if last[::-1] > (self.last_ns, self.last_frame):
-            self.last_frame, self.last_ns = last
+        self.seen_as(later)
 
     def history(self, key: str) -> list[Stretch]:
         """Return the values of a kind of fact over time, of all modules."""
