@@ -76,7 +76,7 @@ def _commands_with(row: Format) -> list[str]:
 
 
 def _walk(command: click.Command, name: str) -> Iterator[tuple[str, click.Command]]:
-    """Yield each command that is no group, with its name as it is typed."""
+    """Yield each command that is not a group, with its name as it is typed."""
     if not isinstance(command, click.Group):
         yield name, command
         return

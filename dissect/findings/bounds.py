@@ -1,8 +1,8 @@
 """Which findings are made in full: as many as a person can read, and the first of each pair of hosts and of each connection.
 
 What may flood is one rule between two hosts. So the bound is theirs, and what another pair does is not hidden behind it: the
-first finding of a rule between two hosts, or on a connection, is always made. What is not made is counted, and said once a
-minute of the capture's time (`Bounds.remind`).
+first finding of a rule between two hosts, or on a connection, is always reported. The others are counted, and their number is
+reported once a minute of the capture's time (`Bounds.remind`).
 
 Memory is bounded: of very many pairs the one that is silent for longest is forgotten. Its next finding is a first one again.
 """
@@ -26,7 +26,7 @@ MAX_PLACES: Final = 16_384
 #: How often it is said how many were not made.
 REMIND_NS: Final = 60_000_000_000
 
-#: What becomes of a finding: it is only counted; it is made and passed on; it is kept for the report as well.
+#: What happens to a finding: it is counted only; it is reported; it is reported, and kept for the final report.
 COUNTED: Final = 0
 TOLD: Final = 1
 KEPT: Final = 2
@@ -69,7 +69,7 @@ class Reminder:
 
 
 class Bounds:
-    """Decides what becomes of each finding, and remembers how many were only counted."""
+    """Decides which findings are reported and kept, and remembers how many were counted only."""
 
     def __init__(self) -> None:
         self._places: OrderedDict[tuple[str, str, str], _Place] = OrderedDict()
@@ -80,7 +80,7 @@ class Bounds:
         self._due_ns: i64 = 0
 
     def take(self, slug: str, client: str, server: str, connection: i64) -> i64:
-        """Return what becomes of a finding of a rule: `KEPT`, `TOLD` or `COUNTED`."""
+        """Return what happens to a finding of a rule: `KEPT`, `TOLD` or `COUNTED`."""
         key = (slug, client, server)
         place = self._places.get(key)
         first: bool = place is None

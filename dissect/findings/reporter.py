@@ -40,9 +40,9 @@ class Finding:
     is the slug of the cause of a finding that is explained, empty for all others, and ``explained_by`` the cause's number: 0
     if the cause itself was only counted. ``client`` and ``server`` are the hosts that it is about, empty for none.
 
-    ``room`` says what becomes of it (`dissect.findings.bounds`). ``bare`` is True for an event that is no finding, as another
-    one says all there is to say; ``reported`` whether it counts as one. ``repeated`` is 0, or how many findings without detail
-    this one sums up (`Observer.repeated`).
+    ``room`` says what happens to it (`dissect.findings.bounds`). ``bare`` is True for an event that is not reported, because an
+    earlier one says all there is to say; ``reported`` whether it counts as a finding. ``repeated`` is 0, or how many findings
+    without detail this one sums up (`Observer.repeated`).
     """
 
     __slots__ = (
@@ -136,7 +136,7 @@ class Reporter:
     facts of each rule. ``fresh`` collects the detailed findings, also the explained ones, until the pipeline hands them to its
     observer. ``because`` is the finding that is to blame for what is judged at the moment.
 
-    With ``every`` each finding is passed on, and each event that is no finding (`Finding.bare`), for an observer that selects
+    With ``every`` each finding is passed on, and each event that is not reported (`Finding.bare`), for an observer that selects
     before anything is bounded; ``room`` says which of them would have been.
     """
 
@@ -150,6 +150,7 @@ class Reporter:
         self.latest: Finding | None = None  # the one that was counted last, None if it was not detailed
         self.number: i64 = 0  # of the latest finding in `fresh`
         self._pair: Pair = NO_PAIR  # the hosts of the one that was counted last
+        self._cause: Finding | None = None  # what explains it
         self.every: bool = False
         self._room: i64 = COUNTED  # of the finding that was counted last
         self._bounds: Bounds = Bounds()
@@ -167,7 +168,7 @@ class Reporter:
             self._pass_bare(slug, connection, frame, time_ns, True)
 
     def again(self, slug: str, connection: i64, frame: i64, time_ns: i64) -> None:
-        """Count an event that is no finding: the rule reported an earlier one, and reports no others."""
+        """Count an event that is not reported, because the rule reported an earlier one and reports no others."""
         self._count(slug, self.ledger.pair(connection), connection, frame, frame, time_ns, False)
         if self.every:
             self._pass_bare(slug, connection, frame, time_ns, False)
@@ -204,7 +205,7 @@ class Reporter:
     ) -> None:
         self.latest = None
         self._pair = pair
-        cause = self.cause_of(slug, connection)
+        cause = self._cause = self.cause_of(slug, connection)
         if cause is not None:
             self.ledger.explain(cause.slug, slug, connection, first_frame, last_frame, time_ns, reported)
             if reported:
@@ -244,7 +245,7 @@ class Reporter:
     def _has_room(self, slug: str, connection: i64, frame: i64, time_ns: i64) -> bool:
         """Return whether one more finding is detailed."""
         pair = self._pair
-        if self.cause_of(slug, connection) is not None:
+        if self._cause is not None:
             self._room = self._explained_bounds.take(slug, pair.client, pair.server, connection)
         else:
             bounds = self._bounds
@@ -296,7 +297,7 @@ class Reporter:
         finding.server = self._pair.server
         finding.room = self._room
         self.latest = finding
-        cause = self.cause_of(slug, connection)
+        cause = self._cause
         if cause is not None:
             _explain(finding, cause)
         elif self._waiting and self._waits(slug, connection):

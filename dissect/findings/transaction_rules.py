@@ -381,7 +381,7 @@ def _judge_flags(reporter: Reporter, transaction: Transaction) -> None:
 
 
 def judge_written(reporter: Reporter, transaction: Transaction) -> None:
-    """Report what is wrong with the data of a write, unless that was done; it explains what becomes of the write."""
+    """Report what is wrong with the data of a write, unless that was done; it explains a refusal of the write."""
     if transaction.flags & ASKED_JUDGED:
         return
     if transaction.flags & WRITE_SIZE:
