@@ -526,6 +526,11 @@ class Connection:
         elif parameters.function in _ASKED_BY_CLIENT:
             self.set_client(side)
 
+    def note_answer(self, side: i64, parameters: Parameters) -> None:
+        """An answer from the registered port tells who asked; an answer to that port contradicts it, and tells nothing."""
+        if self.tcp.ends[side].port == ISO_TSAP_PORT and self.tcp.ends[1 - side].port != ISO_TSAP_PORT:
+            self.note_request(1 - side, parameters)
+
     def note_iso_end(self, words: str, how: str, side: i64, frame: i64, time_ns: i64) -> None:
         """A DR or ER of ``side``: the transport connection is over, unless something follows."""
         self.iso_ended = words

@@ -241,7 +241,10 @@ class Dialogue:
         Complete the oldest open request that the answer fits and return its transaction. Without one hold the answer for a
         moment and return None.
         """
-        requests = side.connection.open_requests[1 - side.index]
+        connection = side.connection
+        if not connection.client_known:
+            connection.note_answer(side.index, parameters)
+        requests = connection.open_requests[1 - side.index]
         key: i64 = pdu_ref if rosctr < USERDATA else key_of(rosctr, pdu_ref)
         waiting = requests.latest
         if waiting is None or key != requests.latest_key:

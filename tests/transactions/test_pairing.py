@@ -312,6 +312,19 @@ def test_bsend_and_unknown_functions_tell_nothing() -> None:
         assert (connection.client.port, connection.client_known) == (40001, False)
 
 
+def test_an_answer_from_the_registered_port_tells_who_asked() -> None:
+    """Though the PLC asks something itself before the client is seen to ask."""
+    talk = Talk(40000, 102)
+    talk.tell(words(1, 1))
+    talk.tell(read(2, dbw(1, 0)))
+    talk.ask(words(2, 1))
+    talk.tell(userdata(0, head(PUSH, 4, 3)))
+    talk.finish()
+    connection = talk.connections[0]
+    assert (connection.client.port, connection.client_known) == (40000, True)
+    assert sorted(talk.outcomes()) == ["answered", "orphan_answer", "unsolicited"]
+
+
 # ---- 5.4 several outstanding ----------------------------------------------------------------------------------------
 
 
