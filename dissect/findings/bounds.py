@@ -4,12 +4,12 @@ What may flood is one rule between two hosts. So the bound is theirs, and what a
 first finding of a rule between two hosts, or on a connection, is always reported. The others are counted, and their number is
 reported once a minute of the capture's time (`Bounds.remind`).
 
-Memory is bounded: of very many pairs the one that is silent for longest is forgotten. Its next finding is a first one again.
+Memory is bounded: of very many pairs those that are silent for longest are forgotten. The next finding of one is a first one
+again.
 """
 
 from __future__ import annotations
 
-from collections import OrderedDict
 from typing import Final
 
 from mypy_extensions import i64
@@ -21,7 +21,7 @@ MAX_DETAILED: Final = 100
 MAX_DETAILED_ALL: Final = 1000
 #: So many pairs of hosts have one that is kept.
 MAX_FIRST: Final = 10_000
-#: Rules on pairs of hosts that are remembered.
+#: Rules on pairs of hosts that are remembered. Half of them, those with a finding least long ago, are never forgotten.
 MAX_PLACES: Final = 16_384
 #: How often it is said how many were not made.
 REMIND_NS: Final = 60_000_000_000
@@ -68,56 +68,77 @@ class Reminder:
         self.time_ns: i64 = 0
 
 
+class _Kept:
+    """How many findings of a rule are kept, and for how many pairs of hosts beyond `MAX_DETAILED_ALL` one is."""
+
+    __slots__ = ("findings", "pairs")
+
+    def __init__(self) -> None:
+        self.findings: i64 = 0
+        self.pairs: i64 = 0
+
+
 class Bounds:
     """Decides which findings are reported and kept, and remembers how many were counted only."""
 
     def __init__(self) -> None:
-        self._places: OrderedDict[tuple[str, str, str], _Place] = OrderedDict()
-        self._kept: dict[str, int] = {}  # by slug
-        self._first: dict[str, int] = {}  # by slug: pairs of hosts
-        self._told: dict[int, set[str]] = {}  # by connection: rules that made a finding of it
-        self._left: dict[tuple[str, str, str], _Place] = {}  # those with something to remind of
+        # Those with a finding since the last time that there were too many, and those with one in the time before that: to
+        # keep all in the order of their latest findings would cost more than all else here.
+        self._places: dict[tuple[str, str, str], _Place] = {}
+        self._older: dict[tuple[str, str, str], _Place] = {}
+        self._latest: _Place = _Place("", "", "")  # of the finding that was taken last
+        self._kept: dict[str, _Kept] = {}  # by slug
+        self._told: dict[int, list[str]] = {}  # by connection: the rules that made a finding of it, mostly one or two
+        self._left: list[_Place] = []  # those with something to remind of
         self._due_ns: i64 = 0
 
     def take(self, slug: str, client: str, server: str, connection: i64) -> i64:
         """Return what happens to a finding of a rule: `KEPT`, `TOLD` or `COUNTED`."""
         key = (slug, client, server)
         place = self._places.get(key)
-        first: bool = place is None
+        first: bool = False
         if place is None:
-            place = self._places[key] = _Place(slug, client, server)
-            if len(self._places) > MAX_PLACES:
-                self._places.popitem(last=False)
-        else:
-            self._places.move_to_end(key)
+            place = self._older.get(key) if self._older else None
+            if place is None:
+                first = True
+                place = _Place(slug, client, server)
+            self._remember(key, place)
+        self._latest = place
         fresh: bool = connection > 0 and self._is_fresh(slug, connection)
-        kept: int = self._kept.get(slug, 0)
-        if (place.kept < MAX_DETAILED or fresh) and kept < MAX_DETAILED_ALL:
-            self._kept[slug] = kept + 1
-        elif first and self._first.get(slug, 0) < MAX_FIRST:
-            self._first[slug] = self._first.get(slug, 0) + 1
+        kept = self._kept.get(slug)
+        if kept is None:
+            kept = self._kept[slug] = _Kept()
+        if (place.kept < MAX_DETAILED or fresh) and kept.findings < MAX_DETAILED_ALL:
+            kept.findings += 1
+        elif first and kept.pairs < MAX_FIRST:
+            kept.pairs += 1
         else:
             return TOLD if first or fresh else COUNTED
         place.kept += 1
         return KEPT
 
+    def _remember(self, key: tuple[str, str, str], place: _Place) -> None:
+        if len(self._places) >= MAX_PLACES // 2:
+            self._older = self._places
+            self._places = {}
+        self._places[key] = place
+
     def _is_fresh(self, slug: str, connection: i64) -> bool:
         """Return whether a rule made no finding of a connection so far; remember that it does."""
         told = self._told.get(connection)
         if told is None:
-            self._told[connection] = {slug}
+            self._told[connection] = [slug]
             return True
         if slug in told:
             return False
-        told.add(slug)
+        told.append(slug)
         return True
 
-    def leave(self, slug: str, client: str, server: str, frame: i64, time_ns: i64) -> None:
-        """Remember a finding that is only counted."""
-        key = (slug, client, server)
-        place = self._left.get(key)
-        if place is None:
-            place = self._left[key] = self._places[key]
+    def leave(self, frame: i64, time_ns: i64) -> None:
+        """Remember the finding that was taken last as one that is only counted."""
+        place = self._latest
+        if place.left == 0:
+            self._left.append(place)
         place.left += 1
         place.frame = frame
         place.time_ns = time_ns
@@ -131,24 +152,24 @@ class Bounds:
     def remind(self) -> list[Reminder]:
         """Return how many findings of each rule were only counted since the last time."""
         self._due_ns = 0
-        left, self._left = self._left, {}
+        left, self._left = self._left, []
         by_slug: dict[str, list[_Place]] = {}
-        for place in left.values():
+        for place in left:
             by_slug.setdefault(place.slug, []).append(place)
         return [_reminder(slug, places) for slug, places in by_slug.items()]
 
     def over(self, connection: i64) -> None:
         """A connection is over."""
-        if self._told:
-            self._told.pop(connection, None)
+        if connection in self._told:
+            del self._told[connection]
 
     def renew(self) -> None:
         """Begin anew, but for what is not said yet."""
-        self._places = OrderedDict(self._left)
-        for place in self._places.values():
+        self._places = {(place.slug, place.client, place.server): place for place in self._left}
+        self._older = {}
+        for place in self._left:
             place.kept = 0
         self._kept = {}
-        self._first = {}
         self._told = {}
 
 

@@ -7,7 +7,6 @@ a connection, counts here as well.
 
 from __future__ import annotations
 
-from collections import deque
 from operator import itemgetter
 from typing import Final
 
@@ -19,7 +18,7 @@ from dissect.wire.copies import leaves
 
 #: Pairs of hosts with facts of their own; the events of further pairs are added up in `Ledger.rest`.
 MAX_PAIRS: Final = 4096
-#: The latest connections of a rule, and of a rule on one pair of hosts, that are told apart.
+#: So many connections of a rule, and of a rule on one pair of hosts, are told apart, of more the later half.
 _LATEST: Final = 4096
 _LATEST_OF_PAIR: Final = 64
 
@@ -36,7 +35,6 @@ class Occurrences:
         "_forgotten",
         "_known",
         "_latest",
-        "_order",
         "_room",
         "at_least",
         "connections",
@@ -62,7 +60,6 @@ class Occurrences:
         self._forgotten: i64 = 0  # the highest connection that is not told apart any longer
         # Made with the second connection: most rules on most pairs of hosts apply on one.
         self._known: set[int] | None = None
-        self._order: deque[int] | None = None
 
     def __repr__(self) -> str:
         return f"Occurrences({self.events} events, {self.reports} reports, {self.connections} connections)"
@@ -82,16 +79,15 @@ class Occurrences:
             self._meet(connection)
 
     def _meet(self, connection: i64) -> None:
-        known = self._known
-        order = self._order
-        if self._latest == 0:
-            self._latest = connection
+        """Count a connection that is another than that of the latest event, if it is not known."""
+        latest: i64 = self._latest
+        self._latest = connection
+        if latest == 0:
             self.connections = 1
             return
-        if known is None or order is None:
-            known = self._known = {int(self._latest)}
-            order = self._order = deque(known)
-        self._latest = connection
+        known = self._known
+        if known is None:
+            known = self._known = {int(latest)}
         if connection in known:
             return
         if connection <= self._forgotten:
@@ -99,11 +95,15 @@ class Occurrences:
             return
         self.connections += 1
         known.add(connection)
-        order.append(connection)
-        if len(order) > self._room:
-            oldest = order.popleft()
-            known.discard(oldest)
-            self._forgotten = max(self._forgotten, oldest)
+        if len(known) > self._room:
+            self._forget(known)
+
+    def _forget(self, known: set[int]) -> None:
+        """Keep the half of the connections with the higher numbers, which came last."""
+        ordered = sorted(known)
+        half = len(ordered) // 2
+        self._forgotten = ordered[half - 1]
+        self._known = set(ordered[half:])
 
     def absorb(self, other: Occurrences, connection: i64) -> None:
         """Add events that were counted apart, all of one connection, 0 for none."""
@@ -151,13 +151,6 @@ class Pair:
     def __repr__(self) -> str:
         return f"Pair({self.client} → {self.server}, {len(self.records)} rules)"
 
-    def record(self, slug: str) -> Occurrences:
-        """Return the facts of a rule, which may be new."""
-        found = self.records.get(slug)
-        if found is None:
-            found = self.records[slug] = Occurrences(_LATEST_OF_PAIR)
-        return found
-
 
 #: The hosts of an event that is about none.
 NO_PAIR: Final = Pair("", "")
@@ -169,13 +162,14 @@ class Ledger:
     ``explained`` are the events that another finding explains, by the slugs of both. They are in no other record.
     """
 
-    __slots__ = ("_met", "_of", "explained", "pairs", "rest", "rules")
+    __slots__ = ("_by_rule", "_met", "_of", "explained", "pairs", "rest", "rules")
 
     def __init__(self) -> None:
         self.rules: dict[str, Occurrences] = {}
         self.explained: dict[tuple[str, str], Occurrences] = {}
         self.pairs: dict[tuple[str, str], Pair] = {}
         self.rest: dict[str, Occurrences] = {}  # of pairs beyond `MAX_PAIRS`
+        self._by_rule: dict[str, list[Pair]] = {}
         self._met: dict[int, Connection] = {}  # connections that are open, by number
         self._of: dict[int, Pair] = {}  # of those, the hosts of such with findings
 
@@ -190,9 +184,10 @@ class Ledger:
 
     def over(self, connection: i64) -> None:
         """A connection is over, and everything about it was reported."""
-        self._met.pop(connection, None)
-        if self._of:
-            self._of.pop(connection, None)
+        if connection in self._met:
+            del self._met[connection]
+        if connection in self._of:
+            del self._of[connection]
 
     def pair(self, connection: i64) -> Pair:
         """Return the hosts of an open connection; `NO_PAIR` for the capture as a whole."""
@@ -276,11 +271,18 @@ class Ledger:
         return found
 
     def _of_hosts(self, pair: Pair, slug: str) -> Occurrences:
-        if not pair.further:
-            return pair.record(slug)
-        found = self.rest.get(slug)
-        if found is None:
+        found = (self.rest if pair.further else pair.records).get(slug)
+        if found is not None:
+            return found
+        if pair.further:
             found = self.rest[slug] = Occurrences()
+            return found
+        found = pair.records[slug] = Occurrences(_LATEST_OF_PAIR)
+        pairs = self._by_rule.get(slug)
+        if pairs is None:
+            self._by_rule[slug] = [pair]
+        else:
+            pairs.append(pair)
         return found
 
     def settle(self, slug: str, pair: Pair, connection: i64, events: Occurrences, cause: str) -> None:
@@ -307,19 +309,22 @@ class Ledger:
 
     # ---- questions --------------------------------------------------------------------------------------------------
 
+    def pairs_with(self, slug: str) -> list[Pair]:
+        """Return the pairs of hosts that a rule applied between, in the order in which it first did."""
+        return list(self._by_rule.get(slug, ()))  # a copy: a screen may ask while packets come
+
     def pairs_of(self, slug: str) -> list[Pair]:
         """Return the pairs of hosts that a rule applied between: those with most events first, then the earliest."""
-        found = [(_weight(pair, slug), pair) for pair in list(self.pairs.values()) if slug in pair.records]
+        found = [(_weight(pair, slug), pair) for pair in self.pairs_with(slug)]
         found.sort(key=itemgetter(0))
         return [pair for _, pair in found]
 
     def hosts_of(self, slug: str) -> int:
         """Return how many hosts a rule concerns, of the pairs with records of their own."""
         hosts: set[str] = set()
-        for pair in list(self.pairs.values()):  # a screen may ask while packets come
-            if slug in pair.records:
-                hosts.add(pair.client)
-                hosts.add(pair.server)
+        for pair in self.pairs_with(slug):
+            hosts.add(pair.client)
+            hosts.add(pair.server)
         return len(hosts)
 
     def further(self, slug: str) -> int:
@@ -334,5 +339,5 @@ def _weight(pair: Pair, slug: str) -> tuple[int, int, str, str]:
 
 
 leaves(Ledger, without=("_met", "_of"))
-leaves(Occurrences, without=("_forgotten", "_known", "_latest", "_order"))
+leaves(Occurrences, without=("_forgotten", "_known", "_latest"))
 leaves(Pair)

@@ -251,7 +251,7 @@ class Reporter:
             bounds = self._bounds
             self._room = bounds.take(slug, pair.client, pair.server, connection)
             if self._room == COUNTED and not self.every and not (self._waiting and self._waits(slug, connection)):
-                bounds.leave(slug, pair.client, pair.server, frame, time_ns)
+                bounds.leave(frame, time_ns)
             if bounds.due(time_ns):
                 self.remind()
         return self.every or self._room != COUNTED

@@ -69,7 +69,7 @@ _LEFT_OUT: Final[dict[str, frozenset[str]]] = {
     "Inventory": frozenset(("_open", "files", "pipeline")),
     "HalfStream": frozenset(("held", "outside", "ready")),
     "Ledger": frozenset(("_met", "_of")),
-    "Occurrences": frozenset(("_forgotten", "_known", "_latest", "_order")),
+    "Occurrences": frozenset(("_forgotten", "_known", "_latest")),
     "Parameters": frozenset(("good_answer", "good_heads", "good_layout")),
     "TlsSession": frozenset(("_all", "_keys", "_secrets", "_suite", "_waiting")),
     "Direction": frozenset(("_keys", "messages")),

@@ -37,7 +37,7 @@ class Told(NamedTuple):
         said = times(rule, int(found.events))
         if found.connections:
             said += f" on {'at least ' if found.at_least else ''}{count(int(found.connections), 'connection')}"
-        pairs = len(self.ledger.pairs_of(rule.slug)) if others else 0
+        pairs = len(self.ledger.pairs_with(rule.slug)) if others else 0
         if pairs > 1 or (pairs and not found.connections):
             more = "more than " if self.ledger.further(rule.slug) else ""
             said += f"{' of' if found.connections else ' between'} {more}{count(pairs, 'pair')} of hosts"
