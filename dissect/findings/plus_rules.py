@@ -61,8 +61,6 @@ _EXPLORES: Final = 3
 _SUBSCRIBING: Final = frozenset((SUBSCRIBED, SUBSCRIBED_ALARMS))
 #: Subscribers that are remembered.
 MAX_SUBSCRIBERS: Final = 4096
-#: Where a request names the object that it is about; 0 for variables by their addresses.
-_OBJECT: Final = 18
 #: CPUs that are remembered; beyond that the one seen first is forgotten.
 MAX_CPUS: Final = 256
 
@@ -121,8 +119,6 @@ class PlusWatch:
                 self._odd_contents(transaction, facts)
             if facts.exhausted:
                 self._note("s7.plus_too_long", transaction, f"more than {MAX_WORK // STEP} values")
-        if function == SET_MULTI_VARIABLES and session.elsewhere_told:
-            self._count_write(transaction, facts)
         if transaction.error_code == _PROTECTED and self._security.first_of(transaction, "security.protected"):
             self._security.tell("security.protected", transaction, transaction.function_name)
 
@@ -143,15 +139,6 @@ class PlusWatch:
         """Remember that the client of ``connection`` subscribes to something at its CPU, or did before the capture began."""
         if len(self._subscribers) < MAX_SUBSCRIBERS:
             self._subscribers.add(_stations(connection))
-
-    def _count_write(self, transaction: Transaction, facts: Facts | None) -> None:
-        """Count a write of variables that was not looked at, because one of this connection was reported before."""
-        asked = transaction.request_octets
-        if transaction.outcome != ANSWERED or transaction.error_code or asked[_OBJECT : _OBJECT + 4] != bytes(4):
-            return
-        if facts is None or not [event for event in facts.events if event.kind in _AREAS]:
-            frame, time_ns = transaction.response_frame, transaction.response_ns
-            self._reporter.again("security.write", transaction.connection.number, frame, time_ns)
 
     def _note(self, slug: str, transaction: Transaction, what: str) -> None:
         frames = transaction.frames
@@ -213,14 +200,11 @@ class PlusWatch:
         self, session: PlusSession, slug: str, area: int, event: Event, transaction: Transaction, code: int
     ) -> None:
         """Report a write that was refused, or that goes to a kind of area that this connection did not write before."""
-        traits = transaction.connection.traits
         what = shortened(event.text, TEXT)
         if code in {0, PARTIAL_ERROR}:
             self._security.wrote(
                 slug, area, transaction, what, code, transaction.outcome not in {UNANSWERED, BEHIND_MALFORMED}
             )
-            session.outputs_told = traits.written & WRITTEN_IO != 0
-            session.elsewhere_told = traits.written & WRITTEN_ELSEWHERE != 0
             return
         if area == WRITTEN_IO:
             self._security.refused_outputs(transaction, what, code)

@@ -79,7 +79,6 @@ from dissect.transactions.transaction import (
     ANSWERED,
     CAPTURE_ENDED,
     CONNECTION_CLOSED,
-    HOLE,
     ORPHAN,
     PUSH,
     REASON_TEXTS,
@@ -280,10 +279,8 @@ def judge_unanswered(reporter: Reporter, transaction: Transaction, now_ns: i64, 
     judge_written(reporter, transaction)
     if transaction.outcome != UNANSWERED:
         return
-    if transaction.reason == HOLE:
+    if transaction.unseen:
         transaction.connection.not_captured += 1
-        return
-    if transaction.flags & EXPECTED:
         return
     if transaction.reason == CAPTURE_ENDED and now_ns - transaction.request_ns <= slow_ns:
         transaction.flags |= STILL_OPEN

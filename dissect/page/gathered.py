@@ -28,7 +28,7 @@ from dissect.source.packet import CONTINUES_NS, SourceFile
 from dissect.stations.facts import Fact
 from dissect.transactions.connection import ISO_TSAP_PORT, Connection
 from dissect.transactions.operation import CONNECT, Operation
-from dissect.transactions.transaction import HOLE, ORPHAN, PUSH, UNANSWERED, Transaction
+from dissect.transactions.transaction import ORPHAN, PUSH, UNANSWERED, Transaction
 from dissect.variables.wanted import WantedSet
 
 #: Greatest number of rows of each table.
@@ -105,9 +105,9 @@ class SpreadOf:
     """All transactions of one function of one PLC: their answer times, and counts of the other outcomes.
 
     ``times`` is the distribution of answer times, ``latencies`` has the quantiles that `analyze` reports, too. ``still_open``
-    are requests whose answer was not due yet when the capture ended, ``not_captured`` those whose answer is, or may be, in a
-    gap, ``likely`` pairs that are only likely, which are in no answer time, ``orphans`` answers without a request, ``alone``
-    pushes and requests that want no answer.
+    are requests whose answer was not due yet when the capture ended, ``not_captured`` those whose answer may be what the
+    capture lacks, ``likely`` pairs that are only likely, which are in no answer time, ``orphans`` answers without a request,
+    ``alone`` pushes and requests that want no answer.
     """
 
     __slots__ = (
@@ -387,7 +387,7 @@ class Gathered(Observer):
         if outcome == UNANSWERED:
             if transaction.missed:
                 spread.missed += 1
-            elif transaction.reason == HOLE:
+            elif transaction.unseen:
                 spread.not_captured += 1
             else:
                 spread.still_open += 1

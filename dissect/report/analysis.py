@@ -27,7 +27,7 @@ from dissect.tcp.stream import Endpoint
 from dissect.transactions.connection import Connection
 from dissect.transactions.operation import RUNNING, Operation
 from dissect.transactions.results import DOUBTS
-from dissect.transactions.transaction import ANSWERED, CONNECTION_CLOSED, HOLE, ORPHAN, PUSH, UNANSWERED, Transaction
+from dissect.transactions.transaction import ANSWERED, CONNECTION_CLOSED, ORPHAN, PUSH, UNANSWERED, Transaction
 from dissect.wire.copies import keep_out, leaves
 
 #: Connections that are kept and described one by one; further ones are only counted.
@@ -68,7 +68,7 @@ class FunctionStatistics:
         self.answered: i64 = 0
         self.unanswered: i64 = 0
         self.still_open: i64 = 0  # of the unanswered: the capture ended before their answer was due
-        self.not_captured: i64 = 0  # of the unanswered: their answer is, or may be, in a gap of the capture
+        self.not_captured: i64 = 0  # of the unanswered: their answer may be what the capture lacks
         self.likely: i64 = 0  # of the answered: pairs that are only likely; `latencies` has none of them
         self.orphans: i64 = 0
         self.pushes: i64 = 0
@@ -215,7 +215,7 @@ class Analysis(Observer):
         self.answered: i64 = 0
         self.unanswered: i64 = 0
         self.still_open: i64 = 0  # of the unanswered: the capture ended before their answer was due, so nothing failed
-        self.not_captured: i64 = 0  # of the unanswered: their answer is, or may be, in a gap of the capture
+        self.not_captured: i64 = 0  # of the unanswered: their answer may be what the capture lacks
         self.likely: dict[
             str, int
         ] = {}  # of the answered: pairs that are only likely, by doubt; they are in no answer time
@@ -352,7 +352,7 @@ class Analysis(Observer):
             self.unanswered_reasons[transaction.reason] = self.unanswered_reasons.get(transaction.reason, 0) + 1
             if transaction.missed:
                 self._keep_failed(transaction)
-            elif transaction.reason == HOLE:
+            elif transaction.unseen:
                 self.not_captured += 1
                 statistics.not_captured += 1
             else:

@@ -22,7 +22,6 @@ from dissect.s7plus.loads import (
     FIRMWARE_PACKAGE,
     HARDWARE,
     LOADED,
-    LOADS,
     load_text,
     said,
     written_as,
@@ -117,9 +116,6 @@ _NAMED: Final = 5
 
 # Marks of a read that may matter: the ids of the operating state and the identification record.
 _READ_MARKS: Final = tuple([build_varint(id_, VLQ) for id_ in (OPERATING_STATE, DIAGNOSIS, IDENTIFICATION)])
-#: Ids in a write of several items that are more than variables.
-_WRITTEN_IDS: Final = PASSWORDS | PROTECTIONS | LOADS | {REFERENCE_LIST, SESSION_KEY, STATE_REQUEST}
-_WRITTEN_MARKS: Final = tuple([build_varint(id_, VLQ) for id_ in sorted(_WRITTEN_IDS)])
 #: For a write of one attribute: the highest id that is an area, the execution unit or the hardware configuration; the lowest
 #: kind of block; and by id, whether writing that attribute of any other object matters.
 _LASTING_IDS: Final = PASSWORDS | PROTECTIONS | {REFERENCE_LIST}
@@ -139,6 +135,8 @@ _WRITTEN.whole = True
 _BIT_7: Final = 0x80
 
 
+#: Writes to areas of the memory and to data blocks.
+_WRITES: Final = frozenset((WRITTEN, WRITTEN_OUTPUTS))
 #: Areas of the outputs.
 OUTPUTS: Final = frozenset((81,))
 
@@ -262,7 +260,7 @@ def _read_all(
     session: PlusSession, function: i64, request: bytes, asked: Check | None, told: Check | None
 ) -> Facts | None:
     """Judge a transaction of which everything that may matter must be read; ``asked``: the check of its request, if made."""
-    if not _may_matter(session, function, request, told):
+    if not _may_matter(function, request, told):
         return _judge_contents(asked if asked is not None else check(request), told)
     facts = Facts()
     pdu = asked.pdu() if asked is not None else parse_plus(request)
@@ -357,24 +355,20 @@ def _asks_what_matters(asked: Check) -> bool:
     return any([data.find(mark, asked.begin + REQUEST_SIZE, asked.end) >= 0 for mark in _READ_MARKS])
 
 
-def _may_matter(session: PlusSession, function: i64, octets: bytes, told: Check | None) -> bool:
+def _may_matter(function: i64, octets: bytes, told: Check | None) -> bool:
     if function == CREATE_OBJECT or function == DELETE_OBJECT or function == BEGIN_SEQUENCE or function == END_SEQUENCE:
         return True
     if function == EXPLORE:
         return told is None or not told.sound or told.met  # an incomplete response may begin with blocks
-    if function == GET_MULTI_VARIABLES or function == GET_VAR_SUBSTREAMED:
+    if function == GET_MULTI_VARIABLES or function == GET_VAR_SUBSTREAMED or function == SET_MULTI_VARIABLES:
         return True  # reads that do not matter are not passed to this function
-    if function != SET_VARIABLE and function != SET_VAR_SUBSTREAMED and function != SET_MULTI_VARIABLES:
+    if function != SET_VARIABLE and function != SET_VAR_SUBSTREAMED:
         return False
     data, at, end = data_of(octets)
     at += REQUEST_SIZE
     if at + 6 > end:
         return True
     object_id: i64 = u32(data, at)
-    if function == SET_MULTI_VARIABLES:
-        if object_id or not (session.outputs_told and session.elsewhere_told):
-            return True
-        return any([data.find(mark, at, end) >= 0 for mark in _WRITTEN_MARKS])
     if function == SET_VAR_SUBSTREAMED or (object_id <= _LAST_AREA and object_id in _SPECIAL):
         return True
     kind: i64 = object_id >> 16
@@ -471,11 +465,13 @@ def _explored(session: PlusSession, events: list[Event], told: Made) -> None:
 
 
 def _written(session: PlusSession, events: list[Event], asked: Contents, told: Contents | None, good: bool) -> None:
-    """Judge a write of several items, each by its own result."""
+    """Judge a write of several items, each by its own result; writes to one kind of area with one result are one event."""
     values = dict(asked.items)
     refused: dict[int, int] = {}
     if told is not None:
         refused = {number: code & 0xFFFF for number, code in told.refusals}
+    writes: dict[tuple[str, int], Event] = {}
+    counts: dict[tuple[str, int], int] = {}
     for number, address in enumerate(asked.addresses, 1):
         before = len(events)
         refusal = refused.get(number, 0)
@@ -483,6 +479,19 @@ def _written(session: PlusSession, events: list[Event], asked: Contents, told: C
         if refusal or (told is not None and told.whole):
             for event in events[before:]:
                 event.refusal = refusal
+        if len(events) == before or events[-1].kind not in _WRITES:
+            continue
+        key = (events[-1].kind, events[-1].refusal)
+        counts[key] = counts.get(key, 0) + 1
+        if counts[key] == 1:
+            writes[key] = events[-1]
+        elif counts[key] <= _NAMED:
+            writes[key].text += f", {events.pop().text}"
+        else:
+            events.pop()
+    for key, event in writes.items():
+        if counts[key] > _NAMED:
+            event.text += f" and {counts[key] - _NAMED} more"
 
 
 def _item_written(session: PlusSession, events: list[Event], address: Address, value: Value | None, good: bool) -> None:

@@ -152,9 +152,7 @@ class PlusSession:
     """What is known about one connection. Texts are from the wire and not escaped.
 
     ``program`` and ``identity`` are shared by all connections of a CPU. ``states`` are the subscriptions that report the
-    operating state of the CPU. ``outputs_told``, ``elsewhere_told``: a write to outputs, or to other areas, was reported;
-    further ones need no look.
-    ``tls``: the client asked for TLS.
+    operating state of the CPU. ``tls``: the client asked for TLS.
     ``challenged``: the CPU offers authentication; ``authenticated``: the client used it. ``given`` are the ids of its sessions.
     ``writes`` and ``reads``: clients count requests that change something, and all others, separately. ``explores`` counts
     Explore requests; ``explored`` are the packets of the first and the last one. ``stamp`` is 0 until something is subscribed.
@@ -165,7 +163,6 @@ class PlusSession:
         "application",
         "authenticated",
         "challenged",
-        "elsewhere_told",
         "explored",
         "explored_ns",
         "explores",
@@ -173,7 +170,6 @@ class PlusSession:
         "host",
         "identity",
         "latest",
-        "outputs_told",
         "program",
         "reads",
         "role",
@@ -197,8 +193,6 @@ class PlusSession:
         self.explores: i64 = 0
         self.explored: list[int] = []
         self.explored_ns: i64 = 0  # time of the last Explore request
-        self.outputs_told = False
-        self.elsewhere_told = False
         self.tls = False
         self.challenged = False
         self.authenticated = False

@@ -279,7 +279,7 @@ class Connection:
         "unsolicited",
     )
 
-    #: Of the unanswered: the capture ended before their answer was due; their answer is, or may be, in a gap of the capture.
+    #: Of the unanswered: the capture ended before their answer was due; their answer may be what the capture lacks.
     still_open: i64
     not_captured: i64
 

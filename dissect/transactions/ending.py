@@ -44,8 +44,9 @@ class Ending:
 
     ``last_frame`` and ``last_ns`` are the latest packet by then and its time: the TCP connection may go on with another talk.
 
-    ``open_requests`` is how many requests were open, without those whose answer may be in a gap. ``oldest`` is the first of
-    them, with its packet and time. ``connecting``: the connect request had no answer of any kind yet.
+    ``open_requests`` is how many requests were open, without those whose answer may be in a gap or in
+    a direction that was not captured. ``oldest`` is the first of them, with its packet and time. ``connecting``: the connect
+    request had no answer of any kind yet.
 
     ``last_request``, ``last_answer`` and ``last_error`` (a refusal) are the parameters of the requests concerned, each with
     its time (None and 0 for none); of the server's last message in TLS only the time is known. ``last_error_code`` is the

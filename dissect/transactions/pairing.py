@@ -480,7 +480,7 @@ class Dialogue:
         if requests.undecided is not None:
             for row in requests.undecided:
                 self._settle(answering, requests, row, True)
-        if answering is None or requests.count == 0:
+        if answering is None or not answering.captured or requests.count == 0:
             return []
         return [
             one for one in requests.asked_after(-1) if one not in requests.lost and not perhaps_answered(one, answering)

@@ -329,9 +329,9 @@ class Transaction:
     def missed(self) -> bool:
         """True when no answer came though one was due. This is the only rule for what counts as unanswered.
 
-        An answer that is, or may be, in a gap of the capture is not missed: only the capture lacks it.
+        An answer that was or may have been sent, and not captured (`unseen`), is not missed: only the capture lacks it.
         """
-        return self.outcome == UNANSWERED and not self.flags & STILL_OPEN and self.reason != HOLE
+        return self.outcome == UNANSWERED and not self.flags & STILL_OPEN and not self.unseen
 
     @property
     def unseen(self) -> bool:

@@ -403,6 +403,19 @@ def test_writes_are_told_once_for_outputs_and_once_for_the_rest() -> None:
     ]
 
 
+def test_a_request_that_writes_several_variables_is_one_write() -> None:
+    """As in S7comm: the facts of a rule count requests, of however many items."""
+    talk = begun()
+    flags = [(Address(0, 82, 3736, [3, 100 + 2 * place, 2]), Value(0, INT, place)) for place in range(7)]
+    output = (Address(0, 81, 3736, [3, 0, 1]), Value(0, BOOL, True))
+    for number in range(1, 6):
+        do(talk, number, SET_MULTI_VARIABLES, bodies.set_multi([*flags, output]), b"\0\0")
+    five = ", ".join(f"MW{100 + 2 * place} = Int {place}" for place in range(5))
+    assert said(talk) == [("security.write", f"{five} and 2 more"), ("security.write_outputs", "QB0 = Bool true")]
+    rules = talk.pipeline.exchange.reporter.ledger.rules
+    assert [(rules[slug].events, rules[slug].reports) for slug, _ in said(talk)] == [(5, 1), (5, 1)]
+
+
 def test_a_write_that_is_refused_in_part_is_told_for_the_rest() -> None:
     """Of two variables the CPU writes one. That is no refusal of the whole, and what it refused is no write."""
     talk = begun()
