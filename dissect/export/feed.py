@@ -9,8 +9,10 @@ from typing import Any, Final
 from dissect.acts.act import Act
 from dissect.engine.observer import Observer
 from dissect.engine.pipeline import Pipeline
+from dissect.export import pdu_columns, value_columns
 from dissect.export.batch import Batch, Part
 from dissect.export.item_columns import ASKED, BEGIN, CODE, ROUTE, Collected, ItemColumns
+from dissect.export.pdu_columns import PduColumns
 from dissect.export.rows import Rows
 from dissect.export.tables import (
     ACTS,
@@ -25,7 +27,8 @@ from dissect.export.tables import (
     VALUES,
     Table,
 )
-from dissect.export.transaction_rows import ENDS, FUNCTION, OWN, STATE, Row, TransactionColumns
+from dissect.export.transaction_rows import ENDS, FILE, FUNCTION, OWN, STATE, Row, TransactionColumns
+from dissect.export.value_columns import ValueColumns
 from dissect.findings.bounds import KEPT
 from dissect.findings.reporter import Finding
 from dissect.inventory.collector import Inventory
@@ -43,7 +46,7 @@ from dissect.variables.collector import Collector
 ROWS: Final = 8192
 _MOST_BYTES: Final = 16 * 1024 * 1024
 #: The tables with most rows, which are collected column by column.
-_BULK: Final = (TRANSACTIONS, ITEMS)
+_BULK: Final = (TRANSACTIONS, ITEMS, VALUES, PDUS)
 
 
 class Sink(ABC):
@@ -69,15 +72,12 @@ class TableFeed(Observer):
         self.counts = dict.fromkeys([table.name for table in self.tables], 0)
         self._sink = sink
         self._context = Context()
-        self._bulk = [table for table in self.tables if table in _BULK]
         self._waiting: dict[str, list[Row]] = {table.name: [] for table in self.tables if table not in _BULK}
         self._connections = self._waiting.get(CONNECTIONS.name)
         self._operations = self._waiting.get(OPERATIONS.name)
         self._acts = self._waiting.get(ACTS.name)
         self._findings = self._waiting.get(FINDINGS.name)
         self._finding_counts = self._waiting.get(FINDING_COUNTS.name)
-        self._pdus = self._waiting.get(PDUS.name)
-        self._values = self._waiting.get(VALUES.name)
         self._collector = Collector()
         self._devices = self._waiting.get(DEVICES.name)
         self._inventory = Inventory()
@@ -90,15 +90,19 @@ class TableFeed(Observer):
     def count_from(self, before: int) -> None:
         """Number findings and PDUs on from ``before``."""
         self._made.count_from(before)
+        if self._pdus is not None:
+            self._pdus.number = before
 
     def _collect(self, files: Sequence[SourceFile]) -> None:
         self._made = Rows(files)
         self._transactions = TransactionColumns(self._made.transactions)
         self._items = ItemColumns(self._made.transactions, self._made.other_items, ROWS, _MOST_BYTES)
+        self._values = ValueColumns(self._made.transactions) if VALUES in self.tables else None
+        self._pdus = PduColumns(self._made.transactions) if PDUS in self.tables else None
         self._collected: Collected | None = None
-        if self._bulk:
-            transactions = self._transactions if TRANSACTIONS in self._bulk else None
-            items = self._items if ITEMS in self._bulk else None
+        if TRANSACTIONS in self.tables or ITEMS in self.tables:
+            transactions = self._transactions if TRANSACTIONS in self.tables else None
+            items = self._items if ITEMS in self.tables else None
             self._collected = Collected(transactions, items, self._made.item_count, ROWS)
 
     def flush(self) -> None:
@@ -113,9 +117,17 @@ class TableFeed(Observer):
                 rows.clear()
         self._transactions.clear()
         self._items.clear()
+        if self._values is not None:
+            self._values.clear()
+        if self._pdus is not None:
+            self._pdus.clear()
 
     def _batch(self, table: Table) -> Batch:
         """Return the rows that were collected of a table in `_BULK`."""
+        if self._values is not None and table is VALUES:
+            return _values(self._values)
+        if self._pdus is not None and table is PDUS:
+            return _pdus(self._pdus)
         if table is TRANSACTIONS:
             done = self._transactions
             parts = [
@@ -176,8 +188,10 @@ class TableFeed(Observer):
             self._inventory.transaction(transaction)
         if self._values is not None:
             self._collector.transaction(transaction)
-            self._values += [self._made.value(row) for row in self._collector.take()]
-            if len(self._values) >= ROWS:
+            full = False
+            for row in self._collector.take():
+                full = self._values.add(row) >= ROWS
+            if full:
                 self.flush()
         if self._collected is not None and self._collected.add(transaction):
             self.flush()
@@ -209,21 +223,59 @@ class TableFeed(Observer):
     def pdu(self, frame: int, time_ns: int, side: Side, octets: bytes, cut: bool) -> None:
         """Add the row of an S7 PDU."""
         if self._pdus is not None:
-            row = self._made.pdu(int(frame), int(time_ns), side.connection, int(side.index), octets, cut)
-            self._add(self._pdus, row)
+            at = int(frame), int(time_ns), side.connection, int(side.index)
+            if self._pdus.pdu(*at, octets, cut) >= ROWS:
+                self.flush()
 
     def plus_pdu(self, frame: int, time_ns: int, side: Side, octets: bytes, cut: bool) -> None:
         """Add the row of an S7comm-plus PDU."""
         if self._pdus is not None:
-            row = self._made.plus_pdu(int(frame), int(time_ns), side.connection, int(side.index), octets, cut)
-            self._add(self._pdus, row)
+            at = int(frame), int(time_ns), side.connection, int(side.index)
+            if self._pdus.plus_pdu(*at, octets, cut) >= ROWS:
+                self.flush()
 
     def scd(self, frame: int, time_ns: int, side: Side, found: ScdMessage) -> None:
         """Add the row of an SCD message from a connection of its own."""
-        if self._pdus is not None:
-            self._add(self._pdus, self._made.scd(found, side.connection))
+        if self._pdus is not None and self._pdus.scd(found, side.connection) >= ROWS:
+            self.flush()
 
     def _add(self, rows: list[Row], row: Row) -> None:
         rows.append(row)
         if len(rows) >= ROWS:
             self.flush()
+
+
+def _values(found: ValueColumns) -> Batch:
+    parts = [
+        Part(value_columns.ROUTE, found.routes.rows, found.routes_at),
+        Part(value_columns.VARIABLE, found.variables.rows, found.variables_at),
+        Part(FILE, found.packets.files.rows, found.packets.files_at),
+    ]
+    columns: dict[str, Sequence[Any]] = {
+        "frame": found.packets.frames,
+        "ts_ns": found.times,
+        "number": found.numbers,
+        "text": found.texts,
+        "data": found.data,
+        "changed": found.changed,
+        "previous_number": found.previous,
+        "remark": found.remarks,
+    }
+    return Batch(VALUES, parts, columns)
+
+
+def _pdus(found: PduColumns) -> Batch:
+    parts = [
+        Part(pdu_columns.ROUTE, found.routes.rows, found.routes_at),
+        Part(pdu_columns.KIND, found.kinds.rows, found.kinds_at),
+        Part(FILE, found.packets.files.rows, found.packets.files_at),
+    ]
+    columns: dict[str, Sequence[Any]] = {
+        "pdu": found.numbers,
+        "frame": found.packets.frames,
+        "ts_ns": found.times,
+        "pdu_ref": found.references,
+        "bytes": found.sizes,
+        "malformed": found.malformed,
+    }
+    return Batch(PDUS, parts, columns)

@@ -2,36 +2,27 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator, Sequence
 from typing import Any
 
 from dissect.acts.act import Act
-from dissect.export.item_columns import rounded
 from dissect.export.keys import connection_community_id, connection_uid
 from dissect.export.tables import DEVICES, INT, Column
 from dissect.export.transaction_rows import Row, TransactionRows
+from dissect.export.value_columns import shown
 from dissect.findings.catalogue import CATALOGUE
 from dissect.findings.ledger import Ledger, Occurrences, Pair
 from dissect.findings.reporter import Finding
 from dissect.inventory.model import Device
 from dissect.inventory.rows import device_row
-from dissect.iso.upper import S7COMM, S7COMM_PLUS, SCD, UPPER_NAMES
-from dissect.report.item_json import value_text
 from dissect.report.words import Places
-from dissect.s7.message import Pdu, parse_pdu
-from dissect.s7plus.message import PlusPdu, parse_plus
-from dissect.s7plus.tables import FUNCTIONS as PLUS_FUNCTIONS
-from dissect.s7plus.tables import NOTIFICATION, OPCODES
 from dissect.select.items import ItemFacts, plus_facts, scd_facts
 from dissect.source.packet import SourceFile
 from dissect.tcp.link import vlan_ids
 from dissect.transactions.connection import Connection
 from dissect.transactions.good_items import good_octets
 from dissect.transactions.operation import Operation
-from dissect.transactions.payloads import ScdMessage
 from dissect.transactions.transaction import Transaction
-from dissect.variables.model import ValueRow
 from dissect.wire.text import encodable
 
 
@@ -41,11 +32,10 @@ class Rows:
     def __init__(self, files: Sequence[SourceFile]) -> None:
         self._hot = TransactionRows(files)
         self._before = 0
-        self._pdus = 0
 
     def count_from(self, before: int) -> None:
-        """Begin to number findings and PDUs after ``before``."""
-        self._before = self._pdus = before
+        """Begin to number findings after ``before``."""
+        self._before = before
 
     # ---- connections ------------------------------------------------------------------------------------------------
 
@@ -121,29 +111,7 @@ class Rows:
         facts += [scd_facts(row) for found in transaction.scd for row in found.values]
         return [_facts(fact) for fact in facts]
 
-    def value(self, row: ValueRow) -> Row:
-        """Return the row of a value of a variable."""
-        variable = row.variable
-        return (
-            int(row.connection),
-            *self._hot.files.locate(int(row.frame)),
-            int(row.time_ns),
-            row.host,
-            row.plc.host,
-            row.how,
-            bool(row.writes),
-            encodable(variable.address),
-            encodable(variable.tag) or None,
-            variable.type or None,
-            variable.unit or None,
-            *_shown(row.value),
-            row.data,
-            bool(row.changed) if not row.first else None,
-            _shown(row.previous)[0],
-            encodable(row.remark) or None,
-        )
-
-    # ---- operations, findings, PDUs ---------------------------------------------------------------------------------
+    # ---- operations, findings ---------------------------------------------------------------------------------------
 
     def operation(self, operation: Operation) -> Row:
         """Return the row of an operation."""
@@ -292,43 +260,6 @@ class Rows:
         }
         return tuple([_device_cell(column, known, said) for column in DEVICES.stored])
 
-    def pdu(self, frame: int, time_ns: int, connection: Connection, side: int, octets: bytes, cut: bool) -> Row:
-        """Return the row of an S7 PDU."""
-        pdu = parse_pdu(octets, frame, time_ns, int(connection.number), side, cut)
-        return (*self._message(frame, time_ns, connection, side), *_pdu(pdu), len(octets), cut, _malformed(pdu))
-
-    def plus_pdu(self, frame: int, time_ns: int, connection: Connection, side: int, octets: bytes, cut: bool) -> Row:
-        """Return the row of an S7comm-plus PDU."""
-        pdu = parse_plus(octets, frame, time_ns, int(connection.number), side, cut)
-        return (*self._message(frame, time_ns, connection, side), *_plus(pdu), len(octets), cut, _malformed(pdu))
-
-    def scd(self, found: ScdMessage, connection: Connection) -> Row:
-        """Return the row of an SCD message."""
-        message = found.message
-        return (
-            *self._message(int(found.frame), int(found.time_ns), connection, int(found.side)),
-            UPPER_NAMES[SCD],
-            message.phase or None,
-            message.tid if "tid" in message.numbers else None,
-            None,
-            f"SCD {message.service}" if message.service else None,
-            *(None,) * 4,
-            len(found.octets),
-            False,
-            [],
-        )
-
-    def _message(self, frame: int, time_ns: int, connection: Connection, side: int) -> Row:
-        self._pdus += 1
-        return (
-            self._pdus,
-            int(connection.number),
-            *self._hot.files.locate(frame),
-            time_ns,
-            *self._hot.ends(connection),
-            side == connection.client_side,
-        )
-
 
 def _device_cell(column: Column, known: dict[str, Any], said: dict[str, str]) -> Any:
     if column.name in known:
@@ -339,23 +270,11 @@ def _device_cell(column: Column, known: dict[str, Any], said: dict[str, str]) ->
     return encodable(text) or None
 
 
-def _shown(value: object) -> tuple[float | None, str | None]:
-    if value is None:
-        return None, None
-    if isinstance(value, (int, float)):
-        return float(value), rounded(value) if isinstance(value, int) else None
-    if isinstance(value, str):
-        return None, encodable(value)
-    if isinstance(value, list):
-        return None, value_text(value)
-    return None, json.dumps(value, default=str)
-
-
 def _facts(facts: ItemFacts) -> Row:
     """Return the columns of an item of another protocol, from its name on."""
     place, code = facts.place, facts.return_code
     found = facts.values
-    value, text = _shown(found[0] if len(found) == 1 else found or None)
+    value, text = shown(found[0] if len(found) == 1 else found or None)
     start = place.start if place is not None and place.area >= 0 else None
     number = code.number if code is not None else None
     return (
@@ -374,42 +293,3 @@ def _facts(facts: ItemFacts) -> Row:
         text,
         facts.data,
     )
-
-
-def _pdu(pdu: Pdu) -> Row:
-    """Return the columns from protocol to item count."""
-    parameters = pdu.parameters
-    head = parameters.userdata
-    code = int(pdu.function)
-    error = None
-    if head is not None:
-        error = int(head.error_code)
-    elif pdu.error_class >= 0:
-        error = int(pdu.error_class) << 8 | max(0, int(pdu.error_code))
-    return (
-        UPPER_NAMES[S7COMM],
-        pdu.rosctr_name if pdu.rosctr >= 0 else None,
-        int(pdu.pdu_ref) if pdu.pdu_ref >= 0 else None,
-        code if code >= 0 else None,
-        pdu.function_name or None,
-        int(head.group) if head is not None else None,
-        int(head.subfunction) if head is not None else None,
-        error,
-        int(parameters.item_count) if parameters.item_count >= 0 else None,
-    )
-
-
-def _plus(pdu: PlusPdu) -> Row:
-    code = int(pdu.function)
-    return (
-        UPPER_NAMES[S7COMM_PLUS],
-        OPCODES.name(pdu.opcode) if pdu.opcode >= 0 else None,
-        pdu.sequence if pdu.sequence >= 0 and pdu.opcode != NOTIFICATION else None,
-        code if code >= 0 else None,
-        PLUS_FUNCTIONS.name(code) if code >= 0 else None,
-        *(None,) * 4,
-    )
-
-
-def _malformed(pdu: Pdu | PlusPdu) -> list[str]:
-    return [encodable(str(one)) for one in pdu.malformed]

@@ -124,6 +124,38 @@ class Files:
             self._end = int(file.first_frame)
 
 
+#: The column that `Packets.files` has.
+FILE: Final = ("file",)
+
+
+class Packets:
+    """Collects packets: ``files`` are the names of files, ``files_at`` the index there of each packet, ``frames`` its number."""
+
+    def __init__(self, files: Files) -> None:
+        self._files: Files = files
+        self._name: str | None = None  # of the file of the latest packet, and its index
+        self._at: int = -1
+        self.files: Shared = Shared([])
+        self.files_at: list[int] = []
+        self.frames: list[int] = []
+
+    def add(self, frame: i64) -> None:
+        """Add packet ``frame`` of the run, which is not 0."""
+        name = self._files.name(frame)
+        if name is not self._name or self._at < 0:
+            self._name = name
+            self._at = self.files.at((name,))
+        self.files_at.append(self._at)
+        self.frames.append(self._files.number(frame) or 0)
+
+    def clear(self) -> None:
+        """Begin new lists; the present ones stay with whoever took them."""
+        self.files_at = []
+        self.frames = []
+        if self.files.bounded():
+            self._at = -1
+
+
 class TransactionRows:
     """Makes the columns of transactions; ``files`` are those of the run, to which more may be added while it goes on."""
 
