@@ -129,7 +129,7 @@ FILE: Final = ("file",)
 
 
 class Packets:
-    """Collects packets: ``files`` are the names of files, ``files_at`` the index there of each packet, ``frames`` its number."""
+    """Collects packets: ``files`` are names of files, ``files_at`` the index there of each packet, ``frames`` its number."""
 
     def __init__(self, files: Files) -> None:
         self._files: Files = files
