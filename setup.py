@@ -19,6 +19,7 @@ from __future__ import annotations
 import ast
 import os
 import re
+import runpy
 import shutil
 import subprocess
 import sys
@@ -433,6 +434,8 @@ def extensions() -> list[Extension]:
     return compiled
 
 
+#: What the attributes of public classes are.
+ATTRIBUTES: Final = "dissect/wire/attribute_tables.py"
 #: How the signature of a method ends in C.
 DOC_END: Final = '")},'
 
@@ -460,14 +463,17 @@ def keep_docs(source: str) -> None:
 
 @cache
 def docs_of(module: str) -> dict[tuple[str, str], str]:
-    """Return the docstrings of a module's functions and methods, by class (empty for none) and name."""
+    """Return the docstrings of a module's functions, methods and attributes, by class (empty for none) and name."""
     found: dict[tuple[str, str], str] = {}
+    attributes = runpy.run_path(ATTRIBUTES)["ATTRIBUTES"]
     tree = ast.parse(Path(*module.split(".")).with_suffix(".py").read_text(encoding="utf-8"))
     for owner in [tree, *[node for node in tree.body if isinstance(node, ast.ClassDef)]]:
         for node in owner.body:
             if isinstance(node, ast.FunctionDef):
                 name = owner.name if isinstance(owner, ast.ClassDef) else ""
                 found.setdefault((name, node.name), ast.get_docstring(node) or "")
+        if isinstance(owner, ast.ClassDef):
+            found.update({(owner.name, name): said for name, said in attributes.get(owner.name, {}).items()})
     return found
 
 

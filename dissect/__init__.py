@@ -93,10 +93,24 @@ else:
             message = f"module {__name__!r} has no attribute {name!r}"
             raise AttributeError(message)
         value = getattr(importlib.import_module(home), name)
-        if isinstance(value, type) and not value.__doc__:
-            value.__doc__ = _written_doc(value.__module__, name)
+        if isinstance(value, type):
+            _document(value, name)
         globals()[name] = value
         return value
+
+
+def _document(kind: type, name: str) -> None:
+    """Give a class its text, with its attributes, which have no docstrings of their own."""
+    from inspect import cleandoc
+
+    from dissect.wire.attribute_tables import ATTRIBUTES
+
+    members = ATTRIBUTES.get(name, {})
+    text = kind.__doc__ or _written_doc(kind.__module__, name) or ""
+    if members and "\nAttributes:\n" not in text:
+        lines = [f"    {attribute}: {said}" for attribute, said in members.items()]
+        text = "\n".join([cleandoc(text), "", "Attributes:", *lines])
+    kind.__doc__ = text
 
 
 def _written_doc(home: str, name: str) -> str | None:

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Final
 
 import dissect
+from dissect.wire.attribute_tables import ATTRIBUTES
 
 ROOT: Final = Path(dissect.__file__).parent
 
@@ -258,8 +259,9 @@ def definition(name: str) -> ast.ClassDef | ast.FunctionDef:
 
 
 def members(node: ast.ClassDef) -> list[str]:
-    """Return the rows of the table of a class: its properties and methods that are public."""
-    rows = []
+    """Return the rows of the table of a class: its attributes, properties and methods that are public."""
+    attributes = ATTRIBUTES.get(node.name, {}).items()
+    rows = [f"| `{name}` | {reworded(first(said))} |" for name, said in attributes if "internal" not in said]
     for one in node.body:
         if isinstance(one, ast.FunctionDef) and not one.name.startswith("_") and ast.get_docstring(one):
             marks = {each.id for each in one.decorator_list if isinstance(each, ast.Name)}

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import ast
 import copy
 import functools
 import json
 import multiprocessing
 import pickle
 import pydoc
+import sys
 from collections.abc import Callable, Iterable
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
@@ -17,6 +19,7 @@ import pytest
 
 import dissect
 from dissect.transactions.transaction import OUTCOMES
+from dissect.wire.attribute_tables import ATTRIBUTES
 
 CAPTURES: Final = Path(__file__).parents[1] / "captures"
 PLANT: Final = CAPTURES / "scd" / "plant.toml"
@@ -152,6 +155,54 @@ def test_public_classes_have_help(name: str) -> None:
     text = pydoc.plain(pydoc.render_doc(getattr(dissect, name)))
     assert f"class {name}" in text
     assert " object at 0x" not in "".join([repr(one) for one in MADE[name]()[:3]]) or name in {"Observer", "Pipeline"}
+
+
+def declared(name: str) -> set[str]:
+    """Return the public attributes of a class as its source has them."""
+    home = kind_of(name).__module__
+    source = Path(dissect.__file__).parent.joinpath(*home.split(".")[1:]).with_suffix(".py").read_text("utf-8")
+    (node,) = [one for one in ast.parse(source).body if isinstance(one, ast.ClassDef) and one.name == name]
+    found = set()
+    for one in node.body:
+        if isinstance(one, ast.AnnAssign) and isinstance(one.target, ast.Name):
+            found.add(one.target.id)
+        if isinstance(one, ast.FunctionDef) and one.name == "__init__":
+            found |= {
+                target.attr
+                for inner in ast.walk(one)
+                if isinstance(inner, (ast.Assign, ast.AnnAssign))
+                for target in (inner.targets if isinstance(inner, ast.Assign) else [inner.target])
+                if isinstance(target, ast.Attribute) and ast.unparse(target.value) == "self"
+            }
+    return {
+        one for one in found if not one.startswith("_") and not isinstance(getattr(kind_of(name), one, 0), property)
+    }
+
+
+def kind_of(name: str) -> type:
+    found = getattr(dissect, name)
+    assert isinstance(found, type)
+    return found
+
+
+@pytest.mark.parametrize("name", sorted(name for name in dissect._PUBLIC if name[0].isupper()))
+def test_every_member_says_what_it_is(name: str) -> None:
+    """Methods and properties in their docstring, attributes in the text of their class; compiled, also in their own."""
+    kind, table = kind_of(name), ATTRIBUTES.get(name, {})
+    shown = pydoc.plain(pydoc.render_doc(kind))
+    inherited = {one for above in kind.__mro__[1:] for one in ATTRIBUTES.get(above.__name__, {})}
+    missing = declared(name) - {one for one, said in table.items() if f"{one}: {said}" in " ".join(shown.split("\n"))}
+    assert missing - inherited == set()
+    assert not {one for one in table if one not in declared(name) | inherited and not hasattr(kind, one)}
+    members = {one: value for one, value in vars(kind).items() if not one.startswith("_")}
+    compiled = is_compiled(kind)
+    silent = [one for one, value in members.items() if not value.__doc__ and (compiled or one not in table)]
+    assert silent == []
+
+
+def is_compiled(kind: type) -> bool:
+    """Tell whether a class is one of mypyc's."""
+    return not str(getattr(sys.modules[kind.__module__], "__file__", "")).endswith(".py")
 
 
 def test_what_is_shared_stays_shared() -> None:
