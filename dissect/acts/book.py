@@ -12,7 +12,7 @@ from dissect.acts.tables import ACCEPTED
 from dissect.acts.tables import REFUSED as REFUSED_ACT
 from dissect.s7.services import BLOCK_SERVICES
 from dissect.s7.tables import PI_SERVICE, REQUEST_DOWNLOAD, START_UPLOAD
-from dissect.s7plus.events import Event
+from dissect.s7plus.event import Event
 from dissect.transactions.operation import (
     DELETE,
     DONE,

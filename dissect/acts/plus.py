@@ -7,6 +7,7 @@ from typing import Final
 from dissect.acts import tables as kinds
 from dissect.acts.act import Act, act_of
 from dissect.s7plus import events, loads
+from dissect.s7plus.event import Event
 from dissect.transactions.operation import CONTROL, TEST_JOB
 from dissect.transactions.transaction import Transaction
 from dissect.wire.text import shortened
@@ -32,7 +33,7 @@ _VERBS: Final[dict[str, str]] = {loads.LOADED: "load ", events.REMOVED: "delete 
 TEXT: Final = 200
 
 
-def act_of_event(event: events.Event, transaction: Transaction, code: int) -> Act | None:
+def act_of_event(event: Event, transaction: Transaction, code: int) -> Act | None:
     """Return the act that an event is; None if it is none. ``code`` is its error, 0 for none."""
     kind = _ACTS.get(event.kind, "")
     if not kind:

@@ -19,7 +19,7 @@ from dissect.export.attack_tables import TACTICS, TECHNIQUES
 from dissect.export.forms import ECS_PARTS, Export, Request
 from dissect.export.keys import connection_community_id, connection_uid
 from dissect.export.rows import Rows
-from dissect.export.tables import CONNECTIONS, FINDING_COUNTS, FINDINGS, Table
+from dissect.export.tables import CONNECTIONS, FINDING_COUNTS, FINDINGS
 from dissect.findings.bounds import KEPT
 from dissect.findings.catalogue import CAPTURE, CATALOGUE
 from dissect.findings.reporter import Finding
@@ -167,7 +167,7 @@ class EcsExport(Export, Observer):
     def connection_closed(self, connection: Connection) -> None:
         """Write a connection that is over."""
         self._context.closed(connection)
-        row = _named(CONNECTIONS, self._rows.connection(connection))
+        row = CONNECTIONS.named(self._rows.connection(connection))
         told = self._document("connection", row["end_ns"], connection, None)
         told["event"] |= {
             "kind": "event",
@@ -230,7 +230,7 @@ class EcsExport(Export, Observer):
         if "findings" not in self._files or finding.room != KEPT:
             return
         connection = self._context.connection(int(finding.connection))
-        row = _named(FINDINGS, self._rows.finding(finding, connection))
+        row = FINDINGS.named(self._rows.finding(finding, connection))
         rule = finding.rule
         of_capture = rule.kind == CAPTURE  # says how good the capture is, and nothing of the network
         kind = "capture_quality" if of_capture else "finding"
@@ -276,7 +276,7 @@ class EcsExport(Export, Observer):
         """Write the facts of each rule, of all its events."""
         counters = pipeline.counters
         for row in self._rows.finding_counts(pipeline.exchange.ledger, counters.earliest_ns, counters.latest_ns):
-            named = _named(FINDING_COUNTS, row)
+            named = FINDING_COUNTS.named(row)
             told = self._document("finding_counts", named["end_ns"] or 0, None, None)
             rule = CATALOGUE[named["slug"]]
             told["event"] |= {
@@ -347,10 +347,6 @@ class EcsExport(Export, Observer):
         told["event"]["id"] = base64.urlsafe_b64encode(digest).decode("ascii")  # the same in each run
         file.write(json.dumps(told, separators=(",", ":")).replace("\x7f", "\\u007f") + "\n")
         self._counts[name] += 1
-
-
-def _named(table: Table, row: tuple[Any, ...]) -> dict[str, Any]:
-    return dict(zip([column.name for column in table.stored], row, strict=True))
 
 
 def _ip(end: Endpoint) -> str:

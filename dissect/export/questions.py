@@ -236,7 +236,7 @@ ORDER BY period_ms, client_host, server_host, what, length""",
 WITH polls AS (
   SELECT i.ts, i.ts_ns, i.transaction, i.connection, i.client_host, i.server_host, coalesce(i.name, i.address) AS what,
          coalesce(i.count, 1) AS length,
-         CASE WHEN t.reason = 'hole' THEN 'lost' WHEN t.outcome = 'unanswered' AND t.failed THEN 'unanswered'
+         CASE WHEN t.reason IN ('hole', 'one_sided') THEN 'lost' WHEN t.outcome = 'unanswered' AND t.failed THEN 'unanswered'
               WHEN i.refused THEN 'refused' WHEN t.outcome = 'answered' THEN 'arrived' END AS state
   FROM items i JOIN transactions t USING (transaction)
   WHERE i.operation = 'read' AND i.address IS NOT NULL AND (getvariable('address') IS NULL OR {_TOUCHES})),

@@ -7,8 +7,8 @@ same time as a timestamp.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from typing import Final, NamedTuple
+from collections.abc import Iterable, Sequence
+from typing import Any, Final, NamedTuple
 
 from dissect.config.hints import close_names
 
@@ -48,6 +48,10 @@ class Table(NamedTuple):
     def stored(self) -> list[Column]:
         """The columns that are not derived: a row has their values."""
         return [column for column in self.columns if not column.of]
+
+    def named(self, row: Sequence[Any]) -> dict[str, Any]:
+        """Return the values of a row by their columns."""
+        return dict(zip([column.name for column in self.stored], row, strict=True))
 
     def position(self, name: str) -> int:
         """Return the index of a column's value in a row. Raises KeyError for an unknown column."""
@@ -141,7 +145,7 @@ TRANSACTIONS: Final = Table(
         Column("subfunction", INT, "", "subfunction of userdata", "UserdataHead.subfunction"),
         Column("about", TEXT, "", "what a request without items is about, for example the SZL", "Facet.subject_whole"),
         Column("outcome", WORD, "", "its outcome, such as answered or unanswered (docs/json.md)", "Transaction.outcome"),
-        Column("reason", WORD, "", "why there is no answer; hole: it was not captured", "Transaction.reason"),
+        Column("reason", WORD, "", "why there is no answer; hole, one_sided: it was not captured", "Transaction.reason"),
         Column("certainty", WORD, "", "sure or likely: of a pair, push or answer not captured", "Transaction.certainty"),
         Column("doubt", WORD, "", "why a pair or push is only likely: gaps, or alike (docs/json.md)", "Transaction.doubt"),
         Column("failed", BOOL, "", "refused in whole or in part, or without the answer that was due", "Transaction.failed"),

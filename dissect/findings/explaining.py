@@ -26,7 +26,6 @@ from dissect.transactions.side import Side
 from dissect.transactions.transaction import (
     CONNECTION_CLOSED,
     CONNECTION_EVICTED,
-    HOLE,
     UNANSWERED,
     Transaction,
 )
@@ -180,7 +179,7 @@ class Causes:
                 self._kept -= 1
         if transaction.outcome == UNANSWERED:
             if suspects is not None and suspects.ways:
-                seen: bool = transaction.reason != HOLE and not transaction.unseen
+                seen: bool = not transaction.unseen
                 for way in suspects.ways:
                     way.give_up(transaction.number, seen)
                 self._settle(connection.number, suspects, now_ns)
@@ -190,7 +189,7 @@ class Causes:
 
     def _silence(self, transaction: Transaction, suspects: _Suspects | None, now_ns: i64) -> Finding | None:
         """Return why a request stays unanswered that is not at fault itself."""
-        if transaction.reason == HOLE or transaction.unseen:
+        if transaction.unseen:
             return None
         ending = transaction.connection.ending
         by_server: bool = ending is not None and ending.side == 1 - transaction.asked_by

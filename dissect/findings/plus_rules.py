@@ -17,6 +17,7 @@ from dissect.findings.security_rules import SecurityWatch
 from dissect.s7.items import WRITTEN_ELSEWHERE, WRITTEN_IO
 from dissect.s7plus.check import check
 from dissect.s7plus.check_response import count_mismatch
+from dissect.s7plus.event import Event, Facts
 from dissect.s7plus.events import (
     READ_OUT,
     REPLAYED,
@@ -27,8 +28,6 @@ from dissect.s7plus.events import (
     SUBSCRIBED_ALARMS,
     WRITTEN,
     WRITTEN_OUTPUTS,
-    Event,
-    Facts,
     take,
 )
 from dissect.s7plus.program import Program

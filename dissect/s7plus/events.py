@@ -13,6 +13,7 @@ from dissect.s7plus.bodies import parse_contents
 from dissect.s7plus.check import Check, check
 from dissect.s7plus.contents import Address, Contents, Made
 from dissect.s7plus.cursor import table
+from dissect.s7plus.event import Event, Facts
 from dissect.s7plus.identification import IDENTIFICATION
 from dissect.s7plus.ids import AREAS, BLOCK_KINDS, PASSWORDS, PROTECTIONS, block_name
 from dissect.s7plus.loads import (
@@ -74,7 +75,6 @@ from dissect.s7plus.tables import (
 from dissect.s7plus.value_showing import value_text
 from dissect.s7plus.values import Blob, Value
 from dissect.s7plus.walk import MAX_WORK, Wanted
-from dissect.wire.malformed import Malformed
 from dissect.wire.octets import u32
 from dissect.wire.varint import VLQ, build_varint, read_varint
 
@@ -139,38 +139,6 @@ _BIT_7: Final = 0x80
 _WRITES: Final = frozenset((WRITTEN, WRITTEN_OUTPUTS))
 #: Areas of the outputs.
 OUTPUTS: Final = frozenset((81,))
-
-
-class Event:
-    """An event: its kind, a text of what it is about, and the id of the object that it is about (0 for none).
-
-    ``refusal`` is the error of its own item in a write of several (lower 16 bits of the return value): 0 if the item was
-    written, -1 if only the return value of the whole response counts. Text from the wire is not escaped.
-    """
-
-    __slots__ = ("kind", "object_id", "refusal", "text")
-
-    def __init__(self, kind: str, text: str, object_id: int = 0) -> None:
-        self.kind = kind
-        self.text = text
-        self.object_id = object_id
-        self.refusal = -1
-
-
-class Facts:
-    """The result of `take`: events, and faults of the contents, with offsets from the beginning of the PDU.
-
-    ``exhausted``: a PDU takes more work than `MAX_WORK`, so that its content is unknown. The first ``in_request`` faults in
-    ``malformed`` are in the request; the others are in its response, or in a notification.
-    """
-
-    __slots__ = ("events", "exhausted", "in_request", "malformed")
-
-    def __init__(self) -> None:
-        self.exhausted = False
-        self.in_request = 0
-        self.events: list[Event] = []
-        self.malformed: list[Malformed] = []
 
 
 def take(

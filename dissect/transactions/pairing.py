@@ -70,6 +70,7 @@ from dissect.transactions.transaction import (
     ANSWERED,
     CAPTURE_ENDED,
     HOLE,
+    ONE_SIDED,
     PUSH,
     REFERENCE_REUSED,
     TABLE_FULL,
@@ -543,6 +544,7 @@ class Dialogue:
                 transaction.reason = HOLE
                 transaction.flags |= GAPS
             elif not answering.captured:
+                transaction.reason = ONE_SIDED
                 transaction.flags |= EXPECTED
         transaction.connection.unanswered += 1
         self.also.append(transaction)

@@ -14,6 +14,7 @@ from dissect.s7plus.assembly import MAX_PDU
 from dissect.s7plus.bodies import parse_contents
 from dissect.s7plus.check import check
 from dissect.s7plus.contents import Address
+from dissect.s7plus.event import Event
 from dissect.s7plus.events import (
     CONFIRMED,
     DELETED,
@@ -25,7 +26,6 @@ from dissect.s7plus.events import (
     SUBSCRIBED,
     SUBSCRIBED_ALARMS,
     TEST_JOB,
-    Event,
 )
 from dissect.s7plus.loads import LOADED
 from dissect.s7plus.message import parse_plus

@@ -37,7 +37,6 @@ from dissect.transactions.payloads import SCD, ScdMessage, ScdParameters
 from dissect.transactions.results import (
     BEHIND,
     DOUBTS,
-    EXPECTED,
     GAPS,
     ITEM,
     MESSAGE,
@@ -79,6 +78,7 @@ OUTCOMES: Final[list[str]] = ["open", "answered", "unanswered", "orphan_answer",
 CONNECTION_CLOSED: Final = "connection_closed"
 CAPTURE_ENDED: Final = "capture_ended"
 HOLE: Final = "hole"
+ONE_SIDED: Final = "one_sided"
 REFERENCE_REUSED: Final = "reference_reused"
 TABLE_FULL: Final = "table_full"
 CONNECTION_EVICTED: Final = "connection_evicted"
@@ -89,6 +89,7 @@ REASON_TEXTS: Final[dict[str, str]] = {
     CONNECTION_CLOSED: "the connection ended before an answer came",
     CAPTURE_ENDED: "the capture ends before an answer came",
     HOLE: "answered, but the answer was not captured",
+    ONE_SIDED: "the direction of the answers was not captured",
     REFERENCE_REUSED: "the requesting side reused the reference without waiting for the answer",
     TABLE_FULL: "too many requests were pending at once; this one was dropped",
     CONNECTION_EVICTED: "too many connections were open at once; this one was dropped",
@@ -336,7 +337,7 @@ class Transaction:
     @property
     def unseen(self) -> bool:
         """True when an answer was or may have been sent, and not captured: a gap, or only one direction was captured."""
-        return self.outcome == UNANSWERED and (self.reason == HOLE or self.flags & EXPECTED != 0)
+        return self.outcome == UNANSWERED and (self.reason == HOLE or self.reason == ONE_SIDED)
 
     @property
     def failed(self) -> bool:

@@ -12,7 +12,7 @@ from typing import Any, Final
 import pytest
 
 from dissect.export.forms import Request
-from dissect.export.zeek.columns import COMMON, LOGS
+from dissect.export.zeek.columns import LOGS, columns_of
 from dissect.export.zeek.export import json_export, tsv_export
 from dissect.export.zeek.log import Log
 from dissect.export.zeek.rows import S7, cotp_row, identification
@@ -22,7 +22,7 @@ from tests.cli.support import run
 from tests.promises import hostile
 from tests.properties import messages
 from tests.properties.messages import dt
-from tests.report.support import ROOT, begun, saved
+from tests.report.support import ROOT, WORD, begun, read, saved
 
 Capture = pytest.CaptureFixture[bytes]
 TRANSFER: Final = ROOT / "captures" / "transfer.pcapng"
@@ -53,7 +53,7 @@ def rows(file: Path) -> list[dict[str, Any]]:
     names = lines[6].split("\t")
     kinds = lines[7].split("\t")
     assert (names[0], kinds[0]) == ("#fields", "#types")
-    assert list(zip(names[1:], kinds[1:], strict=True)) == [*COMMON, *LOGS[file.stem]]
+    assert list(zip(names[1:], kinds[1:], strict=True)) == list(columns_of(file.stem))
     assert lines[-1].startswith("#close\t")
     return [dict(zip(names[1:], line.split("\t"), strict=True)) for line in lines[8:-1]]
 
@@ -267,3 +267,32 @@ def test_the_command_writes_logs(capfdbinary: Capture, tmp_path: Path) -> None:
     assert (ran.code, "Did you mean s7comm" in ran.err) == (2, True)
     ran = run(capfdbinary, "export", TRANSFER, "-o", tmp_path / "x.csv", "--zeek-compat", "strict")
     assert (ran.code, "--zeek-compat needs" in ran.err) == (2, True)
+
+
+def test_acts_and_the_facts_of_findings(tmp_path: Path) -> None:
+    for as_json in (False, True):
+        found = logs(ROOT / "captures/crafted/plus-plant.pcapng", tmp_path / str(as_json), as_json=as_json)
+        acts = found["s7comm_act"]
+        assert picked(acts, "kind", "outcome", "slug", "source_h") == [
+            ("stop", "accepted", "security.plc_stop", "192.0.2.10"),
+            ("start", "accepted", "security.plc_start", "192.0.2.10"),
+            ("download", "accepted", "security.program_change", "192.0.2.10"),
+        ]
+        assert [str(row["transactions"]) for row in acts] == (
+            ["[17]", "[20]", "[19]"] if as_json else ["17", "20", "19"]
+        )
+        counts = {row["slug"]: row for row in found["s7comm_finding_count"] if row["scope"] == "pair"}
+        stop = counts["security.plc_stop"]
+        assert (stop["client_h"], stop["server_h"], str(stop["events"]), str(stop["first_frame"])) == (
+            ("192.0.2.10", "192.0.2.20", "1", "37")
+        )
+        assert "uid" not in stop
+
+
+def test_refusals_are_counted_beyond_those_in_detail(tmp_path: Path) -> None:
+    talk = begun()
+    for number in range(1300):
+        read(talk, number + 1, WORD, 0x0A)
+    found = logs(saved(tmp_path / "a.pcapng", talk.packets()), tmp_path / "logs")
+    rule = next(row for row in found["s7comm_finding_count"] if row["slug"] == "transaction.item_error")
+    assert (rule["scope"], rule["events"], rule["client_h"]) == ("rule", "1300", "-")

@@ -7,7 +7,13 @@ from __future__ import annotations
 
 from typing import Final
 
-from tests.faces import connection_facts, field_facts, record_facts, transaction_facts
+from tests.faces import act_facts, connection_facts, field_facts, record_facts, transaction_facts
 from tests.faces.cells import Fact
 
-FACTS: Final[list[Fact]] = [*connection_facts.ROWS, *transaction_facts.ROWS, *field_facts.ROWS, *record_facts.ROWS]
+FACTS: Final[list[Fact]] = [
+    *connection_facts.ROWS,
+    *transaction_facts.ROWS,
+    *field_facts.ROWS,
+    *record_facts.ROWS,
+    *act_facts.ROWS,
+]

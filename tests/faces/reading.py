@@ -251,8 +251,8 @@ def _log(lines: list[str]) -> Iterator[dict[str, Any]]:
 
 
 def _cell(kind: str, text: str) -> Any:
-    if kind == "vector[string]":
-        return [_unescaped(one) for one in text.split(",")] if text != "(empty)" else []
+    if kind.startswith("vector["):
+        return [_cell(kind[7:-1], one) for one in text.split(",")] if text != "(empty)" else []
     if kind in {"count", "port"}:
         return int(text)
     if kind in {"time", "interval"}:

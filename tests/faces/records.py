@@ -224,7 +224,9 @@ def _added(told: Told) -> Iterable[tuple[Hashable, Record]]:
     found: Record = {"total": len(rows), "with_errors": sum([bool(row["errors"]) for row in rows])}
     found |= {name: outcomes[name] for name in ("answered", "orphan_answer", "unsolicited", "behind_malformed")}
     found["likely"] = sum([row["doubt"] is not None for row in rows])
-    found["not_captured"] = sum([row["outcome"] == "unanswered" and row["reason"] == "hole" for row in rows])
+    found["not_captured"] = sum(
+        [row["outcome"] == "unanswered" and row["reason"] in {"hole", "one_sided"} for row in rows]
+    )
     found["unanswered"] = outcomes["unanswered"]
     found["connections"] = len(links)
     found["missing"] = sum([row["missing_bytes"] for row in links])
@@ -309,6 +311,7 @@ def end(host: str | None, port: int | None) -> str | None:
     return f"[{host}]:{port}" if ":" in host else f"{host}:{'' if port is None else port}"
 
 
+_COUNTS: Final = "zeek-json.s7comm_finding_count"
 #: By kind of record its faces; where several have a fact, the first is the one that the others are compared with.
 FACES: Final[dict[str, tuple[Face, ...]]] = {
     "capture": (
@@ -326,6 +329,12 @@ FACES: Final[dict[str, tuple[Face, ...]]] = {
         Face("tables", "tables", lambda told: _by(_rules(told.rows["finding_counts"]), "slug")),
         Face("ecs", "json", lambda told: _by(_rule_documents(told), "slug")),
         Face("text", "people", lambda told: _by(people.findings(_report(told)), "slug")),
+        Face("zeek", "zeek", lambda told: _by(_rules(told.documents.get(_COUNTS, [])), "slug")),
+    ),
+    "act": (
+        Face("link", "tables", lambda told: _links(told, _by_face("act", "tables", told)), False),
+        Face("tables", "tables", lambda told: _by(told.rows["acts"], "act")),
+        Face("zeek", "zeek", lambda told: _by(told.documents.get("zeek-json.s7comm_act", []), "act")),
     ),
     "detailed": (
         Face("tables", "tables", lambda told: _slugs([row["slug"] for row in told.rows["findings"]])),

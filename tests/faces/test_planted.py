@@ -217,7 +217,7 @@ def _set(*path: str, to: Any) -> Callable[[Record], None]:
     return change
 
 
-#: What a face would write if it were wrong, by kind of record, fact and face; all in one capture.
+#: What a face would write if it were wrong, by kind of record, fact and face; all in one capture, acts in another.
 WRITTEN: Final[dict[tuple[str, str, str], Callable[[Told], None]]] = {
     ("capture", "packets", "text"): in_lines("analysis", "text", r"26 of 26 packets", "26 of 27 packets"),
     ("capture", "with_errors", "text"): in_lines("analysis", "text", r"^(Transactions.*)7 with errors", r"\g<1>8 with errors"),
@@ -226,6 +226,9 @@ WRITTEN: Final[dict[tuple[str, str, str], Callable[[Told], None]]] = {
     ("slug", "count", "text"): in_lines("analysis", "text", r"item_error \(13 times\)", "item_error (14 times)"),
     ("slug", "count", "tables"): in_rows("finding_counts", "events", 99),
     ("slug", "reports", "ecs"): in_document("ecs.finding_counts", _set("s7dissect", "reports", to=99)),
+    ("slug", "count", "zeek"): in_document("zeek-json.s7comm_finding_count", _set("events", to=99)),
+    ("act", "bytes", "tables"): in_rows("acts", "bytes", 99),
+    ("act", "outcome", "zeek"): in_document("zeek-json.s7comm_act", _set("outcome", to="refused_")),
     ("detailed", "count", "tables"): in_rows("findings", "slug", "transaction.slow"),
     ("kind", "results", "tables"): in_rows("operations", "result", "failed"),
     ("connection", "ended", "text"): in_lines("analysis", "text", r"closed by the client", "reset by the client"),
@@ -278,7 +281,7 @@ WRITTEN: Final[dict[tuple[str, str, str], Callable[[Told], None]]] = {
 @pytest.mark.parametrize("case", WRITTEN, ids=" ".join)
 def test_a_difference_in_what_a_face_writes_is_found(case: tuple[str, str, str]) -> None:
     record, fact, _ = case
-    one = copy.deepcopy(told("item-errors.pcapng"))
+    one = copy.deepcopy(told("item-errors.pcapng" if record != "act" else "crafted/plus-plant.pcapng"))
     before = set(compare_all(one))
     WRITTEN[case](one)
     found = set(compare_all(one)) - before

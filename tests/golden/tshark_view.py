@@ -182,6 +182,7 @@ class Shown:
         self.refused = ""
         self.ended = ""
         self.farewell = ""
+        self._heard: set[str] = set()
         self._lost: set[str] = set()
         self._waiting: dict[tuple[str, bool, int], list[Deal]] = defaultdict(list)
 
@@ -193,7 +194,8 @@ class Shown:
                 deal.reason = deal.reason or "hole"
 
     def take_tcp(self, sender: str, flags: int) -> None:
-        """Look at how a connection begins and ends."""
+        """Look at how a connection begins and ends, and who was captured at all."""
+        self._heard.add(sender)
         if flags & _SYN:
             self.begun = True
             if not flags & _ACKNOWLEDGES:
@@ -252,7 +254,9 @@ class Shown:
             pdu = deal.first
             client = (pdu.sender == self.client) == (deal.asked is not None or pdu.pushes)
             deal.who = "client" if client else "server"
-            if deal.asked is not None:
+            if deal.asked is not None and deal.told is None and self._heard == {deal.asked.sender}:
+                deal.reason = "one_sided"
+            elif deal.asked is not None:
                 closed = self.ended and not self.ended.startswith("error_tpdu")
                 deal.reason = deal.reason or ("connection_closed" if closed else "capture_ended")
         how, _, sender = self.ended.partition(" ")

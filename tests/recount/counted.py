@@ -8,6 +8,9 @@ from typing import Final
 from tests.recount.recount import Json, item_errors
 
 _WRITE: Final = 5
+#: What writes variables in S7comm-plus, and what may do so in contents that its row does not show as items.
+_PLUS_WRITE: Final = "SetMultiVariables"
+_PLUS_ALSO: Final = frozenset(("SetVariable", "SetVarSubStreamed"))
 _OUTPUTS: Final = frozenset((0x80, 0x82))
 #: Kinds of messages of S7comm with functions: others are judged by what they carry.
 _JOB: Final = 1
@@ -25,12 +28,18 @@ def _refused(rows: list[Json]) -> list[Json] | None:
 
 
 def _writes(rows: list[Json]) -> list[Json] | None:
-    """Writes of S7comm; None where other functions write as well."""
-    if any([one.get("s7plus") or one.get("protocol") for one in rows]):
-        return None
+    """Writes to areas, of S7comm and S7comm-plus; None where other functions write as well."""
     if any([one["userdata"]["group"] == 1 for one in rows if one.get("userdata")]):
         return None
-    return [one for one in rows if one["rosctr"] == _JOB and one["function"]["code"] == _WRITE]
+    if any([one["function"]["name"] in _PLUS_ALSO for one in rows if one.get("s7plus")]):
+        return None
+    return [one for one in rows if _is_write(one)]
+
+
+def _is_write(one: Json) -> bool:
+    if one.get("s7plus"):
+        return one["function"]["name"] == _PLUS_WRITE and any([item.get("area") is not None for item in one["items"]])
+    return one["rosctr"] == _JOB and one["function"]["code"] == _WRITE
 
 
 def _accepted(outputs: bool) -> Rule:
@@ -66,7 +75,7 @@ def _has_codes(one: Json) -> bool:
 #: The transactions that show a rule, one for each time it applied; None where they do not tell.
 RULES: Final[Mapping[str, Rule]] = {
     "transaction.item_error": item_errors,
-    "transaction.unanswered": lambda rows: [one for one in rows if one["missed"] and not one["deaf"]],
+    "transaction.unanswered": lambda rows: [one for one in rows if one["missed"]],
     "transaction.refused": _refused,
     "security.write": _accepted(False),
     "security.write_outputs": _accepted(True),

@@ -25,7 +25,7 @@ from tests.recount.packets import Packet, missing_of, packets_of, segments_of
 Json = dict[str, Any]
 
 #: Reasons of requests without an answer that is nobody's fault: it was not captured, or not due yet.
-HOLE: Final = "hole"
+UNSEEN: Final = frozenset(("hole", "one_sided"))
 OPEN: Final = "capture_ended"
 #: A request that is younger when the capture ends may still be answered.
 DUE_NS: Final = 10**9
@@ -60,13 +60,11 @@ class Capture:
         """Write the full name of its function, and what became of its request, into each transaction."""
         packets = self.packets
         end_ns = packets[-1].time_ns if packets else max([iso_ns(one["time"]) for one in self.pdus], default=0)
-        heard = {(one["connection"], one["src"]) for one in self.pdus}
         for one in self.transactions:
             one["name"] = _name(one)
-            one["deaf"] = one["reason"] == OPEN and (one["connection"], one["answered_by"]) not in heard
-            waits = one["outcome"] == "unanswered" and one["reason"] != HOLE
+            waits = one["outcome"] == "unanswered" and one["reason"] not in UNSEEN
             over = one["reason"] != OPEN or end_ns - iso_ns(one["request_time"] or "1970-01-01T00:00:00.0Z") > DUE_NS
-            one["missed"] = waits and (over or one["deaf"])
+            one["missed"] = waits and over
             one["open"] = waits and not one["missed"]
 
     @cached_property
@@ -190,8 +188,8 @@ def unanswered(rows: Iterable[Json]) -> int:
 
 
 def not_captured(rows: Iterable[Json]) -> int:
-    """Requests whose answer is, or may be, in a gap."""
-    return sum([one["outcome"] == "unanswered" and one["reason"] == HOLE for one in rows])
+    """Requests whose answer is, or may be, in a gap or in a direction that was not captured."""
+    return sum([one["outcome"] == "unanswered" and one["reason"] in UNSEEN for one in rows])
 
 
 def still_open(rows: Iterable[Json]) -> int:

@@ -71,7 +71,9 @@ def consistent(told: Told) -> None:
         assert {times[key] for key in ("min", "median", "p95", "p99", "max")} == {None}
     missed = counts["unanswered"] - counts["still_open"] - counts.get("answers_not_captured", 0)
     assert len(told["failed"]) == min(100, counts["with_errors"] + missed)
-    assert counts.get("answers_not_captured", 0) == counts["unanswered_reasons"].get("hole", 0)
+    assert counts.get("answers_not_captured", 0) == sum(
+        [counts["unanswered_reasons"].get(reason, 0) for reason in ("hole", "one_sided")]
+    )
     assert counts.get("likely", 0) == sum(counts.get("likely_doubts", {}).values())
     assert counts.get("likely", 0) == sum(function.get("likely", 0) for function in told["functions"])
     found = told["finding_details"]

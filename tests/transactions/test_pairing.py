@@ -756,6 +756,8 @@ def test_one_direction_only(answering: int) -> None:
     talk.finish()
     assert talk.outcomes() == (["orphan_answer"] if answering == SERVER else ["unanswered"]) * 5
     assert [one.flags for one in talk.transactions] == [EXPECTED] * 5
+    if answering == CLIENT:
+        assert [(one.reason, one.unseen, one.missed) for one in talk.transactions] == [("one_sided", True, False)] * 5
     assert talk.slugs() == ["capture.one_sided"]
 
 

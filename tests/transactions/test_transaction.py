@@ -451,7 +451,7 @@ def test_every_reason_has_its_sentence() -> None:
     }
     reasons -= {HEADER, PARAMETER, ITEM, MESSAGE, SURE, LIKELY}  # parts of an answer and certainties, not reasons
     assert set(REASON_TEXTS) == reasons
-    assert len(reasons) == 7
+    assert len(reasons) == 8
     assert all(text[0].islower() and not text.endswith(".") for text in REASON_TEXTS.values())
 
 

@@ -10,10 +10,13 @@ from collections import OrderedDict
 from collections.abc import Mapping
 from typing import Any, Final
 
+from dissect.acts.act import Act
 from dissect.engine.observer import Observer
+from dissect.engine.pipeline import Pipeline
 from dissect.export.forms import Export, Request
 from dissect.export.keys import connection_community_id, connection_uid
-from dissect.export.transaction_rows import TransactionRows
+from dissect.export.rows import Rows
+from dissect.export.tables import ACTS, FINDING_COUNTS
 from dissect.export.zeek.columns import LOGS
 from dissect.export.zeek.log import Log
 from dissect.export.zeek.rows import IDENTIFICATION, S7, cotp_row, identification, plus_row
@@ -52,7 +55,9 @@ class ZeekExport(Export, Observer):
         self._strict = bool(request.options.get("strict"))
         self._logs = {name: Log(request.path, name, as_json) for name in LOGS if name in names}
         self._known: OrderedDict[int, _Known] = OrderedDict()
-        self._rows = TransactionRows([])
+        self._run: Run | None = None
+        self._made = Rows([])
+        self._rows = self._made.transactions
 
     @property
     def counts(self) -> Mapping[str, int]:
@@ -61,13 +66,17 @@ class ZeekExport(Export, Observer):
 
     def begin(self, run: Run) -> None:
         """Take the files of the run, by which packets are named."""
-        self._rows = TransactionRows(run.files)
+        self._run = run
+        self._made = Rows(run.files)
+        self._rows = self._made.transactions
 
     def flush(self) -> None:
         """Do nothing: rows are written as they come."""
 
     def close(self) -> None:
-        """Write the last lines of the logs, and close them."""
+        """Write what is known at the end and the last lines of the logs, and close them."""
+        if self._run is not None:
+            self._count_findings(self._run.pipeline)
         for log in self._logs.values():
             log.close()
 
@@ -154,6 +163,15 @@ class ZeekExport(Export, Observer):
             ),
         )
 
+    def act(self, act: Act) -> None:
+        """Log what a client did to a device, or tried to."""
+        if "s7comm_act" not in self._logs:
+            return
+        row = ACTS.named(self._made.act(act))
+        row |= {"community_id": connection_community_id(act.connection), "end": row["end_ns"]}
+        told = tuple([row[name] for name, _ in LOGS["s7comm_act"]])
+        self._log("s7comm_act", row["ts_ns"], act.connection, int(act.asked_by), told)
+
     def connection_closed(self, connection: Connection) -> None:
         """Log the device whose names were read on a connection."""
         known = self._known.pop(int(connection.number), None)
@@ -162,6 +180,18 @@ class ZeekExport(Export, Observer):
             return
         names = [known.device.get(index) for index in (1, 2, 3, 5)]
         log.add([int(connection.last_ns), known.uid, *_ends(connection), *(None,) * 5, *names])
+
+    def _count_findings(self, pipeline: Pipeline) -> None:
+        """Log the facts of each rule, and of each pair of hosts that it applied between."""
+        log = self._logs.get("s7comm_finding_count")
+        if log is None:
+            return
+        counters = pipeline.counters
+        for one in self._made.finding_counts(pipeline.exchange.ledger, counters.earliest_ns, counters.latest_ns):
+            row = FINDING_COUNTS.named(one)
+            row |= {"ts": row["ts_ns"] or 0, "end": row["end_ns"]}
+            row |= {f"{side}_h": _host(row[f"{side}_host"]) for side in ("client", "server")}
+            log.add([row[name] for name, _ in LOGS["s7comm_finding_count"]])
 
     # ---- rows -------------------------------------------------------------------------------------------------------
 
@@ -194,6 +224,11 @@ class ZeekExport(Export, Observer):
         first = unit not in parts
         (parts.add if more else parts.discard)(unit)
         return first
+
+
+def _host(said: str | None) -> str | None:
+    """Return the address of a host, without the VLAN that may follow it."""
+    return said.partition(" ")[0] if said is not None else None
 
 
 def _ends(connection: Connection) -> tuple[str, int, str, int]:

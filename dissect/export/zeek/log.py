@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Final, TextIO
 
-from dissect.export.zeek.columns import COMMON, LOGS
+from dissect.export.zeek.columns import columns_of
 from dissect.wire.text import Clock
 
 _UNSET: Final = "-"
@@ -30,7 +30,7 @@ class Log:
         self._path = folder / f"{name}.log"
         self._name = name
         self._json = as_json
-        self._columns = (*COMMON, *LOGS[name])
+        self._columns = columns_of(name)
         self._file: TextIO | None = None
         self._clock = Clock()
         self._last_ns = 0
@@ -92,8 +92,8 @@ def _cell(kind: str, value: Any) -> str:
         return seconds(value)
     if kind == "bool":
         return "T" if value else "F"
-    if kind == "vector[string]":
-        return ",".join([_text(one).replace(",", "\\x2c") for one in value]) if value else _EMPTY
+    if kind.startswith("vector["):
+        return ",".join([_text(str(one)).replace(",", "\\x2c") for one in value]) if value else _EMPTY
     return _text(str(value)) if kind == "string" else str(value)
 
 

@@ -1,0 +1,37 @@
+"""What contents of S7comm-plus say happened: `Event`, and the `Facts` of a request and its response."""
+
+from __future__ import annotations
+
+from dissect.wire.malformed import Malformed
+
+
+class Event:
+    """An event: its kind, a text of what it is about, and the id of the object that it is about (0 for none).
+
+    ``refusal`` is the error of its own item in a write of several (lower 16 bits of the return value): 0 if the item was
+    written, -1 if only the return value of the whole response counts. Text from the wire is not escaped.
+    """
+
+    __slots__ = ("kind", "object_id", "refusal", "text")
+
+    def __init__(self, kind: str, text: str, object_id: int = 0) -> None:
+        self.kind = kind
+        self.text = text
+        self.object_id = object_id
+        self.refusal = -1
+
+
+class Facts:
+    """The result of `take`: events, and faults of the contents, with offsets from the beginning of the PDU.
+
+    ``exhausted``: a PDU takes more work than `MAX_WORK`, so that its content is unknown. The first ``in_request`` faults in
+    ``malformed`` are in the request; the others are in its response, or in a notification.
+    """
+
+    __slots__ = ("events", "exhausted", "in_request", "malformed")
+
+    def __init__(self) -> None:
+        self.exhausted = False
+        self.in_request = 0
+        self.events: list[Event] = []
+        self.malformed: list[Malformed] = []
