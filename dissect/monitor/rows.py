@@ -20,7 +20,7 @@ from dissect.report.certainty import mark
 from dissect.report.operations import NAMES, operation_line, result
 from dissect.report.scd import scd_summary
 from dissect.report.words import Places
-from dissect.report.writers.text import transaction_line
+from dissect.report.writers.text import sender, transaction_line
 from dissect.transactions.connection import Connection
 from dissect.transactions.operation import NO_FAILURES, Operation
 from dissect.transactions.transaction import Transaction
@@ -243,7 +243,10 @@ def _frames(entry: Entry) -> str:
 
 def _direction(entry: Entry, places: Places) -> str:
     what = entry.what
-    side = int(what[0].side if isinstance(what, tuple) else what.asked_by)
+    if isinstance(what, Transaction):
+        side = int(sender(what))
+    else:
+        side = int(what[0].side if isinstance(what, tuple) else what.asked_by)
     both = entry.connection.tcp.ends
     return f"{places.end(both[side])} → {places.end(both[1 - side])}"
 

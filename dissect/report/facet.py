@@ -21,10 +21,6 @@ class Facet:
     A comma stands before each key of it, except in `function_json`, which begins with the value of ``function``.
     """
 
-    def pushes_both_ways(self) -> bool:
-        """Return whether both sides may send without a request, so that the direction of each push has to be shown."""
-        return False
-
     def reference(self, transaction: Transaction) -> str:
         """Return the number that request and answer have in common, empty where there is none."""
         return str(transaction.pdu_ref)

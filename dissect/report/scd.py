@@ -23,10 +23,6 @@ PROTOCOL: Final = UPPER_NAMES[SCD]
 class ScdFacet(Facet):
     """SCD in connections of its own. SCD in the items of S7comm is described with the S7comm transaction."""
 
-    def pushes_both_ways(self) -> bool:
-        """Return True: either side may send a PDO."""
-        return True
-
     def reference(self, transaction: Transaction) -> str:
         """Return the transaction number (tid), empty where the envelope has none."""
         found = transaction.scd

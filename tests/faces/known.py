@@ -65,6 +65,7 @@ ALONE: Final[dict[tuple[str, str], tuple[str, ...]]] = {
         "setup_asked.max_amq_*", "tls*", "also_vlans",
     ),
     ("connection", "tables"): ("missing_bytes",),
+    ("act", "tables"): ("file",),
     ("device", "json"): (
         "answer_time_ns.*", "blocks.*", "evidence", "names_not_listed", "sessions", "tsaps",
     ),

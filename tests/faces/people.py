@@ -58,7 +58,7 @@ def transactions(lines: list[str]) -> Iterator[Record]:
         if said is not None and said[0] in {REASON_TEXTS[HOLE], PERHAPS_ANSWERED}:
             record["reason"] = HOLE
         elif said is not None and said[0] == "answer not captured":
-            record["reason"] = UNTOLD  # one direction only: that is why, whatever ended the wait
+            record["reason"] = "one_sided"
         doubt = next((doubt for doubt, short in SHORT.items() if line.endswith(f"(likely: {short})")), None)
         record["doubt"] = doubt
         sure = record["outcome"] == "answered" or ending.startswith(REASON_TEXTS[HOLE])

@@ -104,9 +104,10 @@ def _sent(value: Any, record: Record) -> Any:
     return sender("client", "server")(bool(value) == (record["request_frame"] is not None), record)
 
 
-_transaction("sender", END, tables=Cell("from_client", _sent), zeek=zeek_end("source"), ecs=ecs_end("source"))
+_transaction("sender", END, tables=Cell("from_client", _sent), zeek=zeek_end("source"), ecs=ecs_end("source"),
+             text="sender")
 _transaction("receiver", END, tables=Cell("from_client", lambda value, record: _sent(not value, record)),
-             zeek=zeek_end("destination"), ecs=ecs_end("destination"))
+             zeek=zeek_end("destination"), ecs=ecs_end("destination"), text="receiver")
 _transaction("is_orig", FLAG,
              tables=Cell("from_client", lambda value, record: bool(value) == (record["request_frame"] is not None)),
              zeek="is_orig")

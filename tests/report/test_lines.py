@@ -233,7 +233,7 @@ def test_an_unanswered_request_says_so_and_why() -> None:
 def test_a_push_has_the_time_of_its_packet() -> None:
     told = transactions(begun().send(1, dt(messages.userdata(0, 0, 4, 3, b"12345678"))).packets())
     assert transaction_line(told[1], Clock(), ONE) == (
-        "2024-03-04 05:06:07.007000 UTC  #2     ?→8          10.0.0.1:49152 → 10.0.0.2:102         -"
+        "2024-03-04 05:06:07.007000 UTC  #2     ?→8          10.0.0.2:102 → 10.0.0.1:49152         -"
         "  CPU functions: diagnostic message  push"
     )
 

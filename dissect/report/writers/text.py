@@ -34,7 +34,7 @@ from dissect.transactions.operation import Operation
 from dissect.transactions.payloads import ScdMessage
 from dissect.transactions.results import went_wrong
 from dissect.transactions.side import Side
-from dissect.transactions.transaction import PUSH, Transaction
+from dissect.transactions.transaction import Transaction
 from dissect.wire.build import COMPILED
 from dissect.wire.malformed import Malformed
 from dissect.wire.text import Clock, decimal, hex_number, shortened
@@ -54,10 +54,8 @@ def transaction_line(transaction: Transaction, clock: Clock, places: Places, mos
     """
     ends = transaction.connection.tcp.ends
     begun = transaction.request_ns if transaction.request_frame else transaction.response_ns
-    asked, answered = ends[transaction.asked_by], ends[1 - transaction.asked_by]
+    side = sender(transaction)
     facet = facet_of(transaction)
-    if transaction.outcome == PUSH and facet.pushes_both_ways():
-        asked, answered = answered, asked  # show the direction in which the push was sent
     frames = places.pair(int(transaction.request_frame), int(transaction.response_frame))
     ending = facets.outcome(transaction)
     subject = facet.subject(transaction)
@@ -73,9 +71,14 @@ def transaction_line(transaction: Transaction, clock: Clock, places: Places, mos
     latency = words.answer_time(transaction.latency_ns)
     return (
         f"{clock.moment(begun)}  #{number}{_blanks(NUMBER_WIDTH - len(number))} {frames}{_blanks(FRAMES_WIDTH - len(frames))}"
-        f" {places.end(asked)} → {places.end(answered)}"
+        f" {places.end(ends[side])} → {places.end(ends[1 - side])}"
         f"  {_blanks(LATENCY_WIDTH - len(latency))}{latency}  {transaction.function_name}{said}"
     )
+
+
+def sender(transaction: Transaction) -> i64:
+    """Return the side from which lines point to the other one: it sent the request, or the message that has no request."""
+    return transaction.asked_by if transaction.request_frame else 1 - transaction.asked_by
 
 
 def _some(items: list[str], most: int) -> str:
