@@ -430,9 +430,7 @@ def transactions(capture: Capture, reader: Reader) -> Iterator[Claim]:
             yield reader.moment("line: time", found, 1, ended_ns({**one, "latency_ns": 0}))
         for group, name in ((3, "request_frame"), (4, "response_frame")):
             yield reader.word("line: packets", found, group, "?" if one[name] is None else str(one[name]))
-        pushed = one["outcome"] == "unsolicited"  # a push names its sender or who gets it first
-        who = found[5] if pushed and found[5] in {one["asked_by"], one["answered_by"]} else one["asked_by"]
-        yield reader.word("line: who", found, 5, who)
+        yield reader.word("line: who", found, 5, one["asked_by" if one["request_frame"] else "answered_by"])
         if found[7] != "-":
             yield reader.duration("line: answer time", found, 7, one["latency_ns"])
 
