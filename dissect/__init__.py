@@ -17,6 +17,7 @@ __version__: Final = "0.1.0"
 
 #: Each public name and the module that defines it. The imports below say the same to a type checker.
 _PUBLIC: Final = {
+    "Act": "dissect.acts.act",
     "CaptureError": "dissect.wire.errors",
     "Connection": "dissect.transactions.connection",
     "Device": "dissect.inventory.model",
@@ -52,6 +53,7 @@ _PUBLIC: Final = {
 }
 
 if TYPE_CHECKING:
+    from dissect.acts.act import Act as Act
     from dissect.carve.reading import blocks as blocks
     from dissect.engine.observer import Observer as Observer
     from dissect.engine.pipeline import Options as Options

@@ -7,6 +7,7 @@ of the file before it, as in a ring buffer, continues the connections of that fi
 from __future__ import annotations
 
 import os
+import traceback
 from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, TypeAlias, cast
 
@@ -132,6 +133,7 @@ class Run:
         file.octets = reader.octets
         if not more:
             self._close(reader, file)
+        self._pass_on()
         return True
 
     def _leave_out(self, path: str, why: str) -> None:
@@ -167,6 +169,19 @@ class Run:
             self._finished = True
             self.pipeline.finish()
             self.pipeline.forget()
+            self._pass_on()
+
+    def _pass_on(self) -> None:
+        """Raise what code of the program's own observer raised: only a bug of the analyzer becomes a finding."""
+        bug = self.pipeline.exchange.bug
+        if bug is None:
+            return
+        self.pipeline.exchange.bug = None
+        own = {kind.__module__ for kind in type(self._observer).__mro__ if not kind.__module__.startswith("dissect.")}
+        if any(
+            [frame.f_globals.get("__name__") in own - {"builtins"} for frame, _ in traceback.walk_tb(bug.__traceback__)]
+        ):
+            raise bug
 
     def close(self) -> None:
         """Close the file that is read, when nothing more is wanted of it."""

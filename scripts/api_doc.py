@@ -28,6 +28,9 @@ same. Names that are not on this page or in `dissect.scd`, `dissect.layers` ([la
   version. Two objects are equal only if they are the same object; compare what they say (`as_dict()`, `repr()`).
 - A copy has what is known at that moment, and no session keys. A `Run` and a `Live` cannot be copied; the error says so.
 - Everything wrong with what is given raises a `dissect.Error`. What is wrong inside a capture is a finding and raises nothing.
+  What your own `Observer` raises reaches you, from `Run.step` or `Run.read`, and ends the reading.
+- Types: mypy in strict mode and pyright know them all. mypy takes some numbers for `i64`, an `int` that it does not divide by a
+  float: `time_ns / 1_000_000_000`, or `int(time_ns) / 1e9`.
 - Threads: each run, `Live` and `Stream` belongs to one thread or task. Several of them run side by side in threads and give
   what they give alone. Results may be read by any thread; functions, `Where`, dictionaries and tag sets may be shared.
 
@@ -112,6 +115,13 @@ with ThreadPoolExecutor(2) as pool:
 
 #: The example of each name: what follows a comment with the name.
 EXAMPLES: Final = """
+# Act
+class Acts(dissect.Observer):
+    def act(self, act: dissect.Act) -> None:
+        print(act)
+
+
+dissect.Run("captures/plc-control.pcapng", Acts()).read()
 # Analysis
 analysis = dissect.analyze("captures/item-errors.pcapng")
 print(analysis, analysis.latencies.quantile(0.5))

@@ -48,8 +48,27 @@ def blocks() -> Iterable[Any]:
         yield from dissect.blocks(path)
 
 
+class Acts(dissect.Observer):
+    """Keeps what clients did."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.acts: list[dissect.Act] = []
+
+    def act(self, act: dissect.Act) -> None:
+        self.acts.append(act)
+
+
+def acts() -> list[dissect.Act]:
+    """Acts of control and of transfers."""
+    observer = Acts()
+    dissect.Run([CAPTURES / "plc-control.pcapng", CAPTURES / "transfer.pcapng"], observer).read()
+    return observer.acts
+
+
 #: Objects of each public class: a function, called late, because reading takes time.
 MADE: Final[dict[str, Callable[[], list[Any]]]] = {
+    "Act": acts,
     "Analysis": lambda: [dissect.analyze(CAPTURES / name) for name in FILES],
     "CarvedBlock": lambda: [block for block, _ in zip(blocks(), range(5), strict=False)],
     "Connection": lambda: of(dissect.Connection),
@@ -108,6 +127,8 @@ def said(found: Any) -> object:
         return found.subject, found.message.values, [repr(row) for row in found.values]
     if isinstance(found, dissect.Finding):
         return repr(found), found.rule.slug, found.detail, found.frames
+    if isinstance(found, dissect.Act):
+        return repr(found), str(found), found.frames, said(found.connection), found.operation and said(found.operation)
     if isinstance(found, dissect.Operation):
         return repr(found), found.content, found.result, found.transactions
     if isinstance(found, dissect.CarvedBlock):

@@ -29,6 +29,7 @@ from tests.properties.packets import EPOCH_NS, MS, Packet, Talk, captured
 from tests.properties.traffic import Conversation
 
 SECOND: Final = 1_000_000_000
+OWN: Final = Path(__file__).parents[1] / "captures" / "item-errors.pcapng"
 WORD: Final = Item(0x04, 1, 10, 0x84, 32)
 
 
@@ -419,3 +420,38 @@ def test_a_wrong_dictionary_or_bindings_file_is_told_before_anything_is_read() -
         list(dissect.open("nowhere.pcapng", scd=DICT, bind=DICT))
     with pytest.raises(scd.DictionaryError):
         list(dissect.open("nowhere.pcapng", scd=BIND, bind=BIND))
+
+
+class Failing(dissect.Observer):
+    """An observer of a user with a mistake."""
+
+    def __init__(self, where: str) -> None:
+        super().__init__()
+        self.where = where
+
+    def _fail(self, where: str) -> None:
+        if where == self.where:
+            raise KeyError("mine")
+
+    def transaction(self, transaction: dissect.Transaction) -> None:
+        self._fail("transaction")
+
+    def finding(self, finding: dissect.Finding) -> None:
+        self._fail("finding")
+
+    def connection_closed(self, connection: dissect.Connection) -> None:
+        self._fail("connection_closed")
+
+
+@pytest.mark.parametrize("where", ["transaction", "finding", "connection_closed"])
+def test_a_mistake_in_an_observer_of_ones_own_reaches_the_program(where: str) -> None:
+    with pytest.raises(KeyError, match="mine"):
+        dissect.Run(OWN, Failing(where)).read()
+
+
+def test_a_bug_of_the_analyzer_stays_a_finding_beside_an_observer_of_ones_own() -> None:
+    run = dissect.Run(OWN, Failing("nowhere"))
+    run.pipeline.exchange.note_bug(RuntimeError("ours"), 0, 0)
+    run.read()
+    assert run.pipeline.exchange.bug is None
+    assert run.pipeline.finding_counts["internal.bug"] == 1

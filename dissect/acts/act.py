@@ -24,6 +24,8 @@ from dissect.transactions.operation import DONE, TRANSFERS, Operation
 from dissect.transactions.plus_loads import beginning_of
 from dissect.transactions.results import RETURN_VALUE, TransactionError, refusal
 from dissect.transactions.transaction import PUSH, Transaction
+from dissect.wire.copies import leaves
+from dissect.wire.text import printable
 
 if TYPE_CHECKING:
     from dissect.program.carved import CarvedBlock
@@ -81,6 +83,11 @@ class Act:
     def __repr__(self) -> str:
         return f"Act({self.number}, {self.kind!r}, {self.subject!r}, {self.outcome!r})"
 
+    def __str__(self) -> str:
+        """Return who did what and what became of it: ``10.0.0.1 to 10.0.0.2: PLC stop, accepted``."""
+        what = self.subject or self.kind.replace("_", " ")
+        return printable(f"{self.client} to {self.server}: {what}, {self.outcome.replace('_', ' ')}")
+
     @property
     def row(self) -> Kind:
         """The row of its kind."""
@@ -107,6 +114,13 @@ class Act:
 
         operation = self.operation
         return carve(operation) if operation is not None and operation.kind in TRANSFERS else []
+
+
+def _arguments(act: Act) -> tuple[object, ...]:
+    return act.kind, act.connection, act.asked_by
+
+
+leaves(Act, taken=_arguments)
 
 
 def act_of(kind: str, transaction: Transaction, subject: str, code: int = -1) -> Act:

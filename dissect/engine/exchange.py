@@ -220,6 +220,7 @@ class Exchange:
         self.decoder: PayloadDecoder | None = decoder
         self.naming: Naming | None = None  # knows names for addresses, where the user has given any
         self.strict: bool = strict
+        self.bug: Exception | None = None  # the first one, until `Run` has looked whose it is
         self._slow_ns: i64 = slow_ns
         if decoder is not None:
             decoder.attach(self)
@@ -414,13 +415,15 @@ class Exchange:
                     self.observer.repeated(finding)
                 else:
                     self.observer.finding(finding)
-            except Exception:
+            except Exception as bug:
                 if self.strict:
                     raise
+                self.bug = self.bug or bug
                 # Counted only: reporting it would fail as well.
                 self.reporter.count("internal.bug", 0, finding.frames[-1] if finding.frames else 0, finding.time_ns)
 
     def note_bug(self, bug: Exception, frame: i64, time_ns: i64) -> None:
         """Report a bug of ours, or of an observer: the current packet is lost, and the analysis goes on."""
+        self.bug = self.bug or bug
         self.causes.close()  # perhaps it came up while something was judged
         self.reporter.note("internal.bug", 0, [frame], time_ns, f"{type(bug).__name__}: {bug}")

@@ -22,6 +22,7 @@ from dissect.findings.ledger import NO_PAIR, Ledger, Occurrences, Pair
 from dissect.transactions.connection import Connection
 from dissect.transactions.transaction import Transaction
 from dissect.wire.copies import leaves
+from dissect.wire.text import printable
 
 __all__ = ["MAX_DETAILED", "MAX_DETAILED_ALL", "Finding", "Reporter"]
 
@@ -86,6 +87,14 @@ class Finding:
 
     def __repr__(self) -> str:
         return f"Finding({self.rule.slug!r}, connection={self.connection}, frames={self.frames})"
+
+    def __str__(self) -> str:
+        """Return what was found and where: ``error security.plc_stop, packets 12, 13: …``."""
+        frames = self.frames
+        where = (
+            f", packet{'s' if len(frames) > 1 else ''} {', '.join([str(frame) for frame in frames])}" if frames else ""
+        )
+        return printable(f"{self.severity} {self.slug}{where}: {self.detail or self.rule.sentence}")
 
     @property
     def frames(self) -> list[int]:

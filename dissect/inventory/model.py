@@ -311,6 +311,9 @@ class Talk(Seen):
         self.areas: dict[str, Area] = {}
         self.more_areas = Beyond()
 
+    def __repr__(self) -> str:
+        return f"Talk({self.client} → {self.server}, {self.transactions} transactions)"
+
     @property
     def ends(self) -> tuple[str, str]:
         """The names of client and server (`Device.name`)."""

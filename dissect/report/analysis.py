@@ -77,6 +77,10 @@ class FunctionStatistics:
         self.errors: i64 = 0
         self.latencies: Latencies = Latencies()
 
+    def __repr__(self) -> str:
+        counts = f"{self.total} transactions, {self.errors} with errors, {self.unanswered} unanswered"
+        return f"FunctionStatistics({self.name!r}, {counts})"
+
     @property
     def missed(self) -> int:
         """Requests whose answer was due and did not come (`Transaction.missed`)."""

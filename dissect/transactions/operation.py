@@ -12,6 +12,7 @@ from dissect.s7plus.tables import RETURN_CODES as PLUS_CODES
 from dissect.transactions.results import RETURN_VALUE, TransactionError, refusal
 from dissect.wire.copies import leaves
 from dissect.wire.part import Part
+from dissect.wire.text import printable
 
 if TYPE_CHECKING:
     from dissect.transactions.connection import Connection
@@ -229,6 +230,11 @@ class Operation:
 
     def __repr__(self) -> str:
         return f"Operation({self.number}, {self.kind!r}, {self.subject!r}, {self.result!r})"
+
+    def __str__(self) -> str:
+        """Return what it is about and how it ended: ``upload DB 1, active: done, 636 bytes``."""
+        carried = f", {self.octets} bytes" if self.octets else ""
+        return printable(f"{self.kind.replace('_', ' ')} {self.subject}: {self.result or 'under way'}{carried}")
 
     @property
     def error_code(self) -> int:

@@ -52,7 +52,7 @@ from dissect.wire.codes import coded
 from dissect.wire.copies import leaves
 from dissect.wire.malformed import Malformed
 from dissect.wire.octets import u16
-from dissect.wire.text import duration_text
+from dissect.wire.text import duration_text, printable
 
 if TYPE_CHECKING:
     from dissect.transactions.transaction import Transaction
@@ -264,6 +264,10 @@ class TransactionError:
 
     def __repr__(self) -> str:
         return f"TransactionError({self.where!r}, 0x{self.code:x}, {self.name!r})"
+
+    def __str__(self) -> str:
+        """Return where and what it is: ``item 3 DB2.DBB400 x4: Object does not exist``."""
+        return printable(f"{self.where}{' ' if self.address else ''}{self.address}: {self.name}")
 
     def as_dict(self) -> dict[str, object]:
         """Return the error as the JSON contract has it."""

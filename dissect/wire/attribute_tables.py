@@ -42,6 +42,29 @@ _FLAGS: Final = {
 
 #: By class and attribute.
 ATTRIBUTES: Final[Mapping[str, Mapping[str, str]]] = {
+    "Act": {
+        "kind": "What kind of act it is, such as stop, download or password.",
+        "slug": "The finding that it makes.",
+        "command": "The kind of operation that its one request is, empty for none.",
+        "connection": "The connection it was done on.",
+        "asked_by": "The side of the connection that did it: 0 or 1.",
+        "number": "Counts the acts of a run, from 1; 0 while it goes on.",
+        "subject": "What it is about, from the wire and not escaped.",
+        "text": "What its finding says, empty where that names the request.",
+        "first_frame": "Number of its first packet.",
+        "last_frame": "Number of its last packet.",
+        "frames": "Numbers of the packets that show it.",
+        "begin_ns": "Time of its first packet, in nanoseconds since 1970.",
+        "end_ns": "Time of its last packet.",
+        "octets": "How many bytes it carried.",
+        "outcome": "What became of it, as a word: accepted, refused, unanswered and others.",
+        "reason": "Why there is no answer, as a code.",
+        "error": "Why it was refused; None for none.",
+        "transactions": "Numbers of its requests.",
+        "operation": "The transfer that it was; None for others.",
+        "shown": "Number of the packet that completes its first request.",
+        "likely": "True when a request and its answer are only likely a pair.",
+    },
     "Analysis": {
         **_FLAGS,
         **_COUNTED,
