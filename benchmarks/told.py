@@ -135,13 +135,13 @@ class Told(Observer):
             self._findings.append(finding)
 
     def transaction(self, transaction: Transaction) -> None:
-        if transaction.outcome not in {ANSWERED, UNANSWERED}:
+        if transaction._outcome not in {ANSWERED, UNANSWERED}:
             return
         ends = transaction.connection.tcp.ends
         asked_by = transaction.asked_by
         asked = self._number(transaction.request_frame)
         key = Key(str(ends[asked_by]), str(ends[1 - asked_by]), int(transaction.pdu_ref), asked)
-        if transaction.outcome == ANSWERED:
+        if transaction._outcome == ANSWERED:
             octets = (transaction.request_octets, transaction.response_octets)
             self.pairs.append(Pair(key, self._number(transaction.response_frame), transaction.certainty, octets))
         else:

@@ -138,7 +138,7 @@ def test_representations_say_what_a_thing_is() -> None:
     assert isinstance(transaction, dissect.Transaction)
     assert isinstance(connection, dissect.Connection)
     assert isinstance(finding, dissect.Finding)
-    told = [repr(item) for item in (*pdu.data_items(), *transaction.results(), *transaction.errors)]
+    told = [repr(item) for item in (*pdu.data_items(), *transaction.s7_results, *transaction.errors)]
     told += [repr(connection.client), repr(connection.tsap_called), repr(finding.rule)]
     told.append(repr(dissect.analyze(CAPTURES / "item-errors.pcapng")))
     assert [text for text in (*shown.values(), *told) if " object at 0x" in text] == []

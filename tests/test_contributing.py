@@ -143,7 +143,7 @@ FINDING_ROW: Final = """    ("transaction.all_refused", NOTE, FUNCTION, "Every i
 """
 FINDING_RULE: Final = """    slug = "transaction.item_error"
 """
-FINDING_RULE_MADE: Final = """    if transaction.results() and all(result.refused for result in transaction.results()):
+FINDING_RULE_MADE: Final = """    if transaction.s7_results and all(result.refused for result in transaction.s7_results):
         _note(reporter, "transaction.all_refused", transaction, transaction.parameters.subject)
     slug = "transaction.item_error"
 """
@@ -195,7 +195,7 @@ def test_to_add_a_finding(tree: Tree) -> None:
     refused = [
         event
         for event in dissect.open(ROOT / "captures/item-errors.pcapng")
-        if isinstance(event, Transaction) and event.results() and all(result.refused for result in event.results())
+        if isinstance(event, Transaction) and event.s7_results and all(result.refused for result in event.s7_results)
     ]
     assert told == {"transaction.all_refused": len(refused)}
     assert len(refused) > 2
@@ -263,7 +263,7 @@ test_parts.test_each_structure_has_a_class_of_its_own()
 events = dissect.open("captures/crafted/coverage-userdata.pcapng")
 transactions = [event for event in events if isinstance(event, Transaction)]
 found = [event for event in transactions if event.function_name.endswith("read clock quality")]
-print(json.dumps([[event.outcome_name, event.response.body.notes] for event in found]))
+print(json.dumps([[event.outcome, event.response.body.notes] for event in found]))
 """
 
 
@@ -450,7 +450,7 @@ class MarkdownWriter(Writer):
 
     def transaction(self, transaction: Transaction) -> None:
         """Add a row."""
-        self.lines.append(f"| {transaction.number} | {transaction.function_name} | {transaction.outcome_name} |")
+        self.lines.append(f"| {transaction.number} | {transaction.function_name} | {transaction.outcome} |")
 '''
 LAST_ROW: Final = """        _row("junit", "JUnit XML", ("dissect.report.writers.junit:junit_outcome", (DIFFERENCES,))),
 """
@@ -473,7 +473,7 @@ def test_to_add_an_output(tree: Tree) -> None:
     assert {name.replace("markdown", "NAME") for name in tree.touched()} == listed("To add an output")
     told, helped = json.loads(tree.python("-c", OUTPUT_TRIED))
     expected = [
-        f"| {event.number} | {event.function_name} | {event.outcome_name} |"
+        f"| {event.number} | {event.function_name} | {event.outcome} |"
         for event in dissect.open(ROOT / "captures/item-errors.pcapng")
         if isinstance(event, Transaction)
     ]

@@ -105,9 +105,9 @@ def said(found: Any) -> object:
     if isinstance(found, dissect.Analysis):
         return found.as_dict(), [repr(one) for one in found.slowest()]
     if isinstance(found, dissect.Transaction):
-        texts = (OUTCOMES[found.outcome], found.reason_text, found.function_name, found.certainty)
-        plus = [(item.label, repr(item.value)) for item in found.plus_items()] if found.is_plus else []
-        results = [(repr(one), one.value, one.return_code) for one in found.results()]
+        texts = (OUTCOMES[found._outcome], found.reason_text, found.function_name, found.certainty)
+        plus = [(item.label, repr(item.value)) for item in found.plus_results] if found.is_plus else []
+        results = [(repr(one), one.value, one.return_code) for one in found.s7_results]
         return (
             texts,
             found.latency_ns,

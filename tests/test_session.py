@@ -229,7 +229,7 @@ def test_comments_are_passed_on_with_their_frame(write: Files) -> None:
     while run.step():
         pass
     assert record.comments == [(1, "here it begins"), (5, "the fifth"), (7, "the seventh")]
-    assert [one.outcome_name for one in record.transactions] == ["answered"] * 2
+    assert [one.outcome for one in record.transactions] == ["answered"] * 2
 
 
 # ---- many files -----------------------------------------------------------------------------------------------------

@@ -150,7 +150,7 @@ def outcome_of(transaction: Transaction, code: int = -1) -> tuple[str, Transacti
     if transaction.unseen:
         return NOT_CAPTURED, None
     if not transaction.response_frame:
-        return (UNCONFIRMED if transaction.outcome == PUSH else UNANSWERED), None
+        return (UNCONFIRMED if transaction._outcome == PUSH else UNANSWERED), None
     error = refusal(transaction) if code < 0 else None
     if code > 0:
         error = TransactionError(RETURN_VALUE, code, PLUS_CODES.name(code), PLUS_CODES.text(code))

@@ -106,14 +106,14 @@ def recognise(transaction: Transaction) -> Act | None:
 
 def asked(transaction: Transaction) -> bool:
     """Return whether a client made the request: it was captured, or the capture explains why it is missing."""
-    return transaction.request_frame > 0 or (transaction.outcome == ORPHAN and half_captured(transaction))
+    return transaction.request_frame > 0 or (transaction._outcome == ORPHAN and half_captured(transaction))
 
 
 def is_push(transaction: Transaction, head: UserdataHead) -> bool:
     """Return whether a PLC sent a userdata message without being asked."""
-    if transaction.outcome == BEHIND_MALFORMED:
+    if transaction._outcome == BEHIND_MALFORMED:
         return transaction.request_frame == 0 and head.type == INDICATION
-    return transaction.outcome == PUSH
+    return transaction._outcome == PUSH
 
 
 def _of_userdata(transaction: Transaction, head: UserdataHead) -> Act | None:
@@ -138,7 +138,7 @@ def _of_userdata(transaction: Transaction, head: UserdataHead) -> Act | None:
 
 def _forced(transaction: Transaction) -> str:
     """Return the function and the variables with the values that it sets; empty if the request does not name them."""
-    said = items_said(transaction.connection.naming, transaction.results(), True, _NAMED)
+    said = items_said(transaction.connection.naming, transaction.s7_results, True, _NAMED)
     return f"{transaction.function_name} {said}" if said else ""
 
 
@@ -186,7 +186,7 @@ class Became:
         self.written: list[ItemResult] = []
         self.refused: list[ItemResult] = []
         self.unsure: list[ItemResult] = []
-        for result in transaction.results():
+        for result in transaction.s7_results:
             if result.item is None:
                 continue  # a return code without an item
             if transaction.refused or result.refused:

@@ -230,7 +230,7 @@ class OutcomeWatch(_Counting):
 
     def take(self, pair: Pair, transaction: Transaction, now_ns: int) -> None:
         """Count a transaction that failed in the way the rule looks for."""
-        lost = transaction.outcome == UNANSWERED and transaction.reason in _LOST
+        lost = transaction._outcome == UNANSWERED and transaction.reason in _LOST
         wrong = transaction.has_errors
         counts = {ERRORS: wrong, NO_ANSWER: lost, FAILED: wrong or lost}[self.rule.of]
         if counts:

@@ -222,7 +222,7 @@ def codes_of(transaction: Transaction) -> list[int]:
     head = transaction.parameters.userdata
     if head is None:
         asked = transaction.parameters.items
-    elif transaction.outcome == PUSH:
+    elif transaction._outcome == PUSH:
         asked = transaction.subscribed.items if transaction.subscribed is not None else []
     else:
         asked = requested_items(head, transaction.request_octets)

@@ -99,7 +99,7 @@ class Learner(Observer):
 
     def transaction(self, transaction: Transaction) -> None:
         """Learn from a transaction with any outcome; what is behind a malformed header is not normal."""
-        if transaction.outcome == BEHIND_MALFORMED:
+        if transaction._outcome == BEHIND_MALFORMED:
             return
         connection = transaction.connection
         learned = self._learned(connection)

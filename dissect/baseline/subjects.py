@@ -77,7 +77,7 @@ class Subjects:
 
     def _plus(self, transaction: Transaction, parameters: PlusParameters) -> Subject:
         size = transaction.request_size
-        if parameters.code != GET_MULTI_VARIABLES or transaction.outcome == PUSH or not 0 < size <= _LARGEST:
+        if parameters.code != GET_MULTI_VARIABLES or transaction._outcome == PUSH or not 0 < size <= _LARGEST:
             return self._of_names(transaction, parameters)
         asked = addresses_in(transaction.request_octets)
         known = self._read.get(asked)
@@ -89,7 +89,7 @@ class Subjects:
         return known
 
     def _of_names(self, transaction: Transaction, parameters: PlusParameters) -> Subject:
-        key = (int(parameters.code), _plus_areas(transaction), transaction.outcome == PUSH)
+        key = (int(parameters.code), _plus_areas(transaction), transaction._outcome == PUSH)
         known = self._said.get(key)
         if known is None:
             if len(self._said) >= _MAX_CACHED:
@@ -108,14 +108,14 @@ def _subject(transaction: Transaction) -> Subject:
     areas = tuple(dict.fromkeys([name for item in parameters.items for name in area_names(item)]))
     reads = areas if parameters.function == READ_VAR else ()
     writes = areas if parameters.function == WRITE_VAR else ()
-    return Subject(parameters.function_name, reads, writes, transaction.outcome == PUSH)
+    return Subject(parameters.function_name, reads, writes, transaction._outcome == PUSH)
 
 
 def _plus_areas(transaction: Transaction) -> tuple[str, ...]:
     """Return the blocks and areas of an S7comm-plus read, write or notification; attributes of objects are left out."""
     return tuple(dict.fromkeys([
         AREAS.get(item.address.area) or block_name(item.address.area)
-        for item in transaction.plus_items()
+        for item in transaction.plus_results
         if item.address is not None and (item.address.area in AREAS or item.address.area >> 16 in BLOCK_KINDS)
     ]))  # fmt: skip
 

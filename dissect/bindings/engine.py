@@ -275,7 +275,7 @@ class ScdCarrier(PayloadDecoder):
         """Decode bound contents in the items of a read or write, if an item has the whole content."""
         ends = transaction.connection.tcp.ends
         found: list[ScdMessage] = []
-        for result in transaction.results():
+        for result in transaction.s7_results:
             item = result.item
             if item is None or result.data is None or item.start_bit < 0 or item.start_bit & 7:
                 continue
@@ -286,7 +286,7 @@ class ScdCarrier(PayloadDecoder):
                     if binding.matches(ends[0].address, ends[1].address):
                         found += self._content(transaction, binding, result, begin, wrote=wrote)
         if found:
-            transaction.carried = found
+            transaction._carried = found
 
     def _content(
         self, transaction: Transaction, binding: Binding, result: ItemResult, begin: int, *, wrote: bool
@@ -347,7 +347,7 @@ class ScdCarrier(PayloadDecoder):
             if binding.matches(ends[0].address, ends[1].address):
                 place = f"BSEND 0x{chain.r_id:08x}"
                 accepted = not transaction.has_errors
-                transaction.carried = self._inside(
+                transaction._carried = self._inside(
                     transaction, binding, bytes(chain.sent), 0, place, asked=True, accepted=accepted
                 )
                 return

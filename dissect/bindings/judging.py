@@ -148,7 +148,7 @@ class ScdJudge:
 
     def exchange(self, transaction: Transaction) -> None:
         """Judge an SDO exchange that is over, or a PDO: values of the device, and what was written to it."""
-        pushed = transaction.outcome == PUSH
+        pushed = transaction._outcome == PUSH
         for found in transaction.scd:
             message = found.message
             if pushed and self.is_common(found.message):
@@ -161,7 +161,7 @@ class ScdJudge:
             if message.err > 0 and message.service != "pdo":
                 self._note("scd.status", found, f"{message.err} {self._dictionary.error_text(message.err)}")
             if message.service == "write" and message.phase == "request":
-                answered = transaction.outcome_name == "answered" and not transaction.is_likely
+                answered = transaction.outcome == "answered" and not transaction.is_likely
                 if answered and not transaction.has_errors:
                     self._written(device, found)
             else:
@@ -170,7 +170,7 @@ class ScdJudge:
     def _device(self, transaction: Transaction, found: ScdMessage) -> Device:
         """Return the device that was asked, or that sent this PDO."""
         connection = transaction.connection
-        if transaction.outcome_name == "unsolicited":
+        if transaction.outcome == "unsolicited":
             return self._devices.at(connection.client if found.binding in self._peers else connection.server)
         return self._devices.at(connection.tcp.ends[1 - transaction.asked_by])
 

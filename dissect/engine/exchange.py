@@ -126,9 +126,9 @@ class Watch:
         head = transaction.parameters.userdata
         if head is not None and head.group == GROUP_CPU:
             judge_szl(self._reporter, transaction)
-        elif not (transaction.has_errors or transaction.outcome == UNANSWERED):
+        elif not (transaction.has_errors or transaction._outcome == UNANSWERED):
             judge_body(self._reporter, transaction)  # of one that failed this came first
-        if transaction.flags:
+        if transaction._flags:
             judge_strays(self._reporter, transaction)
         self.security.take(transaction, act)
         if head is not None and head.group in TELLING:
@@ -261,7 +261,7 @@ class Exchange:
             return
         if (
             transaction.parameters.function == READ_VAR
-            and not transaction.flags
+            and not transaction._flags
             and not transaction.has_errors
             and self.decoder is None
             and transaction.rosctr == JOB
@@ -282,7 +282,7 @@ class Exchange:
         if transaction.has_errors:
             transaction.connection.note_error(transaction.parameters, transaction.response_ns, transaction.error_code)
         if (
-            transaction.flags
+            transaction._flags
             or transaction.has_errors
             or (
                 transaction.request_frame and not 0 <= transaction.response_ns - transaction.request_ns <= self._slow_ns
@@ -303,9 +303,9 @@ class Exchange:
         self.dialogue.also = []
         for transaction in also:
             try:
-                if transaction.outcome == ANSWERED:  # it waited until its answer was known
+                if transaction._outcome == ANSWERED:  # it waited until its answer was known
                     self._complete(transaction)
-                elif transaction.outcome == BEHIND_MALFORMED:
+                elif transaction._outcome == BEHIND_MALFORMED:
                     self.observer.transaction(transaction)
                     self.watch.behind(transaction)
                 else:
@@ -321,7 +321,7 @@ class Exchange:
             transaction.connection.note_error(transaction.parameters, transaction.response_ns, transaction.error_code)
         self.causes.begin(transaction, now_ns)
         self._judge_command(transaction)
-        if transaction.outcome == UNANSWERED:
+        if transaction._outcome == UNANSWERED:
             judge_unanswered(self.reporter, transaction, now_ns, self._slow_ns)
         else:
             judge_transaction(self.reporter, transaction, self._slow_ns)
@@ -334,7 +334,7 @@ class Exchange:
     def _judge_command(self, transaction: Transaction) -> None:
         """Judge what a command or service that failed says, before what became of it: the one may explain the other."""
         head = transaction.parameters.userdata
-        if (transaction.has_errors or transaction.outcome == UNANSWERED) and (head is None or head.group != GROUP_CPU):
+        if (transaction.has_errors or transaction._outcome == UNANSWERED) and (head is None or head.group != GROUP_CPU):
             if transaction.rosctr <= USERDATA:
                 judge_body(self.reporter, transaction)
 

@@ -295,7 +295,7 @@ class S7(Protocol):
         elif rosctr != USERDATA or kind == RESPONSE:
             done = exchange.dialogue.answer(side, rosctr, pdu_ref, parameters, octets, 0, size, data_at, frame, time_ns)
             if done is not None:
-                done.flags &= ~BAD_DATA  # the damage was reported already
+                done._flags &= ~BAD_DATA  # the damage was reported already
             exchange.completed(done, frame, time_ns)
         elif kind == PUSH:
             self._pushed(side, pdu_ref, parameters, octets, 0, size, frame, time_ns)

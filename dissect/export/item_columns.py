@@ -147,19 +147,19 @@ class ItemColumns:
     def add(self, transaction: Transaction) -> int:
         """Add the items of a transaction in wire order, those of S7comm first; return how many there are."""
         others: list[Row] | None = None
-        if transaction.carried is not None or transaction.rosctr >= PLUS:
+        if transaction._carried is not None or transaction.rosctr >= PLUS:
             others = self._others(transaction)
         else:
             answers = good_octets(transaction)
             if answers is not None:
                 return self._read(transaction, answers)
-        results = transaction.results()
+        results = transaction.s7_results
         count = len(results) + (len(others) if others is not None else 0)
         if not count:
             return 0
         self._begin(transaction, count)
         naming = transaction.connection.naming
-        whole = transaction.has_errors and transaction.outcome == ANSWERED and transaction.refused
+        whole = transaction.has_errors and transaction._outcome == ANSWERED and transaction.refused
         no_code = _WHOLE_AT if whole else _NO_CODE_AT
         for result in results:
             item = result.item
@@ -354,7 +354,7 @@ class Collected:
 
 def _operation(transaction: Transaction) -> int:
     """Return what a transaction does with its items."""
-    if transaction.outcome == PUSH:
+    if transaction._outcome == PUSH:
         return _NOTIFY
     parameters = transaction.parameters
     if isinstance(parameters, PlusParameters):

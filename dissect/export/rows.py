@@ -102,12 +102,12 @@ class Rows:
         if good is not None:
             count = len(good)
         else:
-            count = len(transaction.plus_items() if transaction.is_plus else transaction.results())
+            count = len(transaction.plus_results if transaction.is_plus else transaction.s7_results)
         return count + sum([len(found.values) for found in transaction.scd])
 
     def other_items(self, transaction: Transaction) -> list[Row]:
         """Return the columns, from the name on, of each S7comm-plus item or SCD value."""
-        facts = [plus_facts(item) for item in transaction.plus_items()] if transaction.is_plus else []
+        facts = [plus_facts(item) for item in transaction.plus_results] if transaction.is_plus else []
         facts += [scd_facts(row) for found in transaction.scd for row in found.values]
         return [_facts(fact) for fact in facts]
 

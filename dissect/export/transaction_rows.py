@@ -208,7 +208,7 @@ class TransactionRows:
             self.files.name(transaction.request_frame) if transaction.request_frame else told_file,
             told_file,
             transaction.asked_by == transaction.connection.client_side,
-            OUTCOMES[transaction.outcome],
+            OUTCOMES[transaction._outcome],
             transaction.reason or None,
             transaction.certainty or None,
             transaction.doubt or None,

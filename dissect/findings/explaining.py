@@ -177,7 +177,7 @@ class Causes:
             cause = suspects.requests.pop(transaction.number, None)
             if cause is not None:
                 self._kept -= 1
-        if transaction.outcome == UNANSWERED:
+        if transaction._outcome == UNANSWERED:
             if suspects is not None and suspects.ways:
                 seen: bool = not transaction.unseen
                 for way in suspects.ways:
@@ -280,9 +280,9 @@ class Causes:
     def _at_fault(self, transaction: Transaction, suspects: _Suspects | None) -> Finding | None:
         """Return what is wrong with an open request itself, None for nothing."""
         found = suspects.requests.get(transaction.number) if suspects is not None else None
-        if found is None and transaction.flags:
+        if found is None and transaction._flags:
             judge_written(self._reporter, transaction)
-            transaction.flags |= ASKED_JUDGED
+            transaction._flags |= ASKED_JUDGED
             found = self._reporter.because
             self._reporter.because = None
             if found is not None:

@@ -87,9 +87,9 @@ def judge_strays(reporter: Reporter, transaction: Transaction) -> None:
     connection = transaction.connection
     time_ns = max(int(transaction.request_ns), int(transaction.response_ns))
     frames = [int(transaction.response_frame)]
-    if transaction.flags & STRAY_PUSH and reporter.first(connection, "operation.stray_push", frames[0], time_ns):
+    if transaction._flags & STRAY_PUSH and reporter.first(connection, "operation.stray_push", frames[0], time_ns):
         reporter.note("operation.stray_push", connection.number, frames, time_ns, transaction.function_name)
-    if transaction.flags & NOT_LOADED:
+    if transaction._flags & NOT_LOADED:
         asked = transaction.request
         notes = ", ".join(asked.body.notes) if asked is not None else ""
         reporter.note("operation.not_loaded", connection.number, [int(transaction.request_frame)], time_ns, notes)

@@ -83,8 +83,8 @@ class PlusWatch:
         if session is None:
             session = self._begin(connection)
         function: i64 = transaction.function
-        told = transaction.checked
-        transaction.checked = None
+        told = transaction._checked
+        transaction._checked = None
         if function >= 0:
             self._sessions.take(session, transaction)
             if function == EXPLORE and transaction.request_frame:
@@ -95,7 +95,7 @@ class PlusWatch:
             if self._operations.notified(told.subscription_id, transaction):
                 self._subscribes(connection)
         read: Reads | None = None
-        if (function == GET_MULTI_VARIABLES or function == SET_MULTI_VARIABLES) and transaction.outcome == ANSWERED:
+        if (function == GET_MULTI_VARIABLES or function == SET_MULTI_VARIABLES) and transaction._outcome == ANSWERED:
             if function == GET_MULTI_VARIABLES:
                 read = self._operations.polled(session, transaction)
             if told is None:
@@ -202,7 +202,7 @@ class PlusWatch:
         what = shortened(event.text, TEXT)
         if code in {0, PARTIAL_ERROR}:
             self._security.wrote(
-                slug, area, transaction, what, code, transaction.outcome not in {UNANSWERED, BEHIND_MALFORMED}
+                slug, area, transaction, what, code, transaction._outcome not in {UNANSWERED, BEHIND_MALFORMED}
             )
             return
         if area == WRITTEN_IO:

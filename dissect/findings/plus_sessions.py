@@ -39,7 +39,7 @@ class PlusSessions:
         """Judge the use of a session; call this before the contents of the transaction are looked at."""
         octets = transaction.request_octets
         if transaction.function == INIT_SSL:
-            session.tls = transaction.outcome == ANSWERED and transaction.error_code < _ERROR
+            session.tls = transaction._outcome == ANSWERED and transaction.error_code < _ERROR
         data, at, end = data_of(octets)
         at += SESSION_AT
         if at + 4 > end:
@@ -90,7 +90,7 @@ class PlusSessions:
         octets = transaction.request_octets
         if transaction.function in {CREATE_OBJECT, DELETE_OBJECT, INIT_SSL} or octets[1] == V3:
             return
-        if transaction.outcome != ANSWERED or transaction.error_code >= _ERROR or _incomplete(transaction.connection):
+        if transaction._outcome != ANSWERED or transaction.error_code >= _ERROR or _incomplete(transaction.connection):
             return
         data, at, end = data_of(octets)
         at += REQUEST_SIZE

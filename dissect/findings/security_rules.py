@@ -115,7 +115,7 @@ class SecurityWatch:
     def write(self, transaction: Transaction) -> None:
         """Judge a write to kinds of areas that this connection did not write before, by the result of each item."""
         traits = transaction.connection.traits
-        unanswered = transaction.outcome in {UNANSWERED, BEHIND_MALFORMED}
+        unanswered = transaction._outcome in {UNANSWERED, BEHIND_MALFORMED}
         if unanswered and not transaction.parameters.written & ~(traits.written | traits.sent):
             self._count_writes(transaction)
             return
@@ -232,7 +232,7 @@ class SecurityWatch:
         self.count_writes(connection)
         now_ns = int(max(transaction.request_ns, transaction.response_ns))
         writes.variables.add(transaction.parameters.octets)
-        if transaction.outcome == ANSWERED:
+        if transaction._outcome == ANSWERED:
             writes.answers_ns.append(int(transaction.response_ns - transaction.request_ns))
         if writes.count % _WRITES:
             return
@@ -251,7 +251,7 @@ class SecurityWatch:
         if not answers:
             # The share of these writes in the traffic is known only at the `end`; of a capture of answers alone it is never
             # known.
-            if writes.hasty is None and took_ns <= _UNHEARD_NS and transaction.outcome == UNANSWERED:
+            if writes.hasty is None and took_ns <= _UNHEARD_NS and transaction._outcome == UNANSWERED:
                 writes.hasty = transaction
                 writes.hasty_ns = took_ns
             return
@@ -265,7 +265,7 @@ class SecurityWatch:
     def _flood(self, transaction: Transaction, took_ns: int, answered: str) -> None:
         connection = transaction.connection
         if self.first_of(transaction, "security.flood"):
-            items = items_said(connection.naming, transaction.results(), False)
+            items = items_said(connection.naming, transaction.s7_results, False)
             what = f"{_WRITES} writes within {duration_text(took_ns)}{answered}"
             self.tell("security.flood", transaction, f"{transaction.function_name} {items}: {what}")
 
@@ -306,7 +306,7 @@ class SecurityWatch:
             return
         if not told:
             traits.refusals += 1
-        codes = [result.return_code for result in transaction.results()]
+        codes = [result.return_code for result in transaction.s7_results]
         # If other items of the request succeeded, access is not denied as a whole, only these addresses are refused.
         denied = _ACCESS_DENIED in codes and SUCCESS not in codes
         code = int(transaction.error_code)
@@ -380,7 +380,7 @@ class SecurityWatch:
         """Report a password that was sent; count the refused ones. ``code`` as for `tell`."""
         client, server = _ends(transaction)
         if not (transaction.refused if code < 0 else code):
-            if transaction.outcome != BEHIND_MALFORMED:
+            if transaction._outcome != BEHIND_MALFORMED:
                 self._failures.pop((client, server), None)
             self.tell("security.password", transaction, "password", code)
             return
@@ -428,8 +428,8 @@ class SecurityWatch:
             frames.insert(0, before)
         ends = transaction.connection.tcp.ends
         asked, told = ends[transaction.asked_by], ends[1 - transaction.asked_by]
-        behind = transaction.outcome == BEHIND_MALFORMED
-        reports = transaction.outcome == PUSH or slug in _REPORTS
+        behind = transaction._outcome == BEHIND_MALFORMED
+        reports = transaction._outcome == PUSH or slug in _REPORTS
         who = f"{told} reports to {asked}" if reports else f"{asked} to {told}"
         result = ""
         good = not code or (code < 0 and not transaction.has_errors)
@@ -438,13 +438,13 @@ class SecurityWatch:
         if refused:
             partial = transaction.is_plus and (code if code > 0 else transaction.error_code) == PARTIAL_ERROR
             result = f", refused{' in part' if partial else ''}: {refused}"
-        elif transaction.outcome == UNANSWERED:
+        elif transaction._outcome == UNANSWERED:
             result = _unanswered(transaction)
         elif behind:
             result = "" if reports else ", not answered"
         elif good and not reports and slug in COMMANDS:
             result = ", accepted"
-        if transaction.outcome == ORPHAN:
+        if transaction._outcome == ORPHAN:
             what = what or transaction.function_name
             result += ", request not captured"
         if transaction.is_behind:
@@ -491,9 +491,9 @@ def _szl_id(transaction: Transaction) -> int:
 
     It is read in place, because panels poll SZLs.
     """
-    at = transaction.request_offset + HEADER_SIZE + len(transaction.parameters.octets) + DATA_HEAD.size
-    end = transaction.request_offset + transaction.request_size
-    return int(u16(transaction.request_buf, at)) if at + 4 <= end else -1
+    at = transaction._request_offset + HEADER_SIZE + len(transaction.parameters.octets) + DATA_HEAD.size
+    end = transaction._request_offset + transaction.request_size
+    return int(u16(transaction._request_buf, at)) if at + 4 <= end else -1
 
 
 def _pushed_event(transaction: Transaction) -> int:
@@ -501,9 +501,9 @@ def _pushed_event(transaction: Transaction) -> int:
     told = transaction.response_parameters
     if told is None:
         return -1
-    at = transaction.response_offset + HEADER_SIZE + len(told.octets) + DATA_HEAD.size
-    end = transaction.response_offset + transaction.response_size
-    return int(u16(transaction.response_buf, at)) if at + 2 <= end else -1
+    at = transaction._response_offset + HEADER_SIZE + len(told.octets) + DATA_HEAD.size
+    end = transaction._response_offset + transaction.response_size
+    return int(u16(transaction._response_buf, at)) if at + 2 <= end else -1
 
 
 def _named(transaction: Transaction) -> str:

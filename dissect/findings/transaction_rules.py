@@ -184,7 +184,7 @@ def judge_transaction(reporter: Reporter, transaction: Transaction, slow_ns: i64
     """Report what is odd about a transaction that is over. This is slow; call it only for transactions with something odd."""
     if transaction.is_likely:
         pass  # its time, and whether the two fit, say nothing if the answer belongs to a different request
-    elif transaction.outcome == ANSWERED:
+    elif transaction._outcome == ANSWERED:
         _judge_flags(reporter, transaction)
         latency: int = transaction.response_ns - transaction.request_ns
         if latency > slow_ns:
@@ -194,10 +194,10 @@ def judge_transaction(reporter: Reporter, transaction: Transaction, slow_ns: i64
                 transaction,
                 over_limit(latency, int(slow_ns)) + _acknowledged(transaction) + _sent_again(transaction),
             )
-        elif -DISORDER_NS <= latency < 0 and not transaction.flags & REORDERED:  # else the clock stepped
+        elif -DISORDER_NS <= latency < 0 and not transaction._flags & REORDERED:  # else the clock stepped
             detail = f"by the times of the packets the answer precedes the request by {duration_text(-latency)}"
             _note(reporter, "transaction.reordered", transaction, detail)
-    elif transaction.outcome == ORPHAN and not transaction.flags & EXPECTED:
+    elif transaction._outcome == ORPHAN and not transaction._flags & EXPECTED:
         _note(reporter, "transaction.orphan", transaction, _orphan(transaction))
     because = reporter.because
     code: i64 = transaction.error_code
@@ -205,7 +205,7 @@ def judge_transaction(reporter: Reporter, transaction: Transaction, slow_ns: i64
         reporter.because = None  # the answer says itself why the request is refused
     if transaction.has_errors:
         # a push has no request that could be refused as a whole, but items that it subscribes may be refused
-        if transaction.outcome == PUSH:
+        if transaction._outcome == PUSH:
             _judge_items(reporter, transaction)
         else:
             _judge_errors(reporter, transaction)
@@ -228,8 +228,8 @@ def judge_szl(reporter: Reporter, transaction: Transaction) -> None:
     if told.last_data_unit != 0 or told.data_unit_ref != 0 or told.error_code or head.data_unit_ref > 0:
         return
     # read in place, because panels poll SZLs
-    buf = transaction.response_buf
-    at: i64 = transaction.response_offset
+    buf = transaction._response_buf
+    at: i64 = transaction._response_offset
     data_at: i64 = at + HEADER_SIZE + len(answer.octets)
     payload_at: i64 = data_at + DATA_HEAD.size
     size: i64 = min(at + transaction.response_size, data_at + u16(buf, at + 8)) - payload_at - SZL_HEAD.size
@@ -277,13 +277,13 @@ def judge_body(reporter: Reporter, transaction: Transaction) -> None:
 def judge_unanswered(reporter: Reporter, transaction: Transaction, now_ns: i64, slow_ns: i64) -> None:
     """Report a request without an answer, unless the capture has a gap or ends too soon to tell."""
     judge_written(reporter, transaction)
-    if transaction.outcome != UNANSWERED:
+    if transaction._outcome != UNANSWERED:
         return
     if transaction.unseen:
         transaction.connection.not_captured += 1
         return
     if transaction.reason == CAPTURE_ENDED and now_ns - transaction.request_ns <= slow_ns:
-        transaction.flags |= STILL_OPEN
+        transaction._flags |= STILL_OPEN
         transaction.connection.still_open += 1
         return
     if transaction.reason == TABLE_FULL:
@@ -341,7 +341,7 @@ def _note(reporter: Reporter, slug: str, transaction: Transaction, what: str) ->
 
 
 def _judge_flags(reporter: Reporter, transaction: Transaction) -> None:
-    flags = transaction.flags
+    flags = transaction._flags
     if not flags:
         return
     judge_written(reporter, transaction)
@@ -379,12 +379,12 @@ def _judge_flags(reporter: Reporter, transaction: Transaction) -> None:
 
 def judge_written(reporter: Reporter, transaction: Transaction) -> None:
     """Report what is wrong with the data of a write, unless that was done; it explains a refusal of the write."""
-    if transaction.flags & ASKED_JUDGED:
+    if transaction._flags & ASKED_JUDGED:
         return
-    if transaction.flags & WRITE_SIZE:
+    if transaction._flags & WRITE_SIZE:
         _note(reporter, "transaction.write_size", transaction, _written_sizes(transaction))
         reporter.blame("transaction.write_size")
-    if transaction.flags & BAD_REQUEST:
+    if transaction._flags & BAD_REQUEST:
         frame, time_ns = transaction.request_frame, transaction.request_ns
         if reporter.wants("s7.malformed", transaction.connection.number, frame, frame, time_ns):
             _detail_malformed(reporter, transaction, transaction.request, frame, time_ns)
@@ -403,7 +403,7 @@ def _detail_malformed(reporter: Reporter, transaction: Transaction, pdu: Pdu | N
 def _early(transaction: Transaction, pdu: Pdu) -> str:
     """Return which item of a write begins early because a fill byte is missing, empty if that is not what is wrong."""
     asked = transaction.parameters
-    if pdu.side != transaction.asked_by or not transaction.flags & BAD_REQUEST:
+    if pdu.side != transaction.asked_by or not transaction._flags & BAD_REQUEST:
         return ""
     octets = pdu.octets
     early = without_fill(asked.items, octets, HEADER_SIZE + len(asked.octets), len(octets))
@@ -414,7 +414,7 @@ def _early(transaction: Transaction, pdu: Pdu) -> str:
 
 
 def _sizes(transaction: Transaction) -> str:
-    for number, result in enumerate(transaction.results(), 1):
+    for number, result in enumerate(transaction.s7_results, 1):
         item = result.item
         if item is not None and result.data is not None and 0 <= item.size != len(result.data):
             said = f"item {number} ({item.address}) requested {item.size} bytes, got {len(result.data)}"
@@ -424,7 +424,7 @@ def _sizes(transaction: Transaction) -> str:
 
 
 def _written_sizes(transaction: Transaction) -> str:
-    pairs = zip(transaction.parameters.items, transaction.written_items(), strict=False)
+    pairs = zip(transaction.parameters.items, transaction._written_items(), strict=False)
     for number, (item, data_item) in enumerate(pairs, 1):
         if 0 <= item.size != len(data_item.data):
             return f"item {number} ({item.address}) needs {item.size} bytes, got {len(data_item.data)}"
@@ -432,7 +432,7 @@ def _written_sizes(transaction: Transaction) -> str:
 
 
 def _data_codes(transaction: Transaction) -> str:
-    pairs = zip(transaction.parameters.items, transaction.answered_items(), strict=False)
+    pairs = zip(transaction.parameters.items, transaction._answered_items(), strict=False)
     for number, (item, answer) in enumerate(pairs, 1):
         if answer.return_code == SUCCESS and odd_data_code(item, answer):
             asked = TRANSPORT_SIZES.name(item.transport_size)
@@ -494,8 +494,8 @@ def _why_refused(
     """
     if error.part != ITEM:
         return because
-    if because is not None and transaction.flags & BAD_REQUEST and because.slug == "s7.malformed":
-        return because if error.item > len(transaction.written_items()) else None
+    if because is not None and transaction._flags & BAD_REQUEST and because.slug == "s7.malformed":
+        return because if error.item > len(transaction._written_items()) else None
     if because is not None and because.slug == "transaction.write_size":
         return because if error.code == INCONSISTENT else None
     if because is None or "transaction.item_error" not in EXPLAINS[because.slug]:
@@ -507,7 +507,7 @@ def _several_bits(reporter: Reporter, transaction: Transaction, error: Transacti
     """Report an item that was refused because it is of type BIT, which takes the count 1; return that as a cause, else None."""
     if error.part != ITEM or error.code != TYPE_NOT_SUPPORTED or transaction.rosctr != JOB:
         return None
-    results = transaction.results()
+    results = transaction.s7_results
     item = results[error.item - 1].item if 0 < error.item <= len(results) else None
     if item is None or item.transport_size != BIT or item.count == 1:
         return None
@@ -519,7 +519,7 @@ def _several_bits(reporter: Reporter, transaction: Transaction, error: Transacti
 
 def _asked(transaction: Transaction) -> str:
     """Return what was requested; for S7comm-plus with the names of variables and attributes."""
-    labels = [item.label for item in transaction.plus_items()] if transaction.is_plus else []
+    labels = [item.label for item in transaction.plus_results] if transaction.is_plus else []
     if not labels:
         return subject(transaction)
     more = f" and {len(labels) - _NAMED} more" if len(labels) > _NAMED else ""
@@ -535,7 +535,7 @@ def _in_part(transaction: Transaction) -> bool:
 
 def _about(transaction: Transaction, error: TransactionError) -> str:
     """Return what an item is: its tags where it has some, else its address and length, or its position."""
-    results = transaction.results()
+    results = transaction.s7_results
     known = results[error.item - 1].item if 0 < error.item <= len(results) else None
     if known is not None and transaction.connection.naming is None and transaction.parameters.function != WRITE_VAR:
         return known.label

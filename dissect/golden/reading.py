@@ -129,7 +129,7 @@ class SessionReader(Observer):
         link = self._link(connection)
         try:
             exchange = self._session.share(_exchange(transaction))
-            kept = Transaction(link, "", exchange, transaction.outcome_name, transaction.reason)
+            kept = Transaction(link, "", exchange, transaction.outcome, transaction.reason)
             kept.certainty, kept.doubt = transaction.certainty, transaction.doubt
             if self.wants_tpdus and exchange.kind == S7:
                 asked, told = transaction.request_octets, transaction.response_octets

@@ -83,7 +83,7 @@ class FactsObserver(Observer):
         self.transactions += 1
         if transaction.has_errors:
             self.errors += 1
-        if transaction.outcome == UNANSWERED and transaction.missed:
+        if transaction._outcome == UNANSWERED and transaction.missed:
             self.unanswered += 1
 
 

@@ -223,7 +223,7 @@ class Inventory(Observer):
             traffic = self._begin(transaction.connection)
         traffic.transactions += 1
         asked = traffic.asked[transaction.asked_by]
-        outcome = transaction.outcome
+        outcome = transaction._outcome
         if outcome == ANSWERED:
             asked.answered += 1
             answering = 1 - transaction.asked_by
@@ -375,7 +375,7 @@ class Inventory(Observer):
             return _plus_target(transaction)
         target = Target(transaction.function == WRITE_VAR)
         named = named_items(transaction)
-        for number, result in enumerate(transaction.results()):
+        for number, result in enumerate(transaction.s7_results):
             item = result.item
             if item is None:
                 continue
@@ -444,7 +444,7 @@ def _plus_body(transaction: Transaction) -> bytes:
 
 def _plus_target(transaction: Transaction) -> Target:
     target = Target(transaction.function in WRITES)
-    for item in transaction.plus_items():
+    for item in transaction.plus_results:
         address = item.address
         if address is None or (address.area not in AREAS and address.area >> 16 not in BLOCK_KINDS):
             continue  # an object of the CPU itself, such as its session

@@ -99,7 +99,7 @@ class Deeds:
         if asked is None:
             return
         if asked.number("alarms") > 0:
-            refused = transaction.outcome != ANSWERED or transaction.refused
+            refused = transaction._outcome != ANSWERED or transaction.refused
             (self.tried if refused else self.done).setdefault(MESSAGES, frame)
         elif asked.number("system_diagnostics") > 0 or asked.number("user_diagnostics") > 0:
             self.hints.setdefault(_DIAGNOSTICS, frame)

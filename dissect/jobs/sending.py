@@ -73,7 +73,7 @@ _LEFT_OUT: Final[dict[str, frozenset[str]]] = {
     "Parameters": frozenset(("good_answer", "good_heads", "good_layout")),
     "TlsSession": frozenset(("_all", "_keys", "_secrets", "_suite", "_waiting")),
     "Direction": frozenset(("_keys", "messages")),
-    "Transaction": frozenset(("known_body", "request_seq")),
+    "Transaction": frozenset(("_known_body", "_request_seq")),
 }
 
 

@@ -81,7 +81,7 @@ class Metrics(Companion):
     def transaction(self, transaction: Transaction) -> None:
         """Count a transaction."""
         row = self.functions.of(transaction.parameters)
-        outcome: i64 = transaction.outcome
+        outcome: i64 = transaction._outcome
         row.outcomes[outcome] = row.outcomes[outcome] + 1
         if outcome == ANSWERED:
             if transaction.is_likely:

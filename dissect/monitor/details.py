@@ -63,7 +63,7 @@ def _numbers(operation: Operation) -> str:
 
 def _transaction(transaction: Transaction, clock: Clock, places: Places) -> Iterator[Line]:
     if transaction.plus_request is not None or transaction.plus_response is not None:  # items with numbers of their own
-        numbered = [(item.number, item_text(item)) for item in transaction.plus_items()]
+        numbered = [(item.number, item_text(item)) for item in transaction.plus_results]
     else:
         numbered = list(enumerate(facets.items(transaction), 1))
     for number, text in numbered:
@@ -83,9 +83,9 @@ def _transaction(transaction: Transaction, clock: Clock, places: Places) -> Iter
 def _halves(transaction: Transaction, clock: Clock, places: Places) -> Iterator[Line]:
     connection = transaction.connection
     # `entries.detached` keeps the packet headers before a PDU if one packet carries all of it.
-    asked = transaction.request_buf if transaction.request_offset else b""
-    told = transaction.response_buf if transaction.response_offset else b""
-    given = "Push" if transaction.outcome == PUSH else "Answer"
+    asked = transaction._request_buf if transaction._request_offset else b""
+    told = transaction._response_buf if transaction._response_offset else b""
+    given = "Push" if transaction._outcome == PUSH else "Answer"
     for title, pdu, packet in (("Request", transaction.request, asked), (given, transaction.response, told)):
         if pdu is not None:
             yield from _heading(title, pdu_line(pdu, connection, clock, places))

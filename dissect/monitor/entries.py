@@ -54,7 +54,7 @@ class Entry:
         """Its estimated size in memory."""
         what = self.what
         if isinstance(what, Transaction):
-            return _COST + len(what.request_buf) + len(what.response_buf)
+            return _COST + len(what._request_buf) + len(what._response_buf)
         if isinstance(what, Operation):
             return _COST + int(what.octets)
         return _COST + len(what[0].octets)
@@ -93,23 +93,23 @@ def detached(transaction: Transaction) -> Transaction:
     copy.response_ns = transaction.response_ns
     copy.response_rosctr = transaction.response_rosctr
     copy.response_parameters = transaction.response_parameters
-    copy.outcome = transaction.outcome
+    copy._outcome = transaction._outcome
     copy.reason = transaction.reason
     copy.error_code = transaction.error_code
     copy.has_errors = transaction.has_errors
-    copy.flags = transaction.flags
-    copy.carried = transaction.carried
+    copy._flags = transaction._flags
+    copy._carried = transaction._carried
     copy.subscribed = transaction.subscribed
     ibh = transaction.connection.protocol == IBH_NETLINK
-    head = _head(transaction.request_buf, int(transaction.request_offset), int(transaction.request_size), ibh)
-    start = int(transaction.request_offset)
-    copy.request_buf = bytes(transaction.request_buf[start - head : start + int(transaction.request_size)])
-    copy.request_offset = head
+    head = _head(transaction._request_buf, int(transaction._request_offset), int(transaction.request_size), ibh)
+    start = int(transaction._request_offset)
+    copy._request_buf = bytes(transaction._request_buf[start - head : start + int(transaction.request_size)])
+    copy._request_offset = head
     copy.request_size = transaction.request_size
-    head = _head(transaction.response_buf, int(transaction.response_offset), int(transaction.response_size), ibh)
-    start = int(transaction.response_offset)
-    copy.response_buf = bytes(transaction.response_buf[start - head : start + int(transaction.response_size)])
-    copy.response_offset = head
+    head = _head(transaction._response_buf, int(transaction._response_offset), int(transaction.response_size), ibh)
+    start = int(transaction._response_offset)
+    copy._response_buf = bytes(transaction._response_buf[start - head : start + int(transaction.response_size)])
+    copy._response_offset = head
     copy.response_size = transaction.response_size
     return copy
 

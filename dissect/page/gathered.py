@@ -383,7 +383,7 @@ class Gathered(Observer):
             spread.likely += 1
         if transaction.has_errors:
             spread.errors += 1
-        outcome = transaction.outcome
+        outcome = transaction._outcome
         if outcome == UNANSWERED:
             if transaction.missed:
                 spread.missed += 1
@@ -398,7 +398,7 @@ class Gathered(Observer):
 
     def _failure(self, transaction: Transaction, now: int) -> None:
         self.failed_in_all += 1
-        if transaction.outcome == PUSH:
+        if transaction._outcome == PUSH:
             self.failed_pushes += 1
         self.first_failure_ns = min(self.first_failure_ns or now, now)
         if len(self.failed) < MAX_FAILED:

@@ -89,7 +89,7 @@ class Requests:
             return
         if userdata is not None:
             if (
-                not (transaction.outcome == PUSH or (userdata.group, userdata.subfunction) == _READ_SZL)
+                not (transaction._outcome == PUSH or (userdata.group, userdata.subfunction) == _READ_SZL)
                 or userdata.continues
             ):
                 return
@@ -166,7 +166,7 @@ class Requests:
                 for asked in transaction.parameters.items:
                     self._count(transaction, asked, error)
                 return
-            results = transaction.results()
+            results = transaction.s7_results
             item = results[error.item - 1].item if 0 < error.item <= len(results) else None
             if item is not None:
                 self._count(transaction, item, error)

@@ -253,7 +253,7 @@ def outcome_of(transaction: Transaction) -> int:
     """Return the outcome of a transaction: one of the numbers above."""
     if transaction.has_errors:
         return ERROR
-    outcome = transaction.outcome
+    outcome = transaction._outcome
     if outcome == ANSWERED:
         return OK
     if outcome == PUSH:

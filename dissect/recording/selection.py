@@ -214,7 +214,7 @@ class Selection(Observer):
         self._transactions.add(int(transaction.number))
         self._surround(transaction)
         self._want(Asked(transaction, frames, spans))
-        if transaction.outcome == PUSH:
+        if transaction._outcome == PUSH:
             forgotten = self._subscriptions.forgotten
             for asked in self._subscriptions.of(transaction):
                 self._want(asked)

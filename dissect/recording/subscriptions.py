@@ -41,7 +41,7 @@ class SubscriptionBook:
 
     def note(self, transaction: Transaction, frames: list[int], spans: list[Span | None]) -> None:
         """Take a transaction that is over; reads, writes and pushes are ignored, as they begin no subscription."""
-        if transaction.outcome == PUSH or (transaction.parameters.userdata is None and not transaction.is_plus):
+        if transaction._outcome == PUSH or (transaction.parameters.userdata is None and not transaction.is_plus):
             return
         if len(self._asked) >= self._look_at:
             self._drop()

@@ -338,11 +338,11 @@ class Analysis(Observer):
         if statistics is None or parameters.function != self._latest_key or parameters.userdata is not None:
             statistics = self._statistics(parameters)
         statistics.total += 1
-        outcome: i64 = transaction.outcome
+        outcome: i64 = transaction._outcome
         if outcome == ANSWERED:
             self.answered += 1
             statistics.answered += 1
-            if transaction.flags & DOUBTS:
+            if transaction._flags & DOUBTS:
                 statistics.likely += 1
                 add_doubt(self.likely, transaction)
             else:

@@ -195,7 +195,7 @@ def items_in_short(results: list[ItemResult], naming: Naming | None = None) -> s
 
 def _unconfirmed(transaction: Transaction) -> str:
     """Return the items for which the answer has no return code; empty if there are none, or if it refuses other items."""
-    results = transaction.results() if transaction.flags & UNCONFIRMED else []
+    results = transaction.s7_results if transaction._flags & UNCONFIRMED else []
     unsure = [result for result in results if result.return_code < 0]
     if not unsure or any([result.refused for result in results]):
         return ""
@@ -224,13 +224,13 @@ def error_text(error: TransactionError) -> str:
 def outcome(transaction: Transaction) -> str:
     """Return how a transaction ended; empty for an answer without errors."""
     why = f" ({REASONS.get(transaction.reason, transaction.reason)})" if transaction.reason else ""
-    if transaction.outcome == ORPHAN:
+    if transaction._outcome == ORPHAN:
         said = f"answer without request{why}"
-    elif transaction.outcome == PUSH:
+    elif transaction._outcome == PUSH:
         said = "one way" if transaction.request_frame else "push"
     elif transaction.is_behind:
         said = REASONS[MALFORMED_HEADER]
-    elif transaction.outcome == ANSWERED:
+    elif transaction._outcome == ANSWERED:
         said = ""
     elif transaction.reason == HOLE:
         said = transaction.reason_text
@@ -253,11 +253,11 @@ def _mismatch(transaction: Transaction) -> str:
     """Return how an answer does not fit its request."""
     answer = transaction.response_parameters
     said = []
-    if answer is not None and transaction.flags & FUNCTION_MISMATCH:
+    if answer is not None and transaction._flags & FUNCTION_MISMATCH:
         said.append(f"the answer names {'a different object' if transaction.is_scd else answer.function_name}")
-    if answer is not None and transaction.flags & COUNT_MISMATCH:
+    if answer is not None and transaction._flags & COUNT_MISMATCH:
         said.append(f"requested {words.count(transaction.parameters.item_count, 'item')}, got {answer.item_count}")
-    if transaction.flags & SIZE_MISMATCH:
+    if transaction._flags & SIZE_MISMATCH:
         said.append("item size")
     return ", ".join(said)
 
@@ -271,8 +271,8 @@ class S7Facet(Facet):
         if good is not None:  # nearly always: then no `ItemResult` has to be made
             asked = transaction.parameters.items
             return [f"{address(asked[index])} = {content(asked[index], good[index])}" for index in range(len(good))]
-        results = list(enumerate(transaction.results(), 1))
-        unsure = transaction.flags & UNCONFIRMED != 0
+        results = list(enumerate(transaction.s7_results, 1))
+        unsure = transaction._flags & UNCONFIRMED != 0
         naming = transaction.connection.naming
         said = [
             f"{item(result, number, naming)}{': no return code' if unsure and result.return_code < 0 else ''}"
@@ -285,9 +285,9 @@ class S7Facet(Facet):
     def subject(self, transaction: Transaction) -> str:
         """Return all items, or the setup, or notes on request and answer."""
         said = ", ".join(self.items(transaction)) or self.setup(transaction) or self.notes(transaction)
-        if transaction.rosctr == USERDATA and transaction.results():
+        if transaction.rosctr == USERDATA and transaction.s7_results:
             said = ": ".join([text for text in (_heads(transaction), said) if text])
-        if transaction.carried is not None:
+        if transaction._carried is not None:
             said = "; ".join([text for text in (said, scd_subject(transaction)) if text])
         return said
 
@@ -318,7 +318,7 @@ class S7Facet(Facet):
         answer = transaction.response_parameters
         granted = answer.setup if answer is not None else None
         wish = str(asked)
-        if granted is None or transaction.outcome != ANSWERED:
+        if granted is None or transaction._outcome != ANSWERED:
             return f"asks {wish}"
         given = str(granted)
         return f"granted {given}" if given == wish else f"asks {wish}, granted {given}"
@@ -393,7 +393,7 @@ def gist(transaction: Transaction) -> str:
     facet = facet_of(transaction)
     return (
         _unconfirmed(transaction)
-        or items_in_short(transaction.results(), transaction.connection.naming)
+        or items_in_short(transaction.s7_results, transaction.connection.naming)
         or facet.setup(transaction)
         or facet.notes(transaction)
     )

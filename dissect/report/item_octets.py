@@ -39,7 +39,7 @@ _HARMLESS: Final = bytes(
 def is_usual(transaction: Transaction, places: Places) -> bool:
     """Return whether a read without an error is an ordinary one, in one file, with both packets captured."""
     return (
-        transaction.carried is None
+        transaction._carried is None
         and not transaction.reason
         and transaction.request_frame != 0
         and transaction.response_frame != 0

@@ -60,7 +60,7 @@ class PlusFacet(Facet):
 
     def items(self, transaction: Transaction) -> list[str]:
         """Return each item with its value or error, in wire order."""
-        return [item_text(item) for item in transaction.plus_items()]
+        return [item_text(item) for item in transaction.plus_results]
 
     def subject(self, transaction: Transaction) -> str:
         """Return what a transaction is about: its items, notes on request and answer, or a subscription."""
@@ -129,7 +129,7 @@ def plus_subject(transaction: Transaction, itemized: Callable[[list[PlusItem]], 
     ``itemized`` makes texts of the items; by default each item is shown with its value or error, up to `_ITEMS` of them.
     """
     told_of = itemized if itemized is not None else _in_full
-    asked, told = transaction.plus_halves(said=True)
+    asked, told = transaction._plus_halves(said=True)
     half = asked if asked is not None else told
     if half is None:
         return ""

@@ -142,7 +142,7 @@ class TransactionFeed(Observer):
         if self._choose is not None and not self._choose(transaction):
             return
         packet: i64 = 0
-        if transaction.outcome not in (UNANSWERED, BEHIND_MALFORMED):
+        if transaction._outcome not in (UNANSWERED, BEHIND_MALFORMED):
             packet = max(transaction.request_frame, transaction.response_frame)
         self.settle()
         self._writer.transaction(transaction)
@@ -305,7 +305,7 @@ class PduFeed(Observer):
 
     def transaction(self, transaction: Transaction) -> None:
         """Pass on the SCD messages in an S7 transaction; those in a write have the packet of its request."""
-        for found in transaction.carried or ():
+        for found in transaction._carried or ():
             self._scd(found, transaction.connection)
 
     def _scd(self, found: ScdMessage, connection: Connection) -> None:

@@ -288,7 +288,7 @@ _ROWS: Final = (
 
     # ---- what became of it
     Field("outcome", Code(lambda: OUTCOMES), "What became of the request.", "outcome == unanswered",
-          {TRANSACTION: _word("outcome_name")}),
+          {TRANSACTION: _word("outcome")}),
     Field("reason", Code(lambda: REASON_TEXTS, also=""), "Why there is no answer, or why the end is missing.",
           "reason == connection_closed", _all(_word("reason"), _TALK)),
     Field("certainty", Code(lambda: CERTAINTIES),

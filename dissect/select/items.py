@@ -143,14 +143,14 @@ class ItemReader:
         if transaction is self._latest:
             return self._facts
         if transaction.is_plus:
-            facts = [plus_facts(item) for item in transaction.plus_items()]
+            facts = [plus_facts(item) for item in transaction.plus_results]
         else:
             naming = transaction.connection.naming
-            facts = [self.s7(result, naming) for result in transaction.results()]
-        if transaction.is_scd or transaction.carried is not None:
+            facts = [self.s7(result, naming) for result in transaction.s7_results]
+        if transaction.is_scd or transaction._carried is not None:
             facts += [scd_facts(row) for found in transaction.scd for row in found.values]
         # A transaction without an outcome may still change, so its items are not remembered.
-        self._latest = transaction if transaction.outcome else None
+        self._latest = transaction if transaction._outcome else None
         self._facts = facts
         return facts
 

@@ -92,7 +92,7 @@ class Evidence:
         head = transaction.parameters.userdata
         if head is None or transaction.rosctr != USERDATA:
             return []
-        if transaction.outcome == PUSH:
+        if transaction._outcome == PUSH:
             if head.group != GROUP_MODE or transaction.request_frame:
                 return []
             said = [(facts.OPERATING_MODE, head.subfunction_name)]
@@ -199,13 +199,13 @@ def _answered(transaction: Transaction) -> bytes:
     if parameters is None:
         return b""
     size = len(parameters.octets)
-    return _payload(transaction.response_buf, transaction.response_offset, transaction.response_size, size)
+    return _payload(transaction._response_buf, transaction._response_offset, transaction.response_size, size)
 
 
 def asked_payload(transaction: Transaction) -> bytes:
     """Return the payload of a userdata request; empty if it has none."""
     size = len(transaction.parameters.octets)
-    return _payload(transaction.request_buf, transaction.request_offset, transaction.request_size, size)
+    return _payload(transaction._request_buf, transaction._request_offset, transaction.request_size, size)
 
 
 def _payload(buf: bytes, offset: int, size: int, parameters: int) -> bytes:
@@ -268,7 +268,7 @@ def _with_number(part: Part, name: str) -> str:
 def _clock(transaction: Transaction, head: UserdataHead) -> list[Fact]:
     """Read a clock: the time that a station answers, or that it accepts to be set to."""
     setting = head.subfunction in SETTING
-    if transaction.outcome != ANSWERED:
+    if transaction._outcome != ANSWERED:
         return []
     payload = asked_payload(transaction) if setting else _answered(transaction)
     text = date_and_time(payload[_TIME : CLOCK_LAYOUT.size]) if len(payload) >= CLOCK_LAYOUT.size else None

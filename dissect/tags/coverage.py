@@ -49,7 +49,7 @@ class Coverage(Observer):
 
     def transaction(self, transaction: Transaction) -> None:
         """Count the items of a transaction."""
-        for result in transaction.results():
+        for result in transaction.s7_results:
             item = result.item
             if item is None or item.area < 0 or item.start_bit < 0:
                 continue

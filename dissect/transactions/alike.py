@@ -37,18 +37,18 @@ def possible(row: Row, end_seq: i64, ack: i64, gap_end: i64, lost: list[Transact
     found = [one for one in row.requests if not excludes(one, end_seq, ack)]
     if gap_end < 0 or len(found) < 2:
         return found
-    latest: i64 = found[len(found) - 1].request_ack
+    latest: i64 = found[len(found) - 1]._request_ack
     if latest < 0:
         return found
     received: bool = not follows(gap_end, latest)
-    left = [one for one in found if one not in lost and not (received and follows(gap_end, one.request_ack))]
+    left = [one for one in found if one not in lost and not (received and follows(gap_end, one._request_ack))]
     return left or found
 
 
 def fitting(requests: list[Transaction], answer: Transaction, data_at: i64) -> list[Transaction]:
     """Return those of ``requests`` that have the shape of an answer; ``data_at`` is where its data block begins."""
     rosctr, parameters = answer.response_rosctr, answer.parameters
-    buf, at, size = answer.response_buf, answer.response_offset, answer.response_size
+    buf, at, size = answer._response_buf, answer._response_offset, answer.response_size
     return [one for one in requests if not contradicts(one, rosctr, parameters, buf, at, size, data_at)]
 
 

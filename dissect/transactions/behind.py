@@ -54,16 +54,16 @@ class Behind:
         dialogue = self._dialogue
         dialogue.count += 1
         request = Transaction(dialogue.count, side.connection, side.index, rosctr, pdu_ref, parameters)
-        request.flags = BEHIND
+        request._flags = BEHIND
         request.reason = MALFORMED_HEADER
         request.request_frame = frame
         request.request_ns = time_ns
-        request.request_ack = side.last_ack
-        request.request_seq = (side.end_seq - side.size) & MASK
-        request.request_buf = octets
+        request._request_ack = side.last_ack
+        request._request_seq = (side.end_seq - side.size) & MASK
+        request._request_buf = octets
         request.request_size = len(octets)
         if parameters.function == WRITE_VAR:
-            request.flags |= check_written(parameters, octets, 0, len(octets))
+            request._flags |= check_written(parameters, octets, 0, len(octets))
         if not wants_answer(request):
             self._alone(request)
             return
@@ -97,9 +97,9 @@ class Behind:
         self, side: Side, rosctr: i64, pdu_ref: i64, parameters: Parameters, octets: bytes, frame: i64, time_ns: i64
     ) -> Transaction:
         told = Transaction(0, side.connection, 1 - side.index, rosctr, pdu_ref, parameters)
-        told.flags = BEHIND
+        told._flags = BEHIND
         told.reason = MALFORMED_HEADER
-        told.set_response(rosctr, parameters, octets, 0, len(octets), frame, time_ns)
+        told._set_response(rosctr, parameters, octets, 0, len(octets), frame, time_ns)
         return told
 
     def _hold(self, side: Side, transaction: Transaction, request: Transaction | None) -> None:
@@ -145,19 +145,19 @@ class Behind:
             transaction.number = dialogue.count
             if transaction.rosctr < USERDATA:
                 transaction.rosctr = JOB  # the ROSCTR of the request, which is not there
-        transaction.outcome = BEHIND_MALFORMED
+        transaction._outcome = BEHIND_MALFORMED
         dialogue.also.append(transaction)
 
     def _end(self, held: Held, answering: Side | None) -> None:
         """Nothing more is waited for: an answer completes the request that it fits if that is still open."""
         told = held.transaction
         request = held.request
-        if request is None or answering is None or request.outcome != OPEN:
+        if request is None or answering is None or request._outcome != OPEN:
             self._alone(told)
             return
         requests = request.connection.open_requests[request.asked_by]
         requests.close(key_of(request.rosctr, request.pdu_ref), request)
-        request.flags |= BEHIND
+        request._flags |= BEHIND
         request.reason = MALFORMED_HEADER
         self._dialogue.pair(answering, requests, request, told)
         self._dialogue.also.append(request)

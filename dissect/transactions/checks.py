@@ -34,8 +34,8 @@ from dissect.wire.octets import u16, u32
 
 def check_answer(transaction: Transaction, parameters: Parameters, data_at: i64) -> None:
     """Look for errors and contradictions in an answer; ``data_at`` is where its data block begins in `response_buf`."""
-    buf = transaction.response_buf
-    at: i64 = transaction.response_offset
+    buf = transaction._response_buf
+    at: i64 = transaction._response_offset
     end: i64 = at + transaction.response_size
     if transaction.response_rosctr >= USERDATA:
         head = parameters.userdata
@@ -71,7 +71,7 @@ def _check_read(transaction: Transaction, count: i64, buf: bytes, at: i64, end: 
     if expected and begin_alike(parameters.good_answer, buf, at, end):
         return
     if not expected and not parameters.malformed:
-        transaction.flags |= COUNT_MISMATCH  # not for a malformed request, whose item count proves nothing
+        transaction._flags |= COUNT_MISMATCH  # not for a malformed request, whose item count proves nothing
     items = parameters.items
     known: i64 = len(items)
     good = expected and known == count
@@ -81,7 +81,7 @@ def _check_read(transaction: Transaction, count: i64, buf: bytes, at: i64, end: 
     while index < count:
         room: i64 = end - at - 4
         if room < 0:
-            transaction.flags |= BAD_DATA
+            transaction._flags |= BAD_DATA
             return
         head = u32(buf, at)
         at += 4
@@ -98,11 +98,11 @@ def _check_read(transaction: Transaction, count: i64, buf: bytes, at: i64, end: 
         if size & 1 and index < count:
             at += 1
     if at != end and not (at + 1 == end and size & 1):
-        transaction.flags |= BAD_DATA
+        transaction._flags |= BAD_DATA
     elif good:
         parameters.good_answer = item_heads(count, buf, begin, end)
         if not COMPILED:
-            parameters.keep_layout(buf, transaction.response_offset, begin)
+            parameters.keep_layout(buf, transaction._response_offset, begin)
 
 
 def _check_size(transaction: Transaction, item: Item, buf: bytes, at: i64, size: i64, end: i64) -> bool:
@@ -111,7 +111,7 @@ def _check_size(transaction: Transaction, item: Item, buf: bytes, at: i64, size:
         _check_areas(transaction, item, buf, at, min(at + size, end))
         return False
     if item.size != size:
-        transaction.flags |= SIZE_MISMATCH
+        transaction._flags |= SIZE_MISMATCH
         return False
     return True
 
@@ -123,7 +123,7 @@ def _check_areas(transaction: Transaction, item: Item, buf: bytes, at: i64, end:
         return
     told = walk_areas(areas, buf[at:end])
     if not told:
-        transaction.flags |= SIZE_MISMATCH
+        transaction._flags |= SIZE_MISMATCH
     for area in told:
         if area.return_code != SUCCESS:
             transaction.has_errors = True
@@ -132,12 +132,12 @@ def _check_areas(transaction: Transaction, item: Item, buf: bytes, at: i64, end:
 def _check_write(transaction: Transaction, count: i64, buf: bytes, at: i64, end: i64) -> None:
     """Check the return codes of a write answer, one octet for each item."""
     if end - at < transaction.parameters.item_count and transaction.error_code == 0:
-        transaction.flags |= UNCONFIRMED
+        transaction._flags |= UNCONFIRMED
         transaction.has_errors = True
     if count != transaction.parameters.item_count and not transaction.parameters.malformed:
-        transaction.flags |= COUNT_MISMATCH
+        transaction._flags |= COUNT_MISMATCH
     if end - at != count:
-        transaction.flags |= BAD_DATA
+        transaction._flags |= BAD_DATA
     while at < end:
         if buf[at] != SUCCESS:
             transaction.has_errors = True
@@ -149,12 +149,12 @@ def check_data_codes(transaction: Transaction) -> None:
 
     A request whose items were all refused is checked again with its next answer.
     """
-    if transaction.response_rosctr != ACK_DATA or transaction.flags & (COUNT_MISMATCH | BAD_DATA | FUNCTION_MISMATCH):
+    if transaction.response_rosctr != ACK_DATA or transaction._flags & (COUNT_MISMATCH | BAD_DATA | FUNCTION_MISMATCH):
         return
-    for result in transaction.results():
+    for result in transaction.s7_results:
         item = result.item
         answer = result.answer
         if item is not None and answer is not None and answer.return_code == SUCCESS:
             transaction.parameters.answer_unjudged = False
             if odd_data_code(item, answer):
-                transaction.flags |= ODD_DATA_CODE
+                transaction._flags |= ODD_DATA_CODE

@@ -15,10 +15,10 @@ from dissect.transactions.transaction import Transaction
 def is_strange(request: Transaction, answer: Transaction) -> bool:
     """Return whether a held answer cannot belong to ``request``."""
     rosctr: i64 = answer.response_rosctr
-    at: i64 = answer.response_offset
+    at: i64 = answer._response_offset
     parameters = answer.parameters
     data_at: i64 = at + header_size(rosctr) + len(parameters.octets)
-    return contradicts(request, rosctr, parameters, answer.response_buf, at, answer.response_size, data_at)
+    return contradicts(request, rosctr, parameters, answer._response_buf, at, answer.response_size, data_at)
 
 
 def contradicts(
@@ -38,19 +38,19 @@ def contradicts(
     if parameters.function != READ_VAR and parameters.function != WRITE_VAR:
         return False
     # Put the answer into `request` to check it, then restore `request`: cheaper than a transaction made for the check.
-    flags: i64 = request.flags
-    request.flags = 0
-    request.response_buf = buf
-    request.response_offset = at
+    flags: i64 = request._flags
+    request._flags = 0
+    request._response_buf = buf
+    request._response_offset = at
     request.response_size = size
     request.response_rosctr = rosctr
     check_answer(request, parameters, data_at)
-    found: i64 = request.flags
-    request.flags = flags
+    found: i64 = request._flags
+    request._flags = flags
     request.has_errors = False
     request.error_code = 0
-    request.response_buf = b""
-    request.response_offset = 0
+    request._response_buf = b""
+    request._response_offset = 0
     request.response_size = 0
     request.response_rosctr = 0
     return found & (COUNT_MISMATCH | SIZE_MISMATCH) != 0

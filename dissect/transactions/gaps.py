@@ -47,7 +47,7 @@ def latest_gap(side: Side) -> i64:
 
 def perhaps_answered(request: Transaction, answering: Side) -> bool:
     """Return whether octets of the answering side are missing that may be the answer to an open request."""
-    ack: i64 = request.request_ack
+    ack: i64 = request._request_ack
     if answering.hole_frame >= request.request_frame and (
         ack < 0 or answering.hole_end < 0 or 0 < (answering.hole_end - ack) & MASK < HALF_SPACE
     ):
@@ -66,7 +66,7 @@ def unheard(request: Transaction, answering: Side, now_ns: i64, lossy: bool) -> 
 
     That is so only where the capture has gaps elsewhere (``lossy``): a device that is gone is silent as well.
     """
-    if not answering.captured or request.request_ack < 0 or now_ns - answering.tcp.last_ns <= _ACK_DUE_NS:
+    if not answering.captured or request._request_ack < 0 or now_ns - answering.tcp.last_ns <= _ACK_DUE_NS:
         return False
     return lossy
 
@@ -80,11 +80,11 @@ def between(side: Side, request: Transaction) -> bool:
     asked: i64 = request.request_frame
     if asking is None or side.hole_frame < asked or side.hole_end < 0:
         return False
-    if request.request_ack >= 0 and not 0 < (side.hole_end - request.request_ack) & MASK < HALF_SPACE:
+    if request._request_ack >= 0 and not 0 < (side.hole_end - request._request_ack) & MASK < HALF_SPACE:
         return False
     if asking.is_ahead(side.last_ack):
         return True
-    return asking.hole_frame >= asked and asking.hole_end >= 0 and follows(asking.hole_end, request.request_seq)
+    return asking.hole_frame >= asked and asking.hole_end >= 0 and follows(asking.hole_end, request._request_seq)
 
 
 def missing_since(side: Side, request: Transaction) -> bool:
@@ -98,7 +98,7 @@ def perhaps_unasked(side: Side, request: Transaction) -> bool:
     Octets that the asking side sent are missing after ``request``, or right before it.
     """
     asking = side.peer
-    if asking is not None and asking.hole_end >= 0 and (request.request_seq - asking.hole_end) & MASK < LEAST_ANSWER:
+    if asking is not None and asking.hole_end >= 0 and (request._request_seq - asking.hole_end) & MASK < LEAST_ANSWER:
         return True
     return _asks_missing(side, request) or excludes(request, side.end_seq, side.last_ack)
 
@@ -123,7 +123,7 @@ def _asks_missing(side: Side, request: Transaction) -> bool:
     if asking is None or asking.is_ahead(side.last_ack):
         return True
     return asking.hole_frame >= request.request_frame and (
-        asking.hole_end < 0 or follows(asking.hole_end, request.request_seq)
+        asking.hole_end < 0 or follows(asking.hole_end, request._request_seq)
     )
 
 
@@ -160,14 +160,14 @@ def answered_in(side: Side, size: i64, requests: OpenRequests) -> list[Transacti
     begin: i64 = (side.hole_end - size) & MASK
     certain: list[Transaction] = []
     for index in range(len(found)):
-        at: i64 = found[index].request_ack
+        at: i64 = found[index]._request_ack
         if at < 0 or not follows(side.hole_end, at):
             break  # sent after what is missing had been received
         if follows(begin, at):
             at = begin
         end: i64 = side.hole_end
-        if index + 1 < len(found) and follows(end, found[index + 1].request_ack):
-            end = found[index + 1].request_ack
+        if index + 1 < len(found) and follows(end, found[index + 1]._request_ack):
+            end = found[index + 1]._request_ack
         if (end - at) & MASK < LEAST_ANSWER or follows(at, end):
             break
         certain.append(found[index])

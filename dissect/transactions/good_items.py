@@ -52,7 +52,7 @@ class GoodItems:
         if (
             answer is None
             or transaction.has_errors
-            or transaction.outcome != ANSWERED
+            or transaction._outcome != ANSWERED
             or asked.function != READ_VAR
             or answer.function != READ_VAR
             or transaction.response_rosctr != ACK_DATA
@@ -62,15 +62,15 @@ class GoodItems:
             or answer.item_count != len(asked.items)
         ):
             return False
-        flags: i64 = transaction.flags
+        flags: i64 = transaction._flags
         if flags & DOUBTS:
             return False  # every output marks a pair that is only likely, or leaves it out
-        self.buf = transaction.response_buf
+        self.buf = transaction._response_buf
         self.index = -1
         self._items = asked.items
         self._judged = flags == 0
-        self._next = transaction.response_offset + ACK_HEADER_SIZE + len(answer.octets)
-        self._end = transaction.response_offset + transaction.response_size
+        self._next = transaction._response_offset + ACK_HEADER_SIZE + len(answer.octets)
+        self._end = transaction._response_offset + transaction.response_size
         return True
 
     def step(self) -> bool:

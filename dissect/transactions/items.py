@@ -51,13 +51,13 @@ class TransactionItem(NamedTuple):
 def items_of(transaction: Transaction) -> list[TransactionItem]:
     """Return the items of a transaction in the order of the wire, refused ones included."""
     if transaction.is_plus:
-        return [_plus_item(transaction, item) for item in transaction.plus_items()]
+        return [_plus_item(transaction, item) for item in transaction.plus_results]
     if transaction.is_scd:
         return _scd_items(transaction)
     found: list[TransactionItem] = []
     naming = transaction.connection.naming
     writes = transaction.function == WRITE_VAR
-    for result in transaction.results():
+    for result in transaction.s7_results:
         said = _result(transaction, result)
         named = naming.named(result) if naming is not None else []
         if any(one.name for one in named):
@@ -111,7 +111,7 @@ def _plus_item(transaction: Transaction, item: PlusItem) -> TransactionItem:
 
 def _scd_items(transaction: Transaction) -> list[TransactionItem]:
     """Return the values of the answer, or else of the request, or the object that was requested without any."""
-    said = OK if transaction.outcome_name in {"answered", "unsolicited"} else _unanswered(transaction)
+    said = OK if transaction.outcome in {"answered", "unsolicited"} else _unanswered(transaction)
     if transaction.has_errors:
         said = _unanswered(transaction)
     messages = transaction.scd

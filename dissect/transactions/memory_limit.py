@@ -48,9 +48,9 @@ def _open(requests: OpenRequests) -> i64:
     held: i64 = 0
     if requests.count:
         for transaction in requests.asked_after(-1):
-            held += len(transaction.request_buf)
+            held += len(transaction._request_buf)
     for answer in requests.waiting():
-        held += len(answer.response_buf)
+        held += len(answer._response_buf)
     return held
 
 

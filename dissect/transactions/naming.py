@@ -101,7 +101,7 @@ def subject(transaction: Transaction) -> str:
     writes = parameters.function == WRITE_VAR
     if not parameters.items or (transaction.connection.naming is None and not writes):
         return parameters.subject
-    return f"{parameters.function_name} {items_said(transaction.connection.naming, transaction.results(), writes)}"
+    return f"{parameters.function_name} {items_said(transaction.connection.naming, transaction.s7_results, writes)}"
 
 
 def items_said(naming: Naming | None, results: list[ItemResult], writes: bool, most: int = _NAMED) -> str:
@@ -114,11 +114,11 @@ def items_said(naming: Naming | None, results: list[ItemResult], writes: bool, m
 
 
 def item_subject(transaction: Transaction, number: int, address: str) -> str:
-    """Return an item as text, as in `subject`; ``address`` when ``transaction.results()`` does not have it.
+    """Return an item as text, as in `subject`; ``address`` when ``transaction.s7_results`` does not have it.
 
-    ``number`` is its place in ``transaction.results()``, counted from 1. Texts are not escaped.
+    ``number`` is its place in ``transaction.s7_results``, counted from 1. Texts are not escaped.
     """
-    results = transaction.results()
+    results = transaction.s7_results
     if not 0 < number <= len(results):
         return address
     writes = transaction.parameters.function == WRITE_VAR
@@ -169,11 +169,11 @@ def _value_said(value: Value, data: bytes) -> str:
 
 
 def named_items(transaction: Transaction) -> list[list[NamedValue]]:
-    """Return the named values of each item of ``transaction.results()``, in its order; empty without tags."""
+    """Return the named values of each item of ``transaction.s7_results``, in its order; empty without tags."""
     naming = transaction.connection.naming
     if naming is None:
         return []
-    return [naming.named(result) for result in transaction.results()]
+    return [naming.named(result) for result in transaction.s7_results]
 
 
 def plain(value: object) -> Value:

@@ -111,7 +111,7 @@ class Row:
 
 def acknowledged(request: Transaction, end_seq: i64) -> bool:
     """Return whether a request acknowledged the other side's octets up to ``end_seq``: then they were there before it."""
-    return request.request_ack >= 0 and ((request.request_ack - end_seq) & MASK) < HALF_SPACE
+    return request._request_ack >= 0 and ((request._request_ack - end_seq) & MASK) < HALF_SPACE
 
 
 def excludes(request: Transaction, end_seq: i64, ack: i64) -> bool:
@@ -120,14 +120,14 @@ def excludes(request: Transaction, end_seq: i64, ack: i64) -> bool:
     It cannot if it acknowledges nothing of the request's last segment, or if the request acknowledged it. An acknowledgement
     far behind the request proves nothing.
     """
-    if request.request_ack >= 0 and ack >= 0 and ((request.request_seq - ack) & MASK) < FAR_AHEAD:
+    if request._request_ack >= 0 and ack >= 0 and ((request._request_seq - ack) & MASK) < FAR_AHEAD:
         return True
     return acknowledged(request, end_seq)
 
 
 def no_answer(request: Transaction, before: Transaction) -> bool:
     """Return whether the client, when it sent ``request``, had got nothing since ``before`` for so long that it gave up."""
-    return request.request_ns - before.request_ns > BESIDE_NS and request.request_ack == before.request_ack
+    return request.request_ns - before.request_ns > BESIDE_NS and request._request_ack == before._request_ack
 
 
 class OpenRequests:

@@ -91,7 +91,7 @@ _OURS: Final = frozenset(("", "s7comm"))
 
 def _went_well(transaction: Transaction) -> bool:
     """Return whether a request was accepted; an answer without its request counts if only that was captured."""
-    answered = transaction.outcome == ANSWERED or (transaction.outcome == ORPHAN and half_captured(transaction))
+    answered = transaction._outcome == ANSWERED or (transaction._outcome == ORPHAN and half_captured(transaction))
     return answered and not transaction.refused
 
 
@@ -115,7 +115,7 @@ def payload_size(transaction: Transaction) -> int:
     """Return the size of the payload of a userdata answer or push: of its data block without the head."""
     if transaction.response_size < HEADER_SIZE:
         return 0
-    stated = u16(transaction.response_buf, transaction.response_offset + _DATA_LENGTH_AT)
+    stated = u16(transaction._response_buf, transaction._response_offset + _DATA_LENGTH_AT)
     return max(int(stated) - DATA_HEAD.size, 0)
 
 
@@ -194,7 +194,7 @@ class Operations(OperationBook):
     def _userdata(self, transaction: Transaction, head: UserdataHead) -> None:
         answer = transaction.response_parameters
         told = answer.userdata if answer is not None else None
-        if transaction.outcome == PUSH:
+        if transaction._outcome == PUSH:
             self._push(transaction)
         elif head.group == GROUP_PBC:
             self._send(transaction, head)
@@ -232,12 +232,12 @@ class Operations(OperationBook):
         _join(operation, transaction)
         if (
             not more
-            and transaction.outcome == ANSWERED
+            and transaction._outcome == ANSWERED
             and not operation.content
             and transaction.connection.tcp.has_holes
         ):
             self.close(operation, NOT_CAPTURED)  # a part is in a gap
-        elif transaction.outcome == UNANSWERED or transaction.refused or not more:
+        elif transaction._outcome == UNANSWERED or transaction.refused or not more:
             self.settle(operation, transaction, DONE, FAILED)
         return True
 
@@ -347,7 +347,7 @@ class Operations(OperationBook):
         if stops:
             return
         operation = self.begin(MESSAGES, str(transaction.asked_by), transaction, subject_of(transaction))
-        if transaction.outcome != ANSWERED or transaction.refused:
+        if transaction._outcome != ANSWERED or transaction.refused:
             self.settle(operation, transaction, DONE, REFUSED)
 
     def _push(self, transaction: Transaction) -> None:
@@ -358,7 +358,7 @@ class Operations(OperationBook):
         elif not transaction.connection.mid_stream and not transaction.connection.tcp.has_holes:
             head = transaction.parameters.userdata
             if head is None or not head.usend:  # a USEND comes from the PLC's program, without a subscription
-                transaction.flags |= STRAY_PUSH
+                transaction._flags |= STRAY_PUSH
 
 
 def _join(operation: Operation, transaction: Transaction) -> None:

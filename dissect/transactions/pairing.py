@@ -133,15 +133,15 @@ class Dialogue:
         transaction = Transaction(self.count, connection, asked_by, rosctr, pdu_ref, parameters)
         transaction.request_frame = frame
         transaction.request_ns = time_ns
-        transaction.request_ack = side.last_ack
-        transaction.request_seq = (side.end_seq - side.size) & MASK
-        transaction.request_buf = buf
-        transaction.request_offset = at
+        transaction._request_ack = side.last_ack
+        transaction._request_seq = (side.end_seq - side.size) & MASK
+        transaction._request_buf = buf
+        transaction._request_offset = at
         transaction.request_size = size
         if not connection.client_known:
             connection.note_request(side.index, parameters)
         if parameters.function == WRITE_VAR:
-            transaction.flags |= check_written(parameters, buf, at, size)
+            transaction._flags |= check_written(parameters, buf, at, size)
         key: i64 = pdu_ref if rosctr < USERDATA else key_of(rosctr, pdu_ref)
         requests = connection.open_requests[asked_by]
         self.several = requests.count > 0
@@ -153,7 +153,7 @@ class Dialogue:
         elif requests.latest is None:
             requests.latest_key = key
         requests.asked_frame = frame
-        requests.asked_seq = transaction.request_seq
+        requests.asked_seq = transaction._request_seq
         if requests.orphans is not None and self.find_answer(side, requests, key, transaction):
             return transaction
         self.open += 1
@@ -176,22 +176,22 @@ class Dialogue:
     def _ask_after_gap(self, side: Side, requests: OpenRequests, key: i64, transaction: Transaction) -> None:
         """Note if a request that was not captured may be answered in place of this one, or if this one is incomplete itself."""
         if self.cut:
-            transaction.flags |= GAPS
+            transaction._flags |= GAPS
         elif unasked_before(side, requests, key):
-            transaction.flags |= ALIKE
+            transaction._flags |= ALIKE
 
     def find_answer(self, side: Side, requests: OpenRequests, key: i64, transaction: Transaction) -> bool:
         """Return whether the answer to a new request is held, and join the two; give up answers to requests before it."""
         orphan = requests.find_orphan(key, side.end_seq)
         if orphan is not None and (
-            (orphan.ack == side.end_seq and not transaction.flags & ALIKE)
+            (orphan.ack == side.end_seq and not transaction._flags & ALIKE)
             or not (has_gaps(side) and is_strange(transaction, orphan.transaction))
         ):
             requests.release_orphan(orphan)
             if orphan.transaction.response_frame < transaction.request_frame:
-                transaction.flags |= REORDERED
+                transaction._flags |= REORDERED
             if requests.doubtful:
-                transaction.flags |= ALIKE
+                transaction._flags |= ALIKE
             self.join(transaction, orphan.transaction)
             requests.answered = transaction.number
             return True
@@ -262,7 +262,7 @@ class Dialogue:
             waiting = None
         if (
             waiting is not None
-            and (waiting.request_ack - side.end_seq) & MASK < HALF_SPACE  # part of `acknowledged`: enough for most
+            and (waiting._request_ack - side.end_seq) & MASK < HALF_SPACE  # part of `acknowledged`: enough for most
             and acknowledged(waiting, side.end_seq)
         ):
             waiting = None  # the asking side had received this answer before it sent that request
@@ -273,7 +273,7 @@ class Dialogue:
             and (
                 passed_over(side, requests, waiting)
                 or (
-                    (waiting.flags & ALIKE or perhaps_unasked(side, waiting))
+                    (waiting._flags & ALIKE or perhaps_unasked(side, waiting))
                     and contradicts(waiting, rosctr, parameters, buf, at, size, data_at)
                 )
             )
@@ -293,26 +293,26 @@ class Dialogue:
         if gaps:
             self._note_gaps(side, requests, waiting)
         if requests.doubtful or (requests.answered == 0 and excludes(waiting, side.end_seq, side.last_ack)):
-            waiting.flags |= ALIKE
+            waiting._flags |= ALIKE
         requests.answered = waiting.number
         if requests.repeats:
             requests.rest_ns = max(SHORT_REST_NS, _MANY_TIMES * (time_ns - waiting.request_ns))
         if parameters.function != waiting.parameters.function or parameters.userdata is not None or rosctr > USERDATA:
             if mismatch(waiting.parameters, parameters):
-                waiting.flags |= FUNCTION_MISMATCH
-        waiting.set_response(rosctr, parameters, buf, at, size, frame, time_ns)
+                waiting._flags |= FUNCTION_MISMATCH
+        waiting._set_response(rosctr, parameters, buf, at, size, frame, time_ns)
         self._answered(waiting, parameters, data_at)
         return waiting
 
     def _note_gaps(self, side: Side, requests: OpenRequests, request: Transaction) -> None:
         """``request`` is answered, and the capture has gaps: note what that says of it and of the requests before it."""
         if self.cut or between(side, request):
-            request.flags |= GAPS
+            request._flags |= GAPS
         lost = requests.lost
         if lost:
             requests.lost = []
             if request in lost:
-                request.flags |= GAPS  # either this or what is missing is its answer
+                request._flags |= GAPS  # either this or what is missing is its answer
             for one in lost:
                 if one.number < request.number:  # servers answer in order
                     self._close(side, requests, key_of(one.rosctr, one.pdu_ref), one, HOLE, True)
@@ -355,7 +355,7 @@ class Dialogue:
         if has_gaps(side):
             self._note_gaps(side, requests, request)
         if requests.doubtful:
-            request.flags |= ALIKE
+            request._flags |= ALIKE
         requests.answered = max(requests.answered, request.number)
         self.join(request, answer)
 
@@ -381,7 +381,7 @@ class Dialogue:
                 self._orphan(answering, row.key, answers[index].transaction)
                 continue
             if not sure:
-                request.flags |= ALIKE
+                request._flags |= ALIKE
             requests.close(row.key, request)
             self.pair(answering, requests, request, answers[index].transaction)
             self.also.append(request)
@@ -402,13 +402,13 @@ class Dialogue:
 
     def _answered(self, transaction: Transaction, parameters: Parameters, data_at: i64) -> None:
         """The transaction has its answer, with ``parameters``: check the answer and count it."""
-        transaction.outcome = ANSWERED
+        transaction._outcome = ANSWERED
         asked = transaction.parameters
         if (
             COMPILED
             or transaction.response_rosctr != ACK_DATA
             or not asked.like_good(
-                transaction.response_buf, transaction.response_offset, transaction.response_size, data_at
+                transaction._response_buf, transaction._response_offset, transaction.response_size, data_at
             )
         ):
             check_answer(transaction, parameters, data_at)
@@ -432,9 +432,9 @@ class Dialogue:
         transaction = Transaction(self.count, side.connection, side.index, PLUS, pdu_ref, parameters)
         transaction.request_frame = frame
         transaction.request_ns = time_ns
-        transaction.request_buf = octets
+        transaction._request_buf = octets
         transaction.request_size = len(octets)
-        transaction.outcome = PUSH
+        transaction._outcome = PUSH
         side.connection.note_one_way()
         return transaction
 
@@ -445,8 +445,8 @@ class Dialogue:
         self.count += 1
         rosctr: i64 = parameters.rosctr
         transaction = Transaction(self.count, side.connection, 1 - side.index, rosctr, pdu_ref, parameters)
-        transaction.set_response(rosctr, parameters, buf, at, size, frame, time_ns)
-        transaction.outcome = PUSH
+        transaction._set_response(rosctr, parameters, buf, at, size, frame, time_ns)
+        transaction._outcome = PUSH
         head = parameters.userdata
         if head is not None and head.error_code:
             transaction.error_code = head.error_code
@@ -497,7 +497,7 @@ class Dialogue:
             now_ns = 0
         for transaction in requests.drain() if requests.count else []:
             self._give_up(transaction, answering, reason, transaction in lost, now_ns)
-            if reason != CAPTURE_ENDED and transaction.outcome == UNANSWERED:
+            if reason != CAPTURE_ENDED and transaction._outcome == UNANSWERED:
                 connection.open_at_end += 1
         if requests.orphans is not None and answering is not None:
             for orphan in requests.orphans:
@@ -526,26 +526,26 @@ class Dialogue:
         """
         self.open -= 1
         if not wants_answer(transaction):
-            transaction.outcome = PUSH
+            transaction._outcome = PUSH
             transaction.connection.note_one_way()
             self.also.append(transaction)
             return
-        transaction.outcome = UNANSWERED
+        transaction._outcome = UNANSWERED
         transaction.reason = reason
         if answered:
             transaction.reason = HOLE
         elif answering is not None:
-            incomplete: bool = transaction.flags & GAPS != 0
+            incomplete: bool = transaction._flags & GAPS != 0
             if (
                 incomplete
                 or perhaps_answered(transaction, answering)
                 or unheard(transaction, answering, now_ns, self.lossy)
             ):
                 transaction.reason = HOLE
-                transaction.flags |= GAPS
+                transaction._flags |= GAPS
             elif not answering.captured:
                 transaction.reason = ONE_SIDED
-                transaction.flags |= EXPECTED
+                transaction._flags |= EXPECTED
         transaction.connection.unanswered += 1
         self.also.append(transaction)
 
@@ -556,7 +556,7 @@ class Dialogue:
             return
         asking = side.peer
         if asking is not None and asking.requests == 0 and (side.connection.mid_stream or not asking.captured):
-            transaction.flags |= EXPECTED
+            transaction._flags |= EXPECTED
         requests = side.connection.open_requests[1 - side.index]
         if not side.waiting:
             self.holding.append(side)
@@ -581,7 +581,7 @@ class Dialogue:
             transaction.has_errors = parse_pdu(octets).refused
         asking = side.peer
         if asking is not None and (asking.holes or (asking.captured and asking.is_ahead(orphan.ack))):
-            transaction.flags |= EXPECTED
+            transaction._flags |= EXPECTED
             transaction.reason = HOLE
         side.connection.orphans += 1
         self.also.append(transaction)
@@ -590,11 +590,10 @@ class Dialogue:
         """Give a request the answer that was captured before it."""
         parameters = answer.parameters
         if mismatch(transaction.parameters, parameters):
-            transaction.flags |= FUNCTION_MISMATCH
+            transaction._flags |= FUNCTION_MISMATCH
         rosctr: i64 = answer.response_rosctr
-        at: i64 = answer.response_offset
-        transaction.set_response(
-            rosctr, parameters, answer.response_buf, at, answer.response_size, answer.response_frame, answer.response_ns
-        )
+        at: i64 = answer._response_offset
+        buf, size, frame = answer._response_buf, answer.response_size, answer.response_frame
+        transaction._set_response(rosctr, parameters, buf, at, size, frame, answer.response_ns)
         head: i64 = 12 if rosctr == ACK or rosctr == ACK_DATA else 10
         self._answered(transaction, parameters, at + head + len(parameters.octets))

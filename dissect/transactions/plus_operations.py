@@ -167,9 +167,9 @@ class PlusOperations:
             if transaction.response_size <= _ALL_KEPT and not parse_plus(transaction.response_octets).whole:
                 self._book.close(operation, NOT_CAPTURED)
                 return
-        if kind == kinds.TRANSFER and transaction.outcome == PUSH:
+        if kind == kinds.TRANSFER and transaction._outcome == PUSH:
             self._book.close(operation, DONE)  # the request wanted no answer
-        elif event.kind not in _LASTING or transaction.outcome != ANSWERED or transaction.error_code >= 0x8000:
+        elif event.kind not in _LASTING or transaction._outcome != ANSWERED or transaction.error_code >= 0x8000:
             self._book.settle(operation, transaction, DONE, REFUSED, code)
         else:
             self._remember(event.object_id, transaction, operation)
@@ -228,7 +228,7 @@ class PlusOperations:
         connection = transaction.connection
         if not connection.mid_stream or subscription < 0 or len(connection.operations.these) >= kinds.MAX_OPEN:
             return False
-        told = transaction.plus_halves()[1]
+        told = transaction._plus_halves()[1]
         alarms = told is not None and any([one.class_id == ALARM for one in told.contents.objects])
         subject = f"subscription 0x{subscription:08x} from before the capture"
         kind = kinds.MESSAGES if alarms else kinds.CYCLIC

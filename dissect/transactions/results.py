@@ -86,7 +86,7 @@ def went_wrong(transaction: Transaction) -> bool:
 
 def mismatches(transaction: Transaction) -> i64:
     """Return in what an answer does not fit its request (`MISMATCHES`); 0 for a pair that is only likely: it may be none."""
-    flags: i64 = transaction.flags
+    flags: i64 = transaction._flags
     return flags & MISMATCHES if flags & DOUBTS == 0 else 0
 
 
@@ -98,7 +98,7 @@ def wants_answer(transaction: Transaction) -> bool:
 
 def half_captured(transaction: Transaction) -> bool:
     """Return whether the capture explains why a half of a transaction is missing: one direction, mid-stream start, a gap."""
-    return transaction.flags & EXPECTED != 0
+    return transaction._flags & EXPECTED != 0
 
 
 def check_other_answer(transaction: Transaction) -> None:
@@ -115,7 +115,7 @@ def check_other_answer(transaction: Transaction) -> None:
         transaction.error_code = told.err
         transaction.has_errors = told.refused
         return
-    checked = transaction.checked = check(transaction.response_octets)
+    checked = transaction._checked = check(transaction.response_octets)
     code, refused = check_response(checked)
     if refused:
         transaction.has_errors = True
@@ -129,13 +129,13 @@ def data_code(transaction: Transaction) -> i64:
     head = told.userdata if told is not None else None
     if head is None or transaction.response_rosctr != USERDATA:
         return NOT_REFUSED
-    return refusing_code(head, transaction.response_buf, transaction.response_offset, transaction.response_size)
+    return refusing_code(head, transaction._response_buf, transaction._response_offset, transaction.response_size)
 
 
 def check_notification(transaction: Transaction) -> None:
     """Note whether an S7comm-plus notification refuses items of its subscription."""
     if transaction.is_plus:
-        checked = transaction.checked = check(transaction.response_octets)
+        checked = transaction._checked = check(transaction.response_octets)
         if notifies_refusal(checked):
             transaction.has_errors = True
 

@@ -38,24 +38,24 @@ def follow(transaction: Transaction) -> None:
             _forget(transaction)
         return
     jobs = transaction.connection.subscriptions
-    if transaction.outcome == PUSH:
+    if transaction._outcome == PUSH:
         job = jobs.get(_key(transaction, head, head.sequence))
         if job is not None:
             transaction.subscribed = job
-            transaction.flags |= job.doubts
-    elif transaction.outcome == ANSWERED and not transaction.refused:
+            transaction._flags |= job.doubts
+    elif transaction._outcome == ANSWERED and not transaction.refused:
         answer = transaction.response_parameters
         told = answer.userdata if answer is not None else None
         changes: bool = head.group == GROUP_CYCLIC and head.subfunction == CHANGE_DRIVEN_MODIFY
         key = _key(transaction, head, head.sequence if changes or told is None else told.sequence)
         jobs.pop(key, None)
-        jobs[key] = Subscription(head, transaction.request_octets, transaction.flags & DOUBTS)
+        jobs[key] = Subscription(head, transaction.request_octets, transaction._flags & DOUBTS)
         while len(jobs) > MAX_JOBS:
             for oldest in jobs:
                 del jobs[oldest]
                 break
     if transaction.response_size:
-        for result in transaction.results():
+        for result in transaction.s7_results:
             if result.return_code != -1 and result.return_code != SUCCESS and result.return_code != UNCHANGED:
                 transaction.has_errors = True
 

@@ -33,6 +33,7 @@ from dissect.s7plus.items import Half, PlusItem, join_items
 from dissect.s7plus.message import PlusPdu, parse_plus
 from dissect.s7plus.parameters import PLUS, PlusParameters
 from dissect.s7plus.tables import NOTIFICATION, NOTIFIED, PARTIAL_ERROR
+from dissect.transactions.old_names import OldNames
 from dissect.transactions.payloads import SCD, ScdMessage, ScdParameters
 from dissect.transactions.results import (
     BEHIND,
@@ -124,44 +125,44 @@ AS_DICT: Final[list[Callable[[Transaction], dict[str, object]]]] = []
 
 
 @mypyc_attr(free_list_len=1)  # the next object reuses the memory of the last: most are freed before another one is made
-class Transaction:
+class Transaction(OldNames):
     """A request and its answer.
 
     Sides are 0 and 1 of ``connection``; ``asked_by`` is the side that sent the request (for an orphan answer and a push: the
-    side it was sent to). Times are nanoseconds since 1970; frames count from 1, and 0 means that there is none. ``outcome`` is
-    one of the numbers above, ``reason`` says why a request stayed unanswered. ``flags`` are facts (`transactions.results`).
+    side it was sent to). Times are nanoseconds since 1970; frames count from 1, and 0 means that there is none. `outcome` says
+    what became of it, ``reason`` why a request stayed unanswered. `items` are the same for all protocols.
 
-    The octets of both PDUs are kept as (buffer, offset, size) and parsed only on demand. `results` are kept once they were
-    read, because rules and outputs both need those of a refusal.
+    The octets of both PDUs are kept and parsed only on demand. `s7_results` are kept once they were read, because rules and
+    outputs both need those of a refusal.
     """
 
     __slots__ = (
+        "_carried",
+        "_checked",
+        "_flags",
+        "_known_body",
+        "_outcome",
+        "_request_ack",
+        "_request_buf",
+        "_request_offset",
+        "_request_seq",
+        "_response_buf",
+        "_response_offset",
         "_results",
         "again",
         "asked_by",
-        "carried",
-        "checked",
         "connection",
         "error_code",
-        "flags",
         "has_errors",
-        "known_body",
         "number",
-        "outcome",
         "parameters",
         "pdu_ref",
         "reason",
-        "request_ack",
-        "request_buf",
         "request_frame",
         "request_ns",
-        "request_offset",
-        "request_seq",
         "request_size",
-        "response_buf",
         "response_frame",
         "response_ns",
-        "response_offset",
         "response_parameters",
         "response_rosctr",
         "response_size",
@@ -178,41 +179,41 @@ class Transaction:
         self.rosctr: i64 = rosctr
         self.pdu_ref: i64 = pdu_ref
         self.parameters: Parameters = parameters  # of the request; of the answer when there is no request
-        self.request_ack: i64 = -1  # TCP acknowledgement that the request came with, -1 for none
-        self.request_seq: i64 = -1  # TCP sequence number where its last segment begins
+        self._request_ack: i64 = -1  # TCP acknowledgement that the request came with, -1 for none
+        self._request_seq: i64 = -1  # TCP sequence number where its last segment begins
         self.request_frame: i64 = 0
         self.request_ns: i64 = 0
-        self.request_buf: bytes = b""
-        self.request_offset: i64 = 0
+        self._request_buf: bytes = b""
+        self._request_offset: i64 = 0
         self.request_size: i64 = 0
         self.response_frame: i64 = 0
         self.response_ns: i64 = 0
-        self.response_buf: bytes = b""
-        self.response_offset: i64 = 0
+        self._response_buf: bytes = b""
+        self._response_offset: i64 = 0
         self.response_size: i64 = 0
         self.response_rosctr: i64 = 0
         self.response_parameters: Parameters | None = None
-        self.outcome: i64 = OPEN
+        self._outcome: i64 = OPEN
         self.reason: str = ""
         self.error_code: i64 = 0  # header class and code, or the userdata error code
         self.has_errors: bool = False
-        self.flags: i64 = 0
-        self.checked: Check | None = None  # the answer of S7comm-plus, until it is judged
+        self._flags: i64 = 0
+        self._checked: Check | None = None  # the answer of S7comm-plus, until it is judged
         self.subscribed: Subscription | None = None  # of a push: the subscription it belongs to, where that is known
-        self.carried: list[ScdMessage] | None = None  # SCD in the items or the block of an S7 transaction
+        self._carried: list[ScdMessage] | None = None  # SCD in the items or the block of an S7 transaction
         self.again: SentAgain | None = None  # of a request that TCP retransmitted
         self._results: list[ItemResult] | None = None
-        self.known_body: Body | None = None  # the parts of the request, once `request_body` was read
+        self._known_body: Body | None = None  # the parts of the request, once `request_body` was read
 
     def __repr__(self) -> str:
-        return f"Transaction({self.number}, {self.function_name}, {self.outcome_name})"
+        return f"Transaction({self.number}, {self.function_name}, {self.outcome})"
 
     def __str__(self) -> str:
         """Return what it is about and what became of it: ``Read Var DB1.DBB0 x2: answered, Object does not exist``."""
         from dissect.transactions.naming import subject
 
         said = [str(error.name) for error in self.errors[:_SAID]] or ([self.reason_text] if self.reason_text else [])
-        return printable(f"{subject(self)}: {', '.join([OUTCOME_WORDS[self.outcome], *said])}")
+        return printable(f"{subject(self)}: {', '.join([OUTCOME_WORDS[self._outcome], *said])}")
 
     @property
     def items(self) -> list[TransactionItem]:
@@ -230,22 +231,22 @@ class Transaction:
             raise RuntimeError("import dissect.session first: it knows how JSON lines are made")
         return AS_DICT[0](self)
 
-    def set_response(
+    def _set_response(
         self, rosctr: i64, parameters: Parameters, buf: bytes, at: i64, size: i64, frame: i64, time_ns: i64
     ) -> None:
         """Keep the answer: the PDU ``buf[at:at + size]``, which packet ``frame`` completed."""
         self.response_frame = frame
         self.response_ns = time_ns
-        self.response_buf = buf
-        self.response_offset = at
+        self._response_buf = buf
+        self._response_offset = at
         self.response_size = size
         self.response_rosctr = rosctr
         self.response_parameters = parameters
 
     @property
-    def outcome_name(self) -> str:
-        """``answered``, ``unanswered``, ``orphan_answer``, ``unsolicited`` or ``behind_malformed``."""
-        return OUTCOMES[self.outcome]
+    def outcome(self) -> str:
+        """``answered``, ``unanswered``, ``orphan_answer``, ``unsolicited``, ``behind_malformed``; ``open`` while it waits."""
+        return OUTCOMES[self._outcome]
 
     @property
     def function(self) -> int:
@@ -268,8 +269,8 @@ class Transaction:
     @property
     def scd(self) -> list[ScdMessage]:
         """The SCD messages: request and answer of an SCD transaction, or those that an S7 transaction carried."""
-        if self.carried is not None:
-            return self.carried
+        if self._carried is not None:
+            return self._carried
         found: list[ScdMessage] = []
         if self.rosctr == SCD:
             asked = self.parameters
@@ -288,7 +289,7 @@ class Transaction:
     @property
     def latency_ns(self) -> int | None:
         """Time from the request's last packet to the answer's last packet; None without either, or if the pair `is_likely`."""
-        return self.response_ns - self.request_ns if self.outcome == ANSWERED and not self.flags & DOUBTS else None
+        return self.response_ns - self.request_ns if self._outcome == ANSWERED and not self._flags & DOUBTS else None
 
     @property
     def certainty(self) -> str:
@@ -296,33 +297,33 @@ class Transaction:
 
         A push is ``likely`` where its items are those of a request that only likely began its job.
         """
-        if self.outcome == ANSWERED or (self.outcome == UNANSWERED and self.reason == HOLE):
-            return LIKELY if self.flags & DOUBTS else SURE
+        if self._outcome == ANSWERED or (self._outcome == UNANSWERED and self.reason == HOLE):
+            return LIKELY if self._flags & DOUBTS else SURE
         return LIKELY if self.doubt else ""
 
     @property
     def is_likely(self) -> bool:
         """True for a pair that is only likely: it is left out of times, values and contradictions, and counted beside."""
-        return self.outcome == ANSWERED and self.flags & DOUBTS != 0
+        return self._outcome == ANSWERED and self._flags & DOUBTS != 0
 
     @property
     def doubt(self) -> str:
         """Why a pair is only likely, or that of a push and the request for its items, as a key of `DOUBT_TEXTS`; else empty."""
-        if self.flags & DOUBTS == 0 or (self.outcome != ANSWERED and self.outcome != PUSH):
+        if self._flags & DOUBTS == 0 or (self._outcome != ANSWERED and self._outcome != PUSH):
             return ""
-        return "gaps" if self.flags & GAPS else "alike"
+        return "gaps" if self._flags & GAPS else "alike"
 
     @property
     def is_behind(self) -> bool:
         """True when its request or its answer is behind the malformed header of a TPDU."""
-        return self.flags & BEHIND != 0
+        return self._flags & BEHIND != 0
 
     @property
     def reason_text(self) -> str:
         """One sentence that says why a request has no answer; empty where it has one, and for an answer without a request."""
-        if self.outcome != UNANSWERED and self.outcome != BEHIND_MALFORMED:
+        if self._outcome != UNANSWERED and self._outcome != BEHIND_MALFORMED:
             return ""
-        if self.reason == HOLE and self.flags & DOUBTS:
+        if self.reason == HOLE and self._flags & DOUBTS:
             return PERHAPS_ANSWERED
         return REASON_TEXTS.get(self.reason, "")
 
@@ -332,12 +333,12 @@ class Transaction:
 
         An answer that was or may have been sent, and not captured (`unseen`), is not missed: only the capture lacks it.
         """
-        return self.outcome == UNANSWERED and not self.flags & STILL_OPEN and not self.unseen
+        return self._outcome == UNANSWERED and not self._flags & STILL_OPEN and not self.unseen
 
     @property
     def unseen(self) -> bool:
         """True when an answer was or may have been sent, and not captured: a gap, or only one direction was captured."""
-        return self.outcome == UNANSWERED and (self.reason == HOLE or self.reason == ONE_SIDED)
+        return self._outcome == UNANSWERED and (self.reason == HOLE or self.reason == ONE_SIDED)
 
     @property
     def failed(self) -> bool:
@@ -347,16 +348,16 @@ class Transaction:
     @property
     def request_octets(self) -> bytes:
         """The octets of the request's PDU, empty when there is none."""
-        if self.request_offset == 0 and self.request_size == len(self.request_buf):
-            return self.request_buf  # no copy
-        return self.request_buf[self.request_offset : self.request_offset + self.request_size]
+        if self._request_offset == 0 and self.request_size == len(self._request_buf):
+            return self._request_buf  # no copy
+        return self._request_buf[self._request_offset : self._request_offset + self.request_size]
 
     @property
     def response_octets(self) -> bytes:
         """The octets of the answer's PDU, empty when there is none."""
-        if self.response_offset == 0 and self.response_size == len(self.response_buf):
-            return self.response_buf  # no copy
-        return self.response_buf[self.response_offset : self.response_offset + self.response_size]
+        if self._response_offset == 0 and self.response_size == len(self._response_buf):
+            return self._response_buf  # no copy
+        return self._response_buf[self._response_offset : self._response_offset + self.response_size]
 
     @property
     def request(self) -> Pdu | None:
@@ -370,9 +371,9 @@ class Transaction:
     @property
     def request_body(self) -> Body | None:
         """The parts of the S7comm request (`Pdu.body`), None when there is none; kept for the next call."""
-        if self.known_body is None and (request := self.request) is not None:
-            self.known_body = request.body
-        return self.known_body
+        if self._known_body is None and (request := self.request) is not None:
+            self._known_body = request.body
+        return self._known_body
 
     @property
     def response(self) -> Pdu | None:
@@ -401,20 +402,22 @@ class Transaction:
             self.response_octets, self.response_frame, self.response_ns, self.connection.number, 1 - self.asked_by
         )
 
-    def plus_halves(self, said: bool = False) -> tuple[Half | None, Half | None]:
+    def _plus_halves(self, said: bool = False) -> tuple[Half | None, Half | None]:
         """Read both S7comm-plus PDUs without secrets, None for a missing one; ``said``: only attributes that lines show."""
         asked, told, read = self.plus_request, self.plus_response, said_half if said else shown_half
         return (read(asked) if asked is not None else None, read(told) if told is not None else None)
 
-    def plus_items(self) -> list[PlusItem]:
+    @property
+    def plus_results(self) -> list[PlusItem]:
         """Return every item of an S7comm-plus read, write or notification joined with its answer; empty for other functions.
 
         The items are read again at each call.
         """
-        asked, told = self.plus_halves()
+        asked, told = self._plus_halves()
         return join_items(asked, told, self.connection.plus)
 
-    def results(self) -> list[ItemResult]:
+    @property
+    def s7_results(self) -> list[ItemResult]:
         """Return every item joined with its value and return code, in wire order; empty for functions without items.
 
         Reads, writes, cyclic services and test functions on variables have items; those of a push are named by `subscribed`.
@@ -423,7 +426,7 @@ class Transaction:
         if self._results is not None:
             return self._results
         results = self._read_results()
-        if self.outcome != OPEN:
+        if self._outcome != OPEN:
             self._results = results
         return results
 
@@ -432,9 +435,9 @@ class Transaction:
         if self.rosctr == JOB:
             items = self.parameters.items if self.request_size else []
             if function == READ_VAR:
-                return read_results(items, self.answered_items())
+                return read_results(items, self._answered_items())
             if function == WRITE_VAR:
-                return write_results(items, self.written_items(), self._write_codes())
+                return write_results(items, self._written_items(), self._write_codes())
         elif self.rosctr == USERDATA:
             head = self.parameters.userdata
             if head is not None and has_items(head):
@@ -444,18 +447,18 @@ class Transaction:
                 return userdata_results(asked, self.request_octets, told, self.response_octets, wanted)
         return []
 
-    def answered_items(self) -> list[DataItem]:
+    def _answered_items(self) -> list[DataItem]:
         """Return the data items of a read answer; their offsets are within the buffer."""
         answer = self.response_parameters
         if answer is None or answer.item_count <= 0 or answer.function != READ_VAR or self.response_rosctr != ACK_DATA:
             return []
-        at: i64 = self.response_offset + ACK_HEADER_SIZE + len(answer.octets)
-        end: i64 = self.response_offset + self.response_size
+        at: i64 = self._response_offset + ACK_HEADER_SIZE + len(answer.octets)
+        end: i64 = self._response_offset + self.response_size
         if self.error_code and at >= end:
             return []  # refused as a whole: no items come back
-        return parse_data_items(self.response_buf, at, end, answer.item_count, True, [])
+        return parse_data_items(self._response_buf, at, end, answer.item_count, True, [])
 
-    def written_items(self) -> list[DataItem]:
+    def _written_items(self) -> list[DataItem]:
         """Return the data items of a write request; their offsets are within the buffer.
 
         Where the data block contradicts itself, those behind the first one that does not fit its item mean nothing.
@@ -463,21 +466,21 @@ class Transaction:
         asked = self.parameters
         if asked.item_count <= 0 or asked.function != WRITE_VAR or self.rosctr != JOB or not self.request_size:
             return []
-        at: i64 = self.request_offset + HEADER_SIZE + len(asked.octets)
-        end: i64 = self.request_offset + self.request_size
+        at: i64 = self._request_offset + HEADER_SIZE + len(asked.octets)
+        end: i64 = self._request_offset + self.request_size
         told: list[Malformed] = []
-        found = parse_data_items(self.request_buf, at, end, asked.item_count, False, told)
+        found = parse_data_items(self._request_buf, at, end, asked.item_count, False, told)
         if not told:
             return found
-        early: i64 = without_fill(asked.items, self.request_buf, at, end)
+        early: i64 = without_fill(asked.items, self._request_buf, at, end)
         return fitting(asked.items, found[:early] if early else found)
 
     def _write_codes(self) -> list[int]:
         answer = self.response_parameters
         if answer is None or answer.function != WRITE_VAR or self.response_rosctr != ACK_DATA:
             return []
-        at: i64 = self.response_offset + ACK_HEADER_SIZE + len(answer.octets)
-        return list(self.response_buf[at : self.response_offset + self.response_size])
+        at: i64 = self._response_offset + ACK_HEADER_SIZE + len(answer.octets)
+        return list(self._response_buf[at : self._response_offset + self.response_size])
 
     @property
     def frames(self) -> list[int]:
@@ -501,7 +504,7 @@ class Transaction:
             return errors + self._plus_item_errors()
         if self.rosctr == USERDATA:
             errors += alarm_errors(self)
-        results = self.results()
+        results = self.s7_results
         for number in range(1, len(results) + 1):  # not `enumerate`: with a start value mypyc calls it
             result, code = results[number - 1], results[number - 1].return_code
             address = result.item.address if result.item is not None else ""
@@ -509,7 +512,7 @@ class Transaction:
                 errors.append(
                     TransactionError(ITEM, code, RETURN_CODES.name(code), RETURN_CODES.text(code), number, address)
                 )
-            elif code < 0 and self.flags & UNCONFIRMED:
+            elif code < 0 and self._flags & UNCONFIRMED:
                 errors.append(TransactionError(ITEM, NO_CODE, *NO_CODE_TEXTS, number, address))
         return errors
 
@@ -535,7 +538,7 @@ class Transaction:
                 item.number,
                 printable(item.label),
             )
-            for item in self.plus_items()
+            for item in self.plus_results
             if item.return_code > 0
         ]
 
@@ -568,9 +571,9 @@ def unasked(
 ) -> Transaction:
     """Return an answer as a transaction without a request, until its request is known; ``asked_by`` is who would have asked."""
     transaction = Transaction(0, connection, asked_by, rosctr, pdu_ref, parameters)
-    transaction.set_response(rosctr, parameters, buf, at, size, frame, time_ns)
-    transaction.outcome = ORPHAN
+    transaction._set_response(rosctr, parameters, buf, at, size, frame, time_ns)
+    transaction._outcome = ORPHAN
     return transaction
 
 
-leaves(Transaction, without=("known_body", "request_seq"))
+leaves(Transaction, without=("_known_body", "_request_seq"))

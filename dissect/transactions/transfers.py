@@ -136,7 +136,7 @@ class Transfers:
             return transaction.request_body
         body = self._bodies.get(octets)
         if body is not None:
-            transaction.known_body = body
+            transaction._known_body = body
             return body
         body = transaction.request_body
         if body is not None and len(octets) <= _MAX_OCTETS:
@@ -349,12 +349,12 @@ def _name(body: Body) -> str:
 
 def _goes_on(transaction: Transaction) -> bool:
     """Return whether further steps may follow a first step: it was accepted, or half of it is not in the capture."""
-    return not transaction.error_code and (transaction.outcome == ANSWERED or half_captured(transaction))
+    return not transaction.error_code and (transaction._outcome == ANSWERED or half_captured(transaction))
 
 
 def _begins_late(transaction: Transaction) -> bool:
     """Return whether a step may begin a transfer whose earlier steps are missing from the capture."""
-    if transaction.outcome == UNANSWERED and not half_captured(transaction):
+    if transaction._outcome == UNANSWERED and not half_captured(transaction):
         return False  # an unanswered request comes here late: its transfer may be over
     connection = transaction.connection
     return connection.mid_stream or connection.tcp.has_holes or half_captured(transaction)
@@ -367,12 +367,12 @@ def _frame(transaction: Transaction) -> int:
 
 def _held(transaction: Transaction) -> int:
     """Return how many octets of memory a waiting step takes."""
-    return _OBJECT + len(transaction.request_buf) + len(transaction.response_buf)
+    return _OBJECT + len(transaction._request_buf) + len(transaction._response_buf)
 
 
 def _last(transaction: Transaction, answer: Body) -> bool:
     """Return whether an answer says that no more pieces follow."""
-    return transaction.outcome != UNANSWERED and answer.number("more") != 1
+    return transaction._outcome != UNANSWERED and answer.number("more") != 1
 
 
 def follow_blocks(transaction: Transaction, body: Body) -> None:
@@ -391,8 +391,8 @@ def follow_blocks(transaction: Transaction, body: Body) -> None:
         known = loaded.get(name if links else name.replace(FILE_SYSTEMS["B"], FILE_SYSTEMS["P"]))
         if known is None:
             if links and not (connection.mid_stream or connection.tcp.has_holes or half_captured(transaction)):
-                transaction.flags |= NOT_LOADED
-        elif transaction.error_code or transaction.outcome == UNANSWERED:
+                transaction._flags |= NOT_LOADED
+        elif transaction.error_code or transaction._outcome == UNANSWERED:
             continue  # the service had no effect
         elif not links:
             known.deleted = True

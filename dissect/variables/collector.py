@@ -137,7 +137,7 @@ class Collector(Observer):
         choose = self._choose
         if choose is not None and not choose(transaction):
             return
-        if transaction.flags & DOUBTS and transaction.doubt:
+        if transaction._flags & DOUBTS and transaction.doubt:
             self._take_likely(transaction)
         else:
             self._take(transaction)
@@ -169,13 +169,13 @@ class Collector(Observer):
                     self._sent(transaction)
         elif transaction.is_plus:
             self._plus(transaction)
-        if transaction.carried is not None or transaction.is_scd:
+        if transaction._carried is not None or transaction.is_scd:
             self._scd(transaction)
 
     # ---- S7comm -----------------------------------------------------------------------------------------------------
 
     def _read(self, transaction: Transaction) -> None:
-        if transaction.outcome != ANSWERED:
+        if transaction._outcome != ANSWERED:
             return
         plc = self._store.plc(transaction, 1 - transaction.asked_by)
         answers = good_octets(transaction)
@@ -183,7 +183,7 @@ class Collector(Observer):
             self._answers(transaction, plc, answers)
             return
         whole: bool = transaction.error_code != 0
-        for result in transaction.results():
+        for result in transaction.s7_results:
             code: i64 = result.return_code
             if code == NO_ANSWER and whole:
                 code = 0
@@ -203,8 +203,8 @@ class Collector(Observer):
         if not transaction.request_size:
             return
         plc = self._store.plc(transaction, 1 - transaction.asked_by)
-        whole: bool = transaction.outcome == ANSWERED and transaction.error_code != 0
-        for result in transaction.results():
+        whole: bool = transaction._outcome == ANSWERED and transaction.error_code != 0
+        for result in transaction.s7_results:
             code: i64 = result.return_code
             if code == NO_ANSWER and whole:
                 code = 0
@@ -213,7 +213,7 @@ class Collector(Observer):
     def _sent(self, transaction: Transaction) -> None:
         """Take the values that a cyclic service or a variable table sends, in its first answer or in a push."""
         plc = self._store.plc(transaction, 1 - transaction.asked_by)
-        for result in transaction.results():
+        for result in transaction.s7_results:
             if result.unchanged:
                 continue
             code: i64 = result.return_code
@@ -224,15 +224,15 @@ class Collector(Observer):
         """Take values that were modified or forced, once the PLC reports the result; the values are in the request."""
         plc = self._store.plc(transaction, 1 - transaction.asked_by)
         asked = transaction.subscribed
-        if transaction.outcome != OUTCOME_PUSH:
+        if transaction._outcome != OUTCOME_PUSH:
             if transaction.has_errors:
-                for result in transaction.results():
+                for result in transaction.s7_results:
                     self._result(transaction, plc, result, 0, how, True)
             return
         if asked is None:
             return
         given = asked.written
-        for index, result in enumerate(transaction.results()):
+        for index, result in enumerate(transaction.s7_results):
             if index < len(given) and result.return_code != NO_ANSWER:
                 told = ItemResult(result.item, result.return_code, given[index].data, given[index])
                 self._result(transaction, plc, told, result.return_code, how, True)
@@ -416,7 +416,7 @@ class Collector(Observer):
         parameters = transaction.parameters
         if not isinstance(parameters, PlusParameters):
             return
-        items = transaction.plus_items()
+        items = transaction.plus_results
         if not items:
             return
         plc = self._store.plc(transaction, 1 - transaction.asked_by)
@@ -461,7 +461,7 @@ class Collector(Observer):
             self._store.finish(row)
 
     def _scd(self, transaction: Transaction) -> None:
-        carried: bool = transaction.carried is not None
+        carried: bool = transaction._carried is not None
         if carried and transaction.has_errors:
             return  # a refused item does not show which SCD values were refused
         writes: bool = carried and transaction.parameters.function == WRITE_VAR
@@ -488,7 +488,7 @@ class Collector(Observer):
             if writes != (found.side == transaction.asked_by):
                 return
             refused = transaction.has_errors
-        unsure: bool = writes and how == WRITE and not carried and transaction.outcome != ANSWERED
+        unsure: bool = writes and how == WRITE and not carried and transaction._outcome != ANSWERED
         plc = self._store.plc(transaction, side)
         for row in found.values:
             wanted = self._wanted

@@ -61,7 +61,7 @@ def test_an_answer_that_is_only_likely_has_no_answer_time() -> None:
     transaction = talk.transactions[-1]
     pair = ("10.0.0.1", "10.0.0.2")
     for flags, alerts in ((GAPS, False), (0, True)):
-        transaction.flags = flags
+        transaction._flags = flags
         watch.take(pair, transaction, talk.now_ns)
         assert any(make is not None for _, make in watch.look(talk.now_ns)) is alerts
         learner = Learner()

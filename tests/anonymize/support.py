@@ -68,10 +68,10 @@ def told(path: Path) -> list[tuple[object, ...]]:
             int(event.function),
             event.function_name,
             int(event.pdu_ref),
-            event.outcome_name,
+            event.outcome,
             event.reason,
             event.latency_ns,
-            [(result.item.label if result.item else "", int(result.return_code)) for result in event.results()],
+            [(result.item.label if result.item else "", int(result.return_code)) for result in event.s7_results],
             [(error.where, error.code, error.address) for error in event.errors],
         )
         for event in dissect.open(str(path))

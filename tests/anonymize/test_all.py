@@ -152,7 +152,7 @@ def values(path: Path) -> list[bytes | None]:
         result.data
         for event in dissect.open(str(path), pdus=False)
         if isinstance(event, Transaction)
-        for result in event.results()
+        for result in event.s7_results
     ]
 
 

@@ -156,7 +156,7 @@ def _values(path: Path) -> list[bytes]:
         result.data
         for event in dissect.open(str(path))
         if isinstance(event, dissect.Transaction)
-        for result in event.results()
+        for result in event.s7_results
         if result.data is not None
     ]
 

@@ -246,7 +246,7 @@ def test_a_conversation_keeps_its_meaning(tmp_path: Path) -> None:
         item.label
         for event in dissect.open(str(out), pdus=False)
         if isinstance(event, Transaction)
-        for item in event.plus_items()
+        for item in event.plus_results
         if item.label.startswith("DB3.")
     ]
     assert len(labels) == 2

@@ -65,7 +65,7 @@ def told(path: Path, bindings: Path) -> list[tuple[object, ...]]:
         (
             event.function_name,
             int(event.pdu_ref),
-            event.outcome_name,
+            event.outcome,
             event.reason,
             event.latency_ns,
             [

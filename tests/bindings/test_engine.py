@@ -68,7 +68,7 @@ def values(transaction: Transaction) -> list[dict[Any, object]]:
 
 
 def told(talk: Talk) -> list[tuple[str, str, list[dict[Any, object]]]]:
-    return [(one.function_name, one.outcome_name, values(one)) for one in talk.transactions]
+    return [(one.function_name, one.outcome, values(one)) for one in talk.transactions]
 
 
 # ---- UDP ------------------------------------------------------------------------------------------------------------
@@ -80,14 +80,14 @@ def test_a_read_over_udp() -> None:
     talk.datagram(CLIENT, bytes.fromhex("DC02070041600000 0000D5D2"))
     talk.datagram(SERVER, bytes.fromhex("DC820700416000000200 3702 1F30"))
     (transaction,) = talk.transactions
-    assert (transaction.function_name, transaction.outcome_name) == ("SCD read", "answered")
+    assert (transaction.function_name, transaction.outcome) == ("SCD read", "answered")
     assert (transaction.request_frame, transaction.response_frame, transaction.latency_ns) == (1, 2, 1_000_000)
     assert (transaction.is_scd, transaction.pdu_ref, transaction.asked_by) == (True, 7, CLIENT)
     asked, answer = transaction.scd
     assert (asked.subject, asked.values, asked.binding) == ("read 0x6041:0 Слово состояния 1", [], "обмен")
     assert [(row.address, row.value) for row in answer.values] == [("0x6041:0", 0x0237)]
     assert answer.octets == bytes.fromhex("DC820700416000000200 3702 1F30")
-    assert (transaction.request, transaction.response, transaction.results()) == (None, None, [])
+    assert (transaction.request, transaction.response, transaction.s7_results) == (None, None, [])
     connection = transaction.connection
     assert (connection.udp, connection.protocol, connection.identified_by) == (True, "scd", "обмен")
     assert [str(end) for end in (connection.client, connection.server)] == ["10.0.0.1:49200", "10.0.0.2:5600"]
@@ -114,7 +114,7 @@ def test_a_negative_error_without_abort_is_one_and_a_status_is_none() -> None:
         talk.datagram(SERVER, plant.tell("Расход 1", tid=tid, err=err))
     refused, taken = talk.transactions
     assert [(error.code, error.name) for error in refused.errors] == [(-4, "error")]
-    assert (taken.errors, taken.failed, taken.outcome_name) == ([], False, "answered")
+    assert (taken.errors, taken.failed, taken.outcome) == ([], False, "answered")
     assert sorted(finding.slug for finding in talk.findings) == ["scd.status", "transaction.refused"]
 
 
@@ -152,7 +152,7 @@ def test_the_same_request_again_waits_too_another_one_is_answered_by_its_object(
     talk.datagram(CLIENT, plant.ask("Расход 1"))
     talk.datagram(CLIENT, plant.ask("Расход 2"))
     talk.datagram(SERVER, plant.tell("Расход 2", 2))
-    assert [(one.request_frame, one.outcome_name, one.reason) for one in talk.transactions] == [(2, "answered", "")]
+    assert [(one.request_frame, one.outcome, one.reason) for one in talk.transactions] == [(2, "answered", "")]
 
 
 def test_an_answer_about_another_object_is_told() -> None:
@@ -170,7 +170,7 @@ def test_what_is_not_asked_for_and_what_is_not_answered() -> None:
     talk.datagram(SERVER, plant.tell("Расход 1", 2))
     talk.datagram(CLIENT, plant.ask("Расход 2", tid=9))
     end(talk)
-    assert sorted((one.function_name, one.outcome_name, one.reason) for one in talk.transactions) == [
+    assert sorted((one.function_name, one.outcome, one.reason) for one in talk.transactions) == [
         ("SCD read", "orphan_answer", ""),
         ("SCD read", "unanswered", "capture_ended"),
     ]
@@ -272,7 +272,7 @@ def test_a_message_in_cotp_fragments() -> None:
     talk.packet(CLIENT, tpkt(b"\x02\xf0\x80" + octets[5:]))
     talk.packet(SERVER, dt(plant.tell("Режим 1", 8)))
     (transaction,) = talk.transactions
-    assert (transaction.outcome_name, transaction.request_frame) == ("answered", 7)
+    assert (transaction.outcome, transaction.request_frame) == ("answered", 7)
 
 
 def polled(octets: bytes, area: int = DATA_BLOCK, db: int = 10, at: int = 0) -> Transaction:
@@ -341,7 +341,7 @@ def test_a_write_without_answer_still_shows_what_was_written() -> None:
     talk.open()
     talk.ask(write(1, [item(DATA_BLOCK, 10, 0, BYTE, 3)], written(4, PUMP)))
     (transaction,) = [one for one in end(talk).transactions if one.function_name == "Write Var"]
-    assert (transaction.outcome_name, len(transaction.scd)) == ("unanswered", 1)
+    assert (transaction.outcome, len(transaction.scd)) == ("unanswered", 1)
 
 
 def bsend(talk: Talk, r_id: int, octets: bytes) -> Transaction:
@@ -396,7 +396,7 @@ def streamed(cuts: list[list[int]], *, hello: bool = True, junk: tuple[bytes, by
 
 
 def content(talk: Talk) -> list[tuple[str, str, list[bytes]]]:
-    return [(one.function_name, one.outcome_name, [found.octets for found in one.scd]) for one in talk.transactions]
+    return [(one.function_name, one.outcome, [found.octets for found in one.scd]) for one in talk.transactions]
 
 
 ALL: Final = [
@@ -546,7 +546,7 @@ def test_numbers_of_64_bits_are_taken_as_they_are() -> None:
     talk.datagram(CLIENT, codec.envelope.build({"kind": 2, "tid": most, "index": most, "sub": most, "err": most}, b""))
     end(talk)
     assert [one.scd[0].message.tid for one in talk.transactions] == [most, most - (1 << 30), 1 << 30, 0, most]
-    assert [one.outcome_name for one in talk.transactions] == ["answered"] * 4 + ["unanswered"]
+    assert [one.outcome for one in talk.transactions] == ["answered"] * 4 + ["unanswered"]
     assert [one.scd[1].message.err for one in talk.transactions[:4]] == [most] * 4
 
 

@@ -73,7 +73,7 @@ def test_a_write_is_acknowledged_where_the_pair_is_sure(flags: int, mapped: bool
     talk.datagram(CLIENT, plant.ask("0x1a00:0", 0))
     talk.pipeline.finish()
     (write_,) = [one for one in talk.transactions if one.function_name == "SCD write"]
-    write_.outcome, write_.flags, write_.response_frame = ANSWERED, write_.flags | flags, 2
+    write_._outcome, write_._flags, write_.response_frame = ANSWERED, write_._flags | flags, 2
     carrier = talk.pipeline.exchange.decoder
     assert isinstance(carrier, ScdCarrier)
     carrier.transaction(write_)
@@ -93,7 +93,7 @@ def test_contents_of_a_likely_pair_are_not_held_against_the_device(
     talk.ask(write(1, [place], written(4, octets)) if wrote else read(1, place))
     talk.tell(ack_data(1, b"\x05\x01", b"\xff") if wrote else ack_data(1, b"\x04\x01", good(4, octets)))
     pair = talk.transactions[-1]
-    pair.flags |= flags
+    pair._flags |= flags
     judged: list[bool] = []
     monkeypatch.setattr(ScdJudge, "content", lambda _self, _device, _found, *, accepted: judged.append(accepted))
     carrier = talk.pipeline.exchange.decoder

@@ -84,7 +84,7 @@ def _told(transaction: Any) -> tuple[object, ...]:
     ]
     parameters = transaction.parameters
     return (
-        *(transaction.function_name, transaction.outcome_name, transaction.pdu_ref, transaction.connection.pdus),
+        *(transaction.function_name, transaction.outcome, transaction.pdu_ref, transaction.connection.pdus),
         *(parameters.function, parameters.index, parameters.sub, parameters.err, parameters.refused, scd),
     )
 

@@ -208,16 +208,16 @@ def test_comments_are_told_with_their_packet() -> None:
 
 
 def test_first_copy_counts() -> None:
-    values = [result.value for transaction in transactions_of("conflicts") for result in transaction.results()]
+    values = [result.value for transaction in transactions_of("conflicts") for result in transaction.s7_results]
     assert values == [[0, number] for number in range(1, 6)]
 
 
 def test_nothing_is_made_up_for_what_the_capture_cut() -> None:
     cut = [
-        t for t in transactions_of("snaplen") if t.connection.number == 1 and t.pdu_ref in (1, 2, 3, 5) and t.results()
+        t for t in transactions_of("snaplen") if t.connection.number == 1 and t.pdu_ref in (1, 2, 3, 5) and t.s7_results
     ]
     assert [transaction.pdu_ref for transaction in cut][:2] == [1, 2]
-    assert [result.value for transaction in cut for result in transaction.results()] == [None] * len(cut)
+    assert [result.value for transaction in cut for result in transaction.s7_results] == [None] * len(cut)
 
 
 def test_vlans_are_part_of_a_connection() -> None:
@@ -226,7 +226,7 @@ def test_vlans_are_part_of_a_connection() -> None:
     # Each VLAN reads a size of its own, so a mix-up would show.
     sizes: dict[int, set[int]] = {}
     for transaction in transactions_of("vlan"):
-        for result in transaction.results():
+        for result in transaction.s7_results:
             sizes.setdefault(transaction.connection.number, set()).add(len(result.data or b""))
     assert {len(found) for found in sizes.values()} == {1}
 

@@ -17,10 +17,10 @@ def test_every_push_has_its_items(corpus: Path) -> None:
         pytest.skip("no capture of WinCC there")
     found = [event for event in dissect.open(str(path)) if isinstance(event, dissect.Transaction)]
     pushes = [one for one in found if one.parameters.userdata is not None and one.parameters.userdata.group == 2]
-    pushes = [one for one in pushes if one.outcome_name == "unsolicited"]
+    pushes = [one for one in pushes if one.outcome == "unsolicited"]
     assert len(pushes) > 300
     for push in pushes:
-        results = push.results()
+        results = push.s7_results
         assert results, push.response_frame
         assert push.errors == []
         for result in results:
@@ -28,5 +28,5 @@ def test_every_push_has_its_items(corpus: Path) -> None:
             assert result.return_code in {SUCCESS, UNCHANGED}, push.response_frame
             assert (result.data is None) == result.unchanged
             assert result.data is None or len(result.data) == result.item.size
-    reads = [result for one in found if one.function == 4 for result in one.results()]
+    reads = [result for one in found if one.function == 4 for result in one.s7_results]
     assert all(result.decodable and result.item is not None and result.item.syntax_id == 0xB0 for result in reads)

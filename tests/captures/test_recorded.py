@@ -158,7 +158,7 @@ def test_a_session_without_fault_tells_only_what_matters_for_security(name: str,
 
 
 def test_values_are_those_the_server_held() -> None:
-    results = [result for transaction in transactions_of("read-areas")[-8:] for result in transaction.results()]
+    results = [result for transaction in transactions_of("read-areas")[-8:] for result in transaction.s7_results]
     told = [(result.item.address if result.item else "", result.value) for result in results]
     assert told == [
         ("DB2.DBB1", 0x100 - 5),

@@ -46,7 +46,7 @@ def test_the_counts_are_those_of_the_description(name: str) -> None:
 def test_values_are_those_that_the_script_wrote(name: str) -> None:
     """21.5 as a Real, written and read back; a block that is not there is refused."""
     found = [event for event in dissect.open(capture(name), pdus=False) if isinstance(event, Transaction)]
-    items = [(item.label, item.data, item.return_code) for one in found for item in one.plus_items()]
+    items = [(item.label, item.data, item.return_code) for one in found for item in one.plus_results]
     tank = [(data or b"")[-4:] for label, data, _ in items if label == "DB1.DBD0"]
     assert tank == [bytes.fromhex("41ac0000")] * 5  # one write, one read of two items, three polls
     assert [code for label, _, code in items if label == "DB7.DBD0"] == [0x8104]

@@ -112,7 +112,7 @@ def test_it_says_what_the_recipe_says() -> None:
     told = [
         (
             one.function_name,
-            one.outcome_name,
+            one.outcome,
             (one.request_frame, one.response_frame),
             [(row.name if row.name and "mapping of" not in found.subject else row.address, row.value)
              for found in one.scd for row in found.values],
@@ -172,7 +172,7 @@ def test_answer_times_are_those_of_the_recipe() -> None:
     assert {one.latency_ns for one in transactions() if one.request_frame in range(18, 45) and one.response_frame} == {
         2_000_000
     }
-    (unanswered,) = [one for one in transactions() if one.outcome_name == "unanswered"]
+    (unanswered,) = [one for one in transactions() if one.outcome == "unanswered"]
     assert (unanswered.reason, unanswered.pdu_ref) == ("capture_ended", 11)
 
 

@@ -94,7 +94,7 @@ def told(path: Path) -> dict[int, list[tuple[object, ...]]]:
             found.setdefault(int(event.connection.number), []).append(
                 (
                     event.function_name,
-                    event.outcome_name,
+                    event.outcome,
                     event.reason,
                     event.request_octets,
                     event.response_octets,

@@ -66,7 +66,7 @@ def ready(jobs: int = 1) -> Talk:
 
 def marked(talk: Talk) -> list[tuple[str, str]]:
     """Outcome and reason of the transactions with a mark."""
-    return [(one.outcome_name, one.reason) for one in talk.transactions if one.is_behind]
+    return [(one.outcome, one.reason) for one in talk.transactions if one.is_behind]
 
 
 ALONE = ("behind_malformed", "malformed_header")
@@ -86,7 +86,7 @@ def test_a_stop_is_told_and_opens_nothing(header: bytes) -> None:
     assert finding.frames == [frame]
     assert finding.detail == f"10.0.0.1:50000 to 10.0.0.2:102: PLC stop, not answered, {MARK}"
     assert marked(talk) == [ALONE]
-    assert [one.outcome_name for one in talk.transactions if not one.is_behind] == ["answered"] * 3
+    assert [one.outcome for one in talk.transactions if not one.is_behind] == ["answered"] * 3
     (connection,) = talk.connections
     assert (connection.pdus, connection.behind) == (8, 1)
     assert (connection.answered, connection.unanswered, connection.unsolicited, connection.orphans) == (4, 0, 0, 0)
@@ -128,8 +128,8 @@ def test_every_length_indicator_over_every_way_it_comes(li: int) -> None:
             stops = [one for one in talk.transactions if one.function_name == "PLC stop"]
             told = [one for one in talk.findings if one.slug == "security.plc_stop"]
             limits = [slug for slug in talk.slugs() if slug.startswith(("session.", "transaction."))]
-            said.append(([one.outcome_name for one in stops], len(told), limits))
-            others = [one.outcome_name for one in talk.transactions if one not in stops]
+            said.append(([one.outcome for one in stops], len(told), limits))
+            others = [one.outcome for one in talk.transactions if one not in stops]
             assert set(others) == {"answered"}, (li, way)
         if not holds:
             assert said[0] == (["behind_malformed"], 1, [])
@@ -155,7 +155,7 @@ def test_one_that_is_answered_is_a_marked_transaction(header: bytes, shape: int)
     told = talk.tell(answers[shape])
     talk.close()
     (one,) = talk.transactions
-    assert (one.outcome_name, one.reason, one.frames) == (*PAIR, [asked, told])
+    assert (one.outcome, one.reason, one.frames) == (*PAIR, [asked, told])
     assert one.certainty == "sure"
     (connection,) = talk.connections
     assert (connection.answered, connection.orphans, connection.behind) == (2, 0, 1)
@@ -175,7 +175,7 @@ def test_an_ordinary_request_of_that_reference_goes_first() -> None:
             talk.packet(CLIENT, dt(read(9, dbw(1, 0))) if ordinary else behind(read(9, dbw(1, 2))))
         talk.tell(words(9, 7))
         talk.close()
-        assert sorted([(one.outcome_name, one.is_behind) for one in talk.transactions]) == [
+        assert sorted([(one.outcome, one.is_behind) for one in talk.transactions]) == [
             ("answered", False), ("behind_malformed", True),
         ]  # fmt: skip
         talk = ready()
@@ -184,7 +184,7 @@ def test_an_ordinary_request_of_that_reference_goes_first() -> None:
         talk.tell(words(9, 7))
         talk.tell(words(9, 8))
         talk.close()
-        assert [(one.outcome_name, one.is_behind) for one in talk.transactions] == [
+        assert [(one.outcome, one.is_behind) for one in talk.transactions] == [
             ("answered", False),
             ("answered", True),
         ]
@@ -268,7 +268,7 @@ def test_an_answer_completes_a_request_when_nothing_better_comes(header: bytes) 
     told = talk.packet(SERVER, behind(words(9, 7), header))
     talk.silence(2 * SECOND)
     (one,) = talk.transactions
-    assert (one.outcome_name, one.reason, one.frames) == (*PAIR, [asked, told])
+    assert (one.outcome, one.reason, one.frames) == (*PAIR, [asked, told])
     assert one.latency_ns == MS
     talk.close()
     assert talk.slugs() == ["cotp.malformed"]
@@ -281,10 +281,10 @@ def test_a_proper_answer_is_better() -> None:
     talk.packet(SERVER, behind(words(9, 7)))
     talk.tell(words(9, 8))
     talk.close()
-    assert [(one.outcome_name, one.is_behind) for one in talk.transactions] == [
+    assert [(one.outcome, one.is_behind) for one in talk.transactions] == [
         ("answered", False), ("behind_malformed", True),
     ]  # fmt: skip
-    assert talk.transactions[0].results()[0].value == 8
+    assert talk.transactions[0].s7_results[0].value == 8
     assert talk.slugs() == ["cotp.malformed"]
 
 
@@ -295,8 +295,8 @@ def test_a_client_that_goes_on_took_the_answer() -> None:
         talk.ask(read(ref, dbw(1, 0)))
         talk.packet(SERVER, behind(words(ref, ref)))
     talk.close()
-    assert [(one.outcome_name, one.is_behind) for one in talk.transactions] == [("answered", True)] * 7
-    assert [one.results()[0].value for one in talk.transactions] == list(range(1, 8))
+    assert [(one.outcome, one.is_behind) for one in talk.transactions] == [("answered", True)] * 7
+    assert [one.s7_results[0].value for one in talk.transactions] == list(range(1, 8))
     assert set(talk.slugs()) == {"cotp.malformed"}
     (connection,) = talk.connections
     assert (connection.unanswered, connection.open_at_end) == (0, 0)

@@ -227,7 +227,7 @@ def test_a_message_in_fragments_of_both_sides_at_once() -> None:
     talk.send(0, fragments(job, [10, 20])[30:]).send(1, dt(late[5:])).send(1, fragments(answer, [1, 2, 30]))
     result = run(talk)
     assert result.outcomes == ["answered"] * 3
-    assert [found.value for found in result.transactions[2].results()] == [1, 1, 1]
+    assert [found.value for found in result.transactions[2].s7_results] == [1, 1, 1]
     assert result.counts == {}
 
 

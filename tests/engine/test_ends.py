@@ -288,7 +288,7 @@ def test_data_that_follow_a_syn_confirm_it(side: int, beyond: int) -> None:
     talk.close()
     assert [one.tcp.ended for one in talk.connections] == ["reused", "fin"]
     assert talk.connections[1].tcp.initiator == 0
-    answered = [one for one in talk.transactions if one.outcome_name == "answered"]
+    answered = [one for one in talk.transactions if one.outcome == "answered"]
     assert answered[-1].connection.number == 2
 
 

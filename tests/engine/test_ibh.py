@@ -75,7 +75,7 @@ def test_a_session() -> None:
     assert (connection.protocol, connection.state, connection.number, connection.pdus) == (IBH_NETLINK, FOLLOWED, 1, 4)
     assert (connection.pdu_length, connection.client.port, connection.client_known) == (240, 50000, True)
     assert connection.iso_ended.startswith("MPI disconnect from 10.0.0.1")
-    assert link.transactions[1].results()[0].value == 42
+    assert link.transactions[1].s7_results[0].value == 42
     assert len(link.packets) == 14
     assert link.tpkts == []
     assert link.pipeline.iso.tsdus.counts()[0] == len(link.pdus) == 4

@@ -41,8 +41,8 @@ def run(packets: Iterable[Packet], record: Record) -> tuple[Result, object]:
     pipeline = result.pipeline
     transactions = [
         (
-            facts(one), one.number, one.connection.number, one.request_frame, one.request_ns, one.request_ack,
-            one.response_frame, one.response_ns, one.flags, one.reason,
+            facts(one), one.number, one.connection.number, one.request_frame, one.request_ns, one._request_ack,
+            one.response_frame, one.response_ns, one._flags, one.reason,
         )
         for one in record.transactions
     ]  # fmt: skip

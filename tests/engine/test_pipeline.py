@@ -214,7 +214,7 @@ def test_conflicting_fragments_are_told_and_the_first_copy_wins() -> None:
     result = Result(capture(frames))
     check_books(result.pipeline, result.record)
     assert result.outcomes == ["answered"] * 2
-    assert result.transactions[1].results()[0].value == 42
+    assert result.transactions[1].s7_results[0].value == 42
     assert result.counts["ip.fragment_conflict"] > 0
 
 
@@ -253,9 +253,9 @@ def test_a_cut_answer_is_paired_and_never_invented(kept: int) -> None:
     known = kept - 54 >= 7 + 12
     asks = {one.pdu_ref: one for one in result.transactions if one.request_frame}
     assert sorted(asks) == [0, 9, 10, 11]
-    assert [asks[ref].outcome_name for ref in (0, 10, 11)] == ["answered"] * 3
-    assert asks[9].outcome_name == ("answered" if known else "unanswered")
-    for number, found in enumerate(asks[9].results()):
+    assert [asks[ref].outcome for ref in (0, 10, 11)] == ["answered"] * 3
+    assert asks[9].outcome == ("answered" if known else "unanswered")
+    for number, found in enumerate(asks[9].s7_results):
         assert found.value is None or found.value == CUT_VALUES[number]
         assert found.data is None or CUT_CONTENTS[number].startswith(found.data)
         if found.data != CUT_CONTENTS[number]:
@@ -273,10 +273,10 @@ def test_a_cut_request_is_paired_with_its_answer() -> None:
     result = Result(packets)
     check_books(result.pipeline, result.record)
     (one,) = [one for one in result.transactions if one.pdu_ref == 9]
-    assert one.outcome_name == "answered"
-    assert [found.return_code for found in one.results()] == [0xFF, 0x05, 0xFF]
-    assert [found.value for found in one.results()] == [None, None, None]
-    assert [found.data or b"" for found in one.results()] == [b"", b"", b""]
+    assert one.outcome == "answered"
+    assert [found.return_code for found in one.s7_results] == [0xFF, 0x05, 0xFF]
+    assert [found.value for found in one.s7_results] == [None, None, None]
+    assert [found.data or b"" for found in one.s7_results] == [b"", b"", b""]
 
 
 def test_a_message_with_a_cut_fragment_is_not_joined() -> None:
@@ -345,7 +345,7 @@ def test_what_its_receiver_dropped_is_left_out_where_that_is_asked_for(verify: b
     true_one = talk.tell(lines.words(1, 8))
     talk.close()
     (transaction,) = talk.transactions
-    assert [result.value for result in transaction.results()] == [value]
+    assert [result.value for result in transaction.s7_results] == [value]
     (finding,) = talk.findings
     assert (finding.slug, finding.detail, finding.connection) == (slug, f"27 bytes at TCP sequence number {at}", 1)
     assert finding.frames == [forged if verify else true_one]
@@ -522,7 +522,7 @@ def test_the_same_addresses_again_after_a_syn() -> None:
     second = poll(ready(flow, isns=(70_000_000, 9)), 1)
     result = run(first, second)
     assert sorted(result.outcomes) == ["answered"] * 4 + ["unanswered"]
-    (lost,) = [one for one in result.transactions if one.outcome_name == "unanswered"]
+    (lost,) = [one for one in result.transactions if one.outcome == "unanswered"]
     assert lost.reason == "connection_closed"
     assert result.counts == {"stream.reused": 1, "transaction.unanswered": 1}
     one, other = result.record.closed
@@ -568,7 +568,7 @@ def test_a_connect_request_after_data_begins_another_connection(distance: int) -
     result = run(first, poll(second, 1, 2, 3))
     assert len(result.record.closed) == 2
     assert sorted(result.outcomes) == ["answered"] * 7 + ["unanswered"]
-    (lost,) = [one for one in result.transactions if one.outcome_name == "unanswered"]
+    (lost,) = [one for one in result.transactions if one.outcome == "unanswered"]
     assert (lost.connection.number, lost.pdu_ref, lost.reason) == (1, 3, "connection_closed")
     assert {one.connection.number for one in result.transactions} == {1, 2}
 
@@ -610,7 +610,7 @@ def test_who_ended_it_and_what_was_open_then(side: int, how: str) -> None:
     assert (connection.tcp.ended, connection.tcp.ended_by) == (how, side)
     assert connection.tcp.ended_frame == (len(talk.segments) - 2 if how == "fin" else len(talk.segments))
     assert connection.open_at_end == 2
-    assert [one.reason for one in result.transactions if one.outcome_name == "unanswered"] == ["connection_closed"] * 2
+    assert [one.reason for one in result.transactions if one.outcome == "unanswered"] == ["connection_closed"] * 2
     assert result.counts == {"transaction.unanswered": 2, "session.cut": 1}
 
 

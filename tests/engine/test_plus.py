@@ -47,7 +47,7 @@ def slugs(talk: Talk) -> list[str]:
 
 
 def facts(talk: Talk) -> list[tuple[str, str, int]]:
-    return [(one.outcome_name, one.function_name, one.pdu_ref) for one in talk.transactions]
+    return [(one.outcome, one.function_name, one.pdu_ref) for one in talk.transactions]
 
 
 @pytest.mark.parametrize("version", [1, 2, 3])
@@ -62,7 +62,7 @@ def test_a_request_and_its_response(version: int) -> None:
     (transaction,) = talk.transactions
     assert transaction.is_plus
     assert (transaction.function, transaction.latency_ns, transaction.errors) == (GET_MULTI, 7 * MS, [])
-    assert (transaction.request, transaction.response, transaction.results()) == (None, None, [])
+    assert (transaction.request, transaction.response, transaction.s7_results) == (None, None, [])
     assert transaction.plus_request is not None
     assert (transaction.plus_request.session_id, transaction.plus_request.body) == (0x386, b"what")
     assert transaction.plus_response is not None
@@ -90,7 +90,7 @@ def test_what_has_no_other_half() -> None:
     talk.close()
     assert Counter(talk.outcomes()) == {"unanswered": 1, "orphan_answer": 1, "answered": 1}
     assert sorted(slugs(talk)) == ["transaction.orphan", "transaction.unanswered"]
-    orphan = next(one for one in talk.transactions if one.outcome_name == "orphan_answer")
+    orphan = next(one for one in talk.transactions if one.outcome == "orphan_answer")
     assert (orphan.is_plus, orphan.pdu_ref, orphan.function) == (True, 9, GET_MULTI)
 
 
@@ -142,7 +142,7 @@ def test_an_item_that_a_notification_refuses_is_an_error(kind: int) -> None:
     talk.close()
     first, second = talk.transactions
     assert [(one.part, one.code, one.name, one.item) for one in first.errors] == [("item", kind, "refused", 9)]
-    assert [one.address for one in first.errors] == [item.label for item in first.plus_items()] == ["item 9"]
+    assert [one.address for one in first.errors] == [item.label for item in first.plus_results] == ["item 9"]
     assert (second.has_errors, second.errors) == (False, [])
     assert "transaction.errors" not in slugs(talk)
 
@@ -210,7 +210,7 @@ def test_references_of_both_protocols_are_independent() -> None:
     talk.ask(read(1, b""), framed(asked(1)))
     talk.tell(framed(told(1)), words(1, 1))
     talk.close()
-    assert [one.is_plus for one in talk.transactions if one.outcome_name == "answered"] == [True, False]
+    assert [one.is_plus for one in talk.transactions if one.outcome == "answered"] == [True, False]
 
 
 def test_a_pdu_in_frames_and_fragments() -> None:

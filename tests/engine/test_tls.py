@@ -43,7 +43,7 @@ def only(talk: Talk) -> Connection:
 
 
 def facts(talk: Talk) -> list[tuple[str, str]]:
-    return [(one.outcome_name, one.function_name) for one in talk.transactions]
+    return [(one.outcome, one.function_name) for one in talk.transactions]
 
 
 @pytest.mark.parametrize("version", [ssl.TLSVersion.TLSv1_2, ssl.TLSVersion.TLSv1_3])
@@ -199,7 +199,7 @@ def test_a_pdu_in_several_frames() -> None:
     spoken(begun(talk), found)
     talk.close()
     (transaction,) = talk.transactions
-    assert transaction.outcome_name == "answered"
+    assert transaction.outcome == "answered"
     assert len(transaction.request_octets) == sum(map(len, frames))
 
 

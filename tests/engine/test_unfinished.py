@@ -30,7 +30,7 @@ def talk() -> Talk:
 
 
 def values(talk: Talk) -> list[tuple[str, object]]:
-    results = [one.results()[0] for one in talk.transactions]
+    results = [one.s7_results[0] for one in talk.transactions]
     return [(one.item.address, one.value) for one in results if one.item is not None]
 
 
@@ -47,7 +47,7 @@ def test_a_request(talk: Talk, fault: str, pdu_ref: int, pause_ns: int) -> None:
     talk.close()
     assert talk.pairs() == pairs
     assert values(talk) == [(f"DB1.DBW{2 * number}", number) for number in range(4)]
-    assert all(one.flags == 0 for one in talk.transactions)
+    assert all(one._flags == 0 for one in talk.transactions)
     assert talk.slugs() == ["cotp.unfinished_tsdu" if fault == "no end" else "tpkt.false_length"]
 
 

@@ -71,7 +71,7 @@ class Told(Observer):
         self.items: list[tuple[int, int, float | None, str | None, bytes | None]] = []
 
     def transaction(self, transaction: Transaction) -> None:
-        for index, result in enumerate(transaction.results()):
+        for index, result in enumerate(transaction.s7_results):
             value = result.value
             number = float(value) if isinstance(value, (int, float)) else None
             text = value if isinstance(value, str) else json.dumps(value) if isinstance(value, list) else None

@@ -816,7 +816,7 @@ def client_push(talk: Talk) -> None:
     talk.tell(userdata(5, head(2, 4, 1, 0, 0x8104)))
     assert [finding.slug for finding in talk.findings] == ["s7.client_push", "transaction.refused"]
     asked = talk.transactions[-1]
-    assert (asked.asked_by, asked.request_frame, asked.outcome_name) == (CLIENT, 8, "answered")
+    assert (asked.asked_by, asked.request_frame, asked.outcome) == (CLIENT, 8, "answered")
 
 
 @speaks("s7.unknown_code")

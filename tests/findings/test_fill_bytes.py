@@ -65,7 +65,7 @@ def test_an_item_that_begins_early_has_no_value(way: tuple[tuple[int, ...], tupl
     talk = refused(request(sizes, left_out), ack(1, 0x8104))
     (transaction,) = talk.transactions
     first = left_out.index(True) + 1
-    for number, result in enumerate(transaction.results()):
+    for number, result in enumerate(transaction.s7_results):
         if number < first:
             assert result.data == bytes(range(0x41, 0x41 + sizes[number]))
         else:
@@ -84,7 +84,7 @@ def test_a_write_with_its_fill_bytes_is_sound(sizes: tuple[int, ...]) -> None:
         assert talk.pipeline.finding_counts == {
             "transaction.refused": 1, "security.write_refused": 1, "security.protected": 1
         }  # fmt: skip
-        assert all(result.data for result in talk.transactions[0].results())
+        assert all(result.data for result in talk.transactions[0].s7_results)
         items = talk.transactions[0].parameters.items
         assert without_fill(items, octets, 12 + 12 * len(sizes), len(octets)) == 0
 

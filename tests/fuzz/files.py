@@ -220,10 +220,10 @@ def _outcomes(path: Path) -> list[tuple[object, ...]]:
             int(one.function),
             one.function_name,
             int(one.pdu_ref),
-            one.outcome_name,
+            one.outcome,
             one.reason,
             one.latency_ns,
-            [int(result.return_code) for result in one.results()],
+            [int(result.return_code) for result in one.s7_results],
             [error.code for error in one.errors],
         )
         for one in events_of(str(path), pdus=False)

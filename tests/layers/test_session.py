@@ -331,7 +331,7 @@ def transactions_of(path: Path) -> list[Any]:
             errors = [repr(error) for error in event.errors]
             parts = (
                 event.function_name,
-                int(event.outcome),
+                int(event._outcome),
                 event.latency_ns,
                 event.request_octets,
                 event.response_octets,

@@ -194,7 +194,7 @@ def test_a_request_without_answer_is_told_while_the_line_is_silent(engine: str) 
         stream.close()
         events += taken(session, closed(1))
         session.close()
-    assert [event.what.outcome_name for event in events if isinstance(event.what, Transaction)] == [
+    assert [event.what.outcome for event in events if isinstance(event.what, Transaction)] == [
         "answered",
         "unanswered",
     ]

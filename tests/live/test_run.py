@@ -122,7 +122,7 @@ def test_packets_that_come_a_little_late_are_no_step_back() -> None:
     run, told = run_of(Line(Clock(), [packets[:-1], [], [], [], packets[-1:]]))
     steps(run, 8)
     assert told.findings == []
-    assert [transaction.outcome_name for transaction in told.transactions] == ["answered", "answered"]
+    assert [transaction.outcome for transaction in told.transactions] == ["answered", "answered"]
 
 
 def test_before_the_first_packet_no_time_passes_for_the_pipeline() -> None:

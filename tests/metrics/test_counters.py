@@ -188,7 +188,7 @@ def refused(code: int) -> Transaction:
     ends = (Endpoint(b"\x0a\0\0\1", 1025), Endpoint(b"\x0a\0\0\2", 102))
     connection = Connection(1, TcpConnection(*ends, 0, 1, 0))
     transaction = Transaction(1, connection, 0, JOB, 1, parse_parameters(b"\x04\x00", JOB))
-    transaction.outcome = ANSWERED
+    transaction._outcome = ANSWERED
     transaction.has_errors = True
     transaction.error_code = code
     return transaction

@@ -22,10 +22,10 @@ def test_a_detached_transaction_says_the_same(name: str) -> None:
         kept = detached(event)
         assert (kept.request_octets, kept.response_octets) == (event.request_octets, event.response_octets)
         assert [error.as_dict() for error in kept.errors] == [error.as_dict() for error in event.errors]
-        for field in ("number", "outcome_name", "reason", "function_name", "latency_ns", "failed", "request_frame"):
+        for field in ("number", "outcome", "reason", "function_name", "latency_ns", "failed", "request_frame"):
             assert getattr(kept, field) == getattr(event, field), field
-        assert [result.value for result in kept.results()] == [result.value for result in event.results()]
-        for buf, offset in ((kept.request_buf, kept.request_offset), (kept.response_buf, kept.response_offset)):
+        assert [result.value for result in kept.s7_results] == [result.value for result in event.s7_results]
+        for buf, offset in ((kept._request_buf, kept._request_offset), (kept._response_buf, kept._response_offset)):
             assert offset in {0, 7}
             if offset:
                 assert buf[:2] == b"\x03\x00"
@@ -34,7 +34,7 @@ def test_a_detached_transaction_says_the_same(name: str) -> None:
 
 def test_the_packet_is_kept_where_it_carries_the_pdu_whole() -> None:
     (setup,) = [event.what for event in events_of(of_packets(begun().packets())) if isinstance(event.what, Transaction)]
-    assert (int(detached(setup).request_offset), int(detached(setup).response_offset)) == (7, 7)
+    assert (int(detached(setup)._request_offset), int(detached(setup)._response_offset)) == (7, 7)
 
 
 def test_a_pdu_from_several_fragments_is_kept_alone() -> None:
@@ -43,8 +43,8 @@ def test_a_pdu_from_several_fragments_is_kept_alone() -> None:
     talk.send(0, fragments(job, [5]))
     (*_, read) = [event.what for event in events_of(of_packets(talk.packets())) if isinstance(event.what, Transaction)]
     kept = detached(read)
-    assert (int(kept.request_offset), kept.request_buf) == (0, job)
-    assert kept.response_buf == b""
+    assert (int(kept._request_offset), kept._request_buf) == (0, job)
+    assert kept._response_buf == b""
 
 
 def transaction() -> Transaction:

@@ -80,7 +80,7 @@ class Result:
     @property
     def outcomes(self) -> list[str]:
         """The outcome of each transaction, in order."""
-        return [transaction.outcome_name for transaction in self.transactions]
+        return [transaction.outcome for transaction in self.transactions]
 
     def details(self, slug: str) -> list[str]:
         """Return the details of the findings of one kind."""
@@ -125,7 +125,7 @@ def facts(transaction: Transaction) -> Facts:
             result.data,
             repr(result.value),
         )
-        for result in transaction.results()
+        for result in transaction.s7_results
     ]
     errors = [(error.where, error.code, error.address) for error in transaction.errors]
     return (
@@ -136,7 +136,7 @@ def facts(transaction: Transaction) -> Facts:
         transaction.pdu_ref,
         transaction.request_octets,
         transaction.response_octets,
-        transaction.outcome_name,
+        transaction.outcome,
         tuple(results),
         tuple(errors),
     )
@@ -169,7 +169,7 @@ def told(transactions: Iterable[Transaction]) -> list[Known]:
                 int(one.pdu_ref),
                 one.request_octets,
                 one.response_octets,
-                one.outcome_name,
+                one.outcome,
             )
             for one in transactions
         ]

@@ -44,7 +44,7 @@ def in_order(result: Result) -> tuple[object, object]:
 
     When it is known that the other half will not come depends on what else is in the capture, so that has no order.
     """
-    answered = [one for one in result.transactions if one.outcome_name in {"answered", "unsolicited"}]
+    answered = [one for one in result.transactions if one.outcome in {"answered", "unsolicited"}]
     return sorted_by_connection(result.transactions), by_connection(answered)
 
 

@@ -73,8 +73,8 @@ def test_both_ends_and_the_capture_and_wireshark_tell_the_same(tmp_path: Path) -
     told = transactions(events)
     reads = [one for one in told if one.function_name == "Read Var"]
     writes = [one for one in told if one.function_name == "Write Var"]
-    assert [one.results()[0].data for one in reads[:8]] == known
-    assert [one.results()[0].data for one in writes] == [b"\x01\x02"]
+    assert [one.s7_results[0].data for one in reads[:8]] == known
+    assert [one.s7_results[0].data for one in writes] == [b"\x01\x02"]
     assert [one.has_errors for one in reads] == [False] * 9 + [True, False]
     assert len({one.connection.number for one in told}) == 2
     assert all(one.latency_ns is not None and one.latency_ns > 0 for one in reads)

@@ -58,17 +58,17 @@ def told(event: Transaction) -> tuple[object, ...]:
     return (
         event.function_name,
         int(event.pdu_ref),
-        event.outcome_name,
+        event.outcome,
         event.reason,
         # Without the packets around it a pair may be only likely, so that it has no `latency_ns`.
-        event.response_ns - event.request_ns if event.outcome == ANSWERED else None,
+        event.response_ns - event.request_ns if event._outcome == ANSWERED else None,
         event.request_octets,
         event.response_octets,
         # What a push is about says the request that began its job, which need not be in the cut.
         [
             (result.item and result.item.label, int(result.return_code), result.data)
-            for result in event.results()
-            if event.outcome != PUSH
+            for result in event.s7_results
+            if event._outcome != PUSH
         ],
         [(error.where, error.code) for error in event.errors],
     )
@@ -135,7 +135,7 @@ def test_a_transaction_alone_says_the_same(captures: list[Path], tmp_path: Path)
             said = [told(other) for other in transactions(out)]
             # What `cut` leaves out is a gap of the part: there a request without an answer was perhaps answered.
             lost = (*told(event)[:3], "hole", *told(event)[4:])
-            found = told(event) in said or (event.outcome_name == "unanswered" and lost in said)
+            found = told(event) in said or (event.outcome == "unanswered" and lost in said)
             assert found, (source, int(event.number))
             seen += 1
     assert seen > 150

@@ -44,18 +44,18 @@ def told(path: Path) -> list[Transaction]:
 
 
 def about(push: Transaction) -> list[tuple[str, bytes | None]]:
-    return [(result.item.label if result.item is not None else "?", result.data) for result in push.results()]
+    return [(result.item.label if result.item is not None else "?", result.data) for result in push.s7_results]
 
 
 def cut_each_push(capfdbinary: Capfd, path: Path, out: Path) -> list[list[Transaction]]:
     """Cut out each push alone; what it is about must not have changed."""
     parts = []
     for push in told(path):
-        if push.outcome_name == "unsolicited":
+        if push.outcome == "unsolicited":
             assert run(capfdbinary, "cut", path, "--transaction", str(push.number), "-o", out, "--force").code == 0
             parts.append(told(out))
             assert about(parts[-1][-1]) == about(push)
-            assert [one.outcome_name for one in parts[-1][:-1]] == ["answered"] * (len(parts[-1]) - 1)
+            assert [one.outcome for one in parts[-1][:-1]] == ["answered"] * (len(parts[-1]) - 1)
     return parts
 
 
@@ -79,7 +79,7 @@ def test_a_message_brings_its_subscription(tmp_path: Path, capfdbinary: Capfd, c
 
 def test_a_notification_of_s7plus_brings_its_subscription(tmp_path: Path, capfdbinary: Capfd, corpus: Path) -> None:
     path, out = corpus / "s7plus" / "S71200_StartupGoOnline.pcapng", tmp_path / "out.pcapng"
-    message = [one for one in told(path) if one.is_plus and one.outcome_name == "unsolicited"][-1]
+    message = [one for one in told(path) if one.is_plus and one.outcome == "unsolicited"][-1]
     assert run(capfdbinary, "cut", path, "--transaction", str(message.number), "-o", out).code == 0
     assert [one.function_name.split()[-1] for one in told(out)] == ["CreateObject", "notification"]
 
@@ -94,7 +94,7 @@ class Noting(Observer):
 
     def transaction(self, transaction: Transaction) -> None:
         self.book.note(transaction, [int(transaction.request_frame)], [])
-        if transaction.outcome_name == "unsolicited":
+        if transaction.outcome == "unsolicited":
             self.pushes.append(transaction)
 
 

@@ -42,7 +42,7 @@ class MarkdownWriter(Writer):
         self.lines.append("| what |")
 
     def transaction(self, transaction):
-        self.lines.append(f"| {transaction.number} {transaction.function_name} {transaction.outcome_name} |")
+        self.lines.append(f"| {transaction.number} {transaction.function_name} {transaction.outcome} |")
 
     def operation(self, operation):
         self.lines.append(f"| {operation.kind} {operation.result} |")

@@ -300,7 +300,7 @@ def test_several_bits_are_one_value_each_only_where_each_has_its_octet() -> None
         )
     told = both(talk)
     for line, transaction in zip(told.lines, told.transactions, strict=True):
-        assert [item["value"] for item in line["items"]] == [result.value for result in transaction.results()]
+        assert [item["value"] for item in line["items"]] == [result.value for result in transaction.s7_results]
     assert told.lines[2]["items"][0]["value"] is None
 
 
@@ -466,12 +466,12 @@ def check(path: Path) -> None:
         pass
     assert len(told.pdus) == run.pipeline.s7.pdus
     for line, transaction in zip(told.lines, told.transactions, strict=True):
-        assert line["outcome"] == transaction.outcome_name
+        assert line["outcome"] == transaction.outcome
         assert line["latency_ns"] == transaction.latency_ns
         assert line["errors"] == [error.as_dict() for error in transaction.errors]
         if transaction.is_plus:
             continue  # tests/report/test_plus.py
-        results = transaction.results()
+        results = transaction.s7_results
         assert len(line["items"]) == len(results)
         for item, result in zip(line["items"], results, strict=True):
             assert item["data"] == (None if result.data is None else result.data.hex())
@@ -516,7 +516,7 @@ def test_a_pair_that_is_only_likely(plus: bool, locate: bool, flag: int, doubt: 
     observed(found, talk.packets())
     transaction, sure = found.transactions[-1], found.lines[-1]
     assert not {"certainty", "doubt", "response_time"} & sure.keys()
-    transaction.flags |= flag
+    transaction._flags |= flag
     found.transaction(transaction)
     line = found.lines[-1]
     assert complaints("transaction", line, exact=True) == []
@@ -534,7 +534,7 @@ def test_a_setup_or_a_write_that_is_only_likely(write: bool) -> None:
     found = Both()
     observed(found, talk.packets())
     transaction, sure = found.transactions[-1], found.lines[-1]
-    transaction.flags |= ALIKE
+    transaction._flags |= ALIKE
     found.transaction(transaction)
     line = found.lines[-1]
     assert complaints("transaction", line, exact=True) == []
@@ -548,7 +548,7 @@ def test_an_answer_that_was_not_captured_says_perhaps() -> None:
     transaction = found.transactions[-1]
     transaction.reason = HOLE
     found.transaction(transaction)
-    transaction.flags |= GAPS
+    transaction._flags |= GAPS
     found.transaction(transaction)
     sure, perhaps = found.lines[-2:]
     assert (sure["reason"], "certainty" in sure) == ("hole", False)

@@ -73,7 +73,7 @@ def written(item: PlusItem) -> Any:
 
 def alone(transaction: Transaction) -> dict[str, Any]:
     """What a line of S7comm-plus has to say, of this transaction as if it were the only one."""
-    request, response = transaction.plus_halves(said=True)
+    request, response = transaction._plus_halves(said=True)
     facts = {"request": head(request), "response": head(response)}
     objects = response.contents.objects if response is not None else []
     alarms = [json.loads(as_text(Alarm(one).as_dict())) for one in objects if one.class_id == ALARM]

@@ -177,9 +177,9 @@ class Told(Talk):
 
     def transaction(self, transaction: Transaction) -> None:
         one = transaction
-        said = [one.function_name, one.outcome_name, one.error_code, one.has_errors, one.flags, one.pdu_ref]
+        said = [one.function_name, one.outcome, one.error_code, one.has_errors, one._flags, one.pdu_ref]
         frames = one.frames if self.packets else []
-        items = [(item.label, item.text, item.return_code, item.note, item.number) for item in one.plus_items()]
+        items = [(item.label, item.text, item.return_code, item.note, item.number) for item in one.plus_results]
         errors = [str(error) for error in one.errors]
         self.told.append(f"{said} {frames} {plus_subject(one)} {items} {errors}")
 

@@ -253,5 +253,5 @@ def test_of_a_pair_that_is_only_likely_only_what_the_answer_itself_says_is_a_fac
     transaction = talk.transactions[-1]
     sure = Evidence().of_transaction(transaction)
     assert sure
-    transaction.flags |= GAPS
+    transaction._flags |= GAPS
     assert len(Evidence().of_transaction(transaction)) == (len(sure) if stays else 0)

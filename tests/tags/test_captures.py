@@ -50,7 +50,7 @@ def items(capture: Path, *tags: str) -> list[str]:
     found = []
     for event in dissect.open(str(capture), tags=list(tags) or None, pdus=False):
         if isinstance(event, dissect.Transaction) and event.parameters.function_name.endswith("GetMultiVariables"):
-            found += [item.label for item in event.plus_items()]
+            found += [item.label for item in event.plus_results]
     return found
 
 

@@ -119,7 +119,7 @@ def test_the_values_by_tags_are_those_that_the_peer_wrote_and_read(tmp_path: Pat
     for event in dissect.open(path, tags=tags, pdus=False):
         if isinstance(event, Transaction) and event.function in {READ_VAR, WRITE_VAR}:
             values = [value for _, value in named_values(event)]
-            full = len(event.results()[0].data or b"") == 56
+            full = len(event.s7_results[0].data or b"") == 56
             (writes if event.function == WRITE_VAR else whole if full else parts).append(values)
     assert [by_name(values) for values in writes] == written
     assert [by_name(values) for values in whole] == written

@@ -314,7 +314,7 @@ class Talk(Observer):
         return [finding.slug for finding in self.findings]
 
     def outcomes(self) -> list[str]:
-        return [transaction.outcome_name for transaction in self.transactions]
+        return [transaction.outcome for transaction in self.transactions]
 
     def pairs(self) -> list[tuple[int, int]]:
         """(frame of the request, frame of the answer) of every transaction, 0 for a missing half, in order of emission."""

@@ -41,7 +41,7 @@ def truth(talk: Talk) -> list[tuple[int, object, str]]:
     return sorted(
         (int(result.item.start_bit) // 16, result.value, one.certainty)
         for one in talk.transactions
-        for result in one.results()
+        for result in one.s7_results
         if one.request_frame and one.response_frame and result.item is not None
     )
 

@@ -123,7 +123,7 @@ def test_what_is_odd_about_an_answer(
     talk.ask(request_octets)
     talk.tell(answer)
     one = only(talk)
-    assert (one.outcome_name, one.flags, one.has_errors) == ("answered", flags, errors)
+    assert (one.outcome, one._flags, one.has_errors) == ("answered", flags, errors)
     assert bool(one.errors) is errors
 
 
@@ -143,7 +143,7 @@ def test_an_answer_like_the_one_before_is_taken_by_its_heads(talk: Talk) -> None
     for number, (data, _, _) in enumerate(told, 1):
         talk.ask(read(number, dbw(1, 0), dbw(1, 2)))
         talk.tell(ack_data(number, b"\x04\x02", data))
-    assert [(one.flags, one.has_errors) for one in talk.transactions] == [(flags, errors) for _, flags, errors in told]
+    assert [(one._flags, one.has_errors) for one in talk.transactions] == [(flags, errors) for _, flags, errors in told]
     remembered = talk.transactions[0].parameters.good_answer
     assert struct.unpack(">qIIII", remembered) == (len(sound), 0, 0xFF040010, 6, 0xFF040010)
 
@@ -153,7 +153,7 @@ def test_a_length_that_needs_the_octets_left_is_taken_by_them(talk: Talk) -> Non
     for number, octets in enumerate((b"\0\0\0\1", b"\0\0"), 1):
         talk.ask(read(number, asked))
         talk.tell(ack_data(number, b"\x04\x01", b"\xff\x06\x00\x04" + octets))
-    assert [one.flags for one in talk.transactions] == [ODD_DATA_CODE, SIZE_MISMATCH]
+    assert [one._flags for one in talk.transactions] == [ODD_DATA_CODE, SIZE_MISMATCH]
 
 
 @pytest.mark.parametrize("sizes", [(1, 2), (2, 1), (3, 1, 1), (1,), (1, 1, 1, 5)])
@@ -175,7 +175,7 @@ def test_places_of_remembered_items_allow_for_fill(talk: Talk, sizes: tuple[int,
         talk.tell(ack_data(number, bytes((4, len(sizes))), answer))
     assert talk.transactions[0].parameters.good_answer == struct.pack(">q", len(whole)) + last
     assert [one.has_errors for one in talk.transactions] == [errors for _, errors in told]
-    assert [one.flags for one in talk.transactions if not one.has_errors] == [0, 0, 0]
+    assert [one._flags for one in talk.transactions if not one.has_errors] == [0, 0, 0]
 
 
 def test_lengths_told_once_are_not_told_again(talk: Talk) -> None:
@@ -186,7 +186,7 @@ def test_lengths_told_once_are_not_told_again(talk: Talk) -> None:
     answer = words(2, 1)
     talk.ask(read(2, dbw(1, 0)))
     talk.tell(answer[:8] + b"\x00\x03" + answer[10:])
-    assert [one.flags for one in talk.transactions] == [0, 0]
+    assert [one._flags for one in talk.transactions] == [0, 0]
     assert talk.slugs().count("s7.malformed") == 2
 
 
@@ -216,8 +216,8 @@ def test_who_sends_the_setup_is_calling() -> None:
 def test_an_ack_has_no_items(talk: Talk) -> None:
     talk.ask(read(1, dbw(1, 0)))
     talk.tell(ack(1, 0, b"\x04\x01"))
-    assert (only(talk).flags, only(talk).has_errors) == (0, False)
-    assert [(result.return_code, result.data) for result in only(talk).results()] == [(-1, None)]
+    assert (only(talk)._flags, only(talk).has_errors) == (0, False)
+    assert [(result.return_code, result.data) for result in only(talk).s7_results] == [(-1, None)]
 
 
 def parameters(octets: bytes) -> Parameters:
@@ -291,4 +291,4 @@ def test_errors_are_there_when_they_are_said_to_be(data: bytes, told: bytes, cod
             talk.tell(answer)
             one = only(talk)
             assert bool(one.errors) is one.has_errors
-            assert len(one.results()) <= max(2, len(data))
+            assert len(one.s7_results) <= max(2, len(data))

@@ -173,7 +173,7 @@ def test_of_one_direction_nothing_more_is_said_than_before() -> None:
         one.lose(SERVER, words(number, 7))
         one.packet(CLIENT)
     one.finish()
-    assert {transaction.outcome_name for transaction in one.transactions} == {"unanswered"}
+    assert {transaction.outcome for transaction in one.transactions} == {"unanswered"}
     assert all(transaction.unseen for transaction in one.transactions)
     assert [slug for slug in one.slugs() if not slug.startswith("capture.")] == []
 

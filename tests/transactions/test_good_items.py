@@ -22,7 +22,7 @@ def read_of(
 def test_octets_of_a_good_read_are_those_of_its_results() -> None:
     found = read_of(good(4, b"\x00\x2a"), good(4, b"\x01\x02\x03") + b"\x00", good(4, b"\x00\x2b"))
     assert good_octets(found) == [b"\x00\x2a", b"\x01\x02\x03", b"\x00\x2b"]
-    assert good_octets(found) == [result.data for result in found.results()]
+    assert good_octets(found) == [result.data for result in found.s7_results]
 
 
 def test_no_good_octets_where_anything_is_odd() -> None:
@@ -45,9 +45,9 @@ def test_a_read_that_is_only_likely_is_not_taken_for_an_ordinary_one(flag: int) 
     """What steps over the items writes no mark."""
     found = read_of(good(4, b"\x00\x2a"), request=(dbw(1, 0),))
     assert good_octets(found) == [b"\x00\x2a"]
-    found.flags |= flag
+    found._flags |= flag
     assert good_octets(found) is None
-    assert [result.data for result in found.results()] == [b"\x00\x2a"]
+    assert [result.data for result in found.s7_results] == [b"\x00\x2a"]
 
 
 def test_an_item_of_no_octets_has_none() -> None:

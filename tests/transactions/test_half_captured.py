@@ -200,7 +200,7 @@ def test_steps_that_wait_for_the_end_are_bounded(monkeypatch: pytest.MonkeyPatch
     for number in range(20):
         talk.packet(CLIENT, dt(events.piece(number, 0x1B, 100, more=True)), after_ns=2 * SECOND)
         waiting = talk.transactions[0].connection.operations.halves if talk.transactions else []
-        assert sum([len(one.response_buf) + 512 for one in waiting]) <= 2000
+        assert sum([len(one._response_buf) + 512 for one in waiting]) <= 2000
     talk.finish()
     assert transfer(talk).octets == 2000
 

@@ -39,7 +39,7 @@ def values(talk: Talk) -> dict[str, object]:
     return {
         result.item.address: result.value
         for one in talk.transactions
-        for result in one.results()
+        for result in one.s7_results
         if result.item is not None and one.response_frame
     }
 
@@ -114,7 +114,7 @@ def test_an_answer_goes_to_the_oldest_that_it_fits(what: str) -> None:
     )
     talk.close()
     assert talk.pairs() == [(second, answers[0]), (third, answers[1]), (first, late)]
-    assert all(one.flags == 0 for one in talk.transactions)
+    assert all(one._flags == 0 for one in talk.transactions)
 
 
 def test_an_answer_that_fits_none_is_the_oldest_s() -> None:

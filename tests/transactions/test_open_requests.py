@@ -27,7 +27,7 @@ def request(number: int, time_ns: int = 0, ack: int = -1) -> Transaction:
     transaction = Transaction(number, CONNECTION, 0, 1, 0, Parameters(b"\x04", 1))
     transaction.request_ns = time_ns
     transaction.request_frame = number
-    transaction.request_ack = ack
+    transaction._request_ack = ack
     return transaction
 
 

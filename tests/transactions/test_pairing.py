@@ -79,8 +79,8 @@ def test_a_request_and_its_answer(talk: Talk) -> None:
     answered = talk.tell(words(0x0102, 1, 2, 3), after_ns=7 * MS)
     one = only(talk)
     assert talk.pairs() == [(asked, answered)]
-    assert (one.outcome_name, one.reason, one.rosctr, one.pdu_ref) == ("answered", "", 1, 0x0102)
-    assert (one.asked_by, one.latency_ns, one.flags, one.has_errors) == (CLIENT, 7 * MS, 0, False)
+    assert (one.outcome, one.reason, one.rosctr, one.pdu_ref) == ("answered", "", 1, 0x0102)
+    assert (one.asked_by, one.latency_ns, one._flags, one.has_errors) == (CLIENT, 7 * MS, 0, False)
     assert (one.function, one.function_name) == (4, "Read Var")
     assert one.request_octets == read(0x0102, dbw(10, 4, 3))
     assert one.response_octets == words(0x0102, 1, 2, 3)
@@ -92,7 +92,7 @@ def test_answer_and_function_must_fit(talk: Talk) -> None:
     talk.ask(read(1, dbw(1, 0)))
     talk.tell(ack_data(1, b"\x05\x01", b"\x05"))
     one = only(talk)
-    assert (one.outcome_name, one.flags) == ("answered", FUNCTION_MISMATCH)
+    assert (one.outcome, one._flags) == ("answered", FUNCTION_MISMATCH)
     assert (one.function, one.has_errors, one.errors) == (4, False, [])
 
 
@@ -100,14 +100,14 @@ def test_an_ack_takes_the_function_from_the_request(talk: Talk) -> None:
     talk.ask(job(7, b"\x1d" + bytes(17)))
     talk.tell(ack(7, 0xD209))
     one = only(talk)
-    assert (one.function_name, one.flags, one.has_errors, one.error_code) == ("Start upload", 0, True, 0xD209)
+    assert (one.function_name, one._flags, one.has_errors, one.error_code) == ("Start upload", 0, True, 0xD209)
     assert [(error.where, error.code, error.name) for error in one.errors] == [("header", 0xD209, "Block not found")]
 
 
 def test_an_ack_that_names_the_function(talk: Talk) -> None:
     talk.ask(read(7, dbw(1, 0)))
     talk.tell(ack(7, 0x8104, b"\x04"))
-    assert (only(talk).flags, only(talk).error_code) == (0, 0x8104)
+    assert (only(talk)._flags, only(talk).error_code) == (0, 0x8104)
 
 
 def test_userdata_by_group_and_subfunction(talk: Talk) -> None:
@@ -118,7 +118,7 @@ def test_userdata_by_group_and_subfunction(talk: Talk) -> None:
     talk.ask(userdata(3, head(REQUEST, 4, 1)))
     talk.tell(userdata(3, head(RESPONSE, 3, 1, 0, 0)))
     assert talk.outcomes() == ["answered"] * 3
-    assert [one.flags for one in talk.transactions] == [0, FUNCTION_MISMATCH, FUNCTION_MISMATCH]
+    assert [one._flags for one in talk.transactions] == [0, FUNCTION_MISMATCH, FUNCTION_MISMATCH]
     assert talk.transactions[0].function_name == "CPU functions: read SZL"
 
 
@@ -194,7 +194,7 @@ def test_references_start_anywhere_wrap_and_may_be_zero(talk: Talk) -> None:
         talk.ask(read(pdu_ref, dbw(1, pdu_ref & 7)))
         talk.tell(words(pdu_ref, pdu_ref))
     assert talk.outcomes() == ["answered"] * 4
-    assert [one.results()[0].value for one in talk.transactions] == [0xFFFE, 0xFFFF, 0, 1]
+    assert [one.s7_results[0].value for one in talk.transactions] == [0xFFFE, 0xFFFF, 0, 1]
 
 
 @pytest.mark.parametrize("pdu_ref", [0x0500, 0])
@@ -203,7 +203,7 @@ def test_one_reference_for_everything(talk: Talk, pdu_ref: int) -> None:
         talk.ask(read(pdu_ref, dbw(1, value % 3)))
         talk.tell(words(pdu_ref, value))
     assert talk.outcomes() == ["answered"] * 20
-    assert [one.results()[0].value for one in talk.transactions] == [*range(20)]
+    assert [one.s7_results[0].value for one in talk.transactions] == [*range(20)]
     assert [one.latency_ns for one in talk.transactions] == [MS] * 20
 
 
@@ -233,7 +233,7 @@ def test_a_reference_used_again_while_open() -> None:
 
 
 def only_unanswered(talk: Talk) -> Transaction:
-    found = [one for one in talk.transactions if one.outcome_name == "unanswered"]
+    found = [one for one in talk.transactions if one.outcome == "unanswered"]
     assert len(found) == 1
     return found[0]
 
@@ -276,11 +276,11 @@ def test_an_answer_lost_in_a_hole_shifts_nothing(talk: Talk) -> None:
     requests = talk.pipeline.table.all_open()[0].connection.open_requests[CLIENT]
     assert (requests.count, len(requests.table)) == (0, 0)
     talk.close()
-    found = {(one.outcome_name, one.reason) for one in talk.transactions}
+    found = {(one.outcome, one.reason) for one in talk.transactions}
     assert found == {("answered", ""), ("unanswered", HOLE)}
     assert len(talk.transactions) == 16
-    late = [one for one in talk.transactions if one.outcome_name == "answered"][-4:]
-    assert [one.results()[0].value for one in late] == [11, 12, 13, 14]
+    late = [one for one in talk.transactions if one.outcome == "answered"][-4:]
+    assert [one.s7_results[0].value for one in late] == [11, 12, 13, 14]
     assert [one.latency_ns for one in late] == [MS] * 4
 
 
@@ -332,14 +332,14 @@ def test_answers_in_another_order(talk: Talk) -> None:
     asked = [talk.ask(read(number, dbw(1, number))) for number in range(5)]
     answered = {number: talk.tell(words(number, number)) for number in (3, 0, 4, 1, 2)}
     assert talk.pairs() == [(asked[number], answered[number]) for number in (3, 0, 4, 1, 2)]
-    assert [one.results()[0].value for one in talk.transactions] == [3, 0, 4, 1, 2]
+    assert [one.s7_results[0].value for one in talk.transactions] == [3, 0, 4, 1, 2]
 
 
 def test_several_pdus_in_a_segment(talk: Talk) -> None:
     asked = talk.ask(*(read(number, dbw(1, number)) for number in range(4)))
     answered = talk.tell(*(words(number, number) for number in range(4)))
     assert talk.pairs() == [(asked, answered)] * 4
-    assert [one.results()[0].value for one in talk.transactions] == [0, 1, 2, 3]
+    assert [one.s7_results[0].value for one in talk.transactions] == [0, 1, 2, 3]
 
 
 def test_two_connections_do_not_meet() -> None:
@@ -435,8 +435,8 @@ def test_an_answer_captured_before_its_request(talk: Talk) -> None:
     asked = talk.ask(request)
     one = only(talk)
     assert talk.pairs() == [(asked, told)]
-    assert (one.outcome_name, one.flags, one.latency_ns) == ("answered", REORDERED, -MS)
-    assert one.results()[0].value == 42
+    assert (one.outcome, one._flags, one.latency_ns) == ("answered", REORDERED, -MS)
+    assert one.s7_results[0].value == 42
     talk.close()
     assert len(talk.transactions) == 1
     assert (one.connection.answered, one.connection.orphans) == (2, 0)
@@ -488,14 +488,14 @@ def test_an_early_answer_that_names_another_function(talk: Talk) -> None:
     request = read(5, dbw(1, 0))
     early(talk, request, ack_data(5, b"\x05\x01", b"\xff"))
     talk.ask(request)
-    assert only(talk).flags == FUNCTION_MISMATCH | REORDERED
+    assert only(talk)._flags == FUNCTION_MISMATCH | REORDERED
 
 
 def test_an_early_refusal(talk: Talk) -> None:
     request = read(5, dbw(1, 0))
     early(talk, request, ack(5, 0x8104))
     talk.ask(request)
-    assert (only(talk).error_code, only(talk).flags) == (0x8104, REORDERED)
+    assert (only(talk).error_code, only(talk)._flags) == (0x8104, REORDERED)
 
 
 @pytest.mark.parametrize("early_one", [granted(9, 3, 3, 240), userdata(9, head(RESPONSE, 4, 1, 1, 0xD402))])
@@ -553,7 +553,7 @@ def test_an_orphan_tells_what_it_carries(talk: Talk) -> None:
     talk.close()
     read_answer, refusal, answer = talk.transactions
     assert (read_answer.rosctr, read_answer.function_name, read_answer.request) == (1, "Read Var", None)
-    assert [(result.item, result.return_code, result.value) for result in read_answer.results()] == [
+    assert [(result.item, result.return_code, result.value) for result in read_answer.s7_results] == [
         (None, 0xFF, None),
         (None, 0x05, None),
     ]
@@ -571,7 +571,7 @@ def test_mid_stream_the_first_answers_lack_their_requests() -> None:
     talk.ask(read(7, dbw(1, 0)))
     talk.tell(words(8, 1))
     talk.finish()
-    found = {one.pdu_ref: one.flags for one in talk.transactions if one.outcome_name == "orphan_answer"}
+    found = {one.pdu_ref: one._flags for one in talk.transactions if one.outcome == "orphan_answer"}
     assert found == {5: EXPECTED, 6: EXPECTED, 8: 0}
 
 
@@ -601,7 +601,7 @@ def test_a_request_after_the_hole_is_not_blamed_on_it(talk: Talk) -> None:
     heal(talk)
     talk.ask(read(3, dbw(1, 0)))
     talk.close()
-    assert [(one.pdu_ref, one.reason) for one in talk.transactions if one.outcome_name == "unanswered"] == [
+    assert [(one.pdu_ref, one.reason) for one in talk.transactions if one.outcome == "unanswered"] == [
         (3, CONNECTION_CLOSED)
     ]
 
@@ -635,7 +635,7 @@ def test_an_answer_in_a_hole_is_not_replaced_by_that_to_a_later_request_in_a_hol
     heal(talk)
     talk.close()
     assert sorted(talk.pairs()) == sorted([(lost, 0), (0, orphan), *zip(asked, answered, strict=True)])
-    assert {one.outcome_name: one.reason for one in talk.transactions} == {
+    assert {one.outcome: one.reason for one in talk.transactions} == {
         "answered": "",
         "unanswered": HOLE,
         "orphan_answer": HOLE,
@@ -661,8 +661,8 @@ def test_an_answer_whose_request_is_in_a_hole(talk: Talk) -> None:
     talk.tell(words(2, 2))
     heal(talk)
     talk.close()
-    found = [one for one in talk.transactions if one.outcome_name == "orphan_answer"]
-    assert [(one.response_frame, one.flags, one.reason) for one in found] == [(orphan, EXPECTED, HOLE)]
+    found = [one for one in talk.transactions if one.outcome == "orphan_answer"]
+    assert [(one.response_frame, one._flags, one.reason) for one in found] == [(orphan, EXPECTED, HOLE)]
 
 
 def test_with_a_hole_an_answer_of_another_function_is_not_taken(talk: Talk) -> None:
@@ -674,8 +674,8 @@ def test_with_a_hole_an_answer_of_another_function_is_not_taken(talk: Talk) -> N
     answered = talk.tell(words(5, 1))
     talk.close()
     assert (asked, answered) in [(one.request_frame, one.response_frame) for one in talk.transactions]
-    assert [one.response_frame for one in talk.transactions if one.outcome_name == "orphan_answer"] == [orphan]
-    assert all(not one.flags & FUNCTION_MISMATCH for one in talk.transactions)
+    assert [one.response_frame for one in talk.transactions if one.outcome == "orphan_answer"] == [orphan]
+    assert all(not one._flags & FUNCTION_MISMATCH for one in talk.transactions)
 
 
 @pytest.mark.parametrize(
@@ -698,7 +698,7 @@ def test_with_a_hole_data_that_look_like_those_of_the_read_do_not_make_an_answer
     talk.ask(read(5, dbw(1, 0)))
     frame = talk.tell(told)
     talk.close()
-    orphans = [one.response_frame for one in talk.transactions if one.outcome_name == "orphan_answer"]
+    orphans = [one.response_frame for one in talk.transactions if one.outcome == "orphan_answer"]
     assert orphans == ([] if its else [frame])
 
 
@@ -713,7 +713,7 @@ def test_with_a_hole_requests_keep_their_order(talk: Talk) -> None:
     answered = talk.tell(words(5, 1))
     talk.close()
     assert (first[0], answered) in talk.pairs()
-    unanswered = [one for one in talk.transactions if one.outcome_name == "unanswered"]
+    unanswered = [one for one in talk.transactions if one.outcome == "unanswered"]
     assert [one.number for one in unanswered] == sorted(one.number for one in unanswered)
 
 
@@ -739,7 +739,7 @@ def test_with_a_hole_an_early_answer_that_acknowledges_just_this_request_is_take
     answered = early(talk, request, ack_data(5, b"\x05\x01", b"\xff"))
     asked = talk.ask(request)
     assert talk.pairs()[-1] == (asked, answered)
-    assert talk.transactions[-1].flags & FUNCTION_MISMATCH
+    assert talk.transactions[-1]._flags & FUNCTION_MISMATCH
 
 
 @pytest.mark.parametrize("answering", [CLIENT, SERVER])
@@ -755,7 +755,7 @@ def test_one_direction_only(answering: int) -> None:
             talk.seq[SERVER] += len(dt(words(number, number)))
     talk.finish()
     assert talk.outcomes() == (["orphan_answer"] if answering == SERVER else ["unanswered"]) * 5
-    assert [one.flags for one in talk.transactions] == [EXPECTED] * 5
+    assert [one._flags for one in talk.transactions] == [EXPECTED] * 5
     if answering == CLIENT:
         assert [(one.reason, one.unseen, one.missed) for one in talk.transactions] == [("one_sided", True, False)] * 5
     assert talk.slugs() == ["capture.one_sided"]
@@ -771,7 +771,7 @@ def test_one_direction_only_from_its_beginning() -> None:
         talk.seq[CLIENT] += len(dt(read(number, dbw(1, 0))))
     talk.finish()
     assert talk.connections[0].tcp.known_start
-    assert [one.flags for one in talk.transactions] == [EXPECTED] * 5
+    assert [one._flags for one in talk.transactions] == [EXPECTED] * 5
     assert talk.slugs() == ["capture.one_sided"]
 
 
@@ -781,7 +781,7 @@ def test_a_silent_server_whose_acknowledgements_are_there_is_not_one_direction_o
         talk.ask(read(number, dbw(1, 0)))
         talk.packet(SERVER, after_ns=3 * SECOND)
     talk.finish()
-    assert [one.flags for one in talk.transactions] == [0] * 5
+    assert [one._flags for one in talk.transactions] == [0] * 5
     assert "capture.one_sided" not in talk.slugs()
     assert talk.slugs().count("transaction.unanswered") == 5
 

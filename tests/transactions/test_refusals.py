@@ -75,7 +75,7 @@ def test_every_function_code_and_form(group: int, subfunction: int, code: int, c
 
     talk, transaction = exchanged(group, subfunction, answer)
     assert (transaction.has_errors, transaction.failed, transaction.refused) == (refused,) * 3
-    assert (transaction.outcome_name, transaction.error_code) == ("answered", 0)
+    assert (transaction.outcome, transaction.error_code) == ("answered", 0)
     assert [(error.where, error.code, error.name) for error in transaction.errors] == (
         [("data", code, RETURN_CODES.name(code))] if refused else []
     )
@@ -86,7 +86,7 @@ def test_every_function_code_and_form(group: int, subfunction: int, code: int, c
     talk.tell(answer)
     talk.finish()
     (transaction,) = talk.transactions
-    assert (transaction.outcome_name, transaction.failed, transaction.refused) == ("orphan_answer", refused, refused)
+    assert (transaction.outcome, transaction.failed, transaction.refused) == ("orphan_answer", refused, refused)
 
 
 @pytest.mark.parametrize("code", [0x0A, 0x05, 0x00, 0xFF])

@@ -30,7 +30,7 @@ def rows(transaction: Transaction) -> list[Row]:
             result.return_code,
             result.data.hex() if result.data is not None else None,
         )
-        for result in transaction.results()
+        for result in transaction.s7_results
     ]
 
 
@@ -62,8 +62,8 @@ def dbread(*answers: bytes) -> Transaction:
 def test_each_area_has_its_return_code_and_its_octets() -> None:
     transaction = dbread(content(bytes.fromhex("ff0001ff7a")))
     assert rows(transaction) == [("DB68.DBB352 x2", 0xFF, "0001"), ("DB72.DBB48", 0xFF, "7a")]
-    assert [result.value for result in transaction.results()] == [[0, 1], 0x7A]
-    assert (transaction.flags, transaction.has_errors, transaction.errors) == (0, False, [])
+    assert [result.value for result in transaction.s7_results] == [[0, 1], 0x7A]
+    assert (transaction._flags, transaction.has_errors, transaction.errors) == (0, False, [])
 
 
 def test_an_area_that_is_refused_is_an_item_that_is_refused() -> None:
@@ -79,7 +79,7 @@ def test_an_area_that_is_refused_is_an_item_that_is_refused() -> None:
 def test_areas_that_do_not_fill_the_item_are_left_as_they_are(octets: str) -> None:
     transaction = dbread(content(bytes.fromhex(octets)))
     assert rows(transaction) == [("DB68.DBB352 x2+DB72.DBB48", 0xFF, octets)]
-    assert transaction.results()[0].value is None
+    assert transaction.s7_results[0].value is None
     assert [finding.slug for finding in transaction_findings(octets)] == ["transaction.size_mismatch"]
 
 
@@ -144,7 +144,7 @@ def test_a_push_tells_what_changed_and_what_did_not(talk: Talk) -> None:
     talk.tell(sent(PUSH, ON_CHANGE, 3, content(bytes.fromhex("feff7b"))))
     push = talk.transactions[-1]
     assert rows(push) == [("DB68.DBB352 x2", UNCHANGED, None), ("DB72.DBB48", 0xFF, "7b")]
-    assert [result.unchanged for result in push.results()] == [True, False]
+    assert [result.unchanged for result in push.s7_results] == [True, False]
     assert (push.has_errors, push.errors) == (False, [])
 
 
@@ -247,7 +247,7 @@ def test_what_is_modified_or_forced_to_which_value(subfunction: int) -> None:
     talk.tell(userdata(1, head(RESPONSE, TEST, subfunction, 2, 0)))
     forced = talk.transactions[-1]
     assert rows(forced) == [("MD0", -1, "4133851f"), ("I8.1", -1, "01")]
-    assert [result.value for result in forced.results()] == [0x4133851F, True]
+    assert [result.value for result in forced.s7_results] == [0x4133851F, True]
     (finding,) = [finding for finding in talk.findings if finding.slug == "security.force"]
     assert "MD0 = 1093895455, I8.1 = true" in finding.detail
     talk.tell(pushed_by_test(subfunction, 2, b"\x00\x02\xff\x05"))
@@ -263,7 +263,7 @@ def test_what_is_watched_comes_with_its_values() -> None:
     values = b"\xff\x03\x00\x01\x01\x00" + b"\xff\x09\x00\x02\x01\x23" + b"\xff\x09\x00\x04\0\1\0\2"
     talk.tell(pushed_by_test(2, 2, b"\x00\x03" + values))
     assert rows(talk.transactions[-2]) == [("I8.1", -1, None), ("T5", -1, None), ("DB10.DBW4 x2", -1, None)]
-    assert [result.value for result in talk.transactions[-1].results()] == [True, "S5T#1s230ms", [1, 2]]
+    assert [result.value for result in talk.transactions[-1].s7_results] == [True, "S5T#1s230ms", [1, 2]]
 
 
 # ---- writes ---------------------------------------------------------------------------------------------------------
@@ -362,15 +362,15 @@ def test_pushes_of_a_subscription_that_is_only_likely_are_only_likely_themselves
     talk.tell(events.pushes(CYCLIC, TRANSFER, events.CYCLIC_VALUES, sequence=5))
     sure = talk.transactions[-1]
     assert (sure.certainty, sure.doubt) == ("", "")
-    subscribed.flags |= flag
+    subscribed._flags |= flag
     follow(subscribed)
     talk.tell(events.pushes(CYCLIC, TRANSFER, events.CYCLIC_VALUES, sequence=5))
     push = talk.transactions[-1]
     assert (push.certainty, push.doubt, push.is_likely) == ("likely", doubt, False)  # it is no pair
-    assert [result.item and result.item.label for result in push.results()] == [
-        result.item and result.item.label for result in sure.results()
+    assert [result.item and result.item.label for result in push.s7_results] == [
+        result.item and result.item.label for result in sure.s7_results
     ]
-    subscribed.flags &= ~flag
+    subscribed._flags &= ~flag
     follow(subscribed)
     talk.tell(events.pushes(CYCLIC, TRANSFER, events.CYCLIC_VALUES, sequence=5))
     assert talk.transactions[-1].certainty == ""

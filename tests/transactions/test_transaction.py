@@ -83,7 +83,7 @@ Row = tuple[str | None, int, str | None, Value]
 
 def rows(transaction: Transaction) -> list[Row]:
     """Address, return code, octets and value of every result."""
-    return [row(result) for result in transaction.results()]
+    return [row(result) for result in transaction.s7_results]
 
 
 def row(result: ItemResult) -> Row:
@@ -130,7 +130,7 @@ def row(result: ItemResult) -> Row:
 def test_worked_examples(asked: int, told: int, results: list[Row]) -> None:
     transaction = example(asked, told)
     assert rows(transaction) == results
-    assert transaction.flags == 0
+    assert transaction._flags == 0
     assert transaction.has_errors is any(result[1] != 0xFF for result in results)
 
 
@@ -238,19 +238,19 @@ def test_several_bits_are_values_only_with_an_octet_each(octets: bytes, value: V
         answer = ack_data(1, b"\x04\x01", b"\xff\x03\x00\x08" + octets)
     transaction = exchange(read(1, item(0x83, 0, 0, 1, 8)), answer)
     assert rows(transaction) == [("M0.0", 0xFF, octets.hex(), value)]
-    assert transaction.flags == 0
+    assert transaction._flags == 0
 
 
 def test_a_data_record_shorter_than_asked_for_is_no_mismatch() -> None:
     transaction = exchange(read(1, item(0x01, 5, 0x200, 2, 240)), ack_data(1, b"\x04\x01", good(4, b"\1\2\3\4")))
-    assert (transaction.flags, rows(transaction)) == (0, [("RECORD5@512", 0xFF, "01020304", [1, 2, 3, 4])])
+    assert (transaction._flags, rows(transaction)) == (0, [("RECORD5@512", 0xFF, "01020304", [1, 2, 3, 4])])
 
 
 @pytest.mark.parametrize(
     "asked", [setup(1), job(1, b"\x1d" + bytes(17)), job(1, b"\x29"), userdata(1, head(1, 4, 1)), job(1, b"")]
 )
 def test_other_functions_have_no_results(asked: bytes) -> None:
-    assert exchange(asked, None).results() == []
+    assert exchange(asked, None).s7_results == []
 
 
 # ---- errors ---------------------------------------------------------------------------------------------------------
@@ -270,8 +270,8 @@ def test_the_place_of_an_error_is_data_and_a_word_for_people() -> None:
 
 def test_results_are_read_once() -> None:
     transaction = exchange(read(1, dbw(1, 0)), ack_data(1, b"\x04\x01", refused(0x0A)))
-    assert transaction.results() is transaction.results()
-    assert transaction.results()[0].return_code == 0x0A
+    assert transaction.s7_results is transaction.s7_results
+    assert transaction.s7_results[0].return_code == 0x0A
 
 
 def test_results_of_an_open_transaction_are_not_kept() -> None:
@@ -279,7 +279,7 @@ def test_results_of_an_open_transaction_are_not_kept() -> None:
     talk.open(8, 8)
     talk.ask(read(1, dbw(1, 0)))
     (waiting,) = talk.pipeline.table.all_open()[0].connection.open_requests[0].table.values()
-    assert [result.return_code for result in waiting.results()] == [-1]
+    assert [result.return_code for result in waiting.s7_results] == [-1]
     talk.tell(words(1, 7))
     assert rows(talk.transactions[-1]) == [("DB1.DBW0", 0xFF, "0007", 7)]
     assert talk.transactions[-1] is waiting
@@ -383,13 +383,13 @@ def test_the_server_asks_and_the_client_answers() -> None:
 
 def test_data_items_of_each_half() -> None:
     reading = exchange(read(1, dbw(1, 0)), words(1, 42))
-    assert [one.data for one in reading.answered_items()] == [b"\x00\x2a"]
-    assert reading.written_items() == []
+    assert [one.data for one in reading._answered_items()] == [b"\x00\x2a"]
+    assert reading._written_items() == []
     writing = exchange(write(1, [dbw(1, 0)], written(4, b"\0\1")), ack_data(1, b"\x05\x01", b"\xff"))
-    assert [one.data for one in writing.written_items()] == [b"\0\1"]
-    assert writing.answered_items() == []
+    assert [one.data for one in writing._written_items()] == [b"\0\1"]
+    assert writing._answered_items() == []
     upload = exchange(job(1, b"\x1e\x01" + bytes(6), written(4, b"\0\1")), ack_data(1, b"\x1e\x01", good(4, b"\0\1")))
-    assert (upload.answered_items(), upload.written_items()) == ([], [])
+    assert (upload._answered_items(), upload._written_items()) == ([], [])
 
 
 def test_a_half_that_is_missing() -> None:
@@ -439,7 +439,7 @@ def test_the_answer_is_timed_from_the_packet_that_completes_the_request() -> Non
 def test_names() -> None:
     transaction = exchange(read(1, dbw(1, 0)), words(1, 1))
     assert repr(transaction) == "Transaction(2, Read Var, answered)"
-    assert [transaction.outcome_name, OUTCOMES[0]] == ["answered", "open"]
+    assert [transaction.outcome, OUTCOMES[0]] == ["answered", "open"]
     assert exchange(userdata(1, head(1, 4, 1)), None).function_name == "CPU functions: read SZL"
 
 
@@ -477,9 +477,9 @@ def answered_read() -> Transaction:
 def test_a_pair_that_is_only_likely_has_no_answer_time_and_no_mismatch(flag: int, doubt: str) -> None:
     found = answered_read()
     assert (found.certainty, found.doubt, found.is_likely, found.latency_ns) == (SURE, "", False, 1_000_000)
-    found.flags |= checks.SIZE_MISMATCH
+    found._flags |= checks.SIZE_MISMATCH
     assert (checks.mismatches(found), checks.went_wrong(found)) == (checks.SIZE_MISMATCH, True)
-    found.flags |= flag
+    found._flags |= flag
     assert (found.certainty, found.doubt, found.is_likely, found.latency_ns) == (LIKELY, doubt, True, None)
     assert (checks.mismatches(found), checks.went_wrong(found), found.failed) == (0, False, False)
     assert found.reason_text == ""
@@ -489,13 +489,13 @@ def test_a_pair_that_is_only_likely_has_no_answer_time_and_no_mismatch(flag: int
 
 def test_an_answer_that_was_not_captured_is_neither_missed_nor_failed() -> None:
     found = answered_read()
-    found.outcome, found.reason = UNANSWERED, CONNECTION_CLOSED
+    found._outcome, found.reason = UNANSWERED, CONNECTION_CLOSED
     assert (found.certainty, found.missed, found.failed) == ("", True, True)
     assert found.reason_text == REASON_TEXTS[CONNECTION_CLOSED]
     found.reason = HOLE
     assert (found.certainty, found.missed, found.failed, found.unseen) == (SURE, False, False, True)
     assert found.reason_text == "answered, but the answer was not captured"
-    found.flags |= GAPS
+    found._flags |= GAPS
     assert (found.certainty, found.missed, found.failed, found.unseen) == (LIKELY, False, False, True)
     assert found.reason_text == "perhaps answered: bytes from the answering side are missing from the capture"
     assert (found.is_likely, found.doubt) == (False, "")  # it is no pair
@@ -503,7 +503,7 @@ def test_an_answer_that_was_not_captured_is_neither_missed_nor_failed() -> None:
 
 def test_an_answer_without_a_request_is_no_pair() -> None:
     found = answered_read()
-    found.outcome, found.reason = ORPHAN, HOLE
+    found._outcome, found.reason = ORPHAN, HOLE
     assert (found.certainty, found.doubt, found.reason_text) == ("", "", "")
 
 
@@ -524,6 +524,8 @@ def test_data_that_look_like_those_of_a_read_are_items_only_in_its_answer(told: 
     talk.tell(told)
     talk.close()
     (one,) = talk.transactions
-    assert one.outcome_name == "answered"
-    assert len(one.answered_items()) == (data is not None)
-    assert [(result.data, result.return_code) for result in one.results()] == [(data, 0xFF if data is not None else -1)]
+    assert one.outcome == "answered"
+    assert len(one._answered_items()) == (data is not None)
+    assert [(result.data, result.return_code) for result in one.s7_results] == [
+        (data, 0xFF if data is not None else -1)
+    ]

@@ -15,7 +15,7 @@ for event in dissect.open("a.pcap", pdus=False):
     if isinstance(event, dissect.Transaction):
         reveal_type(event.latency_ns)
         reveal_type(event.errors)
-        for result in event.results():
+        for result in event.s7_results:
             reveal_type(result.value)
 for event in dissect.open("a.pcap", scd=scd.load("plant.toml"), bind=Path("plant.bind.toml")):
     if isinstance(event, dissect.ScdMessage):

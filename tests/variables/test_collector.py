@@ -322,13 +322,13 @@ def items_of(event: Any) -> list[tuple[object, ...]]:
     """Return the items of a transaction that carry a value."""
     if not isinstance(event, Transaction) or event.function not in {4, 5} or event.is_plus or event.is_scd:
         return []
-    if event.outcome_name != "answered" or event.rosctr != 1 or event.is_likely:
+    if event.outcome != "answered" or event.rosctr != 1 or event.is_likely:
         return []
     wrote = event.function == 5
     frame = int(event.request_frame if wrote else event.response_frame)
     return [
         ("write" if wrote else "read", one.item.address, item_type(one.item), one.value, one.data, frame)
-        for one in event.results()
+        for one in event.s7_results
         if one.item is not None and one.return_code == 0xFF and one.data is not None
     ]
 
@@ -434,7 +434,7 @@ def doubtful(collector: Collector, talk: Any, *numbers: int, flag: int = GAPS) -
     observed(kept, talk.packets())
     for transaction in kept.transactions:
         if transaction.number in numbers:
-            transaction.flags |= flag
+            transaction._flags |= flag
         collector.transaction(transaction)
     return collector.take()
 
@@ -522,8 +522,8 @@ def test_values_of_s7comm_plus_that_are_only_likely() -> None:
     plain, none, all_of_them = Collector(), Collector(), Collector(likely=True)
     for transaction in kept:
         plain.transaction(transaction)
-        if transaction.outcome == ANSWERED:
-            transaction.flags |= GAPS
+        if transaction._outcome == ANSWERED:
+            transaction._flags |= GAPS
         none.transaction(transaction)
         all_of_them.transaction(transaction)
     pairs = [row for row in plain.take() if row.how in {"read", "write"}]

@@ -134,7 +134,7 @@ class ZeekExport(Export, Observer):
         asked = bool(transaction.request_frame)
         side = int(transaction.asked_by if asked else 1 - transaction.asked_by)
         connection = transaction.connection
-        items = transaction.plus_items() if transaction.is_plus else transaction.results()
+        items = transaction.plus_results if transaction.is_plus else transaction.s7_results
         row = self._rows.row(transaction, len(items))
         function = row["function"]
         self._log(
@@ -148,7 +148,7 @@ class ZeekExport(Export, Observer):
                 row["protocol"],
                 f"0x{function:02x}" if function is not None else None,
                 transaction.function_name or None,
-                transaction.outcome_name,
+                transaction.outcome,
                 transaction.reason or None,
                 transaction.certainty or None,
                 transaction.doubt or None,

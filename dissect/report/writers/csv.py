@@ -199,7 +199,7 @@ class CsvRows:
         """
         own = self._own(transaction)
         lines: list[str] = []
-        good = good_octets(transaction) if transaction.carried is None else None
+        good = good_octets(transaction) if transaction._carried is None else None
         if good:  # nearly always: then no `ItemResult` has to be made
             items = transaction.parameters.items
             return [
@@ -211,7 +211,7 @@ class CsvRows:
         whole = "; ".join([_error(error) for error in errors if not error.where.startswith(_ITEM)]) if errors else ""
         if transaction.is_plus:
             lines = self._plus_rows(transaction, own, errors, whole)
-        for number, result in enumerate(transaction.results(), 1):
+        for number, result in enumerate(transaction.s7_results, 1):
             said = _errors_of(errors, number, whole) if errors else ""
             known = naming.named(result) if naming is not None else []
             if known:
@@ -237,7 +237,7 @@ class CsvRows:
         told_ns: i64 = transaction.response_ns
         rosctr = SHORT[transaction.rosctr] if transaction.rosctr <= USERDATA else ""
         latency = ""
-        if transaction.outcome == ANSWERED and not transaction.is_likely:
+        if transaction._outcome == ANSWERED and not transaction.is_likely:
             latency = decimal(told_ns - asked_ns)
         frames = (
             f"{self._places.number(int(asked)) if asked else ''},{self._places.number(int(told)) if told else ''}"
@@ -252,7 +252,7 @@ class CsvRows:
             f",{facet.reference(transaction)},{rosctr},{facet.function_number(transaction)}"
             f",{self._cell(transaction.function_name)},{frames}"
             f",{self._clock.iso(asked_ns) if asked else ''},{self._clock.iso(told_ns) if told else ''}"
-            f",{latency},{OUTCOMES[transaction.outcome]},{transaction.reason},{transaction.certainty},{transaction.doubt}"
+            f",{latency},{OUTCOMES[transaction._outcome]},{transaction.reason},{transaction.certainty},{transaction.doubt}"
         )
 
     def _both(self, connection: Connection, asked_by: i64) -> str:
@@ -313,7 +313,7 @@ class CsvRows:
 
     def _plus_rows(self, transaction: Transaction, own: str, errors: list[TransactionError], whole: str) -> list[str]:
         """Return the rows of S7comm-plus items, with a subject too if the request creates a subscription or another object."""
-        items = transaction.plus_items()
+        items = transaction.plus_results
         about = ""
         if items and transaction.function == CREATE_OBJECT:
             about = quoted(cell(facet_of(transaction).subject_whole(transaction)))

@@ -145,19 +145,19 @@ class TransactionLines(Observer):
         layout = parameters.good_layout
         if (
             layout is None
-            or transaction.flags
+            or transaction._flags
             or transaction.has_errors
-            or transaction.outcome != ANSWERED
+            or transaction._outcome != ANSWERED
             or transaction.response_rosctr != ACK_DATA
             or transaction.rosctr != JOB
-            or transaction.carried is not None
+            or transaction._carried is not None
             or self.locate is not None
             or transaction.connection.naming is not None
             or transaction.again is not None
         ):
             return ""
-        buf = transaction.response_buf
-        at: i64 = transaction.response_offset
+        buf = transaction._response_buf
+        at: i64 = transaction._response_offset
         data_at: i64 = at + ACK_HEADER_SIZE
         if transaction.response_parameters is not None:
             data_at += len(transaction.response_parameters.octets)
@@ -185,10 +185,10 @@ class TransactionLines(Observer):
     def _is_usual(self, transaction: Transaction) -> bool:
         """Return whether a transaction is an answered job, as most are, both packets captured and without anything special."""
         return (
-            transaction.outcome == ANSWERED
+            transaction._outcome == ANSWERED
             and transaction.rosctr == JOB
             and not transaction.reason
-            and transaction.carried is None
+            and transaction._carried is None
             and transaction.parameters.function >= 0
             and transaction.request_frame != 0
             and transaction.response_frame != 0
@@ -215,10 +215,10 @@ class TransactionLines(Observer):
         out.write(b'","latency_ns":')
         write_decimal(out, transaction.response_ns - transaction.request_ns)
         function: i64 = transaction.parameters.function
-        plain: bool = not transaction.has_errors and transaction.flags & (FUNCTION_MISMATCH | DOUBTS) == 0
+        plain: bool = not transaction.has_errors and transaction._flags & (FUNCTION_MISMATCH | DOUBTS) == 0
         if plain and (function == READ_VAR or function == WRITE_VAR):
             self._write_polled(out, transaction)
-        elif transaction.flags & DOUBTS:
+        elif transaction._flags & DOUBTS:
             return self._any_line(transaction).encode("ascii")
         else:
             out.write(_ANSWERED)
@@ -264,14 +264,14 @@ class TransactionLines(Observer):
             out.write(b'","response_time":"')
             self._times.write(out, transaction.response_ns)
         out.write(b'","latency_ns":')
-        answered: bool = transaction.outcome == ANSWERED and not likely
+        answered: bool = transaction._outcome == ANSWERED and not likely
         if answered and not transaction.reason and transaction.again is None:
             write_decimal(out, transaction.response_ns - transaction.request_ns)
             out.write(_ANSWERED)
             return
         latency = decimal(transaction.response_ns - transaction.request_ns) if answered else "null"
         reason = f'"{transaction.reason}"' if transaction.reason else "null"
-        ending = f'{latency},"outcome":"{OUTCOMES[transaction.outcome]}","reason":{reason}{_certainty(transaction)}'
+        ending = f'{latency},"outcome":"{OUTCOMES[transaction._outcome]}","reason":{reason}{_certainty(transaction)}'
         out.write(ending.encode("ascii"))
         out.write(self._again(transaction).encode("ascii"))
 
@@ -317,7 +317,7 @@ class TransactionLines(Observer):
                 return line
         asked: i64 = transaction.request_frame
         told: i64 = transaction.response_frame
-        outcome: i64 = transaction.outcome
+        outcome: i64 = transaction._outcome
         frames: str
         if self.locate is not None:
             frames = self._places(asked, told, self.locate)
@@ -349,7 +349,7 @@ class TransactionLines(Observer):
             if notes:
                 opening = notes + _ITEMS
             body = self._items(transaction)
-            tail = scd_json(transaction, self.locate) if transaction.carried is not None else ""
+            tail = scd_json(transaction, self.locate) if transaction._carried is not None else ""
             function = function_text(transaction.parameters)
         else:
             reference = facet.reference(transaction) or "null"
@@ -452,19 +452,19 @@ class TransactionLines(Observer):
             return ",".join(
                 [
                     with_tags(item_json(result.item, result.return_code, result.data), naming.named(result))
-                    for result in transaction.results()
+                    for result in transaction.s7_results
                 ]
             )
         good = good_octets(transaction)
         if good is not None:  # nearly always: then no `ItemResult` has to be made
             items = transaction.parameters.items
             return ",".join([item_json(items[index], SUCCESS, good[index]) for index in range(len(good))])
-        return ",".join([item_json(result.item, result.return_code, result.data) for result in transaction.results()])
+        return ",".join([item_json(result.item, result.return_code, result.data) for result in transaction.s7_results])
 
 
 def _certainty(transaction: Transaction) -> str:
     """Return the keys ``certainty`` and ``doubt`` of what is only likely; empty for nearly all: what is sure has none."""
-    if transaction.flags & DOUBTS == 0:
+    if transaction._flags & DOUBTS == 0:
         return ""
     doubt = transaction.doubt
     return f',"certainty":"{transaction.certainty}"' + (f',"doubt":"{doubt}"' if doubt else "")
