@@ -79,7 +79,7 @@ def test_a_users_program_passes_pyright(tmp_path: Path) -> None:
     elsewhere = {} if tree.is_relative_to(sys.prefix) else {"extraPaths": [str(tree)]}
     settings = {"include": [USER.name], "typeCheckingMode": "strict", **looked, **elsewhere}
     (tmp_path / "pyrightconfig.json").write_text(json.dumps(settings), encoding="utf-8")
-    command = [environment / "node", environment / "node_modules" / "pyright" / "index.js", "--outputjson"]
+    command = [str(environment / "node"), str(environment / "node_modules/pyright/index.js"), "--outputjson"]
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False, timeout=300)
     said = json.loads(done.stdout)["generalDiagnostics"]
     assert [one["message"] for one in said if one["severity"] != "information"] == []

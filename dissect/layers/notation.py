@@ -11,6 +11,8 @@ from dissect.s7.tables import BIT, NUMBERED_AREAS, RECORD_AREA, TRANSPORT_SIZES
 
 #: Transport size of a width letter. No letter is one bit.
 _WIDTHS: Final = {"": 0x01, "X": 0x01, "B": 0x02, "W": 0x04, "D": 0x06, "L": 0x0F}
+#: What a width letter stands for.
+_NOUNS: Final = {"B": "byte", "W": "word", "D": "double word", "L": "long word"}
 _MAX_WORD: Final = 65535
 #: A count, as summaries write it: ``DB10.DBW4 x3``.
 _COUNT: Final = re.compile(r"\s+X([0-9]{1,5})")
@@ -18,6 +20,14 @@ _COUNT: Final = re.compile(r"\s+X([0-9]{1,5})")
 _POINTER: Final = re.compile(r"P#\s*(.*?[0-9]\.[0-7])(?:\s+([A-Z_]+)(?:\s+([0-9]{1,5}))?)?")
 #: Peripheral inputs and outputs, which are one area: ``PIW256``, ``PQB0``, in German ``PEW256``, ``PAB0``.
 _PERIPHERAL: Final = re.compile(r"P[IQEA]([BWD][0-9]{1,8})")
+#: How items of other syntaxes are written, and the classes that make them.
+_OTHERS: Final = {
+    r"NCK": "as S7_NCKItem(area=…, module=…, column=…, line=…)",
+    r"DRIVE": "as S7_DriveItem(…)",
+    r"SYM\b": "as S7_SymbolInDB(…) or S7_SymbolInMemory(…)",
+    r"D[BI][0-9]+\..*\+D[BI]": "as S7_DBReadItem(areas=[S7_DBArea(…), …])",
+    r"0X[0-9A-F]+:|[0-9A-F]{8}\b|.*\"|.*\.LID|.*\bLID\b": "as S7Plus_Address(…) or a value of SCD",
+}
 
 
 def at(address: str, count: int | None = None, transport_size: str | int | None = None) -> S7_Any:
@@ -39,13 +49,30 @@ def at(address: str, count: int | None = None, transport_size: str | int | None 
     text = _PERIPHERAL.sub(r"P\1", text)
     found = parse_address(_written(text))
     if found is None:
-        raise _no_address(
-            address, "write it as DB10.DBX4.1, DB10.DBW4, MW20, I0.0, PIW256, T5, C3 or P#DB10.DBX4.0 BYTE 10"
-        )
+        raise _no_address(address, _advice(text))
     size = _WIDTHS[found.width]
     if found.area not in NUMBERED_AREAS and found.area != RECORD_AREA and (found.bit < 0) == (size == BIT):
-        raise _no_address(address, "a bit has a place after the dot, anything wider has none")
+        raise _no_address(address, _of_bits(text))
     return _placed(address, found, 1 if count is None else count, transport_size, 0)
+
+
+def _advice(text: str) -> str:
+    """Return how to write what is no address: the class of another kind of item, if it is written like one."""
+    for pattern, kinds in _OTHERS.items():
+        if re.match(pattern, text):
+            return f"items of this kind are made with their fields, {kinds}"
+    return "write it as DB10.DBX4.1, DB10.DBW4, MW20, I0.0, PIW256, T5, C3 or P#DB10.DBX4.0 BYTE 10"
+
+
+def _of_bits(text: str) -> str:
+    """Return how to write a bit, and what is wider, in the place of a text that mixes the two."""
+    area, width, number, bit = re.fullmatch(r"(.*?)([XBWDL]?)([0-9]+)(?:\.([0-7]))?", text).groups()  # type: ignore[union-attr]
+    wide = "" if width == "X" else width
+    letter = "X" if area.endswith((".DB", ".DI", ":")) else ""
+    return (
+        f"a bit has a place after the dot, anything wider has none: {area}{letter}{number}.{bit or 0} for the bit, "
+        f"{area}{wide or 'B'}{number} for the {_NOUNS[wide or 'B']}"
+    )
 
 
 def _written(text: str) -> str:

@@ -1,10 +1,19 @@
 from __future__ import annotations
 
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Final
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scapy.sendrecv import sniff
 
-from dissect.layers import S7_Any, at
+import dissect
+from dissect.layers import S7, S7_Any, S7Session, at
+
+CAPTURES: Final = Path(__file__).parents[2] / "captures"
 
 
 @pytest.mark.parametrize(
@@ -56,6 +65,55 @@ def test_another_transport_size() -> None:
 def test_what_is_no_address_is_refused(address: str) -> None:
     with pytest.raises(ValueError, match="is not an address"):
         at(address)
+
+
+@pytest.mark.parametrize(
+    ("address", "advice"),
+    [
+        ("MW2.1", "M2.1 for the bit, MW2 for the word"),
+        ("M2", "M2.0 for the bit, MB2 for the byte"),
+        ("DB10.DBB4.1", "DB10.DBX4.1 for the bit, DB10.DBB4 for the byte"),
+        ("DB10.DBX4", "DB10.DBX4.0 for the bit, DB10.DBB4 for the byte"),
+        ("QD8.7", "Q8.7 for the bit, QD8 for the double word"),
+        ("NCK C1 module S column 1 line 1", "S7_NCKItem"),
+        ("DRIVEESANY p17[7]", "S7_DriveItem"),
+        ("SYM DB1 LID 9", "S7_SymbolInDB"),
+        ("DB68.DBB352 x2+DB72.DBB48", "S7_DBReadItem"),
+        ('DB1."level"', "S7Plus_Address"),
+        ("0x6041:0", "S7Plus_Address"),
+        ("level", "write it as DB10.DBX4.1"),
+    ],
+)
+def test_a_refusal_says_the_right_form(address: str, advice: str) -> None:
+    with pytest.raises(ValueError, match="is not an address: ") as refused:
+        at(address)
+    assert advice in str(refused.value)
+    for written in re.findall(r"(\S+) for the", str(refused.value)):
+        assert at(written).describe() == written
+
+
+def addresses_of(path: Path) -> Iterator[str]:
+    """Give every address that a transaction or a layer of a capture prints."""
+    for event in dissect.open(path, pdus=False):
+        if isinstance(event, dissect.Transaction) and not event.is_plus and not event.is_scd:
+            yield from [item.address for item in event.items]
+            yield from [error.address for error in event.errors]
+    for packet in sniff(offline=str(path), session=S7Session):
+        for item in (getattr(packet[S7].payload, "items", None) or []) if S7 in packet else []:
+            yield item.summary()
+
+
+def test_every_address_that_is_printed_is_taken_or_refused_with_the_class_to_use() -> None:
+    taken, refused = set(), {}
+    for path in sorted(CAPTURES.glob("*.pcapng")) + sorted((CAPTURES / "crafted").glob("coverage-*.pcapng")):
+        for address in addresses_of(path):
+            try:
+                taken.add(at(address).describe())
+            except ValueError as error:
+                refused[address.partition(" ")[0]] = str(error)
+    assert len(taken) > 100
+    assert all("items of this kind" in said for kind, said in refused.items() if kind)
+    assert set(refused) == {"", "DB68.DBB352", "DRIVEESANY", "NCK", "NCK_I", "NCK_M", "SYM"}
 
 
 @pytest.mark.parametrize("count", [0, -1, 65536])
