@@ -26,7 +26,7 @@ BIN := $(VENV)/bin
 PYTEST := $(BIN)/pytest
 # The tests of the engine itself, which run on both builds.
 ENGINE := $(wildcard tests/wire tests/source tests/tcp tests/iso tests/s7 tests/transactions tests/findings \
-	tests/engine tests/test_session.py tests/test_leaving.py tests/test_sources.py tests/report tests/properties)
+	tests/engine tests/test_session.py tests/test_leaving.py tests/test_sources.py tests/test_examples.py tests/report tests/properties)
 # What these test is interpreted in the wheel as well: they would try the same code twice (tests/test_setup.py holds that).
 ONCE := $(wildcard tests/source/test_live_*.py tests/source/test_growing.py tests/source/test_pcapng_writer.py tests/source/test_remote.py)
 

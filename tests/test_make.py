@@ -73,7 +73,7 @@ def test_the_engine_is_tested_on_its_sources_too() -> None:
     rooms = {file.relative_to(ROOT / "tests").parts[0] for file in files - uncompiled()}
     assert rooms == {
         *("wire", "source", "tcp", "iso", "s7", "transactions", "findings", "engine", "report", "properties"),
-        *("test_session.py", "test_leaving.py", "test_sources.py"),
+        *("test_session.py", "test_leaving.py", "test_sources.py", "test_examples.py"),
     }
     left = {file.name for file in FILES - files if file.relative_to(ROOT / "tests").parts[0] in rooms}
     assert all(name.startswith(("test_live_", "test_growing", "test_pcapng_writer", "test_remote")) for name in left)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dissect.baseline.comparing import Comparison
 from dissect.baseline.learn import Learner
 from dissect.baseline.loading import BaselineError, load_baseline
 from dissect.baseline.norms import Baseline, PairNorm, merged
@@ -12,6 +13,7 @@ __all__ = [
     "Baseline",
     "BaselineError",
     "BaselineWatch",
+    "Comparison",
     "Deviation",
     "Learner",
     "PairNorm",

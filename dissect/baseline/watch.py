@@ -10,6 +10,7 @@ from dissect.baseline.norms import Baseline, PairNorm
 from dissect.baseline.subjects import NOT_CAPTURED_CALLED, NOT_CAPTURED_CALLING, Pair, Subject, Subjects, tsaps
 from dissect.transactions.connection import Connection
 from dissect.transactions.transaction import Transaction
+from dissect.wire.text import printable
 
 # What can be new (`Deviation.kind`).
 CLIENT: Final = "client"
@@ -42,6 +43,9 @@ class Deviation:
 
     def __repr__(self) -> str:
         return f"Deviation({self.kind!r}, {self.pair!r}, {self.what!r})"
+
+    def __str__(self) -> str:
+        return printable(self.text)
 
 
 class BaselineWatch:

@@ -76,7 +76,7 @@ class CaptureFolder:
         """
         __tracebackhide__ = True
         path = self.folder / name
-        for one in (path, *[path.with_name(path.name + suffix) for suffix in SUFFIXES]):
+        for one in (path, *[path.with_name(path.name + suffix) for suffix in SUFFIXES], Path(name)):
             if one.is_file():
                 return Capture(one)
         raise FileNotFoundError(self._nothing(path))
