@@ -30,7 +30,7 @@ from dissect.transactions.payloads import ScdMessage
 from dissect.transactions.side import Side
 from dissect.transactions.transaction import AS_DICT, Transaction
 from dissect.wire.copies import refuse
-from dissect.wire.errors import Error
+from dissect.wire.errors import Error, of_family
 from dissect.wire.text import printable
 
 if TYPE_CHECKING:
@@ -253,7 +253,8 @@ def naming_of(tags: Tags) -> Naming | None:
 
     if isinstance(tags, TagSet):
         return tags.naming()
-    return load_tags([tags] if isinstance(tags, (str, os.PathLike)) else tags).naming()
+    with of_family():
+        return load_tags([tags] if isinstance(tags, (str, os.PathLike)) else tags).naming()
 
 
 def decoder_of(
@@ -270,7 +271,8 @@ def decoder_of(
         raise ValueError("decoding SCD takes both a dictionary (scd) and a file that says where it travels (bind)")
     from dissect.bindings import load_carrier
 
-    return load_carrier(scd, bind)
+    with of_family():
+        return load_carrier(scd, bind)
 
 
 def where_of(where: str | Where | None, options: Options) -> Where | None:
@@ -354,7 +356,8 @@ def keys_of(given: KeyLogFiles) -> KeyLog | None:
     """Return the session keys of one key log or several, None for None. Raises what `read_tls_keys` raises."""
     if given is None:
         return None
-    return read_tls_keys([given] if isinstance(given, (str, os.PathLike)) else given)
+    with of_family():
+        return read_tls_keys([given] if isinstance(given, (str, os.PathLike)) else given)
 
 
 def open(

@@ -14,6 +14,7 @@ from dissect import scd
 
 CAPTURES = Path(__file__).parents[1] / "captures"
 CAPTURE = CAPTURES / "item-errors.pcapng"
+PLANT = CAPTURES / "scd" / "plant.toml"
 
 
 def text_file(folder: Path) -> Path:
@@ -29,6 +30,23 @@ WRONG: dict[str, tuple[type, type | None, Callable[[Path], object]]] = {
     "an expression": (dissect.SelectError, ValueError, lambda _: dissect.Where("nothing ==")),
     "tags": (dissect.TagError, None, lambda folder: dissect.open(CAPTURE, tags=text_file(folder))),
     "keys": (dissect.KeyLogError, ValueError, lambda folder: dissect.open(CAPTURE, tls_keys=text_file(folder))),
+    "no tags": (dissect.Error, FileNotFoundError, lambda folder: dissect.open(CAPTURE, tags=folder / "missing.csv")),
+    "no keys": (dissect.Error, FileNotFoundError, lambda folder: dissect.live("lo", tls_keys=folder / "missing.log")),
+    "no bindings": (
+        dissect.Error,
+        FileNotFoundError,
+        lambda folder: dissect.analyze(CAPTURE, scd=PLANT, bind=folder / "missing.toml"),
+    ),
+    "no dictionary": (
+        dissect.Error,
+        FileNotFoundError,
+        lambda folder: list(dissect.values(CAPTURE, scd=folder / "missing.toml", bind=PLANT.with_suffix(".bind.toml"))),
+    ),
+    "tags that are a folder": (dissect.Error, OSError, lambda folder: dissect.open(CAPTURE, tags=folder)),
+    "an address without a port": (dissect.Error, ValueError, lambda _: dissect.stream("10.0.0.1")),  # type: ignore[arg-type]
+    "a name of a host": (dissect.Error, ValueError, lambda _: dissect.stream(server=("plc.example", 102))),
+    "a port beyond the last": (dissect.Error, ValueError, lambda _: dissect.stream(("10.0.0.1", 70_000))),
+    "no table": (dissect.Error, ValueError, lambda _: dissect.frames(CAPTURE, tables="nothing")),
     "a dictionary": (scd.Error, None, lambda folder: scd.load(text_file(folder))),
     "a wanted value": (dissect.Error, ValueError, lambda _: list(dissect.values(CAPTURE, of="no such thing"))),
 }

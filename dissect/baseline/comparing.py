@@ -38,7 +38,7 @@ class Comparison(Observer):
 
     def transaction(self, transaction: Transaction) -> None:
         """Compare a transaction; with the first one, its connection, whose client is known by then."""
-        if transaction.outcome == BEHIND_MALFORMED:
+        if transaction._outcome == BEHIND_MALFORMED:
             return
         connection = transaction.connection
         if int(connection.number) not in self._judged:

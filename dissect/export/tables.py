@@ -11,6 +11,7 @@ from collections.abc import Iterable, Sequence
 from typing import Any, Final, NamedTuple
 
 from dissect.config.hints import close_names
+from dissect.wire.errors import Error
 
 # Types of columns. Each form of export maps them to types of its format (docs/tables.md).
 INT: Final = "integer"
@@ -61,7 +62,7 @@ class Table(NamedTuple):
         raise KeyError(name)
 
 
-class UnknownTableError(ValueError):
+class UnknownTableError(Error, ValueError):
     """There is no table with this name."""
 
 

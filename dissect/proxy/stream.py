@@ -12,6 +12,7 @@ from dissect.engine.options import Options
 from dissect.engine.pipeline import Pipeline
 from dissect.proxy.packets import Conversation, endpoint_of
 from dissect.session import Event, EventQueue, KeyLogFiles, Tags, decoder_of, keys_of, naming_of, sieved
+from dissect.tcp.stream import Endpoint
 from dissect.wire.errors import Error
 
 if TYPE_CHECKING:
@@ -27,7 +28,7 @@ _SERVER: Final = 1
 
 
 class StreamError(Error, ValueError):
-    """Octets came after the end of their direction."""
+    """Octets came after the end of their direction, or an end is no address."""
 
 
 class Stream:
@@ -38,12 +39,16 @@ class Stream:
     """
 
     def __init__(self, client: Address, server: Address, queue: EventQueue, pipeline: Pipeline, begun: bool) -> None:
-        self._talk = Conversation(endpoint_of(client), endpoint_of(server))
+        self._ends = _end("client", client), _end("server", server)
+        self._talk = Conversation(*self._ends)
         self._queue = queue
         self._now_ns = 0
         self._over = False
         self._begun = begun
         self.pipeline = pipeline
+
+    def __repr__(self) -> str:
+        return f"Stream({self._ends[0]} → {self._ends[1]}{', closed' if self._over else ''})"
 
     def __enter__(self) -> Self:
         return self
@@ -109,6 +114,18 @@ class Stream:
         found = self._queue.events
         self._queue.events = []
         return found
+
+
+def _end(name: str, address: Address) -> Endpoint:
+    """Return an end of a connection. Raises `StreamError` for what is no address."""
+    try:
+        host, port, *_ = address
+        end = endpoint_of((host, port))
+    except (TypeError, ValueError):
+        end = None
+    if end is None or not 0 <= end.port <= 0xFFFF:
+        raise StreamError(f"{name}: expected (IP address, port), got {address!r}")
+    return end
 
 
 def stream(

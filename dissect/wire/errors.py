@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any
 
 
@@ -29,3 +31,24 @@ class CaptureError(Error):
 
 class MissingCaptureError(CaptureError, FileNotFoundError):
     """There is no such file."""
+
+
+class MissingFileError(Error, FileNotFoundError):
+    """There is no such file of tags, keys, bindings or a dictionary."""
+
+
+class UnreadableFileError(Error, OSError):
+    """Such a file is there, and the system does not let it be read."""
+
+
+@contextmanager
+def of_family() -> Iterator[None]:
+    """Raise what the system says of a file that a program gave as an `Error`."""
+    try:
+        yield
+    except Error:
+        raise
+    except FileNotFoundError as error:
+        raise MissingFileError(f"{error.filename}: no such file") from None
+    except OSError as error:
+        raise UnreadableFileError(f"{error.filename}: {(error.strerror or str(error)).lower()}") from None
