@@ -244,6 +244,8 @@ class EcsExport(Export, Observer):
             "reason": rule.sentence,
         }
         told["message"] = f"{rule.sentence} {row['detail']}".rstrip()
+        if connection is None:
+            _name_hosts(told, row)
         told["rule"] = {"id": rule.slug, "name": rule.sentence, "category": rule.kind, "ruleset": "s7dissect"}
         if rule.techniques:
             told["rule"]["version"] = "MITRE ATT&CK for ICS v18"
@@ -289,9 +291,7 @@ class EcsExport(Export, Observer):
                 "end": self._clock.iso(named["end_ns"]) if named["end_ns"] else None,
             }
             told["rule"] = {"id": rule.slug, "name": rule.sentence, "category": rule.kind, "ruleset": "s7dissect"}
-            for side in ("client", "server"):
-                if named[f"{side}_host"] is not None:
-                    told[side] = {"ip": named[f"{side}_host"].partition(" ")[0], "address": named[f"{side}_host"]}
+            _name_hosts(told, named)
             told["s7dissect"] |= {
                 name: named[name]
                 for name in (
@@ -347,6 +347,14 @@ class EcsExport(Export, Observer):
         told["event"]["id"] = base64.urlsafe_b64encode(digest).decode("ascii")  # the same in each run
         file.write(json.dumps(told, separators=(",", ":")).replace("\x7f", "\\u007f") + "\n")
         self._counts[name] += 1
+
+
+def _name_hosts(told: dict[str, Any], row: dict[str, Any]) -> None:
+    """Write client and server of what is about no single connection."""
+    for side, also in (("client", "source"), ("server", "destination")):
+        host = row[f"{side}_host"]
+        if host is not None:
+            told[side] = told[also] = {"ip": host.partition(" ")[0], "address": host}
 
 
 def _ip(end: Endpoint) -> str:

@@ -78,7 +78,8 @@ class ItemColumns:
 
     A column has an entry for each item; ``…_at`` has an index into a list of shared rows instead. `begins` and ``routes_at``
     have an entry for each transaction, and ``ends`` the row after its last item. ``others`` returns the items of other
-    protocols: for each its name, the columns `ASKED` and `CODE`, number, text and bytes. The columns are `full` with ``most``
+    protocols: for each its name, the columns `ASKED` and `CODE`, value, text, bytes, and its number where it has one of its
+    own. The columns are `full` with ``most``
     items, or with items from ``most_octets`` octets of PDUs.
     """
 
@@ -172,7 +173,11 @@ class ItemColumns:
             else:
                 self._value(item, data)
         if others is not None:
-            for row in others:
+            at = len(self.numbers) - len(others)
+            for index in range(len(others)):
+                row = others[index]
+                if row[14] is not None:
+                    self.numbers[at + index] = row[14]
                 self.asked_at.append(self.asked.at(row[1:8]))
                 self.codes_at.append(self.codes.at(row[8:11]))
                 self._add(row[11], row[12])

@@ -9,11 +9,13 @@ from dissect.iso.upper import S7COMM, S7COMM_PLUS, SCD, UPPER_NAMES
 from dissect.s7.message import Pdu, parse_pdu
 from dissect.s7plus.message import PlusPdu, parse_plus
 from dissect.s7plus.tables import FUNCTIONS as PLUS_FUNCTIONS
-from dissect.s7plus.tables import NOTIFICATION, OPCODES
+from dissect.s7plus.tables import KEEP_ALIVE, NOTIFICATION, SYSTEM_EVENT
 from dissect.transactions.connection import Connection
 from dissect.transactions.payloads import ScdMessage
 from dissect.wire.text import encodable
 
+#: What has a version and no opcode.
+_WITHOUT_OPCODE: Final = frozenset((SYSTEM_EVENT, KEEP_ALIVE))
 #: Groups of columns that repeat: those of the connection and the sender, and those of the kind of message.
 ROUTE: Final = ("connection", "client_host", "client_port", "server_host", "server_port", "from_client")
 KIND: Final = (
@@ -146,7 +148,7 @@ def _plus(pdu: PlusPdu, cut: bool) -> Row:
     code = int(pdu.function)
     return (
         UPPER_NAMES[S7COMM_PLUS],
-        OPCODES.name(int(pdu.opcode)) if pdu.opcode >= 0 else None,
+        pdu.kind if pdu.opcode >= 0 or pdu.version in _WITHOUT_OPCODE else None,
         code if code >= 0 else None,
         PLUS_FUNCTIONS.name(code) if code >= 0 else None,
         None,

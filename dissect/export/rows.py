@@ -16,6 +16,7 @@ from dissect.findings.reporter import Finding
 from dissect.inventory.model import Device
 from dissect.inventory.rows import device_row
 from dissect.report.words import Places
+from dissect.s7plus.items import PlusItem
 from dissect.select.items import ItemFacts, plus_facts, scd_facts
 from dissect.source.packet import SourceFile
 from dissect.tcp.link import vlan_ids
@@ -175,7 +176,10 @@ class Rows:
         """Return the row of a finding; ``connection`` is the connection that it is about, None if unknown."""
         rule = finding.rule
         frames = [int(frame) for frame in finding.frames]
-        ends = self._hot.ends(connection) if connection is not None else (None,) * 4
+        if connection is not None:
+            ends = self._hot.ends(connection)
+        else:
+            ends = (finding.client.partition(" ")[0] or None, None, finding.server.partition(" ")[0] or None, None)
         return (
             self._before + int(finding.number) if finding.number else None,
             rule.slug,
@@ -273,8 +277,7 @@ def _device_cell(column: Column, known: dict[str, Any], said: dict[str, str]) ->
 def _facts(facts: ItemFacts) -> Row:
     """Return the columns of an item of another protocol, from its name on."""
     place, code = facts.place, facts.return_code
-    found = facts.values
-    value, text = shown(found[0] if len(found) == 1 else found or None)
+    value, text = shown(_value(facts))
     start = place.start if place is not None and place.area >= 0 else None
     number = code.number if code is not None else None
     return (
@@ -292,4 +295,14 @@ def _facts(facts: ItemFacts) -> Row:
         value,
         text,
         facts.data,
+        facts.source.number if isinstance(facts.source, PlusItem) else None,
     )
+
+
+def _value(facts: ItemFacts) -> object:
+    """Return the value of an item: that of S7comm-plus as JSON lines have it."""
+    source = facts.source
+    if isinstance(source, PlusItem):
+        return source.json_value
+    found = facts.values
+    return found[0] if len(found) == 1 else found or None

@@ -228,7 +228,7 @@ class TransactionRows:
             UPPER_NAMES[S7COMM],
             ROSCTR.name(int(transaction.rosctr)),
             code if code >= 0 else None,
-            transaction.function_name or None,
+            transaction.function_name if code >= 0 else None,
             int(head.group) if head is not None else None,
             int(head.subfunction) if head is not None else None,
         )

@@ -95,6 +95,6 @@ def shown(value: object) -> tuple[float | None, str | None]:
         return float(value), rounded(value) if isinstance(value, int) else None
     if isinstance(value, str):
         return None, encodable(value)
-    if isinstance(value, list):
+    if isinstance(value, list) and not any([isinstance(one, (dict, list)) for one in value]):
         return None, value_text(value)
     return None, json.dumps(value, default=str)

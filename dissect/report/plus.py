@@ -49,6 +49,8 @@ _MAX_REQUESTS: Final = 4096
 
 _ENCODER: Final = json.JSONEncoder(separators=(",", ":"))
 _NO_FUNCTION: Final[dict[str, object]] = {"code": None, "name": None}
+#: A notification has no number of a function.
+_NOTIFIED: Final[dict[str, object]] = {"code": None, "name": "notification"}
 
 
 class PlusFacet(Facet):
@@ -81,6 +83,8 @@ def plus_function(parameters: Parameters) -> str:
         function = _NO_FUNCTION
         if isinstance(parameters, PlusParameters) and parameters.code >= 0:
             function = {"code": int(parameters.code), "name": parameters.code_name}
+        elif isinstance(parameters, PlusParameters):
+            function = _NOTIFIED
         parameters.fragment = f'{_json(function)},"protocol":"{PROTOCOL}"'
     return parameters.fragment
 

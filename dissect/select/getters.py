@@ -6,6 +6,7 @@ They return one value, or a list of several. None and an empty list both mean th
 from __future__ import annotations
 
 import functools
+import ipaddress
 from collections.abc import Callable, Iterable
 from typing import Any, Final
 
@@ -80,11 +81,35 @@ def of_connection(get: OfConnection) -> Getter:
 
 
 def ends(thing: Any, _context: Context) -> Iterable[Endpoint] | None:
-    """Return both ends of a packet, or of a thing's connection."""
+    """Return both ends of a packet, or of a thing's connection; of a finding about no connection its hosts."""
     if isinstance(thing, Packet):
         return thing.ends
     connection = connection_of(thing)
-    return connection.tcp.ends if connection is not None else None
+    if connection is not None:
+        return connection.tcp.ends
+    hosts = (client(thing, _context), server(thing, _context))
+    return [host for host in hosts if host is not None] or None
+
+
+def client(thing: Any, _context: Context) -> Endpoint | None:
+    """Return the client of a thing's connection, or of a finding about two hosts."""
+    connection = connection_of(thing)
+    if connection is not None:
+        return connection.client
+    return _host(thing.finding.client) if isinstance(thing, Found) else None
+
+
+def server(thing: Any, _context: Context) -> Endpoint | None:
+    """Return the server, in the same way."""
+    connection = connection_of(thing)
+    if connection is not None:
+        return connection.server
+    return _host(thing.finding.server) if isinstance(thing, Found) else None
+
+
+def _host(said: str) -> Endpoint | None:
+    """Return an end without a port from what a finding calls a host: its address, and its VLAN where it is in one."""
+    return Endpoint(ipaddress.ip_address(said.partition(" ")[0]).packed, -1) if said else None
 
 
 def ports(thing: Any, context: Context) -> list[int] | None:

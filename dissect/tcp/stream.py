@@ -371,7 +371,7 @@ def address_text(address: bytes) -> str:
 
 @mypyc_attr(acyclic=True)  # many are kept, and each is smaller without the head of the collector
 class Endpoint:
-    """An address and a TCP port."""
+    """An address and a TCP port; ``port`` is -1 where only the host is known."""
 
     __slots__ = ("_host", "_text", "address", "port")
 
@@ -398,9 +398,12 @@ class Endpoint:
 
     def __str__(self) -> str:
         if not self._text:
-            self._text = (
-                f"[{self.host}]:{self.port}" if len(self.address) == 16 else f"{self.host}:{decimal(self.port)}"
-            )
+            if self.port < 0:
+                self._text = self.host
+            elif len(self.address) == 16:
+                self._text = f"[{self.host}]:{self.port}"
+            else:
+                self._text = f"{self.host}:{decimal(self.port)}"
         return self._text
 
 

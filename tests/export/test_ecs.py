@@ -149,3 +149,8 @@ def test_the_command_writes_a_folder(capfdbinary: pytest.CaptureFixture[bytes], 
     template = json.loads((out / "index-template.json").read_text(encoding="ascii"))
     assert template == index_template()
     assert template["template"]["mappings"]["properties"]["@timestamp"] == {"type": "date_nanos"}
+
+
+def test_a_finding_about_no_connection_names_its_hosts(tmp_path: Path) -> None:
+    (one,) = documents(ROOT / "captures" / "refused-port.pcapng", tmp_path / "ecs")["findings"]
+    assert (one["client"]["ip"], one["server"]["ip"]) == ("127.0.0.1", "127.0.0.1")

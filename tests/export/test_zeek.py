@@ -183,7 +183,7 @@ def test_errors_services_and_references() -> None:
     assert not userdata.szl_bounded(True)
     odd = S7(bytes.fromhex("32 09 0000 0001 0001 0000 99"))
     assert odd.row()[:5] == (9, "unknown", 256, "0x99", "unknown")
-    assert S7(b"\x32").row()[:3] == (-1, "unknown", 0)
+    assert S7(b"\x32").row()[:3] == (None, "unknown", None)
     assert cotp_row(bytes.fromhex("03000007 02 90 80")) == ("0x09", "Unknown COTP PDU-0x09")
     assert cotp_row(b"\x03\x00\x00\x04") is None
     assert identification(bytes.fromhex("001c 0000 0022 0001 0001") + b"PLC".ljust(32, b"\0")) == {1: "PLC"}

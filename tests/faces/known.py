@@ -17,23 +17,13 @@ class Known(NamedTuple):
     shared: bool = False
 
 
-_NOTIFIED: Final = "a notification has no function: some faces name it so, JSON gives only its opcode"
-_NO_FUNCTION: Final = "an answer without parameters has no function: a row says so in words"
 _CONTENTS: Final = "`show` decodes the contents of S7comm-plus and userdata as well, and counts their faults"
 
 #: By kind of record, fact and face.
 KNOWN: Final[dict[tuple[str, str, str], Known]] = {
-    ("item", "number", "tables"): Known("it numbers items of S7comm-plus by their place, not by their own numbers"),
-    ("item", "value", "csv"): Known("a time of SCD is written as its two numbers; JSON and tables have it as a time"),
-    ("item", "value", "tables"): Known("a structure of S7comm-plus is the list of its values there, and an object in JSON"),
-    ("pdu", "kind", "tables"): Known("a system event and a keep-alive of S7comm-plus have no opcode, so no kind", shared=True),
     ("pdu", "malformed", "fields"): Known(_CONTENTS),
     ("pdu", "malformed", "tables"): Known(_CONTENTS),
     ("pdu", "malformed_count", "tables"): Known(_CONTENTS),
-    ("pdu", "pdu_ref", "zeek"): Known("of a PDU that ends inside its reference, the log has the octets that are there"),
-    ("transaction", "function_name", "fields"): Known(_NO_FUNCTION),
-    ("transaction", "function_name", "jsonl"): Known(f"{_NOTIFIED}; {_NO_FUNCTION}"),
-    ("transaction", "item_count", "zeek"): Known("values of SCD are not counted"),
 }  # fmt: skip
 
 

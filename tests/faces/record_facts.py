@@ -93,6 +93,10 @@ def _operation_of(value: Any, record: Record) -> str:
     return "write" if of["function"]["name"] in names else "read"
 
 
+def _unswapped(value: Any, _: Record) -> int | None:
+    return int.from_bytes(int(value).to_bytes(2, "little"), "big") if value is not None else None
+
+
 # A row for a fact, with as many cells on a line as fit.
 # fmt: off
 _item = Rows("item")
@@ -262,7 +266,9 @@ _finding("file", WORD, tables="file", ecs="s7dissect.file")
 
 
 def _host(value: str) -> str | None:
-    """Return the host of an end."""
+    """Return the host of an end, which may be all that is known of it."""
+    if value and not value.startswith("[") and value.count(":") != 1:
+        return value
     return value.rpartition(":")[0].strip("[]") if value else None
 
 
@@ -479,7 +485,7 @@ _pdu("kind", WORD, jsonl=Cell("rosctr_name", _kind), tables=Cell("kind", None, _
 _pdu("rosctr", WORD, jsonl="rosctr_name", fields="rosctr")
 _pdu("rosctr_code", COUNT, jsonl="rosctr", zeek="rosctr_code")
 _pdu("pdu_ref", COUNT, jsonl="pdu_ref", tables="pdu_ref", fields="pdu_ref", text="ref",
-     zeek=Cell("pdu_reference", lambda value, _: int.from_bytes(int(value).to_bytes(2, "little"), "big")))
+     zeek=Cell("pdu_reference", _unswapped))
 _pdu("function", COUNT, jsonl="function.code", tables="function")
 _pdu("group", COUNT, jsonl="userdata.group", tables="userdata_group")
 _pdu("subfunction", COUNT, jsonl="userdata.subfunction", tables="subfunction")

@@ -308,7 +308,9 @@ def end(host: str | None, port: int | None) -> str | None:
     """Return an end of a connection as all faces write it."""
     if host is None:
         return None
-    return f"[{host}]:{port}" if ":" in host else f"{host}:{'' if port is None else port}"
+    if port is None:
+        return host
+    return f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
 
 
 _COUNTS: Final = "zeek-json.s7comm_finding_count"

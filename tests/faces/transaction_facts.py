@@ -7,7 +7,7 @@ import re
 from typing import Any, Final
 
 from dissect.s7.tables import ROSCTR
-from tests.faces.cells import Cell, Fact, Rows, ecs_end, ends, mapped, sender, told, zeek_end, zero
+from tests.faces.cells import Cell, Fact, Rows, ecs_end, ends, mapped, none, sender, told, zeek_end, zero
 from tests.faces.kinds import COUNT, COUNTS, DURATION, END, FLAG, TIME, UNTOLD, WORD, WORDS
 from tests.faces.records import Record
 
@@ -119,7 +119,8 @@ _transaction("pdu_ref", COUNT, tables="pdu_ref", jsonl="pdu_ref", csv="pdu_ref",
 _transaction("function", COUNT, tables="function", jsonl="function.code", csv="function", ecs="s7dissect.function.code",
              zeek=Cell("function_code", _function_code))
 _transaction("function_name", WORD, tables="function_name", jsonl=Cell("function.name", _function_name), csv="function_name",
-             zeek="function_name", ecs="s7dissect.function.name", text="function", report="function",
+             zeek="function_name", ecs="s7dissect.function.name",
+             text=none("function", "no function"), report=none("function", "no function"),
              fields=Cell("function", _full_name))
 _transaction("group", COUNT, tables="userdata_group", jsonl="userdata.group")
 _transaction("subfunction", COUNT, tables="subfunction", jsonl="userdata.subfunction")

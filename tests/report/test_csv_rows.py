@@ -261,4 +261,4 @@ def test_items_of_s7comm_plus_have_rows_as_they_have_in_json(capfdbinary: pytest
             refused = [error for error in transaction["errors"] if error["where"] == f"item {item['number']}"]
             assert row["errors"] == "".join([f"{one['where']}: 0x{one['code']:02x} {one['name']}" for one in refused])
             assert bool(row["subject"]) == (transaction["function"]["name"] == "CreateObject")
-    assert {("CreateObject", True), (None, True), ("GetMultiVariables", False)} <= kinds
+    assert {("CreateObject", True), ("notification", True), ("GetMultiVariables", False)} <= kinds

@@ -200,7 +200,7 @@ def test_transactions_in_json(found: Everything) -> None:
     assert {line["rosctr"] for line in plus} == {None}
     assert [line["function"] for line in plus[2:4]] == [
         {"code": SET_VARIABLE, "name": "SetVariable"},
-        {"code": None, "name": None},
+        {"code": None, "name": "notification"},
     ]
     assert plus[0]["errors"] == [
         {"where": "item 2", "code": 0xFFF4, "name": "Object not found", "text": "The device has no such object."}

@@ -202,6 +202,20 @@ def test_findings_are_selected_by_their_own_fields_and_those_of_their_connection
         assert len([one for one in found.things[FINDING] if where.predicate(FINDING)(one)]) == count, expression
 
 
+def test_a_finding_about_no_connection_has_its_hosts() -> None:
+    """A refused connection is none: the finding still says between which hosts, for expressions as well."""
+    found = gathered("refused-port")
+    for expression, count in (
+        ("client == 127.0.0.1", 1),
+        ("server == 127.0.0.0/8 and host == 127.0.0.1", 1),
+        ("client == 127.0.0.2", 0),
+        ("server == 127.0.0.1:102", 0),  # its port is not known
+        ('client matches "^127.0.0.1$"', 1),
+    ):
+        where = Where(expression, context=found.context)
+        assert len([one for one in found.things[FINDING] if where.predicate(FINDING)(one)]) == count, expression
+
+
 def test_several_expressions_hold_together() -> None:
     found = gathered("item-errors")
     where = Where("failed", ["number in {2..4}", "function == read"], context=found.context)

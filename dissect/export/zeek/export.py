@@ -134,8 +134,7 @@ class ZeekExport(Export, Observer):
         asked = bool(transaction.request_frame)
         side = int(transaction.asked_by if asked else 1 - transaction.asked_by)
         connection = transaction.connection
-        items = transaction.plus_results if transaction.is_plus else transaction.s7_results
-        row = self._rows.row(transaction, len(items))
+        row = self._rows.row(transaction, self._made.item_count(transaction))
         function = row["function"]
         self._log(
             "s7comm_transaction",
@@ -147,7 +146,7 @@ class ZeekExport(Export, Observer):
                 row["transaction"],
                 row["protocol"],
                 f"0x{function:02x}" if function is not None else None,
-                transaction.function_name or None,
+                row["function_name"],
                 transaction.outcome,
                 transaction.reason or None,
                 transaction.certainty or None,
@@ -155,7 +154,7 @@ class ZeekExport(Export, Observer):
                 transaction.latency_ns,
                 bool(transaction.failed),
                 [f"{error.where}: {error.name}" for error in transaction.errors],
-                len(items),
+                row["item_count"],
                 int(transaction.request_size) if asked else None,
                 int(transaction.response_size) if transaction.response_frame else None,
                 row["request_frame"],

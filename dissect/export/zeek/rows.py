@@ -57,9 +57,13 @@ def cotp_row(octets: bytes) -> tuple[str, str] | None:
     return f"0x{code:02x}", COTP.get(code, f"Unknown COTP PDU-0x{code:02x}")
 
 
-def swapped_reference(octets: bytes) -> int:
-    """Return the PDU reference with its octets swapped, as ICSNPP logs it."""
-    return int.from_bytes(octets[4:6], "little")
+#: Octets of the shortest header of an S7 PDU.
+_HEADER_SIZE: Final = 10
+
+
+def swapped_reference(octets: bytes) -> int | None:
+    """Return the PDU reference with its octets swapped, as ICSNPP logs it; None where the PDU ends inside its header."""
+    return int.from_bytes(octets[4:6], "little") if len(octets) >= _HEADER_SIZE else None
 
 
 class S7:
@@ -87,7 +91,7 @@ class S7:
         code, name = self._function()
         subcode, subname = self._subfunction()
         return (
-            self.rosctr,
+            self.rosctr if self.rosctr >= 0 else None,
             ROSCTRS.get(self.rosctr, "unknown"),
             swapped_reference(self.octets),
             code,

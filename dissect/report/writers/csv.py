@@ -18,6 +18,7 @@ from dissect.s7.tables import BYTE, JOB, REAL, RETURN_CODES, SUCCESS, USERDATA
 from dissect.s7.values import Value, decode_value, number_texts, spelled
 from dissect.s7plus.items import PlusItem
 from dissect.s7plus.tables import CREATE_OBJECT
+from dissect.scd.wording import json_value
 from dissect.transactions.connection import Connection
 from dissect.transactions.good_items import GoodItems, good_octets
 from dissect.transactions.naming import NamedValue
@@ -220,8 +221,8 @@ class CsvRows:
                 lines.append(f"{own},{number},{self._result(result)},{said},")
         for found in transaction.scd:
             for row in found.values:
-                cells = [row.address, row.name, "", ", ".join(row.flags), _text(row.physical), row.text, row.unit, ""]
-                cells += [whole, found.subject]
+                cells = [row.address, row.name, "", ", ".join(row.flags), _text(json_value(row.physical))]
+                cells += [row.text, row.unit, "", whole, found.subject]
                 lines.append(f"{own},{len(lines) + 1},{','.join([quoted(cell(text)) for text in cells])}")
         if not lines:
             about = facet_of(transaction).subject_whole(transaction)
@@ -250,7 +251,7 @@ class CsvRows:
         return (
             f"{decimal(transaction.number)},{self._both(transaction.connection, transaction.asked_by)}"
             f",{facet.reference(transaction)},{rosctr},{facet.function_number(transaction)}"
-            f",{self._cell(transaction.function_name)},{frames}"
+            f",{self._cell(_function_name(transaction))},{frames}"
             f",{self._clock.iso(asked_ns) if asked else ''},{self._clock.iso(told_ns) if told else ''}"
             f",{latency},{OUTCOMES[transaction._outcome]},{transaction.reason},{transaction.certainty},{transaction.doubt}"
         )
@@ -416,6 +417,12 @@ def _number(value: Value) -> str:
     if isinstance(value, float) and math.isfinite(value):
         return repr(value)  # the same text as the encoder's, in a fraction of the time
     return str(value) if isinstance(value, int) else _JSON.encode(value)
+
+
+def _function_name(transaction: Transaction) -> str:
+    """Return the name of its function, empty for an answer of S7comm without parameters."""
+    none: bool = transaction.function < 0 and transaction.rosctr <= USERDATA
+    return "" if none else transaction.function_name
 
 
 def _text(value: object) -> str:
