@@ -172,6 +172,20 @@ class AlertEngine(Observer):
         for watch in self._states:
             watch.restart(now_ns)
 
+    def take_over(self, before: AlertEngine) -> None:
+        """Go on where an engine with other rules stopped: with its open connections, and its time.
+
+        What ``before`` held back it gives now. States and cooldowns begin anew, because they are those of its rules.
+        """
+        before.finish()
+        self.now_ns = self._look_ns = before.now_ns
+        self._pairs = before._pairs
+        self._open = before._open
+        if self._watch is not None:
+            self._unjudged = dict(self._open)
+        for watch in self._states:
+            watch.restart(self.now_ns)
+
     def finish(self) -> None:
         """The run is over: judge the remaining connections, and give the alerts that were held back."""
         for connection in list(self._unjudged.values()):

@@ -64,6 +64,16 @@ def config_typed() -> list[str]:
     return list(click.get_current_context().meta.get(_TYPED, []))
 
 
+def read_again() -> None:
+    """Read the settings of the command at hand again; `hosts` and `settings_now` are those of the files then.
+
+    Raises `click.ClickException` for files that cannot be used, and changes nothing.
+    """
+    ctx = click.get_current_context()
+    typed = config_typed()
+    _apply(ctx, config_option(), typed[0] if typed else None)
+
+
 def settings_now() -> Mapping[str, Any]:
     """Return what the settings of the command at hand make the defaults of its options, by parameter."""
     return dict(click.get_current_context().default_map or {})

@@ -20,6 +20,7 @@ from dissect.cli.options.select import Chosen, select_options
 from dissect.cli.options.tags import tag_options
 from dissect.cli.options.tls import tls_option
 from dissect.cli.options.variables import wanted_of
+from dissect.cli.reloading import Reloading
 from dissect.cli.rights import check_user, open_interface
 from dissect.cli.run import checksums_option, slow_option
 from dissect.cli.scrape import Scrape, allow_remote_option, metrics_option
@@ -210,7 +211,7 @@ def command(
         if on_screens:
             code = _on_screens(session, slow_ns, chosen, wanted, beside)
         else:
-            code = _in_lines(session, format_ or formats_for(EVENTS)[0], topics, chosen)
+            code = _in_lines(session, format_ or formats_for(EVENTS)[0], topics, chosen, beside)
     return gate(session.run, fail_on, code)
 
 
@@ -262,13 +263,13 @@ def _opened(opener: Callable[[], Reader], scrape: Scrape) -> Reader:
 # ---- the plain form -------------------------------------------------------------------------------------------------
 
 
-def _in_lines(session: Session, format_: Format, topics: tuple[str, ...], chosen: Chosen) -> int:
+def _in_lines(session: Session, format_: Format, topics: tuple[str, ...], chosen: Chosen, beside: Beside) -> int:
     """Write a line an event until the end; return the exit code."""
     shower = new_shower(format_, topics)
-    with Interruption(session.stop) as interruption:
+    with Interruption(session.stop) as interruption, Reloading(session, beside) as reloading:
         try:
             session.start()
-            _show(session, shower, chosen)
+            _show(session, shower, chosen, reloading)
         finally:
             session.close()
         if session.error is not None:
@@ -280,10 +281,11 @@ def _in_lines(session: Session, format_: Format, topics: tuple[str, ...], chosen
     return _code(session, interruption.asked)
 
 
-def _show(session: Session, shower: Shower, chosen: Chosen) -> None:
+def _show(session: Session, shower: Shower, chosen: Chosen, reloading: Reloading) -> None:
     lost = LostEvents(session, shower)
     selected = chosen.events(session)
     while True:
+        reloading.look()
         running = session.running  # asked before: what it does last is taken then
         events = session.poll(POLL_S, POLL_MOST)
         write_events(shower, selected.of(events) if selected is not None else events, lost.lines())

@@ -2,7 +2,12 @@
 
 from __future__ import annotations
 
+import threading
+from collections import deque
+from typing import Final
+
 from dissect.acts.act import Act
+from dissect.alerts.alert import Alert
 from dissect.alerts.dispatcher import Dispatcher
 from dissect.alerts.engine import AlertEngine
 from dissect.engine.pipeline import Pipeline
@@ -13,9 +18,52 @@ from dissect.source.live.reader import Drops
 from dissect.transactions.connection import Connection
 from dissect.transactions.transaction import Transaction
 
+#: At most so many alerts wait while a dispatcher ends and the next one has not begun; the oldest give way.
+MAX_BETWEEN: Final = 4096
+
+
+class Succession:
+    """Takes alerts for ``dispatcher`` while the one before it still ends, which uses the same folders of waiting alerts."""
+
+    def __init__(self, before: Dispatcher, dispatcher: Dispatcher) -> None:
+        self._dispatcher = dispatcher
+        self._waiting: deque[Alert] = deque()
+        self.dropped = 0
+        self._ending = threading.Thread(target=before.close, name="alerts of the rules before", daemon=True)
+
+    def begin(self) -> None:
+        """End the one before, in a thread of its own: delivery may take seconds."""
+        self._ending.start()
+
+    @property
+    def over(self) -> bool:
+        """Whether the dispatcher before has ended."""
+        return not self._ending.is_alive()
+
+    def submit(self, alert: Alert) -> None:
+        """Deliver an alert, at once or when the dispatcher before has ended."""
+        if self._waiting or not self.over:
+            if len(self._waiting) >= MAX_BETWEEN:
+                self._waiting.popleft()
+                self.dropped += 1
+            self._waiting.append(alert)
+        else:
+            self._dispatcher.submit(alert)
+
+    def pass_on(self, wait: bool = False) -> bool:
+        """Deliver what waits once the dispatcher before has ended; return whether it has."""
+        if wait:
+            self._ending.join()
+        if not self.over:
+            return False
+        self._dispatcher.start()
+        while self._waiting:
+            self._dispatcher.submit(self._waiting.popleft())
+        return True
+
 
 class AlertCompanion(Companion):
-    """Passes every event on to ``engine``, whose alerts ``dispatcher`` delivers."""
+    """Passes every event on to ``engine``, whose alerts ``dispatcher`` delivers. `replace` gives it other rules."""
 
     name = "alerting"
 
@@ -25,6 +73,23 @@ class AlertCompanion(Companion):
         self._frames = 0
         self.engine = engine
         self.dispatcher = dispatcher
+        self._succession: Succession | None = None
+
+    def replace(self, engine: AlertEngine, dispatcher: Dispatcher, succession: Succession) -> None:
+        """Go on with other rules: ``engine`` gives its alerts to ``succession``, which ``dispatcher`` delivers.
+
+        Call it in the thread of the run.
+        """
+        if self._succession is not None:
+            self._succession.pass_on(wait=True)
+        engine.take_over(self.engine)
+        self.engine, self.dispatcher, self._succession = engine, dispatcher, succession
+        succession.begin()
+
+    @property
+    def settled(self) -> bool:
+        """Whether alerts of earlier rules were delivered, or given up, so that the rules may be replaced again."""
+        return self._succession is None or self._succession.over
 
     def begin(self, pipeline: Pipeline) -> None:
         """Take the pipeline, which counts all packets."""
@@ -60,7 +125,8 @@ class AlertCompanion(Companion):
 
     def tick(self, now_ns: int, drops: Drops) -> None:
         """Give the engine the time, by which it notices silence and rates; start delivery, also of an earlier run's alerts."""
-        self.dispatcher.start()
+        if self._succession is None or self._succession.pass_on():
+            self.dispatcher.start()
         if self._pipeline is not None and self._pipeline.frames != self._frames:
             self._frames = int(self._pipeline.frames)
             self.engine.captured(int(self._pipeline.now_ns))
@@ -69,4 +135,6 @@ class AlertCompanion(Companion):
     def close(self) -> None:
         """Raise the alerts that were held back, and deliver those that wait."""
         self.engine.finish()
+        if self._succession is not None:
+            self._succession.pass_on(wait=True)
         self.dispatcher.close()

@@ -141,6 +141,10 @@ class RingCompanion(WritingCompanion):
         if self._witness is not None and problem.kind != HEAD:
             self._witness.event(problem)
 
+    def renew(self) -> None:
+        """Finish the present file; the next packet begins another."""
+        self.ring.close()
+
     def close(self) -> None:
         """Finish the present file."""
         try:

@@ -125,6 +125,10 @@ class ReportCompanion(WritingCompanion):
             self._write()
             self._period = period
 
+    def name_hosts(self, hosts: Mapping[str, str]) -> None:
+        """Call hosts by these names, from the next page on."""
+        self._hosts = hosts
+
     def close(self) -> None:
         """Write the page of the last period."""
         if self._pipeline is not None and self._pipeline.frames:

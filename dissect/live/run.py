@@ -9,6 +9,7 @@ machine, so that silence is noticed even if the clock of the capturing machine i
 from __future__ import annotations
 
 import time
+from collections import deque
 from collections.abc import Callable, Iterable, Sequence
 from functools import partial
 from typing import Final, NamedTuple
@@ -26,6 +27,7 @@ from dissect.source.live.reader import Drops, LiveReader
 from dissect.source.packet import PacketSink, Reader, SourceFile
 from dissect.stations.facts import Fact
 from dissect.transactions.connection import Connection
+from dissect.transactions.naming import Naming
 from dissect.transactions.operation import Operation
 from dissect.transactions.payloads import ScdMessage
 from dissect.transactions.side import Side
@@ -192,6 +194,9 @@ class Companion(Observer):
     def problem(self, problem: Problem) -> None:
         """Take a problem of the run, or its end."""
 
+    def renew(self) -> None:
+        """Begin new files, so that what was written so far is whole and may be taken away."""
+
     def begin(self, pipeline: Pipeline) -> None:
         """The run begins with ``pipeline``."""
 
@@ -262,6 +267,7 @@ class LiveRun:
         self.failures: list[str] = []
         self.ended = False
         self.stop_asked = False
+        self._between: deque[Callable[[], None]] = deque()
         self._companions = list(companions)
         self._wanting = [companion for companion in companions if companion.wants_packets]
         self._sink: PacketSink = self.pipeline
@@ -312,6 +318,8 @@ class LiveRun:
         if self.stop_asked and not self._begin_stop():
             self.finish()
             return False
+        while self._between:
+            self._changed_by(self._between.popleft())
         frames = self.pipeline.frames
         more = self._source.step(self._sink)
         now = self._clock()
@@ -327,6 +335,31 @@ class LiveRun:
         if self._full(now):
             self.stop()
         return True
+
+    def between(self, change: Callable[[], None]) -> None:
+        """Call ``change`` between two packets, in the thread that reads. May be called from any thread."""
+        self._between.append(change)
+
+    def _changed_by(self, change: Callable[[], None]) -> None:
+        try:
+            change()
+        except Exception as error:  # noqa: BLE001 - what fails beside the analysis must not end it
+            self.problems.tell(STOPPED, f"a change failed: {reason(error)}")
+
+    def renew(self) -> None:
+        """Let the companions begin new files. Call it by way of `between`."""
+        for companion in self._companions:
+            try:
+                companion.renew()
+            except Exception as error:  # noqa: BLE001 - what fails beside the analysis must not end it
+                self._fanout.drop(companion, error)
+
+    def name_values(self, naming: Naming | None) -> None:
+        """Name values by ``naming`` from now on, on open connections as well. Call it by way of `between`."""
+        exchange = self.pipeline.exchange
+        exchange.naming = naming
+        for side in self.pipeline.table.all_open():
+            side.connection.naming = naming.of(side.connection) if naming is not None else None
 
     def stop(self) -> None:
         """Stop capturing; `step` reads what already arrived, then ends. May be called from a signal handler."""

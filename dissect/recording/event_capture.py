@@ -132,6 +132,7 @@ class EventCapture(PacketSink):
     ) -> None:
         if before_ns < 0 or after_ns < 0:
             raise ValueError("the time before and after a trigger cannot be less than 0")
+        self.capture_filter = ""
         self.frames = 0
         self.files = 0
         self.triggers = 0
@@ -329,6 +330,7 @@ class EventCapture(PacketSink):
         if self._keep_free and shutil.disk_usage(self._directory).free < self._keep_free:
             raise OSError(errno.ENOSPC, "less is free than --keep-free asks for", str(self._directory))
         self._writer = names.begin(self._path, self._about, comment=self._told_before())
+        self._writer.capture_filter = self.capture_filter
         self.files += 1
         self._name = owed.name
 

@@ -207,6 +207,7 @@ class RingBuffer(PacketSink):
     ``packets`` counts what was written, ``finished`` names the files of this run that are whole and there, the oldest first;
     ``removed`` counts those that had to go. After an error the file at hand stays as it is, and the next packet begins another;
     ``lost`` and ``lost_octets`` count the packets that are in no file, with those that the caller told with `miss`.
+    ``capture_filter`` is written into the interfaces of its files.
     """
 
     def __init__(
@@ -223,6 +224,7 @@ class RingBuffer(PacketSink):
         self.removed = 0
         self.files = 0
         self.witness = Witness()
+        self.capture_filter = ""
         self.lost = 0
         self.lost_octets = 0
         self._lost_told = 0
@@ -358,6 +360,7 @@ class RingBuffer(PacketSink):
         writer = names.begin(
             path, self._about, comment=mark_of(self._name), batch=self._batch, make_room=self._remove_oldest
         )
+        writer.capture_filter = self.capture_filter
         lock(writer.fileno())
         self._path = path
         self._writer = writer

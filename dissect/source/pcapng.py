@@ -54,6 +54,7 @@ OPT_END: Final = 0
 OPT_COMMENT: Final = 1
 IF_NAME: Final = 2
 IF_TSRESOL: Final = 9
+IF_FILTER: Final = 11
 _IF_TSOFFSET: Final = 14
 
 _MAX_TIME: Final = 2**63 - 1

@@ -16,6 +16,7 @@ from typing import Final
 from dissect.source.packet_blocks import MAX_COUNT, PacketBlocks, Told, plain_block
 from dissect.source.pcapng import (
     DECRYPTION_SECRETS,
+    IF_FILTER,
     IF_NAME,
     IF_TSRESOL,
     INTERFACE,
@@ -42,6 +43,8 @@ _ISB_DROPPED: Final = 5
 _ISB_DELIVERED: Final = 8
 
 _NANOSECONDS: Final = b"\x09"
+#: How the filter of an interface is written: as a text of libpcap's.
+_LIBPCAP: Final = b"\0"
 _MAX_OPTION: Final = 65_535
 #: Octets that all comments of one packet may take together; a last comment says how many more were dropped.
 MAX_COMMENTS: Final = 262_144
@@ -84,12 +87,17 @@ def section_mark(head: bytes) -> str:
     return text.decode("utf-8", "replace") if code == OPT_COMMENT and len(text) == size else ""
 
 
-def interface_block(link_type: int, name: str = "", snaplen: int = 0) -> bytes:
-    """Return an Interface Description Block with nanoseconds; ``snaplen`` 0: no limit. ValueError for a wrong link type."""
+def interface_block(link_type: int, name: str = "", snaplen: int = 0, capture_filter: str = "") -> bytes:
+    """Return an Interface Description Block with nanoseconds; ``snaplen`` 0: no limit. ValueError for a wrong link type.
+
+    ``capture_filter`` is what was captured, in libpcap's language.
+    """
     if not 0 <= link_type <= 0xFFFF:
         raise ValueError(f"{link_type} is not a link type: it must fit 16 bits")
     options = [(IF_NAME, _cut(printable(name).encode()))] if name else []
     options.append((IF_TSRESOL, _NANOSECONDS))
+    if capture_filter:
+        options.append((IF_FILTER, _LIBPCAP + _cut(printable(capture_filter).encode())[: _MAX_OPTION - 1]))
     return _block(INTERFACE, _INTERFACE_HEAD.pack(link_type, snaplen) + _options(options))
 
 
@@ -180,6 +188,7 @@ class PcapngWriter:
     gathered blocks are lost if the process is killed. ``packets`` and ``octets`` count what was added so far, `unwritten` says
     what of that is not in the file. ``make_room`` is called when the disk is full, and returns whether it freed something, so
     that it is worth trying again. An `OSError` names ``path``.
+    ``capture_filter`` stands in the interfaces that begin after it was set.
     """
 
     def __init__(
@@ -200,6 +209,7 @@ class PcapngWriter:
         self.path = path = os.fspath(path)
         self.packets = 0
         self.octets = 0
+        self.capture_filter = ""
         self._given = 0  # packets that were given, and their octets
         self._captured = 0
         self._safe = (0, 0)  # packets and octets of packets that are in the file
@@ -248,7 +258,7 @@ class PcapngWriter:
         if number is None:
             if name and len(self._told) >= MAX_INTERFACES:
                 return self.interface(link_type)  # more than readers keep: use the interface without a name
-            block = interface_block(link_type, name)
+            block = interface_block(link_type, name, capture_filter=self.capture_filter)
             number = len(self._told)
             self._interfaces[link_type, name] = number
             self._told.append(Told())

@@ -85,3 +85,18 @@ def test_of_400_events_the_first_is_told_then_the_last_with_398_more() -> None:
     book.flush(500 * S, over=True)
     assert [alert.repeated for alert in told] == [0, 398]
     assert told[1].message().endswith(", 398 more")
+
+
+def test_stop_start_stop_within_a_cooldown_and_what_comes_after_a_summary() -> None:
+    """The alert at the end of a cooldown begins the next; only after a silent one the next time is told at once."""
+    told: list[tuple[int, int]] = []  # when, and how many more
+    now = 0
+    book = Cooldown(lambda given: told.append((now, given.repeated)))
+    one = Rule("rule", "finding", cooldown_ns=60 * S, burst=0)
+    happens = {1: "stop", 2: "start", 3: "stop", 65: "stop", 70: "stop", 75: "stop", 200: "stop"}
+    for now in range(1, 210):
+        if now in happens:
+            book.event(one, happens[now], now * S, made)
+        book.flush(now * S)
+    # The second stop is told when the cooldown of the first is over, the three behind it when that of this summary is.
+    assert told == [(1, 0), (2, 0), (61, 0), (121, 2), (200, 0)]

@@ -31,7 +31,16 @@ PAGE: Final = (ROOT / "docs" / "probe.md").read_text(encoding="utf-8")
 KEYS: Final = {
     "Unit": {"Description", "Documentation", "After", "StartLimitIntervalSec"},
     "Service": {
-        *("Type", "Environment", "EnvironmentFile", "ExecStart", "Restart", "RestartSec", "SuccessExitStatus"),
+        *(
+            "Type",
+            "Environment",
+            "EnvironmentFile",
+            "ExecStart",
+            "ExecReload",
+            "Restart",
+            "RestartSec",
+            "SuccessExitStatus",
+        ),
         *(
             "NotifyAccess",
             "WatchdogSec",

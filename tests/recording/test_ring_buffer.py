@@ -331,3 +331,17 @@ def test_a_ring_without_an_end_takes_no_earlier_file_for_its_own(tmp_path: Path)
     for run in range(4):
         ran(tmp_path, run, count=1, files=0)
     assert len(names(tmp_path)) == 4
+
+
+def test_the_capture_filter_stands_in_the_interfaces(tmp_path: Path) -> None:
+    ring = RingBuffer(tmp_path, RingLimits(octets=1000))
+    ring.capture_filter = "tcp port 102\x1b"
+    for number in range(40):
+        ring.add(1 + number, bytes(60), 60, 1, f"eth{number % 2}")
+    ring.close()
+    assert len(ring.finished) > 1
+    shown = b"\0tcp port 102\\x1b"  # a text of libpcap's; control characters are escaped
+    option = b"\x0b\0" + len(shown).to_bytes(2, "little") + shown
+    for path in ring.finished:
+        assert path.read_bytes().count(option) == 2
+        assert len(drain(open_capture(str(path))).frames) > 0

@@ -16,6 +16,12 @@ from dissect.report.slugs import slugs_of
 from dissect.wire.text import printable
 
 if TYPE_CHECKING:
+    from dissect.alerts.alert import Alert
+    from dissect.alerts.engine import AlertEngine
+    from dissect.alerts.loading import AlertRules
+    from dissect.baseline.norms import Baseline
+    from dissect.live.alerting import AlertCompanion
+    from dissect.live.reports import ReportCompanion
     from dissect.live.run import Companion
     from dissect.live.session import Session
     from dissect.recording.ring_buffer import RingLimits
@@ -133,6 +139,7 @@ class Beside:
         every_ns: int = 0,
         keep_free: int = 0,
         about: dict[str, object] | None = None,
+        capture_filter: str = "",
     ) -> None:
         if about is not None and (directory is None or (file_of(directory) is not None and limits is None)):
             raise click.UsageError("--manifest needs -w with a folder, or -b.")
@@ -160,7 +167,11 @@ class Beside:
         self._every_ns = every_ns or _HOUR
         self._keep_free = keep_free
         self._about = about
+        self._filter = capture_filter
         self._session: Session | None = None
+        #: What takes other rules, and other names of hosts, while it goes on; None without.
+        self.alerting: AlertCompanion | None = None
+        self.reporting: ReportCompanion | None = None
         self._shown = False
         #: The only file that is written, or in whose place the files of a ring are; None where -w names a folder.
         self._file = file
@@ -184,11 +195,13 @@ class Beside:
         elif self.directory is not None:
             made += self._evidence(self.directory)
         if self._rules is not None:
-            made.append(self._alerts(self._rules))
+            self.alerting = self._alerts(self._rules)
+            made.append(self.alerting)
         if self._export is not None:
             made.append(self._tables(self._export))
         if self._reports is not None:
-            made.append(self._report(self._reports, name))
+            self.reporting = self._report(self._reports, name)
+            made.append(self.reporting)
         return made
 
     def _tables(self, export: LiveExport) -> Companion:
@@ -224,6 +237,7 @@ class Beside:
         )
         if new:
             self.made.append(path)
+        writer.capture_filter = self._filter
         return CaptureFile(writer)
 
     def _evidence(self, directory: str) -> list[Companion]:
@@ -249,21 +263,20 @@ class Beside:
                 batch=_BATCH,
                 keep_free=self._keep_free,
             )
+            ring.capture_filter = self._filter
             made.append(RingCompanion(ring, about=self._manifest_facts()))
         for slugs, span_ns in self._kept:
-            made.append(
-                KeeperCompanion(
-                    EventCapture(
-                        directory,
-                        span_ns,
-                        span_ns,
-                        slugs=slugs,
-                        application=program,
-                        os_name=system,
-                        keep_free=self._keep_free,
-                    )
-                )
+            keeper = EventCapture(
+                directory,
+                span_ns,
+                span_ns,
+                slugs=slugs,
+                application=program,
+                os_name=system,
+                keep_free=self._keep_free,
             )
+            keeper.capture_filter = self._filter
+            made.append(KeeperCompanion(keeper))
         return made
 
     def _manifest_facts(self) -> dict[str, object] | None:
@@ -286,28 +299,45 @@ class Beside:
             "clock_offset_s": offset,
         }
 
-    def _alerts(self, path: str) -> Companion:
+    def _alerts(self, path: str) -> AlertCompanion:
         from dissect.alerts.dispatcher import Dispatcher
-        from dissect.alerts.engine import AlertEngine
-        from dissect.alerts.loading import RuleError, load_rules
-        from dissect.baseline.loading import load_baseline
         from dissect.live.alerting import AlertCompanion
+
+        rules, baseline = self._rules_read(path)
+        dispatcher = Dispatcher(rules.actions, write=self._alert, tell=self._say)
+        self.made += dispatcher.prepare()
+        return AlertCompanion(_engine_of(rules, baseline, dispatcher.submit), dispatcher)
+
+    def _rules_read(self, path: str) -> tuple[AlertRules, Baseline | None]:
+        """Return rules and baseline as their files have them now."""
+        from dissect.alerts.loading import load_rules
+        from dissect.baseline.loading import load_baseline
         from dissect.scd.user_file import FileError
 
         try:
-            rules = load_rules(path)
-            baseline = load_baseline(self._baseline) if self._baseline is not None else None
-            dispatcher = Dispatcher(rules.actions, write=self._alert, tell=self._say)
-            self.made += dispatcher.prepare()
-            try:
-                engine = AlertEngine(rules, baseline, dispatcher.submit)
-            except RuleError as error:
-                raise click.UsageError(f"{error} with --baseline.") from None
-            return AlertCompanion(engine, dispatcher)
+            return load_rules(path), load_baseline(self._baseline) if self._baseline is not None else None
         except FileError as error:
             raise click.ClickException(str(error)) from None
 
-    def _report(self, directory: str, name: str) -> Companion:
+    def rules_again(self) -> Callable[[], None] | None:
+        """Read rules and baseline again; return what puts them in force between two packets, None without rules.
+
+        Raises `click.ClickException` for files that cannot be used.
+        """
+        from dissect.alerts.dispatcher import Dispatcher
+        from dissect.live.alerting import Succession
+
+        companion = self.alerting
+        if companion is None or self._rules is None:
+            return None
+        rules, baseline = self._rules_read(self._rules)
+        dispatcher = Dispatcher(rules.actions, write=self._alert, tell=self._say)
+        dispatcher.prepare()
+        succession = Succession(companion.dispatcher, dispatcher)
+        engine = _engine_of(rules, baseline, succession.submit)
+        return functools.partial(companion.replace, engine, dispatcher, succession)
+
+    def _report(self, directory: str, name: str) -> ReportCompanion:
         from dissect import __version__
         from dissect.cli.configuration import hosts
         from dissect.cli.look import clock
@@ -339,6 +369,16 @@ class Beside:
         from dissect.alerts.actions import to_stderr
 
         to_stderr(line)
+
+
+def _engine_of(rules: AlertRules, baseline: Baseline | None, tell: Callable[[Alert], None]) -> AlertEngine:
+    from dissect.alerts.engine import AlertEngine
+    from dissect.alerts.loading import RuleError
+
+    try:
+        return AlertEngine(rules, baseline, tell)
+    except RuleError as error:
+        raise click.UsageError(f"{error} with --baseline.") from None
 
 
 def beside_options(command: Callable[..., int]) -> Callable[..., int]:
@@ -440,8 +480,11 @@ def beside_options(command: Callable[..., int]) -> Callable[..., int]:
             raise click.UsageError("--export-every needs --export, the folder that tables are written to.")
         source = options.get("interface") or options.get("file") or "live"
         tables = LiveExport(export, export_ns, source) if export is not None else None
-        about = {"source": source, "filter": options.get("expression") or ""} if manifest else None
-        beside = Beside(directory, limits, kept, rules, baseline, tables, reports, every_ns, keep_free, about)
+        capture_filter = options.get("expression") or ""
+        about = {"source": source, "filter": capture_filter} if manifest else None
+        beside = Beside(
+            directory, limits, kept, rules, baseline, tables, reports, every_ns, keep_free, about, capture_filter
+        )
         return command(*arguments, beside=beside, **options)
 
     return with_beside

@@ -105,6 +105,17 @@ def naming_of(paths: Sequence[str], encoding: str, numbers: dict[str, int]) -> N
     return HostNaming(found, rest) if found else rest
 
 
+def naming_again() -> Naming | None:
+    """Return what `naming_of` makes of the files of the running command as they are now; settings may name others.
+
+    How they are read (``--tags-encoding``, ``--tags-db``) stays as it was.
+    """
+    context = click.get_current_context()
+    given = context.params
+    paths = given["tags"] if was_given("tags") else (context.default_map or {}).get("tags", given["tags"])
+    return naming_of(tuple(paths), given["encoding"], given["numbers"])
+
+
 def load(paths: Sequence[str], encoding: str, numbers: dict[str, int], more: bool = False) -> TagSet:
     """Return the tags of files; warnings go to stderr. ``more``: files of other PLCs may have some of the ``numbers``.
 
