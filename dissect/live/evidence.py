@@ -131,6 +131,7 @@ class RingCompanion(WritingCompanion):
             self.ring.look_at_room(now_ns)
         if self._witness is not None and self._witness.head != self._head:
             self._head = self._witness.head
+            self.problems.heads[self.ring.name] = self._head
             told = f"evidence {self.ring.name}: head {self._head}"
             self.problems.tell(HEAD, told, over=True, shown=False)
 

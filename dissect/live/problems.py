@@ -49,11 +49,13 @@ class Problems:
     """Collects problems. ``counts`` counts them by kind, without their ends; `take` returns those that nobody has seen.
 
     ``down_seconds`` is how long the interface was down; each of ``writers`` returns the state of one that writes.
+    ``heads`` are the hashes of the latest entry of each manifest, by its name.
     """
 
     def __init__(self) -> None:
         self.down_seconds = 0.0
         self.writers: list[Callable[[], WriterState]] = []
+        self.heads: dict[str, str] = {}
         self.counts: dict[str, int] = dict.fromkeys(KINDS, 0)
         self._fresh: deque[Problem] = deque(maxlen=_MAX_WAITING)
         self._listeners: list[Callable[[Problem], None]] = []

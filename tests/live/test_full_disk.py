@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import pytest
+
+from tests.cli.support import simple
 from tests.live.small_disk import on_a_small_disk
 
 RING = """
@@ -265,3 +268,31 @@ print(json.dumps([failed, sink.lost, sink.files, [parquet.read_metadata(path).nu
     assert (failed, lost, files) == (True, 12, 2)
     assert sorted(rows) == [3, 10]
     assert rest == []
+
+
+@pytest.mark.parametrize("left", [0, 20_000, 60_000])
+def test_an_export_to_sqlite_says_that_the_disk_is_full(left: int, tmp_path: Path) -> None:
+    capture = simple(tmp_path / "capture.pcapng", 400)
+    disk = tmp_path / "disk"
+    disk.mkdir()
+    got = on_a_small_disk(
+        disk,
+        128,
+        f"""
+import contextlib, io
+from dissect.cli.main import main
+fill({left})
+said, code = io.StringIO(), 0
+with contextlib.redirect_stderr(said):
+    try:
+        main(["export", {str(capture)!r}, "-o", f"{{FOLDER}}/a.sqlite"])
+    except SystemExit as end:
+        code = end.code
+print(json.dumps([code, said.getvalue(), sorted(path.name for path in FOLDER.iterdir())]))
+""",
+    )
+    code, said, files = got
+    assert code == 5
+    assert "full" in said or "No space left" in said
+    assert "Traceback" not in said
+    assert files == ["ballast"]

@@ -78,6 +78,7 @@ def test_the_head_is_told(tmp_path: Path) -> None:
     companion.tick(EPOCH_NS + 100, NONE)
     kind, text = told[-1]
     assert kind == "head"
+    assert problems.heads == {"s7dissect": text.split()[-1]}
     assert [verdict for verdict in verified(tmp_path, [text.split()[-1]]) if not verdict.well] == []
     assert (problems.take(), problems.counts.get("head", 0)) == ([], 0)
 

@@ -33,6 +33,7 @@ UNUSED: Final = frozenset(
         "process_virtual_memory_bytes",  # says nothing about the memory that is used
         "process_open_fds",  # a probe holds a handful
         "process_max_fds",
+        "s7dissect_evidence_head",  # a hash is compared, not drawn
     )
 )
 
@@ -51,6 +52,7 @@ def sampled() -> dict[str, set[str]]:
     metrics.tick(0, Drops(1, 1))
     metrics.watch_queue(lambda: (0, 0))
     metrics.problems.writers.append(lambda: WriterState("ring", True, 1, 2, 3, 4, 5.0, 6))
+    metrics.problems.heads["s7dissect"] = "9f2c"
     return {sample.name: set(sample.labels) for family in Exposition(metrics).collect() for sample in family.samples}
 
 
