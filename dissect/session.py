@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, TypeAlias, cast
 
 from mypy_extensions import i64
 
+from dissect.acts.act import Act
 from dissect.engine.exchange import PayloadDecoder
 from dissect.engine.observer import Observer
 from dissect.engine.pipeline import Options, Pipeline
@@ -49,7 +50,7 @@ Tags: TypeAlias = "str | os.PathLike[str] | Sequence[str | os.PathLike[str]] | T
 KeyLogFiles: TypeAlias = "str | os.PathLike[str] | Sequence[str | os.PathLike[str]] | None"
 
 #: What `open` yields.
-Event = Connection | Pdu | PlusPdu | ScdMessage | Transaction | Operation | Finding
+Event = Connection | Pdu | PlusPdu | ScdMessage | Transaction | Operation | Act | Finding
 
 
 def _line(transaction: Transaction) -> dict[str, object]:
@@ -236,6 +237,10 @@ class EventQueue(Observer):
         """Keep an operation."""
         self.events.append(operation)
 
+    def act(self, act: Act) -> None:
+        """Keep an act."""
+        self.events.append(act)
+
     def finding(self, finding: Finding) -> None:
         """Keep a finding."""
         self.events.append(finding)
@@ -372,18 +377,19 @@ def open(
     tls_keys: KeyLogFiles = None,
     tags: Tags = None,
 ) -> Iterator[Event]:
-    """Iterate the events of one capture or several: PDUs, transactions, operations, findings, and connections when they end.
+    """Iterate the events of one capture or several: PDUs, transactions, operations, acts, findings, and ended connections.
 
     A capture is a path, an open binary file (``open(path, "rb")``, `io.BytesIO`), or an iterable of packets, each a tuple of
     time, LINKTYPE number and octets (`dissect.source.given.Packet`). A file that was given open stays open.
 
-    Events come in the order in which they become certain; a transaction follows its PDUs. ``pdus=False`` leaves the single
-    PDUs out, which is faster. ``slow_ns``: an answer that takes longer is a finding (nanoseconds). With the dictionary ``scd``
-    and the bindings file ``bind`` SCD is decoded (docs/scd-traffic.md). ``checksums`` leaves packets out whose TCP or UDP
-    checksum is wrong. ``tls_keys`` names files with the session keys of TLS (docs/tls.md). ``tags`` are files of tags, or what
-    `dissect.tags.load_tags` made of them: `dissect.transactions.naming.named_values` names the values of a transaction by them.
-    ``where`` selects, as option -Y does (docs/select.md): only events come that match, or belong to a transaction that does. A
-    PDU matches only if it has all the fields that the expression names.
+    Events come in the order in which they become certain; a transaction follows its PDUs, an act the transaction that shows its
+    outcome. ``pdus=False`` leaves the single PDUs out, which is faster. ``slow_ns``: an answer that takes longer is a finding
+    (nanoseconds). With the dictionary ``scd`` and the bindings file ``bind`` SCD is decoded (docs/scd-traffic.md).
+    ``checksums`` leaves packets out whose TCP or UDP checksum is wrong. ``tls_keys`` names files with the session keys of TLS
+    (docs/tls.md). ``tags`` are files of tags, or what `dissect.tags.load_tags` made of them:
+    `dissect.transactions.naming.named_values` names the values of a transaction by them. ``where`` selects, as option -Y does
+    (docs/select.md): only events come that match, or belong to a transaction that does. A PDU matches only if it has all the
+    fields that the expression names.
 
     Wrong arguments raise at once: `SelectError` for the expression, `scd.DictionaryError` or `dissect.bindings.BindingError`
     for a dictionary or a bindings file, `dissect.tags.TagError` for files of tags, and what `read_tls_keys` raises for keys. A

@@ -31,7 +31,7 @@ REVEALED = [
     "dict[str, object]",
     (
         "Connection | dissect.s7.message.Pdu | dissect.s7plus.message.PlusPdu | dissect.transactions.payloads.ScdMessage"
-        " | dissect.transactions.transaction.Transaction | dissect.transactions.operation.Operation"
+        " | dissect.transactions.transaction.Transaction | dissect.transactions.operation.Operation | dissect.acts.act.Act"
         " | dissect.findings.reporter.Finding"
     ),
     "int | None",

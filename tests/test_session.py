@@ -28,6 +28,8 @@ from tests.properties.messages import ACK_DATA, JOB, Item, connect, dt, read_ans
 from tests.properties.packets import EPOCH_NS, MS, Packet, Talk, captured
 from tests.properties.traffic import Conversation
 
+CAPTURES: Final = Path(__file__).parent.parent / "captures"
+
 SECOND: Final = 1_000_000_000
 OWN: Final = Path(__file__).parents[1] / "captures" / "item-errors.pcapng"
 WORD: Final = Item(0x04, 1, 10, 0x84, 32)
@@ -455,3 +457,22 @@ def test_a_bug_of_the_analyzer_stays_a_finding_beside_an_observer_of_ones_own() 
     run.read()
     assert run.pipeline.exchange.bug is None
     assert run.pipeline.finding_counts["internal.bug"] == 1
+
+
+def test_acts_are_events_behind_their_transactions() -> None:
+    events = list(dissect.open(CAPTURES / "crafted" / "plus-plant.pcapng", pdus=False))
+    acts = [event for event in events if isinstance(event, dissect.Act)]
+    assert [(act.kind, act.outcome) for act in acts] == [
+        ("stop", "accepted"),
+        ("start", "accepted"),
+        ("download", "accepted"),
+    ]
+    numbers = [event.number if isinstance(event, dissect.Transaction) else 0 for event in events]
+    for act in acts:
+        assert all(numbers.index(number) < events.index(act) for number in act.transactions)
+
+
+def test_only_acts_of_selected_transactions_are_events() -> None:
+    path = CAPTURES / "crafted" / "plus-plant.pcapng"
+    acts = [event for event in dissect.open(path, pdus=False, where="number == 17") if isinstance(event, dissect.Act)]
+    assert [act.kind for act in acts] == ["stop"]
