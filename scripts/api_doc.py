@@ -147,7 +147,7 @@ except dissect.Error as error:
 print([(finding.slug, finding.severity, finding.detail) for finding in analysis.findings])
 # KeyLogError
 try:
-    dissect.open("captures/item-errors.pcapng", tls_keys="plant.toml")
+    dissect.open("captures/item-errors.pcapng", tls_keys="plant.toml")  # needs s7dissect[tls]
 except dissect.KeyLogError as error:
     print(error)
 # Observer

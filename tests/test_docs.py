@@ -18,6 +18,7 @@ import dissect
 from dissect.cli.main import COMMANDS
 from tests.cli.support import run as cli
 from tests.conftest import Command
+from tests.extras import hidden_modules, hiding
 
 ROOT = Path(__file__).parents[1]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
@@ -38,7 +39,7 @@ def test_the_readme_has_snippets() -> None:
 
 @pytest.mark.parametrize("snippet", SNIPPETS)
 def test_a_snippet_runs_and_prints(snippet: str) -> None:
-    assert run("-c", snippet).strip()
+    assert run("-c", hiding("s7dissect[data] pandas" if "frames" in snippet else "") + snippet).strip()
 
 
 PAGES = [path.name for path in sorted((ROOT / "docs").glob("*.md"))]
@@ -62,14 +63,14 @@ def test_what_a_page_imports_is_there(page: str) -> None:
 
 
 @pytest.mark.parametrize("page", RUNNING)
-def test_the_python_of_a_page_runs(page: str, tmp_path: Path) -> None:
+def test_the_python_of_a_page_runs_with_the_extras_that_it_names(page: str, tmp_path: Path) -> None:
     blocks = [block for block in python_of(page) if "pump.eds" not in block]  # which nobody has
     assert blocks
     (tmp_path / "captures").symlink_to(ROOT / "captures")
     for path in (ROOT / "captures" / "scd").glob("plant.*"):
         shutil.copy(path, tmp_path)
     done = subprocess.run(
-        [sys.executable, "-c", "\n".join(blocks)],
+        [sys.executable, "-c", "\n".join([hiding((ROOT / "docs" / page).read_text(encoding="utf-8")), *blocks])],
         cwd=tmp_path,
         capture_output=True,
         text=True,
@@ -115,6 +116,24 @@ def test_the_output_in_a_page_is_real(
         at = real.index(line) if at < 0 else at
         assert real[at] == line
         at += 1
+
+
+@pytest.mark.parametrize(("page", "command", "shown"), [one for one in OUTPUTS if one[0] != "README.md"])
+def test_a_command_of_a_page_runs_with_the_extras_that_it_names(page: str, command: str, shown: str) -> None:
+    arguments = ["s7dissect", *shlex.split(command)]
+    program = (
+        f"{hiding((ROOT / page).read_text(encoding='utf-8'))}\nsys.argv = {arguments!r}\nimport dissect.__main__\n"
+    )
+    run("-c", f"{program}dissect.__main__.main()", codes=(0, 1, 2 if "Error: " in shown else 0))
+
+
+def test_an_extra_that_a_page_does_not_name_is_hidden() -> None:
+    assert {"pyarrow", "duckdb", "textual", "numpy"} <= hidden_modules("nothing is named")
+    assert hidden_modules("pip install 's7dissect[data,scd]'").isdisjoint({"pyarrow", "duckdb", "numpy", "anycrc"})
+    assert "textual" in hidden_modules("pip install 's7dissect[data,scd]'")
+    assert not hidden_modules("nothing is named") & {"click", "scapy", "lark", "rich", "msgspec"}
+    with pytest.raises(AssertionError, match="hidden: no extra of this page has it"):
+        run("-c", hiding("") + "import pyarrow")
 
 
 def test_the_comment_in_the_page_of_evidence_is_real(capfdbinary: pytest.CaptureFixture[bytes], tmp_path: Path) -> None:

@@ -17,6 +17,7 @@ import pytest
 from dissect.layers import COTP_CR, COTP_DT, S7, TPKT, COTP_Parameter, S7_ReadVarRequest, S7_Setup, at
 from dissect.live import iterating
 from dissect.playback.server import Server
+from tests.extras import hiding
 from tests.test_sources import Line
 
 ROOT: Final = Path(__file__).resolve().parents[1]
@@ -25,6 +26,8 @@ PAGE: Final = ROOT / "docs" / "examples.md"
 PROGRAMS: Final = {path.name: path.read_text(encoding="utf-8") for path in sorted(FOLDER.glob("*.py"))}
 #: Programs that need something beside them: an interface, a PLC, pytest.
 BESIDE: Final = {"live.py", "live_async.py", "proxy.py", "test_plant.py"}
+#: A program that starts processes has to be a file.
+SPAWNING: Final = {"pool.py"}
 #: The programs that end with another code than 0.
 CODES: Final = {"findings.py": 1}
 MOST_LINES: Final = 45
@@ -48,9 +51,10 @@ def test_the_page_lists_every_program_and_each_is_short() -> None:
 
 @pytest.mark.parametrize("name", [name for name in PROGRAMS if name not in BESIDE])
 def test_a_program_prints_what_it_says(name: str) -> None:
-    done = subprocess.run(
-        [sys.executable, str(FOLDER / name)], cwd=ROOT, capture_output=True, text=True, check=False, timeout=120
-    )
+    (row,) = re.findall(rf".*\(examples/{name}\).*", PAGE.read_text(encoding="utf-8"))
+    program = f"{hiding(row)}\nimport runpy\nrunpy.run_path({str(FOLDER / name)!r}, run_name='__main__')\n"
+    command = [sys.executable, str(FOLDER / name)] if name in SPAWNING else [sys.executable, "-c", program]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False, timeout=120)
     assert done.returncode == CODES.get(name, 0), done.stderr
     printed, shown = [line.rstrip() for line in done.stdout.splitlines()], output_of(PROGRAMS[name])
     if shown[-1] == "…":
