@@ -311,8 +311,6 @@ class Exchange:
                 else:
                     self._end(transaction, now_ns)
             except Exception as bug:
-                if self.strict:
-                    raise
                 self.note_bug(bug, frame, now_ns)
 
     def _end(self, transaction: Transaction, now_ns: i64) -> None:
@@ -346,8 +344,6 @@ class Exchange:
         try:
             decoder.transaction(transaction)
         except Exception as bug:
-            if self.strict:
-                raise
             self.note_bug(bug, max(transaction.request_frame, transaction.response_frame), transaction.response_ns)
 
     def _watch(self, transaction: Transaction) -> None:
@@ -423,7 +419,9 @@ class Exchange:
                 self.reporter.count("internal.bug", 0, finding.frames[-1] if finding.frames else 0, finding.time_ns)
 
     def note_bug(self, bug: Exception, frame: i64, time_ns: i64) -> None:
-        """Report a bug of ours, or of an observer: the current packet is lost, and the analysis goes on."""
+        """Report a bug of ours, or of an observer: the current packet is lost, and the analysis goes on. Strict: raise it."""
+        if self.strict:
+            raise bug
         self.bug = self.bug or bug
         self.causes.close()  # perhaps it came up while something was judged
         self.reporter.note("internal.bug", 0, [frame], time_ns, f"{type(bug).__name__}: {bug}")

@@ -71,8 +71,6 @@ class IbhNetLink(Protocol):
             try:
                 self._packet(side, packet, frame, time_ns)
             except Exception as bug:
-                if self._exchange.strict:
-                    raise
                 self._exchange.note_bug(bug, frame, time_ns)
             del framer.ends[0]
 

@@ -139,8 +139,6 @@ class IsoOnTcp(Protocol):
                 try:
                     self._tpkt(side, buf, at - length, length, frame, time_ns)
                 except Exception as bug:
-                    if self._exchange.strict:
-                        raise
                     self._exchange.note_bug(bug, frame, time_ns)
                 longest = -1  # the TPKT may have changed it
             if at == end:
@@ -172,8 +170,6 @@ class IsoOnTcp(Protocol):
                     else:
                         self._tpkt(side, packet, 0, len(packet), frame, time_ns)
                 except Exception as bug:
-                    if self._exchange.strict:
-                        raise
                     self._exchange.note_bug(bug, frame, time_ns)
                 del framer.ends[0]
         if framer.buffered:
@@ -248,8 +244,6 @@ class IsoOnTcp(Protocol):
                 self._numbered(side, number, buf, at + 7, frame, time_ns)
             self._s7.take(side, rosctr, pdu_ref, param_length, buf, at + 7, length - 7, frame, time_ns)
         except Exception as bug:
-            if self._exchange.strict:
-                raise
             self._exchange.note_bug(bug, frame, time_ns)
         return length
 

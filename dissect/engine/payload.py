@@ -37,8 +37,6 @@ class PayloadStream(Protocol):
         try:
             self._decoder.stream(side, buf[at : at + size], frame, time_ns)
         except Exception as bug:
-            if self._exchange.strict:
-                raise
             self._exchange.note_bug(bug, frame, time_ns)
 
     def gap(self, side: Side, size: i64, cut: bool, frame: i64, time_ns: i64) -> None:

@@ -8,15 +8,15 @@ no clock, file or thread in here: time comes in with each packet. The stages, in
     S7           take                                  messages to requests and responses (`dissect.engine.s7`)
     Exchange     completed                             transactions and findings, to the `Observer` (`dissect.engine.exchange`)
 
-The fast path goes from `_packet` straight to `IsoOnTcp.usual`. It takes a segment that is next in order and holds one TPKT with
-one DT, and in that a whole S7 PDU. Everything else takes a slower path, through `_slow_frame`, `_lifecycle` or `_irregular`.
+The fast path goes from `_packet` (Ethernet and IPv4) or `_other_frame` (VLANs, other links, IPv6) by `_known` straight to
+`IsoOnTcp.usual`. It takes a segment that is next in order and holds one TPKT with one DT, and in that a whole S7 PDU.
+Everything else takes a slower path, through `_slow_frame`, `_lifecycle` or `_irregular`.
 Sides with something that has to wait are in `Timers`; `Timers.chunks` passes on what is in order again. Every connection begins
 with the protocol `Recognition`, which gives it to the one that it speaks; a new protocol is one more entry of ``streams``.
 """
 
 from __future__ import annotations
 
-import struct
 from typing import Final
 
 from librt.strings import read_i16_be, read_i32_be, read_i64_be
@@ -44,6 +44,7 @@ from dissect.iso.tpkt import MIN_LENGTH, sound_length
 from dissect.source.packet import PacketSink
 from dissect.tcp import stream
 from dissect.tcp.ip import UDP
+from dissect.tcp.segment import usual_places
 from dissect.tcp.stream import ACK, FIN, RST, SYN
 from dissect.transactions import accounts
 from dissect.transactions.accounts import NO_PAYLOAD, PAYLOAD
@@ -55,14 +56,13 @@ from dissect.transactions.retransmission import note_sent_again
 from dissect.transactions.side import Side
 from dissect.transactions.table import ConnectionTable
 from dissect.transactions.transaction import CAPTURE_ENDED, CONNECTION_CLOSED, CONNECTION_EVICTED
-from dissect.wire.build import COMPILED
 from dissect.wire.copies import leaves_as
+from dissect.wire.octets import u16, u32
 
 __all__ = ["Observer", "Options", "Pipeline"]
 
-#: Headers of Ethernet, IPv4 without options, and TCP: the interpreted code reads them with one call, in few wide fields.
-_FUSED: Final = struct.Struct(">12xIH2xI2x12sIIH")
-_FUSED_SIZE: Final = 54
+#: Size of the headers of Ethernet, IPv4 without options, and TCP.
+_HEADERS: Final = 54
 
 #: After each so many captured octets, what all buffers hold is added up; it cannot have grown by more in between.
 LOOK_OCTETS: Final = 32 * 1024 * 1024
@@ -105,7 +105,6 @@ class Pipeline(PacketSink):
         self.connections.table = self.table
         self._dialogue: Dialogue = self.exchange.dialogue
         self._reporter: Reporter = self.exchange.reporter
-        self._strict: bool = chosen.strict
         self._checksums: bool = chosen.checksums
         self._room: Room = Room(chosen.memory)
         self._taken: i64 = 0  # octets captured since the buffers were last added up
@@ -180,8 +179,6 @@ class Pipeline(PacketSink):
         try:
             category = self._packet(buf, start, end, link_type)
         except Exception as bug:
-            if self._strict:
-                raise
             category = accounts.FAILED
             self.exchange.note_bug(bug, counters.frames, time_ns)
         if category == PAYLOAD:
@@ -225,36 +222,28 @@ class Pipeline(PacketSink):
         self._finish(side, CONNECTION_EVICTED)
 
     def _packet(self, buf: bytes, start: i64, end: i64, link_type: i64) -> i64:
-        if link_type != 1 or end - start < _FUSED_SIZE or self._checksums:
-            return self._slow_frame(buf, start, end, link_type)
-        side: Side | None
-        seq: i64
-        ack: i64
-        word: i64
-        total: i64
-        if COMPILED:
-            # Few and wide reads: EtherType to IP identification, fragment offset to IP protocol, TCP sequence and ACK numbers.
-            head: i64 = read_i64_be(buf, start + 12)
-            if head >> 40 != 0x080045 or i64(read_i32_be(buf, start + 20)) & 0x3FFF00FF != 6:
-                return self._slow_frame(buf, start, end, link_type)
-            total = head >> 16 & 0xFFFF
-            side = self.table.find(buf, start + 26)
-            head = read_i64_be(buf, start + 38)
-            seq = head >> 32 & 0xFFFFFFFF
-            ack = head & 0xFFFFFFFF
-            word = i64(read_i16_be(buf, start + 46)) & 0xFFFF
-        else:
-            head, total, rest, key, seq, ack, word = _FUSED.unpack_from(buf, start)
-            if head >> 8 != 0x080045 or rest & 0x3FFF00FF != 6:
-                return self._slow_frame(buf, start, end, link_type)
-            side = self.table.sides.get(key)
+        if link_type != 1 or end - start < _HEADERS or self._checksums:
+            return self._other_frame(buf, start, end, link_type)
+        # Few and wide reads: EtherType to IP identification, fragment offset to IP protocol, TCP sequence and ACK numbers.
+        head: i64 = read_i64_be(buf, start + 12)
+        if head >> 40 != 0x080045 or i64(read_i32_be(buf, start + 20)) & 0x3FFF00FF != 6:
+            return self._other_frame(buf, start, end, link_type)
+        stop: i64 = start + 14 + (head >> 16 & 0xFFFF)
+        side = self.table.find(buf, start + 26, 0)
+        head = read_i64_be(buf, start + 38)
+        seq: i64 = head >> 32 & 0xFFFFFFFF
+        ack: i64 = head & 0xFFFFFFFF
+        word: i64 = i64(read_i16_be(buf, start + 46)) & 0xFFFF
         data: i64 = start + 34 + ((word >> 12) << 2)
-        stop: i64 = start + 14 + total
         if stop > end or data > stop or word < 0x5000:
             return self._slow_frame(buf, start, end, link_type)
         if side is None or word & 7:  # SYN, FIN, RST
             self._link = buf[start : start + 12]
             return self._lifecycle(side, buf[start + 26 : start + 38], 0, seq, ack, word & 0x3F, buf[data:stop], 0)
+        return self._known(side, seq, ack, word, buf, data, stop)
+
+    def _known(self, side: Side, seq: i64, ack: i64, word: i64, buf: bytes, data: i64, stop: i64) -> i64:
+        """Take a packet of a known connection without SYN, FIN and RST, whose payload is ``buf[data:stop]``."""
         if side.longest and word & ACK:
             size: i64 = stop - data
             half = side.stream
@@ -283,8 +272,24 @@ class Pipeline(PacketSink):
                 return PAYLOAD
         return self._segment(side, seq, ack, word, buf[data:stop], 0)
 
+    def _other_frame(self, buf: bytes, start: i64, end: i64, link_type: i64) -> i64:
+        """Take a packet that is not IPv4 in an Ethernet frame without tags: in a VLAN, of another link type, IPv6."""
+        addresses, at, stop, vlan = usual_places(buf, start, end, link_type)
+        word: i64 = u16(buf, at + 12) if addresses >= 0 else 0
+        data: i64 = at + ((word >> 12) << 2)
+        if data > stop or word < 0x5000 or self._checksums:
+            return self._slow_frame(buf, start, end, link_type)
+        side = self.table.find(buf, addresses, vlan) if at - addresses == 8 else self.table.find6(buf, addresses, vlan)
+        seq: i64 = u32(buf, at + 4)
+        ack: i64 = u32(buf, at + 8)
+        if side is None or word & 7:
+            self._link = buf[start : start + 12] if link_type == 1 else b""
+            key = buf[addresses : at + 4] + self.table.tag_of(vlan)
+            return self._lifecycle(side, key, vlan, seq, ack, word & 0x3F, buf[data:stop], 0)
+        return self._known(side, seq, ack, word, buf, data, stop)
+
     def _slow_frame(self, buf: bytes, start: i64, end: i64, link_type: i64) -> i64:
-        """Take a packet of any link type and IP version: find its TCP segment, or return why there is none."""
+        """Take any packet: find its TCP segment, or return why there is none."""
         datagrams = self.datagrams
         found = self.counters.find_segment(buf, start, end, link_type, datagrams is not None, self._checksums)
         if found.problem:
@@ -526,8 +531,6 @@ class Pipeline(PacketSink):
             timers.look_overdue()
             self.exchange.tick(self.counters.now_ns)
         except Exception as bug:
-            if self._strict:
-                raise
             self.exchange.note_bug(bug, self.counters.frames, self.counters.now_ns)
         timers.settle(self.table.lingering)
 
@@ -543,8 +546,6 @@ class Pipeline(PacketSink):
         try:
             self._end(side, peer, reason)
         except Exception as bug:
-            if self._strict:
-                raise
             self.exchange.note_bug(bug, self.counters.frames, self.counters.now_ns)
         # A connection that was never recognised counts only on port 102, where it ought to be ISO-on-TCP.
         if side.connection.state != LEFT_OUT and (side.connection.number or on_102(side)):

@@ -19,7 +19,7 @@ from dissect.tcp.stream import MASK, Endpoint
 from dissect.transactions.connection import Connection
 from dissect.transactions.protocol import Protocol
 from dissect.transactions.side import Side
-from dissect.wire.octets import u16
+from dissect.wire.octets import same, u16
 
 #: How many connections `IdleSearch.step` looks at.
 LOOK_AT_ONCE: Final = 64
@@ -203,7 +203,12 @@ MAX_ALSO: Final = 4
 _PORTS: Final = 4
 _VLAN: Final = 8
 #: The size of an IPv4 key without VLAN.
+#: From this VLAN key on, `Side.ports` cannot tell keys apart: more than two tags.
+_MANY_TAGS: Final = 1 << 24
+#: Instead of ports: that of a side with IPv6 addresses, which no IPv4 packet has.
+_NO_PORTS: Final = 1 << 62
 _KEY4: Final = 8 + _PORTS
+_KEY6: Final = 32 + _PORTS
 #: The first size of the list by which `find` avoids the dictionary; it grows fourfold whenever more sides are open.
 _PLACES: Final = 4096
 
@@ -292,6 +297,8 @@ class ConnectionTable:
         self._doubted: deque[Side] = deque()  # closed connections as well, whose end is in doubt
         self._places: list[Side | None] = [None] * _PLACES
         self._mask: i64 = _PLACES - 1
+        self._vlan: i64 = 0  # what `tag_of` was asked last, and its answer
+        self._tag: bytes = b""
         self._idle: IdleSearch = IdleSearch()
         self.evicted: i64 = 0
         self.half_open_evicted: i64 = 0
@@ -317,26 +324,52 @@ class ConnectionTable:
         table.half_open_evicted = self.half_open_evicted
         return table
 
-    def find(self, buf: bytes, at: i64) -> Side | None:
-        """Return the side that `sides` has for the key at ``at``: the IPv4 addresses and ports of an untagged packet.
+    def find(self, buf: bytes, at: i64, vlan: i64) -> Side | None:
+        """Return the side that `sides` has for the IPv4 addresses and ports at ``at``, and a VLAN key.
 
         The side found last for a key with the same hash is tried first, for which no bytes object is needed.
         """
         addresses: i64 = read_i64_be(buf, at)
-        ports: i64 = i64(read_i32_be(buf, at + 8))
-        places = self._places
+        ports: i64 = i64(read_i32_be(buf, at + 8)) ^ (vlan << 32)
         mixed: i64 = (addresses ^ (addresses >> 29)) + (ports ^ (ports >> 16))
         place: i64 = (mixed ^ (mixed >> 13)) & self._mask
-        side = places[place]
+        side = self._places[place]
         if side is not None and side.ports == ports and side.addresses == addresses:
             return side
-        side = self.sides.get(buf[at : at + _KEY4])
-        if side is not None:
-            side.addresses = addresses
-            side.ports = ports
-            side.place = place
-            places[place] = side
+        key = buf[at : at + _KEY4]
+        side = self.sides.get(key + self.tag_of(vlan) if vlan else key)
+        if side is not None and vlan < _MANY_TAGS:
+            self._keep_place(side, place, addresses, ports)
         return side
+
+    def find6(self, buf: bytes, at: i64, vlan: i64) -> Side | None:
+        """Return the side that `sides` has for the IPv6 addresses and ports at ``at``, and a VLAN key; as `find` does."""
+        end: i64 = at + _KEY6
+        ports: i64 = i64(read_i32_be(buf, at + 32))
+        mixed: i64 = read_i64_be(buf, at) ^ read_i64_be(buf, at + 8) ^ (read_i64_be(buf, at + 24) >> 1)
+        mixed = (mixed ^ (mixed >> 29)) + (ports ^ (ports >> 16))
+        place: i64 = (mixed ^ (mixed >> 13)) & self._mask
+        side = self._places[place]
+        if side is not None and vlan == 0 and same(side.key, buf, at, end):
+            return side
+        key = buf[at:end]
+        side = self.sides.get(key + self.tag_of(vlan) if vlan else key)
+        if side is not None and vlan == 0:
+            self._keep_place(side, place, 0, _NO_PORTS)
+        return side
+
+    def _keep_place(self, side: Side, place: i64, addresses: i64, ports: i64) -> None:
+        side.addresses = addresses
+        side.ports = ports
+        side.place = place
+        self._places[place] = side
+
+    def tag_of(self, vlan: i64) -> bytes:
+        """Return what the key of a packet with this VLAN key ends with, empty for none; mostly that of the packet before."""
+        if vlan != self._vlan:
+            self._vlan = vlan
+            self._tag = int(vlan).to_bytes(_VLAN, "big") if vlan else b""
+        return self._tag
 
     def _leave_place(self, side: Side) -> None:
         if 0 <= side.place < len(self._places) and self._places[side.place] is side:
