@@ -60,28 +60,49 @@ def test_a_side_is_found_as_long_as_its_connection_is_open() -> None:
     keys = [key(number) for number in range(3000)]
     for turn in range(2):
         for number, one in enumerate(keys):
-            assert table.find(b"??" + one + b"?", 2) is None
+            assert table.find(b"??" + one + b"?", 2, 0) is None
             side = table.open(one, 0, number, turn)
             for _ in range(2):
-                assert table.find(b"??" + one + b"?", 2) is side
-                assert table.find(reverse_key(one), 0) is side.peer
+                assert table.find(b"??" + one + b"?", 2, 0) is side
+                assert table.find(reverse_key(one), 0, 0) is side.peer
             if number % 2:
                 table.remove(side)
-                assert table.find(one, 0) is None
+                assert table.find(one, 0, 0) is None
         for one in keys:
-            assert table.find(one, 0) is table.sides.get(one)
+            assert table.find(one, 0, 0) is table.sides.get(one)
         for side in table.all_open():
             table.remove(side)
+
+
+@pytest.mark.parametrize("vlan", [0, 5, 7 << 12 | 5, 1 << 24 | 5, 5 << 36])
+@pytest.mark.parametrize("base", [V4, V6])
+def test_a_side_is_found_in_its_vlan_only(base: bytes, vlan: int) -> None:
+    table = ConnectionTable()
+    tag = vlan.to_bytes(8, "big") if vlan else b""
+    others = [other for other in (0, 5, 6, 7 << 12 | 5, 1 << 24 | 5, 2 << 24 | 5, 5 << 36) if other != vlan]
+    find = table.find if base is V4 else table.find6
+    side = table.open(base + tag, vlan, 1, 1)
+    for _ in range(2):
+        assert find(b"?" + base, 1, vlan) is side
+        assert find(reverse_key(base), 0, vlan) is side.peer
+        assert [find(base, 0, other) for other in others] == [None] * len(others)
+    beside = [table.open(base + (other.to_bytes(8, "big") if other else b""), other, 2, 2) for other in others]
+    for _ in range(2):
+        assert [find(base, 0, other) for other in others] == beside
+        assert find(base, 0, vlan) is side
+    table.remove(side)
+    assert find(base, 0, vlan) is None
+    assert [find(base, 0, other) for other in others] == beside
 
 
 def test_who_takes_the_addresses_of_another_is_found_in_its_place() -> None:
     table = ConnectionTable()
     first = table.open(V4, 0, 1, 1)
-    assert table.find(V4, 0) is first
+    assert table.find(V4, 0, 0) is first
     second = table.open(V4, 0, 2, 2)
-    assert table.find(V4, 0) is second
+    assert table.find(V4, 0, 0) is second
     table.remove(first)
-    assert table.find(V4, 0) is second
+    assert table.find(V4, 0, 0) is second
 
 
 def test_a_connection_of_an_address_with_itself_can_be_told_and_leave() -> None:
