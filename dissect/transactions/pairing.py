@@ -69,6 +69,7 @@ from dissect.transactions.results import (
 from dissect.transactions.transaction import (
     ANSWERED,
     CAPTURE_ENDED,
+    CONNECTION_EVICTED,
     HOLE,
     ONE_SIDED,
     PUSH,
@@ -544,8 +545,8 @@ class Dialogue:
                 transaction.reason = HOLE
                 transaction._flags |= GAPS
             elif not answering.captured:
-                transaction.reason = ONE_SIDED
                 transaction._flags |= EXPECTED
+                transaction.reason = ONE_SIDED if reason != CONNECTION_EVICTED else reason
         transaction.connection.unanswered += 1
         self.also.append(transaction)
 

@@ -38,6 +38,7 @@ from dissect.transactions.payloads import SCD, ScdMessage, ScdParameters
 from dissect.transactions.results import (
     BEHIND,
     DOUBTS,
+    EXPECTED,
     GAPS,
     ITEM,
     MESSAGE,
@@ -338,7 +339,7 @@ class Transaction(OldNames):
     @property
     def unseen(self) -> bool:
         """True when an answer was or may have been sent, and not captured: a gap, or only one direction was captured."""
-        return self._outcome == UNANSWERED and (self.reason == HOLE or self.reason == ONE_SIDED)
+        return self._outcome == UNANSWERED and (self.reason == HOLE or self._flags & EXPECTED != 0)
 
     @property
     def failed(self) -> bool:

@@ -367,7 +367,7 @@ def test_too_many_connections_push_out_the_idle_ones() -> None:
     assert result.counts["stream.evicted"] == evicted
     reasons = [one.reason for one in result.transactions]
     assert reasons.count("connection_evicted") == evicted
-    assert reasons.count("capture_ended") == count - evicted
+    assert reasons.count("one_sided") == count - evicted
     # The longest idle ones had to go.
     assert [one.reason for one in result.transactions[:evicted]] == ["connection_evicted"] * evicted
     assert {one.request_frame for one in result.transactions[:evicted]} == set(range(1, evicted + 1))

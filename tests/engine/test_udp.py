@@ -128,7 +128,7 @@ def test_too_many_conversations_are_told() -> None:
     talk.pipeline.finish()
     reasons = [one.reason for one in talk.transactions]
     assert reasons.count("connection_evicted") == len(gone) > 0
-    assert reasons.count("capture_ended") == 10_000 - len(gone)
+    assert reasons.count("one_sided") == 10_000 - len(gone)
     talk.pipeline.exchange.report_findings()
     assert talk.pipeline.finding_counts["stream.evicted"] == len(gone)
 
