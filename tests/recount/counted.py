@@ -38,7 +38,9 @@ def _writes(rows: list[Json]) -> list[Json] | None:
 
 def _is_write(one: Json) -> bool:
     if one.get("s7plus"):
-        return bool(one["function"]["name"] == _PLUS_WRITE) and any([item.get("area") is not None for item in one["items"]])
+        return bool(one["function"]["name"] == _PLUS_WRITE) and any(
+            [item.get("area") is not None for item in one["items"]]
+        )
     return bool(one["rosctr"] == _JOB and one["function"]["code"] == _WRITE)
 
 
