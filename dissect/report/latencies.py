@@ -81,6 +81,8 @@ class Latencies:
 
     def quantile(self, q: float) -> int | None:
         """Return the answer time, in nanoseconds, that a share ``q`` (0 to 1) of all does not exceed; None without answers."""
+        if not 0 <= q <= 1:
+            raise ValueError(f"expected a share from 0 to 1, got {q}")
         if self.count == 0:
             return None
         rank: int = max(1, int(-(-(q * int(self.count)) // 1)))

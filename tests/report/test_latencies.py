@@ -184,3 +184,11 @@ def test_buckets_are_found_alike_by_either_way(latency_ns: int) -> None:
             patch.setattr("dissect.report.latencies.COMPILED", compiled)
             found.append(_bucket(latency_ns))
     assert found[0] == found[1]
+
+
+@pytest.mark.parametrize("share", [-0.1, 1.5, 95, math.nan])
+def test_what_is_no_share_is_refused(share: float) -> None:
+    latencies = Latencies()
+    latencies.add(5)
+    with pytest.raises(ValueError, match="expected a share from 0 to 1"):
+        latencies.quantile(share)
