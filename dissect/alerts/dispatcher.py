@@ -28,7 +28,8 @@ class SpoolLane:
     """A lane (see `Lane`) for an action whose alerts wait on disk.
 
     One thread writes alerts to ``spool``, others deliver them from there. While the receiver does not answer, the most severe
-    alert is tried after 1, 2, 4 … 60 s. An alert that the receiver refuses for good is dropped.
+    alert is tried after 1, 2, 4 … 60 s. An alert that the receiver refuses for good is dropped. A folder that cannot be used
+    at the start is tried again as often, when there is an alert for it; until then alerts wait in memory.
     """
 
     def __init__(
@@ -51,6 +52,8 @@ class SpoolLane:
         self._over = False
         self._not_before = 0.0
         self._pause = FIRST_S
+        self._reopen_at = 0.0
+        self._reopen_pause = FIRST_S
         self._threads: list[threading.Thread] = []
 
     def start(self) -> None:
@@ -59,6 +62,7 @@ class SpoolLane:
             if self._threads or self._closed:
                 return
             self.spool.open()
+            self._reopen_at = self._clock() + FIRST_S
             left = len(self.spool)
             trouble = self.spool.trouble
             workers = [self._write, *[self._deliver] * self.action.parallel]
@@ -124,6 +128,9 @@ class SpoolLane:
                 if alert is None:
                     continue
                 self._writing += 1
+                back = self._reopened()
+            if back:
+                self._complaints.say(f"alerts wait in {self.spool.folder} again")
             # Without the lock: a disk may take seconds, and the capturing thread would have to wait for the lock.
             written = self.spool.write(RANKS[alert.severity], alert.as_json().encode("ascii"))
             with self._changed:
@@ -138,6 +145,16 @@ class SpoolLane:
                 self._complaints.about("room", f"the spool is full, dropped: {words.count(len(dropped), 'alert')}")
             if trouble:
                 self._complaints.about("spool", f"{trouble}: alerts wait in memory only")
+
+    def _reopened(self) -> bool:
+        """Try again, when it is time, a folder that could not be used; return whether it can now. Needs the lock."""
+        now = self._clock()
+        if self.spool.is_open or now < self._reopen_at:
+            return False
+        self.spool.open()
+        self._reopen_at = now + self._reopen_pause
+        self._reopen_pause = min(self._reopen_pause * 2, LONGEST_S)
+        return self.spool.is_open
 
     def _deliver(self) -> None:
         """Deliver alerts from disk; runs in a thread."""

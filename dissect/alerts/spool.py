@@ -108,6 +108,11 @@ class Spool:
             return
         self.trouble = f"{self.folder}: {_MAX_FOLDERS} processes already use it"
 
+    @property
+    def is_open(self) -> bool:
+        """Whether the folder is this process's, so that alerts can wait there."""
+        return self._lock is not None
+
     def write(self, rank: int, content: bytes) -> Spooled:
         """Write an alert to disk, if possible; call `keep` next."""
         self._number = (self._number + 1) % 1_000_000

@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import threading
+import time
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
 from dissect.alerts import Alert, AlertEngine, Dispatcher, spool
 from dissect.alerts.actions import Action, DeliveryError, Posting
+from dissect.alerts.dispatcher import SpoolLane
 from dissect.alerts.loading import parse_rules
+from dissect.alerts.spool import Spool
 from dissect.wire.saving import save
 from tests.alerts.rules_of import alert
 from tests.baseline.wire import Client, Wire
@@ -204,3 +208,52 @@ def test_from_the_wire_to_stderr(capsys: pytest.CaptureFixture[str]) -> None:
         wire.finish()
         engine.finish()
     assert "ALERT warning  writes: " in capsys.readouterr().err
+
+
+class Down(Posting):
+    """A receiver that never answers."""
+
+    def post(self, content: bytes) -> None:
+        raise DeliveryError("nobody there")
+
+
+def test_a_folder_that_could_not_be_used_at_the_start_is_used_again(tmp_path: Path) -> None:
+    folder = tmp_path / "state"
+    folder.write_bytes(b"")  # a file is in the way
+    now = [1000.0]
+    told: list[str] = []
+    dispatcher = Dispatcher({"hook": Down("hook", 1, folder)}, tell=told.append, clock=lambda: now[0])
+    dispatcher.prepare()
+    dispatcher.start()
+    dispatcher.submit(alert("in memory", actions=("hook",)))
+    soon(lambda: any("nobody there" in line for line in told))
+    folder.unlink()
+    dispatcher.submit(alert("too early", actions=("hook",)))
+    soon(lambda: len(dispatcher_spool(dispatcher)) == 2)
+    assert not list(tmp_path.rglob("*.json"))
+    now[0] += 2
+    dispatcher.submit(alert("on disk", actions=("hook",)))
+    soon(lambda: len(list(tmp_path.rglob("*.json"))) == 1)
+    dispatcher.close(0.0)
+    assert any("memory only" in line or "are lost" in line for line in told)
+    assert any("alerts wait in" in line and line.endswith("again") for line in told)
+    assert dispatcher.counts["hook"].dropped == 2  # those in memory
+    later = Posted("hook", 1, folder)
+    with Dispatcher({"hook": later}, tell=told.append) as next_run:
+        next_run.start()
+        soon(lambda: bool(later.contents))
+    assert [b"on disk" in content for content in later.contents] == [True]
+
+
+def soon(holds: Callable[[], bool]) -> None:
+    """Wait until something holds; fails when it does not in good time."""
+    end = time.monotonic() + WAIT
+    while not holds():
+        assert time.monotonic() < end
+        time.sleep(0.01)
+
+
+def dispatcher_spool(dispatcher: Dispatcher) -> Spool:
+    lane = dispatcher._lanes["hook"]
+    assert isinstance(lane, SpoolLane)
+    return lane.spool
