@@ -10,6 +10,7 @@ Everything between the pipeline and a `Transaction` is here. The state of a devi
 
 from __future__ import annotations
 
+from collections import OrderedDict
 from typing import TYPE_CHECKING, Any, Final
 
 from dissect.bindings.binding import Binding, Bindings
@@ -70,7 +71,7 @@ class ScdCarrier(PayloadDecoder):
         self.devices = Devices(dictionary)
         self._numbers = {id(binding): number for number, binding in enumerate(bindings.all)}
         self._functions: dict[str, int] = {}
-        self._joiners: dict[int, Joiner] = {}
+        self._joiners: OrderedDict[int, Joiner] = OrderedDict()
         self._pdos: dict[str, Pdo] = {}
         self._exchange: Exchange
         self._judge: ScdJudge

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import OrderedDict
 from typing import TYPE_CHECKING, Final
 
 from dissect.bindings.devices import Device, Devices, is_rewritten
@@ -57,7 +58,7 @@ class ScdJudge:
         self._devices = devices
         self._dictionary = devices.dictionary
         self._evidence = Evidence(devices.dictionary)
-        self._counters: dict[int, dict[tuple[int, str], int]] = {}
+        self._counters: OrderedDict[int, dict[tuple[int, str], int]] = OrderedDict()
 
     # ---- messages of their own --------------------------------------------------------------------------------------
 

@@ -5,6 +5,7 @@ S7comm-plus blocks are left out: it is not known which of their parts a CPU chan
 
 from __future__ import annotations
 
+from collections import OrderedDict
 from typing import TYPE_CHECKING, Final
 
 from dissect.findings.reporter import Reporter
@@ -57,7 +58,7 @@ class BlockWatch:
 
     def __init__(self, reporter: Reporter) -> None:
         self._reporter = reporter
-        self._known: dict[tuple[str, str], Known] = {}
+        self._known: OrderedDict[tuple[str, str], Known] = OrderedDict()
         self._octets = 0
         self._code: CodeRules | None = None
 

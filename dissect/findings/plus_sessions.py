@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import OrderedDict
 from typing import Final
 
 from mypy_extensions import i64
@@ -33,7 +34,9 @@ class PlusSessions:
 
     def __init__(self, security: SecurityWatch) -> None:
         self._security = security
-        self._given: dict[tuple[str, int], int] = {}  # the number of the connection, by CPU and session
+        self._given: OrderedDict[tuple[str, int], int] = (
+            OrderedDict()
+        )  # the number of the connection, by CPU and session
 
     def take(self, session: PlusSession, transaction: Transaction) -> None:
         """Judge the use of a session; call this before the contents of the transaction are looked at."""

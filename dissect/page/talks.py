@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import OrderedDict
 from typing import Final
 
 from dissect.findings.catalogue import SEVERITIES
@@ -45,7 +46,7 @@ class Talks:
         self.pairs: dict[tuple[str, str, int], Pair] = {}  # by client, server and their VLAN
         self.not_told_apart = 0
         self._waiting: dict[int, str] = {}
-        self._over: dict[int, Pair] = {}
+        self._over: OrderedDict[int, Pair] = OrderedDict()
 
     def finding(self, connection: int, severity: str) -> None:
         """Take the severity of a finding on a connection, which may be open or over."""

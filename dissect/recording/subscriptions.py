@@ -62,8 +62,8 @@ class SubscriptionBook:
             going.update({id(operation): operation for operation in one.connection.operations.these})
         running = {number for operation in going.values() for number in operation.transactions}
         self._asked = {number: one for number, one in self._asked.items() if number in running}
-        while len(self._asked) >= MAX_KEPT:
-            del self._asked[next(iter(self._asked))]
+        if len(self._asked) >= MAX_KEPT:  # a quarter at once: each time all of them are looked at
+            self._asked = dict(list(self._asked.items())[MAX_KEPT // 4 :])
         self._look_at = min(max(_MANY, 2 * len(self._asked)), MAX_KEPT)
 
 

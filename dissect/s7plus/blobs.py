@@ -8,6 +8,7 @@ dictionary contains. So an empty dictionary is enough to check whether a stream 
 from __future__ import annotations
 
 import zlib
+from collections import OrderedDict
 from collections.abc import Mapping
 from typing import Final
 
@@ -74,7 +75,7 @@ class SoundBlobs:
     __slots__ = ("_kept", "_sizes")
 
     def __init__(self) -> None:
-        self._sizes: dict[bytes, int] = {}
+        self._sizes: OrderedDict[bytes, int] = OrderedDict()
         self._kept = 0
 
     def size(self, octets: bytes) -> int:

@@ -6,6 +6,7 @@ block, with a list of its variables and a list of their names.
 
 from __future__ import annotations
 
+from collections import OrderedDict
 from typing import Final
 
 from mypy_extensions import i64
@@ -72,7 +73,7 @@ class Program:
     __slots__ = ("_count", "_of_areas", "_types", "stamp")
 
     def __init__(self) -> None:
-        self._types: dict[int, TypeInformation] = {}
+        self._types: OrderedDict[int, TypeInformation] = OrderedDict()
         self._of_areas: dict[int, int] = {}  # results of `_type_of`
         self._count = 0
         self.stamp: i64 = 0

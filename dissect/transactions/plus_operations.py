@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+from collections import OrderedDict
 from typing import Final
 
 from mypy_extensions import i64
@@ -131,7 +132,7 @@ class PlusOperations:
         self._holding: dict[int, PlusOpen] = {}  # connections with open operations, by number
         self._count = 0  # how many operations these have
         self._most = _MANY
-        self._polling: dict[int, PlusOpen] = {}  # connections with polls, by number
+        self._polling: OrderedDict[int, PlusOpen] = OrderedDict()  # connections with polls, by number
         self._poll_count = 0
 
     def take(self, event: Event, session: PlusSession, transaction: Transaction, code: int, kind: str = "") -> None:

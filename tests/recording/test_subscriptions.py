@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
 
@@ -129,3 +131,21 @@ def test_with_too_many_jobs_the_oldest_leave_and_are_counted(monkeypatch: pytest
     assert len(noting.book._asked) <= 10
     assert noting.book.of(noting.pushes[0]) == []
     assert noting.book.forgotten == 1
+
+
+def test_at_the_bound_all_are_looked_at_now_and_then(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each look goes over all that is kept: at one for each request, a long capture would take the square of its length."""
+    monkeypatch.setattr(subscriptions, "MAX_KEPT", 64)
+    looks: list[int] = []
+    drop = SubscriptionBook._drop
+    monkeypatch.setattr(SubscriptionBook, "_drop", lambda book: (looks.append(len(book._asked)), drop(book)))
+    running = SimpleNamespace(transactions=range(10_000))  # one operation to which all requests belong
+    connection = SimpleNamespace(operations=SimpleNamespace(these=[running]))
+    book = SubscriptionBook()
+    for number in range(640):
+        request: Any = SimpleNamespace(
+            number=number, connection=connection, request_ns=number, response_ns=0, is_plus=True, _outcome=-1
+        )
+        book.note(request, [number], [])
+    assert len(looks) <= 640 // 16 + 1
+    assert len(book._asked) > 32
