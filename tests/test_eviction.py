@@ -1,7 +1,7 @@
 """What makes room by forgetting its oldest entry does so in constant time.
 
-The first key of a dict whose first entries were deleted is found by stepping over what they left: 65,536 entries cost 120 µs for
-each new one. An `OrderedDict` keeps its first entry at hand.
+The first key of a dict whose first entries were deleted is found by stepping over what they left: of 65,536 entries that
+takes 120 µs for each new one. An `OrderedDict` keeps its first entry at hand.
 """
 
 from __future__ import annotations

@@ -142,10 +142,10 @@ def test_at_the_bound_all_are_looked_at_now_and_then(monkeypatch: pytest.MonkeyP
     running = SimpleNamespace(transactions=range(10_000))  # one operation to which all requests belong
     connection = SimpleNamespace(operations=SimpleNamespace(these=[running]))
     book = SubscriptionBook()
-    for number in range(640):
-        request: Any = SimpleNamespace(
-            number=number, connection=connection, request_ns=number, response_ns=0, is_plus=True, _outcome=-1
-        )
+    of_plus = SimpleNamespace(userdata=None)
+    for number in range(1, 641):
+        request: Any = SimpleNamespace(number=number, connection=connection, request_ns=number, response_ns=0)
+        request.is_plus, request.parameters, request._outcome = True, of_plus, -1
         book.note(request, [number], [])
     assert len(looks) <= 640 // 16 + 1
     assert len(book._asked) > 32
