@@ -66,10 +66,18 @@ class Batches:
         arrays: dict[str, Any] = {name: _array(pa, values, self._kinds[name]) for name, values in some.columns.items()}
         for part in some.parts:
             arrays.update(zip(part.names, self._part(part, runs), strict=True))
+        return self._whole(arrays)
+
+    def with_derived(self, batch: Any) -> Any:
+        """Return a record batch of the stored columns with those that are another reading of them."""
+        return self._whole(dict(zip(batch.schema.names, batch.columns, strict=True)))
+
+    def _whole(self, arrays: dict[str, Any]) -> Any:
         for column in self.table.columns:
             if column.of:
                 arrays[column.name] = arrays[column.of].view(self._kinds[column.name])
-        return pa.RecordBatch.from_arrays([arrays[column.name] for column in self.table.columns], schema=self.schema)
+        columns = [arrays[column.name] for column in self.table.columns]
+        return self._pa.RecordBatch.from_arrays(columns, schema=self.schema)
 
     def _part(self, part: Part, runs: dict[int, Any]) -> list[Any]:
         """Return the columns of a part as arrays. Arrays of shared rows are made anew only when rows were added.

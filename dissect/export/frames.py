@@ -9,7 +9,7 @@ from dissect.config.hints import close_names
 from dissect.engine.pipeline import Options
 from dissect.export.extras import needed
 from dissect.export.feed import TableFeed
-from dissect.export.sql import MemorySink
+from dissect.export.packed import PackedTables
 from dissect.export.tables import chosen_tables
 from dissect.session import KeyLogFiles, Tags, prepared_run
 from dissect.source.given import Source
@@ -25,35 +25,36 @@ LIBRARIES: Final = ("pandas", "polars", "arrow")
 class Frames:
     """Data frames by the names of their tables: ``frames["items"]`` or ``frames.items``; iterating yields the names.
 
-    A frame is made when it is first accessed.
+    A frame is made when it is first accessed; until then the rows of its table are kept compressed.
     """
 
-    def __init__(self, tables: dict[str, Any], library: str) -> None:
+    def __init__(self, tables: PackedTables, library: str) -> None:
         self._tables = tables
         self._library = library
         self._made: dict[str, Any] = {}
 
     def __repr__(self) -> str:
-        return f"Frames({', '.join([f'{name}: {table.num_rows}' for name, table in self._tables.items()])})"
+        return f"Frames({', '.join([f'{name}: {rows}' for name, rows in self._tables.rows.items()])})"
 
     def __iter__(self) -> Any:
-        return iter(self._tables)
+        return iter(self._tables.rows)
 
     def __len__(self) -> int:
-        return len(self._tables)
+        return len(self._tables.rows)
 
     def __dir__(self) -> list[str]:
         """Return the names of the tables, too, so that interactive completion offers them."""
-        return sorted([*super().__dir__(), *self._tables])
+        return sorted([*super().__dir__(), *self._tables.rows])
 
     def __getitem__(self, name: str) -> Any:
         """Return the frame of a table. KeyError for one that was not read."""
-        if name not in self._tables:
-            near = close_names(name, self._tables)
-            hint = f"; did you mean {' or '.join(near)}?" if near else f"; there are {', '.join(self._tables)}"
+        names = self._tables.rows
+        if name not in names:
+            near = close_names(name, names)
+            hint = f"; did you mean {' or '.join(near)}?" if near else f"; there are {', '.join(names)}"
             raise KeyError(f"no table {encodable(name)!r}{hint}")
         if name not in self._made:
-            self._made[name] = _frame(self._tables[name], self._library)
+            self._made[name] = _frame(self._tables.table(name), self._library)
         return self._made[name]
 
     def __getattr__(self, name: str) -> Any:
@@ -92,13 +93,13 @@ def frames(
     for name in {"pyarrow", library} - {"arrow"}:
         needed(name, "dissect.frames")
     chosen = chosen_tables([tables] if isinstance(tables, str) else tables)
-    sink = MemorySink(chosen)
+    sink = PackedTables(chosen)
     feed = TableFeed(chosen, sink)
     run = prepared_run([path, *more], feed, Options(slow_ns, checksums=checksums), where, tags, tls_keys)
     feed.begin(run.files)
     run.read()
     feed.finish(run.pipeline, run.files)
-    return Frames(sink.tables(), library)
+    return Frames(sink, library)
 
 
 def _frame(table: Any, library: str) -> Any:

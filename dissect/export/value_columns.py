@@ -25,6 +25,8 @@ class ValueColumns:
         self.variables: Shared = Shared([])
         self._route_of: dict[int, int] = {}
         self._variable_of: dict[tuple[Variable, str], int] = {}
+        #: By index of the variable: its latest value, as number and as text.
+        self._latest: dict[int, tuple[object, float | None, str | None]] = {}
         self._begin()
 
     def _begin(self) -> None:
@@ -46,21 +48,30 @@ class ValueColumns:
             self._route_of = {}
         if self.variables.bounded():
             self._variable_of = {}
+            self._latest = {}
 
     def add(self, row: ValueRow) -> int:
         """Add a value; return how many there are now."""
         self.packets.add(row.frame)
         self.times.append(int(row.time_ns))
         self.routes_at.append(self._route(row))
-        self.variables_at.append(self._variable(row.variable))
-        number, text = shown(row.value)
-        self.numbers.append(number)
-        self.texts.append(text)
+        at = self._variable(row.variable)
+        self.variables_at.append(at)
+        self._value(at, row.value)
         self.data.append(row.data)
         self.changed.append(None if row.first else row.changed)
-        self.previous.append(shown(row.previous)[0] if row.previous is not None else None)
+        before = row.previous
+        self.previous.append(float(before) if isinstance(before, (int, float)) else None)
         self.remarks.append(encodable(row.remark) if row.remark else None)
         return len(self.data)
+
+    def _value(self, at: int, value: object) -> None:
+        """Add a value of the variable with this index. One that is polled and stays is the same object: it is written once."""
+        known = self._latest.get(at)
+        if known is None or known[0] is not value:
+            known = self._latest[at] = (value, *shown(value))
+        self.numbers.append(known[1])
+        self.texts.append(known[2])
 
     def _route(self, row: ValueRow) -> int:
         """Return the index of the row with connection, hosts, and what was done."""

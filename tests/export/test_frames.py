@@ -9,7 +9,10 @@ from typing import Any, Final
 import pytest
 
 import dissect
+from dissect.export.arrow import Batches
+from dissect.export.packed import PackedTables
 from dissect.export.tables import TABLES
+from dissect.export.value_columns import shown
 from tests.export.support import rows_of
 from tests.report.support import ROOT
 
@@ -79,3 +82,26 @@ def test_every_cell_of_the_notebook_runs(monkeypatch: pytest.MonkeyPatch) -> Non
     assert names["by_hour"].to_numpy().sum() == len(names["writes"]) > 0
     assert list(names["by_function"].index)
     assert names["slow"].collect().height > 0
+
+
+def test_tables_that_nobody_asked_for_stay_compressed() -> None:
+    table = TABLES["transactions"]
+    rows = [tuple(row[column.name] for column in table.stored) for row in rows_of(ERRORS)[table.name]] * 100
+    packed = PackedTables([table])
+    packed.take(table, rows)
+    plain = Batches(table).batch(rows)
+    assert packed.table(table.name).to_batches()[0].equals(plain)
+    assert 0 < sum(len(one) for one in packed._kept[table.name]) < plain.nbytes / 2
+    assert packed.rows == {table.name: len(rows)}
+
+
+def test_a_value_that_stays_has_number_and_text_in_each_row() -> None:
+    """The text of a value is written once while the value stays."""
+    path = ROOT / "captures" / "multi-items.pcapng"
+    rows = list(dissect.values(path))
+    table = dissect.frames(path, library="arrow", tables="values").values
+    texts, numbers = table["text"].to_pylist(), table["number"].to_pylist()
+    assert [shown(row.value) for row in rows] == list(zip(numbers, texts, strict=True))
+    assert table["previous_number"].to_pylist() == [shown(row.previous)[0] for row in rows]
+    assert any(not row.changed for row in rows)
+    assert any(row.changed and not row.first for row in rows)
