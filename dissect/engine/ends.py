@@ -81,6 +81,17 @@ def look(counters: Counters, side: Side) -> None:
             counters.note_of("stream.reset_ignored", [int(doubt.frame)], doubt.time_ns, detail, side.connection.number)
 
 
+def note_quiet(side: Side) -> None:
+    """A FIN or RST comes, perhaps after idle time: what was acknowledged before it and not captured is missing since before."""
+    peer = side.peer
+    if peer is None:
+        return
+    for end in (side, peer):
+        if end.unseen > 0 and end.stream.shown == 0:
+            end.stream.shown = end.unseen
+            end.stream.gap_ns = end.tcp.last_ns
+
+
 def note_unseen(counters: Counters, side: Side, peer: Side) -> bool:
     """The connection is over: what a side is known to have sent and the capture does not have is a gap; return whether any is.
 
@@ -92,7 +103,9 @@ def note_unseen(counters: Counters, side: Side, peer: Side) -> bool:
     for end in (side, peer):
         missing: i64 = _unseen(end)
         if missing > 0 and end.stream.next_seq >= 0:
+            shown_ns: i64 = end.stream.gap_ns if missing <= end.stream.shown else end.tcp.last_ns
             end.stream.skip(missing, end.tcp.last_frame, end.tcp.last_ns)
+            end.stream.gap_ns = shown_ns
     return bool(side.stream.ready or peer.stream.ready)
 
 

@@ -80,6 +80,7 @@ class HalfStream:
         "position",
         "ready",
         "repeats",
+        "shown",
         "start_seq",
     )
 
@@ -93,6 +94,7 @@ class HalfStream:
         self.ready: list[Chunk] = _NOTHING
         self.conflicts: i64 = 0
         self.gap_ns: i64 = 0  # time of the packet that shows the latest gap
+        self.shown: i64 = 0  # octets that are missing at the end, as far as packets before the first FIN or RST show
         # The two latest stretches passed on in place, to compare a retransmission with.
         self.last: bytes = b""
         self.last_at: i64 = 0

@@ -99,6 +99,22 @@ def test_the_time_of_a_gap_is_not_the_idle_time_after_it(tmp_path: Path, idle_s:
     assert gap.end_ns == packets[shown - 1].time_ns
 
 
+@pytest.mark.parametrize("idle_s", [0, 3600])
+@pytest.mark.parametrize("reset", [True, False])
+def test_a_gap_that_only_an_acknowledgement_shows_ends_with_it(tmp_path: Path, idle_s: int, reset: bool) -> None:
+    """The answer is missing, the client acknowledged it, and the connection was closed much later."""
+    talk = polled([1, 1, 1])
+    talk.send(0, dt(messages.read_job(20, [WORD])))
+    asked = len(talk.packets())
+    talk.skip(1, 400).ack(0)
+    packets = (talk.reset(0) if reset else talk.close()).packets(step_ns=10 * MS)
+    late = [packet._replace(time_ns=packet.time_ns + idle_s * 10**9) for packet in packets[asked + 1 :]]
+    found = gathered_of([saved(tmp_path / "a.pcapng", [*packets[: asked + 1], *late])])
+    (gap,) = found.gaps
+    assert gap.why == "400 bytes are missing"
+    assert packets[0].time_ns < gap.begin_ns <= gap.end_ns == packets[asked].time_ns
+
+
 def test_files_apart_leave_a_gap_of_all(tmp_path: Path) -> None:
     first = saved(tmp_path / "a.pcapng", polled([1]).packets())
     later = saved(tmp_path / "b.pcapng", polled([2], 40001).packets(start_ns=EPOCH_NS + 3600 * 10**9))
