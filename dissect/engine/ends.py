@@ -15,7 +15,7 @@ from mypy_extensions import i64
 from dissect.engine import attempts
 from dissect.engine.counters import Counters
 from dissect.tcp.doubt import HOLDS, REFUTED
-from dissect.tcp.stream import ACK, MASK, RST, SYN, WINDOW
+from dissect.tcp.stream import ACK, FIN, MASK, RST, SYN, WINDOW
 from dissect.transactions.connection import FOREIGN, LEFT_OUT
 from dissect.transactions.side import Rival, Side
 from dissect.transactions.table import ConnectionTable
@@ -81,10 +81,10 @@ def look(counters: Counters, side: Side) -> None:
             counters.note_of("stream.reset_ignored", [int(doubt.frame)], doubt.time_ns, detail, side.connection.number)
 
 
-def note_quiet(side: Side) -> None:
-    """A FIN or RST comes, perhaps after idle time: what was acknowledged before it and not captured is missing since before."""
+def note_quiet(side: Side, flags: i64) -> None:
+    """Where a FIN or RST comes, perhaps after idle time: what was acknowledged before it and not captured is missing by then."""
     peer = side.peer
-    if peer is None:
+    if peer is None or not flags & (FIN | RST):
         return
     for end in (side, peer):
         if end.unseen > 0 and end.stream.shown == 0:

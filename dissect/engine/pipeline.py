@@ -349,8 +349,7 @@ class Pipeline(PacketSink):
             seq = (seq + 1) & stream.MASK
             if side.stream.next_seq < 0:
                 side.begin(seq)
-        if flags & (RST | FIN):
-            ends.note_quiet(side)
+        ends.note_quiet(side, flags)
         category = self._segment(side, seq, ack, flags, octets, missing)
         was_closed = side.tcp.closed
         if flags & (RST | FIN):

@@ -47,7 +47,7 @@ def phrase(connection: Connection, places: Places) -> str:
     elif ending.how in {DISCONNECT, ERROR_TPDU}:
         tpdu = "disconnect request" if ending.how == DISCONNECT else "error TPDU"
         reason = connection.iso_ended.partition(": ")[2]
-        said = f"closed by the {connection.role(connection.iso_ended_by)} (COTP {tpdu}, {reason})"
+        said = f"closed by the {connection.role(ending.side)} (COTP {tpdu}, {reason})"
     else:
         role = connection.role(ending.side)
         said = f"{'closed' if ending.how == FIN else 'reset'} by the {role} at {places.phrase([int(ending.frame)])}"
