@@ -82,7 +82,7 @@ def look(counters: Counters, side: Side) -> None:
 
 
 def note_quiet(side: Side, flags: i64) -> None:
-    """Where a FIN or RST comes, perhaps after idle time: what was acknowledged before it and not captured is missing by then."""
+    """At a FIN or RST, perhaps after idle time: what is acknowledged and not captured by then has been missing since before."""
     peer = side.peer
     if peer is None or not flags & (FIN | RST):
         return
