@@ -10,17 +10,40 @@ _LOCAL: Final = 2
 LOCALLY_ADMINISTERED: Final = "locally administered"
 #: Digits of the prefixes that are assigned to vendors, the longest first.
 _DIGITS: Final = (9, 7, 6)
+#: From so many look-ups on, a dictionary is cheaper than searching the text of the list.
+_MANY: Final = 100
 
 
 def vendor(mac: str) -> str:
     """Return the vendor of a MAC address ("00:1b:1b:12:34:56"), or `LOCALLY_ADMINISTERED`; empty if it is unknown."""
     digits = mac.replace(":", "").upper()
-    names = _names()
-    for size in _DIGITS:
-        found = names.get(digits[:size])
-        if found is not None:
+    many = _name.cache_info().misses > _MANY
+    for size in _DIGITS if many or _name(digits[:6], any_longer=True) else ():
+        found = _names().get(digits[:size], "") if many else _name(digits[:size])
+        if found:
             return found
     return LOCALLY_ADMINISTERED if int(digits[:2], 16) & _LOCAL else ""
+
+
+@cache
+def _name(prefix: str, any_longer: bool = False) -> str:
+    """Return whose a prefix of these digits is, empty if nobody has it; ``any_longer``: or one of its longer ones.
+
+    A capture has few prefixes and the list some 50,000 lines: its text is searched, no dictionary is made. Each line has
+    prefix, tab, short name, tab, name; one longer than 6 digits is written in whole octets, with the number of its bits.
+    """
+    from scapy.libs.manuf import DATA
+
+    whole = prefix + "0" * (len(prefix) % 2)
+    written = ":".join([whole[at : at + 2] for at in range(0, len(whole), 2)])
+    if not any_longer:
+        written += f"/{len(prefix) * 4}" if len(prefix) > _DIGITS[-1] else " "
+    at = 0 if DATA.startswith(written) else DATA.find(f"\n{written}") + 1
+    if not at and not DATA.startswith(written):
+        return ""
+    _, _, rest = DATA[at : DATA.find("\n", at)].partition("\t")
+    short, _, long = rest.partition("\t")
+    return long.strip(" ,") or short.strip(" ,")
 
 
 @cache
