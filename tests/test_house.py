@@ -39,6 +39,7 @@ ORDER: Final = (
     "engine",
     "bindings",
     "tags",
+    "facts",
     "report",
     "inventory",
     "recording",

@@ -57,7 +57,9 @@ def bundled(name: str) -> _Schema:
 
 
 def _load(name: str) -> _Schema:
-    schema: _Schema = json.loads((FOLDER / f"{name}{_SUFFIX}").read_text(encoding="utf-8"))
+    from dissect.facts.schema import filled
+
+    schema: _Schema = filled(json.loads((FOLDER / f"{name}{_SUFFIX}").read_text(encoding="utf-8")))
     return schema
 
 

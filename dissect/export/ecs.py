@@ -17,9 +17,9 @@ from dissect.engine.observer import Observer
 from dissect.engine.pipeline import Pipeline
 from dissect.export.attack_tables import TACTICS, TECHNIQUES
 from dissect.export.forms import ECS_PARTS, Export, Request
-from dissect.export.keys import connection_community_id, connection_uid
 from dissect.export.rows import Rows
 from dissect.export.tables import CONNECTIONS, FINDING_COUNTS, FINDINGS
+from dissect.facts.keys import connection_community_id, connection_uid
 from dissect.findings.bounds import KEPT
 from dissect.findings.catalogue import CAPTURE, CATALOGUE
 from dissect.findings.reporter import Finding

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from typing import Any
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import Any, Final
 
 from dissect.acts.act import Act
-from dissect.export.keys import connection_community_id, connection_uid
-from dissect.export.tables import DEVICES, INT, Column
+from dissect.export.tables import ACTS, CONNECTIONS, DEVICES, FINDINGS, INT, OPERATIONS, Column, Table
 from dissect.export.transaction_rows import Row, TransactionRows
 from dissect.export.value_columns import shown
+from dissect.facts import fact as kinds
 from dissect.findings.catalogue import CATALOGUE
 from dissect.findings.ledger import Ledger, Occurrences, Pair
 from dissect.findings.reporter import Finding
@@ -26,6 +26,8 @@ from dissect.transactions.operation import Operation
 from dissect.transactions.transaction import Transaction
 from dissect.wire.text import encodable
 
+_NOTHING: Final[Mapping[str, Any]] = {}
+
 
 class Rows:
     """Makes the rows of a run; ``files`` are its files, to which more may be added while it goes on."""
@@ -33,6 +35,17 @@ class Rows:
     def __init__(self, files: Sequence[SourceFile]) -> None:
         self._hot = TransactionRows(files)
         self._before = 0
+        at = self._hot.files
+        #: By kind of fact the cells of a value; those of other kinds are the value itself.
+        self._cells: Mapping[str, Callable[[Any], Sequence[Any]]] = {
+            kinds.END: lambda end: (end.host, end.port if end.port >= 0 else None),
+            kinds.TSAP: lambda tsap: (str(tsap),),
+            kinds.TEXT: lambda text: (encodable(text),),
+            kinds.FRAME: lambda frame: (at.number(frame),),
+            kinds.FRAMES: lambda frames: ([at.number(frame) for frame in frames],),
+            kinds.SERIAL: lambda number: (self._before + number,),
+            kinds.FILE: lambda frame: (at.name(frame),),
+        }
 
     def count_from(self, before: int) -> None:
         """Begin to number findings after ``before``."""
@@ -42,52 +55,19 @@ class Rows:
 
     def connection(self, connection: Connection) -> Row:
         """Return the row of a connection."""
-        tcp = connection.tcp
-        file, first = self._hot.files.locate(int(tcp.first_frame))
-        _, last = self._hot.files.locate(int(connection.last_frame))
-        calling, called, granted = connection.tsap_calling, connection.tsap_called, connection.granted
-        ending = connection.ending
-        side = int(ending.side) if ending is not None else -1
-        streams = tcp.streams
-        client = streams[connection.client_side]
-        server = streams[1 - connection.client_side]
-        return (
-            int(connection.number),
-            connection_uid(connection),
-            connection_community_id(connection),
-            file,
-            first,
-            last,
-            int(tcp.first_ns),
-            int(connection.last_ns),
-            *self._hot.ends(connection),
-            bool(connection.client_known),
-            "udp" if connection.udp else "tcp",
-            vlan_ids(int(tcp.vlan)),
-            connection.protocol or None,
-            "syn" if tcp.known_start else ("cr" if connection.cr_seen else "mid_stream"),
-            str(calling) if calling is not None else None,
-            str(called) if called is not None else None,
-            called.rack if called is not None and called.rack >= 0 else None,
-            called.slot if called is not None and called.slot >= 0 else None,
-            int(connection.tpdu_size) or None,
-            int(connection.pdu_length) or None,
-            granted.max_amq_calling if granted is not None else None,
-            granted.max_amq_called if granted is not None else None,
-            int(tcp.packets),
-            int(client.octets),
-            int(server.octets),
-            sum([max(0, int(stream.position) - int(stream.octets)) for stream in streams]),
-            int(connection.pdus),
-            int(connection.answered),
-            int(connection.unanswered),
-            int(connection.orphans),
-            int(connection.unsolicited),
-            int(connection.errors),
-            connection.ended,
-            connection.role(side) if side >= 0 else None,
-            int(connection.open_at_end),
-        )
+        return self._row(CONNECTIONS, connection)
+
+    def _row(self, table: Table, record: object, owned: Mapping[str, Any] = _NOTHING) -> Row:
+        """Return the row of a record whose table is made of facts; ``owned`` has the values that are not its own."""
+        row: list[Any] = []
+        for fact in table.facts:
+            value = fact.get(record) if fact.get is not None else owned.get(fact.name)
+            cells = self._cells.get(fact.kind)
+            if cells is None or value is None:
+                row.append(value)
+            else:
+                row += cells(value)
+        return tuple(row)
 
     # ---- transactions and items -------------------------------------------------------------------------------------
 
@@ -116,90 +96,18 @@ class Rows:
 
     def operation(self, operation: Operation) -> Row:
         """Return the row of an operation."""
-        connection = operation.connection
-        file, first = self._hot.files.locate(operation.first_frame)
-        _, last = self._hot.files.locate(operation.last_frame)
-        error = operation.error
-        return (
-            operation.number,
-            int(connection.number),
-            file,
-            first,
-            last,
-            operation.begin_ns,
-            operation.end_ns,
-            *self._hot.ends(connection),
-            operation.asked_by == connection.client_side,
-            operation.kind,
-            operation.subject,
-            operation.result,
-            operation.reason or None,
-            error.code if error is not None else 0,
-            error.name if error is not None else None,
-            operation.parts,
-            list(operation.transactions),
-            operation.pushes,
-            int(operation.likely),
-            operation.octets,
-            operation.announced if operation.announced >= 0 else None,
-            [odd.detail for odd in operation.oddities],
-        )
+        return self._row(OPERATIONS, operation)
 
     def act(self, act: Act) -> Row:
         """Return the row of an act."""
-        connection = act.connection
-        file, first = self._hot.files.locate(act.first_frame)
-        _, last = self._hot.files.locate(act.last_frame)
-        return (
-            act.number,
-            int(connection.number),
-            file,
-            first,
-            last,
-            act.begin_ns,
-            act.end_ns,
-            *self._hot.ends(connection),
-            act.asked_by == connection.client_side,
-            act.kind,
-            encodable(act.subject),
-            [encodable(f"{block.label}{f' {block.name!r}' if block.name else ''}") for block in act.blocks()],
-            act.octets,
-            act.outcome,
-            act.reason or None,
-            act.error_code,
-            act.error.name if act.error is not None else None,
-            act.slug or None,
-            list(act.transactions),
-        )
+        return self._row(ACTS, act)
 
     def finding(self, finding: Finding, connection: Connection | None) -> Row:
         """Return the row of a finding; ``connection`` is the connection that it is about, None if unknown."""
-        rule = finding.rule
-        frames = [int(frame) for frame in finding.frames]
+        client, server = finding.client.partition(" ")[0] or None, finding.server.partition(" ")[0] or None
         if connection is not None:
-            ends = self._hot.ends(connection)
-        else:
-            ends = (finding.client.partition(" ")[0] or None, None, finding.server.partition(" ")[0] or None, None)
-        return (
-            self._before + int(finding.number) if finding.number else None,
-            rule.slug,
-            rule.severity,
-            rule.kind,
-            int(finding.connection) or None,
-            self._hot.files.locate(frames[0])[0] if frames else None,
-            [self._hot.files.locate(frame)[1] for frame in frames],
-            int(finding.time_ns) or None,
-            ends[0],
-            ends[2],
-            rule.sentence,
-            encodable(finding.detail),
-            rule.advice,
-            [technique.v18 for technique in rule.techniques],
-            [technique.v19 for technique in rule.techniques],
-            [technique.name for technique in rule.techniques],
-            self._before + int(finding.explained_by) if finding.explained_by else None,
-            finding.because or None,
-        )
+            client, server = connection.client.host, connection.server.host
+        return self._row(FINDINGS, finding, {"client_host": client, "server_host": server})
 
     def finding_counts(self, ledger: Ledger, begin_ns: int, end_ns: int) -> Iterator[Row]:
         """Yield the rows of the facts of rules, in a capture of this time."""

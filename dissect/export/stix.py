@@ -16,8 +16,8 @@ from typing import Any, Final
 from dissect.engine.observer import Observer
 from dissect.export.attack_tables import TACTICS, TECHNIQUES
 from dissect.export.forms import Export, Request
-from dissect.export.keys import connection_community_id
 from dissect.export.rows import Rows
+from dissect.facts.keys import connection_community_id
 from dissect.findings.bounds import KEPT
 from dissect.findings.catalogue import CATALOGUE, Rule
 from dissect.findings.ledger import Ledger, Occurrences, Pair

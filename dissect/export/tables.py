@@ -7,10 +7,15 @@ same time as a timestamp.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, Final, NamedTuple
 
 from dissect.config.hints import close_names
+from dissect.facts import fact as kinds
+from dissect.facts.connection import CONNECTION
+from dissect.facts.fact import Fact
+from dissect.facts.finding import FINDING
+from dissect.facts.operation import ACT, OPERATION
 from dissect.wire.errors import Error
 
 # Types of columns. Each form of export maps them to types of its format (docs/tables.md).
@@ -27,7 +32,7 @@ TYPES: Final = (INT, REAL, BOOL, TEXT, WORD, BYTES, TIME, INTS, WORDS)
 
 
 class Column(NamedTuple):
-    """A column: ``source`` says where in the package its values come from, ``of`` which column it is derived from."""
+    """A column: ``source`` is its fact, or says where its values come from; ``of`` is the column that it is derived from."""
 
     name: str
     type: str
@@ -38,12 +43,16 @@ class Column(NamedTuple):
 
 
 class Table(NamedTuple):
-    """A table: a row for each ``about``, in the order of completion; ``time`` is the column with the time of a row."""
+    """A table: a row for each ``about``, in the order of completion; ``time`` is the column with the time of a row.
+
+    ``facts`` are those that its columns and the values of a row are made of; empty where columns are written one by one.
+    """
 
     name: str
     about: str
     columns: tuple[Column, ...]
     time: str = "ts_ns"
+    facts: tuple[Fact[Any], ...] = ()
 
     @property
     def stored(self) -> list[Column]:
@@ -71,6 +80,43 @@ def _time(name: str, about: str, source: str) -> tuple[Column, Column]:
     return Column(name, TIME, "UTC", f"the same as {stored.name}, as a timestamp", source, stored.name), stored
 
 
+#: The type of the column by the kind of a fact; times and ends have two columns each.
+_TYPES: Final[Mapping[str, str]] = {
+    kinds.COUNT: INT,
+    kinds.SERIAL: INT,
+    kinds.DURATION: INT,
+    kinds.FLAG: BOOL,
+    kinds.TEXT: TEXT,
+    kinds.WORD: WORD,
+    kinds.CODE: WORD,
+    kinds.TSAP: TEXT,
+    kinds.FRAME: INT,
+    kinds.FRAMES: INTS,
+    kinds.FILE: WORD,
+    kinds.COUNTS: INTS,
+    kinds.WORDS: WORDS,
+}
+#: What the numbers of packets count.
+_UNITS: Final[Mapping[str, str]] = {kinds.FRAME: "packet of its file", kinds.FRAMES: "packets of their files"}
+
+
+def _of_facts(name: str, about: str, facts: Mapping[str, Fact[Any]], order: tuple[str, ...]) -> Table:
+    """Return a table whose columns are facts of a record, in this order."""
+    chosen = tuple([facts[one] for one in order])
+    return Table(name, about, tuple([column for fact in chosen for column in _columns(fact)]), facts=chosen)
+
+
+def _columns(fact: Fact[Any]) -> tuple[Column, ...]:
+    if fact.kind == kinds.TIME:
+        return _time(fact.column, fact.about, fact.name)
+    if fact.kind == kinds.END:
+        return (
+            Column(f"{fact.column}_host", WORD, "", fact.about, fact.name),
+            Column(f"{fact.column}_port", INT, "", "Its TCP or UDP port.", fact.name),
+        )
+    return (Column(fact.column, _TYPES[fact.kind], fact.unit or _UNITS.get(fact.kind, ""), fact.about, fact.name),)
+
+
 _FILE: Final = Column("file", WORD, "", "capture file of the (first) packet", "SourceFile.name")
 _CONNECTION: Final = Column("connection", INT, "", "number of the connection, as analyze lists it", "Connection.number")
 _ENDS: Final = (
@@ -80,47 +126,17 @@ _ENDS: Final = (
     Column("server_port", INT, "", "its TCP or UDP port", "Connection.server"),
 )
 
-CONNECTIONS: Final = Table(
+CONNECTIONS: Final = _of_facts(
     "connections",
     "transport connection, when it is over or the capture ends",
+    CONNECTION,
     (
-        _CONNECTION,
-        Column("uid", TEXT, "", "identifier in the form of Zeek, the same for the same traffic", "dissect.export.keys"),
-        Column("community_id", TEXT, "", "Community ID v1, joins with Zeek, Suricata, Elastic", "dissect.export.keys"),
-        _FILE,
-        Column("first_frame", INT, "packet of its file", "first packet", "TcpConnection.first_frame"),
-        Column("last_frame", INT, "packet of its file", "last packet", "TcpConnection.last_frame"),
-        *_time("ts", "time of the first packet", "TcpConnection.first_ns"),
-        *_time("end", "time of the last packet", "TcpConnection.last_ns"),
-        *_ENDS,
-        Column("client_known", BOOL, "", "more than a port number says who the client is", "Connection.client_known"),
-        Column("transport", WORD, "", "tcp or udp", "Connection.udp"),
-        Column("vlans", INTS, "", "VLAN ids, the outer tag first", "TcpConnection.vlan"),
-        Column("protocol", WORD, "", "protocol in the connection, as far as one name does", "Connection.protocol"),
-        Column("start", WORD, "", "syn, cr (COTP connect request) or mid_stream", "TcpConnection.known_start"),
-        Column("tsap_calling", TEXT, "", "TSAP of the client", "Connection.tsap_calling"),
-        Column("tsap_called", TEXT, "", "TSAP of the server", "Connection.tsap_called"),
-        Column("rack", INT, "", "rack that the called TSAP names", "Connection.tsap_called"),
-        Column("slot", INT, "", "slot that the called TSAP names", "Connection.tsap_called"),
-        Column("tpdu_size", INT, "bytes", "TPDU size agreed on", "Connection.tpdu_size"),
-        Column("pdu_length", INT, "bytes", "PDU length that the setup granted", "Connection.pdu_length"),
-        Column("max_amq_calling", INT, "", "parallel jobs granted to the caller", "Connection.granted"),
-        Column("max_amq_called", INT, "", "parallel jobs granted to the called side", "Connection.granted"),
-        Column("packets", INT, "", "packets both ways", "TcpConnection.packets"),
-        Column("client_bytes", INT, "bytes", "payload that the client sent", "HalfStream.octets"),
-        Column("server_bytes", INT, "bytes", "payload that the server sent", "HalfStream.octets"),
-        Column("missing_bytes", INT, "bytes", "payload missing from the capture", "HalfStream.position"),
-        Column("pdus", INT, "", "messages both ways", "Connection.pdus"),
-        Column("answered", INT, "", "requests answered", "Connection.answered"),
-        Column("unanswered", INT, "", "requests without an answer, those still open included", "Connection.unanswered"),
-        Column("orphans", INT, "", "responses without a request", "Connection.orphans"),
-        Column("unsolicited", INT, "", "messages sent unasked", "Connection.unsolicited"),
-        Column("with_errors", INT, "", "transactions with an error", "Connection.errors"),
-        Column("ended", WORD, "", "how it ended: fin, reset, disconnect (COTP DR), open …", "Ending.how"),
-        Column("ended_by", WORD, "", "client or server, which ended it", "Ending.side"),
-        Column("open_at_end", INT, "", "requests pending when it ended", "Connection.open_at_end"),
+        "number", "uid", "community_id", "file", "first_frame", "last_frame", "first_time", "last_time", "client", "server",
+        "client_known", "transport", "vlan", "protocol", "start", "calling_tsap", "called_tsap", "rack", "slot", "tpdu_size",
+        "pdu_length", "max_amq_calling", "max_amq_called", "packets", "client_bytes", "server_bytes", "missing_bytes", "pdus",
+        "answered", "unanswered", "orphan_answers", "unsolicited", "with_errors", "ended", "ended_role", "open_at_end",
     ),
-)
+)  # fmt: skip
 
 TRANSACTIONS: Final = Table(
     "transactions",
@@ -213,85 +229,33 @@ VALUES: Final = Table(
     ),
 )
 
-OPERATIONS: Final = Table(
+OPERATIONS: Final = _of_facts(
     "operations",
     "operation: several transactions that belong together, such as a download",
+    OPERATION,
     (
-        Column("operation", INT, "", "number of the operation in the run", "Operation.number"),
-        _CONNECTION,
-        _FILE,
-        Column("first_frame", INT, "packet of its file", "first packet", "Operation.first_frame"),
-        Column("last_frame", INT, "packet of its file", "last packet", "Operation.last_frame"),
-        *_time("ts", "time of the first packet", "Operation.begin_ns"),
-        *_time("end", "time of the last packet", "Operation.end_ns"),
-        *_ENDS,
-        Column("from_client", BOOL, "", "the client began it", "Operation.asked_by"),
-        Column("kind", WORD, "", "download, upload, polling … (operations --help)", "Operation.kind"),
-        Column("subject", TEXT, "", "what it is about", "Operation.subject"),
-        Column("result", WORD, "", "done, refused, failed, unfinished, running or not_captured", "Operation.result"),
-        Column("reason", TEXT, "", "why it did not end well", "Operation.reason"),
-        Column("error_code", INT, "", "code of the refusal, 0 for none", "Operation.error_code"),
-        Column("error_name", WORD, "", "its name", "dissect.report.operations"),
-        Column("transaction_count", INT, "", "transactions it is made of", "Operation.parts"),
-        Column("transactions", INTS, "", "their numbers, the first thousand", "Operation.transactions"),
-        Column("pushes", INT, "", "messages of it that were sent unasked", "Operation.pushes"),
-        Column("likely", INT, "", "requests and answers of it that are only likely a pair", "Operation.likely"),
-        Column("bytes", INT, "bytes", "size of what was carried", "Operation.octets"),
-        Column("announced_bytes", INT, "bytes", "size that was announced", "Operation.announced"),
-        Column("oddities", WORDS, "", "what contradicts itself in it", "Operation.oddities"),
+        "number", "connection", "file", "first_frame", "last_frame", "begin_time", "end_time", "client", "server",
+        "from_client", "kind", "subject", "result", "reason", "error_code", "error_name", "transaction_count", "transactions",
+        "pushes", "likely_count", "octets", "announced", "odd",
     ),
-)
+)  # fmt: skip
 
-ACTS: Final = Table(
+ACTS: Final = _of_facts(
     "acts",
     "act: what a client did to a device, or tried to: stop, download, force, password …",
-    (
-        Column("act", INT, "", "number of the act in the run", "Act.number"),
-        _CONNECTION,
-        _FILE,
-        Column("first_frame", INT, "packet of its file", "first packet", "Act.first_frame"),
-        Column("last_frame", INT, "packet of its file", "last packet", "Act.last_frame"),
-        *_time("ts", "time of the first packet", "Act.begin_ns"),
-        *_time("end", "time of the last packet", "Act.end_ns"),
-        *_ENDS,
-        Column("from_client", BOOL, "", "the client of the connection did it", "Act.asked_by"),
-        Column("kind", WORD, "", "stop, start, download, force … (docs/export.md)", "Act.kind"),
-        Column("subject", TEXT, "", "what it is about", "Act.subject"),
-        Column("blocks", WORDS, "", "the blocks that it carried", "Act.blocks"),
-        Column("bytes", INT, "bytes", "size of what it carried, or of its request", "Act.octets"),
-        Column("outcome", WORD, "", "accepted, refused, unanswered … (docs/export.md)", "Act.outcome"),
-        Column("reason", TEXT, "", "why there is no answer", "Act.reason"),
-        Column("error_code", INT, "", "code of the refusal, 0 for none", "Act.error_code"),
-        Column("error_name", WORD, "", "its name", "Act.error"),
-        Column("slug", WORD, "", "the finding that it makes, null for none", "Act.slug"),
-        Column("transactions", INTS, "", "numbers of its transactions, the first thousand", "Act.transactions"),
-    ),
+    ACT,
+    tuple(ACT),
 )
 
-FINDINGS: Final = Table(
+FINDINGS: Final = _of_facts(
     "findings",
     "finding in detail (at most 100 a slug and pair of hosts, 1000 a slug, and the first of each pair); finding_counts has all",
+    FINDING,
     (
-        Column("finding", INT, "", "number of the finding in the run, in the order of reports", "Finding.number"),
-        Column("slug", WORD, "", "stable name (docs/findings.md)", "Rule.slug"),
-        Column("severity", WORD, "", "error, warning or note", "Rule.severity"),
-        Column("kind", WORD, "", "what it is about", "Rule.kind"),
-        Column("connection", INT, "", "number of the connection, null for the capture as a whole", "Finding.connection"),
-        _FILE,
-        Column("frames", INTS, "packets of their files", "packets that show it", "Finding.frames"),
-        *_time("ts", "time of the last of them", "Finding.time_ns"),
-        Column("client_host", WORD, "", "address of the client, also where it is about no connection", "Finding.client"),
-        Column("server_host", WORD, "", "address of the server, in the same way", "Finding.server"),
-        Column("sentence", WORD, "", "what happened", "Rule.sentence"),
-        Column("detail", TEXT, "", "what was seen this time", "Finding.detail"),
-        Column("advice", WORD, "", "what to do", "Rule.advice"),
-        Column("techniques", WORDS, "", "MITRE ATT&CK for ICS technique ids, v18", "Technique.v18"),
-        Column("techniques_v19", WORDS, "", "the same in v19", "Technique.v19"),
-        Column("technique_names", WORDS, "", "their names", "Technique.name"),
-        Column("explained_by", INT, "", "number of the finding that explains it, null for none", "Finding.explained_by"),
-        Column("because_of", WORD, "", "slug of the finding that explains it, null for none", "Finding.because"),
+        "number", "slug", "severity", "kind", "connection", "file", "frames", "time", "client_host", "server_host", "sentence",
+        "detail", "advice", "techniques_v18", "techniques_v19", "technique_names", "explained_by", "because_of",
     ),
-)
+)  # fmt: skip
 
 FINDING_COUNTS: Final = Table(
     "finding_counts",

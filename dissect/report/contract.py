@@ -7,9 +7,11 @@ from collections.abc import Iterator, Sequence
 from typing import Final
 
 from dissect.engine.pipeline import Pipeline
+from dissect.facts.connection import CONNECTION
+from dissect.facts.finding import FINDING
+from dissect.facts.written import written
 from dissect.findings.catalogue import CATALOGUE, SEVERITIES
 from dissect.findings.reporter import Finding
-from dissect.iso.tsap import Tsap
 from dissect.report.analysis import Analysis, FunctionStatistics
 from dissect.report.certainty import left_out
 from dissect.report.endings import ending_as_dict
@@ -20,7 +22,6 @@ from dissect.report.tls import tls_as_dict
 from dissect.report.words import Places
 from dissect.report.writers.jsonl import TransactionLines
 from dissect.source.packet import SourceFile
-from dissect.tcp.link import vlan_ids
 from dissect.transactions.accounts import CATEGORIES, FIRST_IGNORED
 from dissect.transactions.connection import Connection
 from dissect.transactions.transaction import Transaction
@@ -170,66 +171,10 @@ def _function(code: int, statistics: FunctionStatistics) -> dict[str, object]:
     return values
 
 
-def tsap_as_dict(tsap: Tsap | None) -> dict[str, object] | None:
-    """Return a TSAP, None when it was not captured."""
-    return tsap.as_dict() if tsap is not None else None
-
-
-def _place(key: str, frame: int, places: Places) -> dict[str, object]:
-    """Return a packet's number under ``key``_frame, and with several files its file; None for packet 0, which means none."""
-    if not places.several:
-        return {f"{key}_frame": frame or None}
-    if not frame:
-        return {f"{key}_frame": None, f"{key}_file": None}
-    name, number = places.locate(frame)
-    return {f"{key}_frame": number, f"{key}_file": name}
-
-
 def connection_as_dict(connection: Connection, places: Places, clock: Clock | None = None) -> dict[str, object]:
     """Return one connection: its ends, TSAPs, negotiated values, counts, how it ended. Many calls may share one ``clock``."""
-    tcp = connection.tcp
-    clock = clock or Clock()
-    ending = connection.ending
-    side = int(ending.side) if ending is not None else -1
-    return {
-        "number": connection.number,
-        "client": str(connection.client),
-        "server": str(connection.server),
-        "client_known": connection.client_known,
-        "transport": "udp" if connection.udp else "tcp",
-        "vlan": vlan_ids(tcp.vlan),
-        **({"also_vlans": [vlan_ids(vlan) for vlan in tcp.also]} if tcp.also else {}),
-        "protocol": connection.protocol or None,
-        "identified_by": connection.identified_by or None,
-        "tls": tls_as_dict(connection),
-        "start": "syn" if tcp.known_start else ("cr" if connection.cr_seen else "mid_stream"),
-        **_place("first", tcp.first_frame, places),
-        "first_time": clock.iso(tcp.first_ns),
-        **_place("last", connection.last_frame, places),
-        "last_time": clock.iso(connection.last_ns),
-        "calling_tsap": tsap_as_dict(connection.tsap_calling),
-        "called_tsap": tsap_as_dict(connection.tsap_called),
-        "tpdu_size": connection.tpdu_size or None,
-        "setup_asked": connection.setup_asked.as_dict() if connection.setup_asked is not None else None,
-        "setup_granted": connection.granted.as_dict() if connection.granted is not None else None,
-        "pdus": connection.pdus,
-        **({"behind_malformed": connection.behind} if connection.behind else {}),
-        "answered": connection.answered,
-        "unanswered": connection.unanswered,
-        "still_open": connection.still_open,
-        **({"answers_not_captured": connection.not_captured} if connection.not_captured else {}),
-        "orphan_answers": connection.orphans,
-        "unsolicited": connection.unsolicited,
-        "one_way": connection.one_way,
-        "with_errors": connection.errors,
-        "refused": connection.refused or None,
-        "disconnected": connection.iso_ended or None,
-        "ended": connection.ended,
-        "ended_by": str(tcp.ends[side]) if side >= 0 else None,
-        **_place("ended", ending.frame if ending is not None else 0, places),
-        "open_at_end": connection.open_at_end,
-        "ending": ending_as_dict(connection, places),
-    }
+    owned = {"tls": tls_as_dict(connection), "ending": ending_as_dict(connection, places)}
+    return written(CONNECTION, connection, places, clock or Clock(), owned)
 
 
 def by_weight(findings: Sequence[Finding], explained: Sequence[Finding] = ()) -> Iterator[Finding]:
@@ -250,25 +195,7 @@ def _number_of(finding: Finding) -> int:
 
 def finding_as_dict(finding: Finding, places: Places, clock: Clock | None = None) -> dict[str, object]:
     """Return one detailed finding. Many calls may share one ``clock``."""
-    rule = finding.rule
-    values: dict[str, object] = {
-        "number": finding.number or None,
-        "slug": rule.slug,
-        "severity": rule.severity,
-        "kind": rule.kind,
-        "connection": finding.connection or None,
-        "frames": [places.number(frame) for frame in finding.frames] if places.several else list(finding.frames),
-    }
-    if places.several:
-        values["files"] = [places.locate(frame)[0] for frame in finding.frames]
-    values["time"] = (clock or Clock()).iso(finding.time_ns) if finding.time_ns else None
-    values["sentence"] = rule.sentence
-    values["detail"] = encodable(finding.detail)
-    values["advice"] = rule.advice
-    values["techniques"] = [technique.as_dict() for technique in rule.techniques]
-    values["explained_by"] = finding.explained_by or None
-    values["because_of"] = finding.because or None
-    return values
+    return written(FINDING, finding, places, clock or Clock())
 
 
 def transaction_as_dict(transaction: Transaction) -> dict[str, object]:

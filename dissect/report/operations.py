@@ -112,51 +112,30 @@ def result(operation: Operation) -> str:
     return f"{shout} ({told})" if told else shout
 
 
-def _blocks(operation: Operation) -> dict[str, object]:
-    """Return the blocks of a transfer of S7comm-plus, which may carry many; nothing for other operations."""
+def _blocks(operation: Operation) -> list[str] | None:
+    """Return the blocks of a transfer of S7comm-plus, which may carry many; None for other operations."""
     if operation.connection.plus is None or operation.kind not in TRANSFERS or not operation.content:
-        return {}
+        return None
     from dissect.program.carved import carve  # late: few captures have transfers
 
-    return {"blocks": [block.label for block in carve(operation)]}
+    return [block.label for block in carve(operation)]
 
 
 def operation_json(operation: Operation, clock: Clock, places: Places) -> str:
     """Return one operation as a line of JSON."""
-    import json  # late: text does not need it
+    import json  # late, as the facts: text does not need them
 
-    ends = operation.connection.tcp.ends
-    error = operation.error
-    told: dict[str, object] = {
-        "schema": OPERATION_SCHEMA,
-        "number": operation.number,
-        "kind": operation.kind,
-        "connection": int(operation.connection.number),
-        "asked_by": str(ends[operation.asked_by]),
-        "answered_by": str(ends[1 - operation.asked_by]),
-        "subject": operation.subject,
-        "first_frame": places.number(operation.first_frame),
-        "last_frame": places.number(operation.last_frame),
-        "beginning_captured": operation.begun,
-        "begin_time": clock.iso(operation.begin_ns),
-        "duration_ns": operation.duration_ns,
-        "result": operation.result,
-        "reason": operation.reason or None,
-        "error": {"code": error.code, "name": error.name, "text": error.text} if error is not None else None,
-        "transaction_count": operation.parts,
-        "transactions": operation.transactions,
-        "pushes": operation.pushes,
-        **({"likely": operation.likely} if operation.likely else {}),
-        "octets": operation.octets,
-        **_blocks(operation),
-        "announced": operation.announced if operation.announced >= 0 else None,
-        "tells": [part.note for part in operation.content_parts() if part.note],
-        "content": operation.content.hex() if operation.content_head is not None else None,
+    from dissect.facts.operation import OPERATION
+    from dissect.facts.written import files_of, written
+
+    owned: dict[str, object] = {
+        "blocks": _blocks(operation),
         "oddities": [
             {"name": odd.name, "detail": odd.detail, "frame": places.number(odd.frame)} for odd in operation.oddities
         ],
     }
+    told = {"schema": OPERATION_SCHEMA, **written(OPERATION, operation, places, clock, owned)}
     if places.several:
-        told["first_file"] = places.locate(operation.first_frame)[0]
-        told["last_file"] = places.locate(operation.last_frame)[0]
+        for key in files_of(OPERATION):
+            told[key] = told.pop(key)  # these come last
     return json.dumps(told, separators=(",", ":"), ensure_ascii=True).replace("\x7f", "\\u007f")

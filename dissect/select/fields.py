@@ -9,6 +9,9 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from typing import Any, Final
 
+from dissect.facts import fact as kinds
+from dissect.facts.connection import CONNECTION as CONNECTION_FACTS
+from dissect.facts.fact import Fact
 from dissect.findings.catalogue import CATALOGUE, NOTE, SEVERITIES
 from dissect.findings.catalogue import KINDS as FINDING_KINDS
 from dissect.findings.reporter import Finding
@@ -30,7 +33,7 @@ from dissect.s7plus.tables import NOTIFIED, OPCODES
 from dissect.s7plus.tables import RETURN_CODES as PLUS_CODES
 from dissect.scd.wording import json_value
 from dissect.select import getters as of
-from dissect.select.getters import Getter, OfConnection, OfItem
+from dissect.select.getters import Getter, OfItem
 from dissect.select.items import ItemFacts
 from dissect.select.literals import (
     AnyValue,
@@ -47,7 +50,7 @@ from dissect.select.literals import (
     Truth,
 )
 from dissect.select.things import CONNECTION, FINDING, KINDS, MESSAGE, OPERATION, PACKET, TRANSACTION, Context
-from dissect.transactions import ending
+from dissect.transactions.connection import Connection
 from dissect.transactions.operation import KINDS as OPERATION_KINDS
 from dissect.transactions.operation import RESULTS
 from dissect.transactions.payloads import ScdMessage
@@ -99,10 +102,32 @@ def _all(getter: Getter, kinds: Iterable[str] = KINDS) -> dict[str, Getter]:
     return dict.fromkeys(kinds, getter)
 
 
-def _connected(get: OfConnection) -> dict[str, Getter]:
-    return dict.fromkeys(KINDS, of.of_connection(get))
+def _fact(
+    of_name: str,
+    example: str,
+    things: tuple[str, ...] = KINDS,
+    also: tuple[str, ...] = (),
+    name: str = "",
+    decided: bool = False,
+    getter: Getter | None = None,
+) -> Field:
+    """Return the field of a fact of connections; ``things`` have it as well, through ``getter`` if not by their connection."""
+    fact = CONNECTION_FACTS[of_name]
+    getters = _all(getter or of.of_fact(fact), things)
+    return Field(name or of_name, _kind(fact), fact.about, example, getters, also, decided=decided)
 
 
+def _kind(fact: Fact[Connection]) -> Kind:
+    """Return how a fact is compared."""
+    return Code(lambda: fact.codes) if fact.kind == kinds.CODE else _KINDS[fact.kind]
+
+
+_KINDS: Final[Mapping[str, Kind]] = {
+    kinds.COUNT: Number(),
+    kinds.COUNTS: Number(),
+    kinds.END: Host(),
+    kinds.TSAP: Text(),
+}
 _TALK: Final = (TRANSACTION, OPERATION)
 _PDUS: Final = (TRANSACTION, MESSAGE)
 
@@ -209,10 +234,8 @@ _ROWS: Final = (
     # ---- who
     Field("host", Host(), "Either end of the connection: an address, a network, or an address with its port.",
           "host == 192.168.0.0/24", _all(of.ends), decided=True),
-    Field("client", Host(), "The end that opened the connection.", "client == 192.168.0.10",
-          _all(of.client)),
-    Field("server", Host(), "The other end, usually the PLC.", "server in {192.168.0.1, 192.168.0.2}",
-          _all(of.server)),
+    _fact("client", "client == 192.168.0.10", getter=of.client),
+    _fact("server", "server in {192.168.0.1, 192.168.0.2}", getter=of.server),
     Field("port", Number(), "Either TCP or UDP port.", "port == 102", _all(of.ports), decided=True),
     Field("src", Host(), "Who sent the message or packet.", "src == 192.168.0.1",
           {MESSAGE: lambda thing, _context: thing.ends[0],
@@ -223,23 +246,17 @@ _ROWS: Final = (
     Field("asked_by", Host(), "Who sent the request, or received an unsolicited message.", "asked_by == 192.168.0.10",
           _all(of.asked_by, _TALK)),
     Field("answered_by", Host(), "The other end.", "answered_by == 192.168.0.1", _all(of.answered_by, _TALK)),
-    Field("connection", Number(), "Number of the connection, as `analyze` counts them.", "connection in {1, 3}",
-          _connected(lambda connection: int(connection.number)), decided=True),
+    _fact("number", "connection in {1, 3}", name="connection", decided=True),
     Field("protocol", Code(lambda: [*UPPER_NAMES, "ibh_netlink", COTP, NETLINK]), "The protocol.",
           "protocol == s7comm_plus", _all(of.protocol, (TRANSACTION, CONNECTION, MESSAGE))),
-    Field("calling_tsap", Text(), "TSAP of the client, where the connect request was captured.", 'calling_tsap == "01.00"',
-          _connected(of.tsap(called=False)), ("calling_tsap.text",)),
-    Field("called_tsap", Text(), "TSAP of the server.", 'called_tsap == "01.02"', _connected(of.tsap(called=True)),
-          ("called_tsap.text",)),
-    Field("rack", Number(), "Rack that the called TSAP names.", "rack == 0", _connected(of.rack), ("called_tsap.rack",)),
-    Field("slot", Number(), "Slot that the called TSAP names.", "slot == 2", _connected(of.slot), ("called_tsap.slot",)),
-    Field("vlan", Number(), "VLAN ids.", "vlan == 100", _connected(of.vlans)),
-    Field("pdu_length", Number(), "PDU length granted on the connection.", "pdu_length < 480",
-          _connected(lambda connection: int(connection.pdu_length) or None)),
-    Field("ended", Code(lambda: [ending.FIN, ending.RESET, ending.DISCONNECT, ending.ERROR_TPDU, ending.REUSED,
-                                 ending.REPLACED, ending.EVICTED, ending.OPEN]),
-          "How the connection ended.", "ended == reset", {CONNECTION: of.ended}, ("ending.how",)),
-    Field("pdus", Number(), "S7 PDUs on the connection.", "pdus > 1000", {CONNECTION: _thing("pdus")}),
+    _fact("calling_tsap", 'calling_tsap == "01.00"', also=("calling_tsap.text",)),
+    _fact("called_tsap", 'called_tsap == "01.02"', also=("called_tsap.text",)),
+    _fact("rack", "rack == 0", also=("called_tsap.rack",)),
+    _fact("slot", "slot == 2", also=("called_tsap.slot",)),
+    _fact("vlan", "vlan == 100"),
+    _fact("pdu_length", "pdu_length < 480"),
+    _fact("ended", "ended == reset", (CONNECTION,), ("ending.how",)),
+    _fact("pdus", "pdus > 1000", (CONNECTION,)),
 
     # ---- when
     Field("frame", Number(), "Number of a packet: request or answer, first or last packet, packets of a finding.",

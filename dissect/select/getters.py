@@ -7,9 +7,10 @@ from __future__ import annotations
 
 import functools
 import ipaddress
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any, Final
 
+from dissect.facts.fact import CODE, TSAP, Fact
 from dissect.iso.upper import S7COMM, S7COMM_PLUS, SCD, UPPER_NAMES
 from dissect.report import facets
 from dissect.s7.errors import errors_of
@@ -32,7 +33,6 @@ from dissect.s7plus.tables import NOTIFICATION
 from dissect.select.items import ItemFacts
 from dissect.select.literals import CodeValue
 from dissect.select.things import Context, Found, Message, Packet
-from dissect.tcp.link import vlan_ids
 from dissect.tcp.stream import Endpoint
 from dissect.transactions.connection import Connection
 from dissect.transactions.operation import NO_FAILURES, Operation
@@ -42,7 +42,6 @@ from dissect.transactions.transaction import Transaction
 
 Getter = Callable[[Any, Context], Any]
 OfItem = Callable[[ItemFacts, Context], Any]
-OfConnection = Callable[[Connection], Any]
 
 #: Short names of reads and writes, the same for all protocols.
 READ: Final = "read"
@@ -61,6 +60,9 @@ def name_code(name: str) -> CodeValue:
     return CodeValue(None, (name,))
 
 
+#: By kind of fact what it is compared as, where that is not its value.
+_TOLD: Final[Mapping[str, Callable[[Any], Any]]] = {CODE: name_code, TSAP: str}
+
 # ---- connections ----------------------------------------------------------------------------------------------------
 
 
@@ -70,12 +72,15 @@ def connection_of(thing: Any) -> Connection | None:
     return found
 
 
-def of_connection(get: OfConnection) -> Getter:
-    """Return a getter that calls ``get`` with the connection of the thing."""
+def of_fact(fact: Fact[Connection]) -> Getter:
+    """Return a getter for a fact of the thing, which is a connection, or of its connection."""
+    get = fact.get
+    told = _TOLD.get(fact.kind)
 
     def got(thing: Any, _context: Context) -> Any:
         connection = connection_of(thing)
-        return get(connection) if connection is not None else None
+        value = get(connection) if connection is not None and get is not None else None
+        return told(value) if told is not None and value is not None else value
 
     return got
 
@@ -118,11 +123,6 @@ def ports(thing: Any, context: Context) -> list[int] | None:
     return [end.port for end in found if end.port >= 0] if found is not None else None
 
 
-def vlans(connection: Connection) -> list[int]:
-    """Return the VLAN ids."""
-    return vlan_ids(connection.tcp.vlan)
-
-
 def asked_by(thing: Transaction | Operation, _context: Context) -> Endpoint:
     """Return the end that sent the request."""
     return thing.connection.tcp.ends[thing.asked_by]
@@ -131,33 +131,6 @@ def asked_by(thing: Transaction | Operation, _context: Context) -> Endpoint:
 def answered_by(thing: Transaction | Operation, _context: Context) -> Endpoint:
     """Return the end that answers the request."""
     return thing.connection.tcp.ends[1 - thing.asked_by]
-
-
-def tsap(called: bool) -> OfConnection:
-    """Return a function that returns the called or calling TSAP of a connection as text."""
-
-    def got(connection: Connection) -> str | None:
-        found = connection.tsap_called if called else connection.tsap_calling
-        return str(found) if found is not None else None
-
-    return got
-
-
-def rack(connection: Connection) -> int | None:
-    """Return the rack that the called TSAP names."""
-    found = connection.tsap_called
-    return found.rack if found is not None and found.rack >= 0 else None
-
-
-def slot(connection: Connection) -> int | None:
-    """Return the slot that the called TSAP names."""
-    found = connection.tsap_called
-    return found.slot if found is not None and found.slot >= 0 else None
-
-
-def ended(connection: Connection, _context: Context) -> CodeValue | None:
-    """Return how a connection ended."""
-    return name_code(connection.ended) if connection.ending is not None else None
 
 
 def protocol(thing: Any, _context: Context) -> CodeValue | None:

@@ -14,6 +14,7 @@ from jsonschema import Draft202012Validator
 from referencing import Registry, Resource
 
 from dissect.anonymize import account
+from dissect.facts.schema import filled
 
 ROOT: Final = Path(__file__).resolve().parents[2]
 SCHEMAS: Final = ROOT / "dissect" / "schema"
@@ -52,7 +53,7 @@ Schema = dict[str, Any]
 @cache
 def load(name: str) -> Schema:
     """Return the published schema ``name``."""
-    loaded: Schema = json.loads((SCHEMAS / f"{name}.schema.json").read_text(encoding="utf-8"))
+    loaded: Schema = filled(json.loads((SCHEMAS / f"{name}.schema.json").read_text(encoding="utf-8")))
     return loaded
 
 

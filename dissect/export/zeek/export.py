@@ -14,12 +14,12 @@ from dissect.acts.act import Act
 from dissect.engine.observer import Observer
 from dissect.engine.pipeline import Pipeline
 from dissect.export.forms import Export, Request
-from dissect.export.keys import connection_community_id, connection_uid
 from dissect.export.rows import Rows
 from dissect.export.tables import ACTS, FINDING_COUNTS
 from dissect.export.zeek.columns import LOGS
 from dissect.export.zeek.log import Log
 from dissect.export.zeek.rows import IDENTIFICATION, S7, cotp_row, identification, plus_row
+from dissect.facts.keys import connection_community_id, connection_uid
 from dissect.s7plus.message import parse_plus
 from dissect.session import Run
 from dissect.transactions.connection import Connection

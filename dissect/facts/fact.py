@@ -1,0 +1,94 @@
+"""`Fact`: one thing that a record tells, and the kinds of values.
+
+A record (a connection, a finding …) has a table of its facts in this room. From it are made its JSON
+(`dissect.facts.written`), the JSON Schema of that (`dissect.facts.schema`), its columns in tables and SQL
+(`dissect.export.tables`) and its fields of selections (`dissect.select.fields`). Each of these knows how it writes or compares
+a kind. What only one of them has, such as the example of a field or the order of columns, is there, by the name of the fact.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any, Final, Generic, Protocol, TypeVar
+
+Record = TypeVar("Record")
+
+# Kinds of values, and what the getter of a fact returns; None where there is no value.
+COUNT: Final = "count"  # int
+SERIAL: Final = "serial"  # int: a number that several runs count on
+DURATION: Final = "duration"  # nanoseconds: int
+FLAG: Final = "flag"  # bool
+TEXT: Final = "text"  # str
+WORD: Final = "word"  # str that repeats
+CODE: Final = "code"  # one of `Fact.codes`
+END: Final = "end"  # an end of a connection: Endpoint
+TSAP: Final = "tsap"  # Tsap
+FRAME: Final = "frame"  # a packet, by its number in the run; 0 for none
+FRAMES: Final = "frames"  # several: list[int]
+FILE: Final = "file"  # the file of a packet: as FRAME
+TIME: Final = "time"  # nanoseconds since 1970, UTC: int
+COUNTS: Final = "counts"  # list[int]
+WORDS: Final = "words"  # list[str]
+OBJECT: Final = "object"  # what has `as_dict`: for JSON alone
+JSON: Final = "json"  # what JSON writes as it is: for JSON alone
+KINDS: Final = (
+    COUNT, SERIAL, DURATION, FLAG, TEXT, WORD, CODE, END, TSAP, FRAME, FRAMES, FILE, TIME, COUNTS, WORDS, OBJECT, JSON,
+)  # fmt: skip
+
+
+class Located(Protocol):
+    """What tells in which file a packet is; ``several`` says whether outputs name files."""
+
+    several: bool
+
+    def locate(self, frame: int) -> tuple[str, int]:
+        """Return file and number within it of packet ``frame`` of the run."""
+
+
+class Fact(Generic[Record]):
+    """A fact: ``about`` says in a sentence what it is, ``get`` returns its value.
+
+    ``get`` is None for an object that has a writer of its own. ``key`` is its key in JSON (its name unless given, empty for
+    none), ``column`` its name in tables. ``null``: it may have no value. ``rare``: its key is there only where there is
+    something to tell. ``least`` is the smallest number, ``codes`` are all values of a code, ``shape`` is the JSON Schema where
+    its kind does not say it all.
+    """
+
+    __slots__ = ("about", "codes", "column", "get", "key", "kind", "least", "name", "null", "rare", "shape", "unit")
+
+    def __init__(
+        self,
+        name: str,
+        kind: str,
+        about: str,
+        get: Callable[[Record], Any] | None,
+        *,
+        key: str | None = None,
+        column: str = "",
+        unit: str = "",
+        null: bool = False,
+        rare: bool = False,
+        least: int = 0,
+        codes: tuple[str, ...] = (),
+        shape: Mapping[str, Any] | None = None,
+    ) -> None:
+        self.name = name
+        self.kind = kind
+        self.about = about
+        self.get = get
+        self.key = name if key is None else key
+        self.column = column or name
+        self.unit = unit
+        self.null = null
+        self.rare = rare
+        self.least = least
+        self.codes = codes
+        self.shape = shape
+
+    def __repr__(self) -> str:
+        return f"Fact({self.name!r})"
+
+
+def by_name(facts: tuple[Fact[Record], ...]) -> dict[str, Fact[Record]]:
+    """Return the facts of a table by their names."""
+    return {fact.name: fact for fact in facts}

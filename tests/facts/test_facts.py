@@ -1,0 +1,124 @@
+"""The tables of facts: each face of a moved record is made of its table, and of nothing beside it."""
+
+from __future__ import annotations
+
+import ast
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Final
+
+import pytest
+
+from dissect.export.tables import ACTS, CONNECTIONS, FINDINGS, OPERATIONS, Table
+from dissect.facts.connection import CONNECTION
+from dissect.facts.fact import CODE, KINDS, Fact
+from dissect.facts.finding import FINDING
+from dissect.facts.operation import ACT, OPERATION
+from dissect.facts.schema import TABLES, filled
+from dissect.facts.written import files_of
+from tests.cases import each
+from tests.report.schemas import load
+from tests.report.support import OWN, ROOT, of_files
+
+RECORDS: Final[Mapping[str, Mapping[str, Fact[Any]]]] = {
+    "connection": CONNECTION,
+    "finding": FINDING,
+    "operation": OPERATION,
+    "act": ACT,
+}
+#: The tables that are made of facts, and the functions that make JSON of them, with all texts that stand in these.
+MADE: Final[tuple[tuple[Table, str], ...]] = (
+    (CONNECTIONS, "connection"),
+    (FINDINGS, "finding"),
+    (OPERATIONS, "operation"),
+    (ACTS, "act"),
+)
+WRITERS: Final = {
+    ("dissect/report/contract.py", "connection_as_dict"): {"tls", "ending"},
+    ("dissect/report/contract.py", "finding_as_dict"): set[str](),
+    ("dissect/report/operations.py", "operation_json"): {"schema", "blocks", "oddities", "name", "detail", "frame"},
+    ("dissect/export/rows.py", "connection"): set[str](),
+    ("dissect/export/rows.py", "operation"): set[str](),
+    ("dissect/export/rows.py", "act"): set[str](),
+    ("dissect/export/rows.py", "finding"): {"client_host", "server_host"},
+}
+
+
+def texts_in(path: Path, name: str) -> set[str]:
+    """Return the words that could be keys or columns in a function."""
+    functions = [node for node in ast.walk(ast.parse(path.read_bytes())) if isinstance(node, ast.FunctionDef)]
+    (found,) = [node for node in functions if node.name == name]
+    constants = [node.value for part in found.body[1:] for node in ast.walk(part) if isinstance(node, ast.Constant)]
+    return {text for text in constants if isinstance(text, str) and text.isidentifier()}
+
+
+def test_facts_are_named_once_and_of_known_kinds() -> None:
+    for record, facts in RECORDS.items():
+        keys = [fact.key for fact in facts.values() if fact.key]
+        assert len(set(keys)) == len(keys), record
+        assert not set(keys) & set(files_of(facts)), record
+        for name, fact in facts.items():
+            assert fact.name == name
+            assert fact.kind in KINDS, (record, name)
+            assert bool(fact.codes) == (fact.kind == CODE), (record, name)
+            assert fact.about.endswith("."), (record, name)
+
+
+@pytest.mark.parametrize(("table", "record"), MADE, ids=[record for _, record in MADE])
+def test_columns_are_those_of_facts(table: Table, record: str) -> None:
+    facts = RECORDS[record]
+    assert table.facts
+    for fact in table.facts:
+        assert facts[fact.name] is fact
+    assert {column.source for column in table.columns} == {fact.name for fact in table.facts}
+
+
+@pytest.mark.parametrize("place", WRITERS, ids=[name for _, name in WRITERS])
+def test_nothing_stands_beside_the_table(place: tuple[str, str]) -> None:
+    path, name = place
+    assert texts_in(ROOT / path, name) == WRITERS[place]
+
+
+@pytest.mark.parametrize("record", TABLES)
+def test_published_schemas_repeat_no_key_of_a_record(record: str) -> None:
+    home, part = {
+        "connection": ("analysis", ("properties", "connections", "items")),
+        "finding": ("analysis", ("properties", "finding_details", "items")),
+        "operation": ("operation", ()),
+    }[record]
+    written = json.loads((ROOT / "dissect" / "schema" / f"{home}.schema.json").read_text(encoding="utf-8"))
+    made = load(home)
+    for step in part:
+        written, made = written[step], made[step]
+    facts = RECORDS[record]
+    assert written["$made"] == record
+    assert set(written.get("properties", {})) <= {"schema"}
+    keys = [*written.get("properties", {}), *[fact.key for fact in facts.values() if fact.key]]
+    assert [key for key in made["properties"] if key not in files_of(facts)] == keys
+    assert set(made["required"]) | {fact.key for fact in facts.values() if fact.rare} == set(keys)
+
+
+def test_a_schema_keeps_what_is_written_beside_the_table() -> None:
+    given = {"a": [{"title": "T", "required": ["schema"], "properties": {"schema": {"const": 1}}, "$made": "finding"}]}
+    (made,) = filled(given)["a"]
+    assert (made["title"], made["required"][:2]) == ("T", ["schema", "number"])
+    assert list(made["properties"])[:2] == ["schema", "number"]
+    assert made["properties"]["time"]["oneOf"][1] == {"type": "null"}
+    assert "$made" not in made
+
+
+@each("paths", [(path,) for path in OWN[::4]] + [(OWN[0], OWN[4])])
+def test_json_has_the_keys_of_the_table_in_its_order(paths: tuple[Path, ...]) -> None:
+    told = of_files(*paths).as_dict()
+    for facts, name in ((CONNECTION, "connections"), (FINDING, "finding_details")):
+        records: Any = told[name]
+        for record in records:
+            files = files_of(facts)
+            assert [key for key in record if key not in files] == [
+                fact.key for fact in facts.values() if fact.key in record
+            ]
+            assert set(files) & set(record) == (set(files) if len(paths) > 1 else set())
+            for fact in [fact for fact in facts.values() if fact.key]:
+                assert fact.rare or fact.key in record
+                assert not fact.codes or record[fact.key] in {*fact.codes, None}
