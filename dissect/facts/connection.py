@@ -20,7 +20,6 @@ from dissect.facts.fact import (
     Fact,
     by_name,
 )
-from dissect.facts.keys import connection_community_id, connection_uid
 from dissect.tcp.link import vlan_ids
 from dissect.tcp.stream import Endpoint
 from dissect.transactions.connection import Connection
@@ -63,6 +62,18 @@ def _ended_role(connection: Connection) -> str | None:
 def _octets(connection: Connection, role: int) -> int:
     side = connection.client_side if role == 0 else 1 - connection.client_side
     return int(connection.tcp.streams[side].octets)
+
+
+def _uid(connection: Connection) -> str:
+    from dissect.facts.keys import connection_uid  # late, with hashlib: only tables have it
+
+    return connection_uid(connection)
+
+
+def _community_id(connection: Connection) -> str:
+    from dissect.facts.keys import connection_community_id
+
+    return connection_community_id(connection)
 
 
 def _missing(connection: Connection) -> int:
@@ -152,8 +163,8 @@ _ROWS: Final[tuple[Fact[Connection], ...]] = (
          null=True),
     Fact("max_amq_called", COUNT, "Parallel jobs granted to the called side.", lambda of: _granted(of, "max_amq_called"),
          key="", null=True),
-    Fact("uid", TEXT, "Identifier in the form of Zeek, the same for the same traffic.", connection_uid, key=""),
-    Fact("community_id", TEXT, "Community ID v1, joins with Zeek, Suricata, Elastic.", connection_community_id, key=""),
+    Fact("uid", TEXT, "Identifier in the form of Zeek, the same for the same traffic.", _uid, key=""),
+    Fact("community_id", TEXT, "Community ID v1, joins with Zeek, Suricata, Elastic.", _community_id, key=""),
     Fact("file", FILE, "Capture file of the first packet.", lambda of: int(of.tcp.first_frame), key=""),
     Fact("packets", COUNT, "Packets both ways.", lambda of: int(of.tcp.packets), key=""),
     Fact("client_bytes", COUNT, "Payload that the client sent.", lambda of: _octets(of, 0), key="", unit="bytes"),
