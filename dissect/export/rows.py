@@ -6,12 +6,12 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, Final
 
 from dissect.acts.act import Act
-from dissect.export.tables import ACTS, CONNECTIONS, DEVICES, FINDINGS, INT, OPERATIONS, Column, Table
+from dissect.export.tables import ACTS, CONNECTIONS, DEVICES, FINDING_COUNTS, FINDINGS, INT, OPERATIONS, Column, Table
 from dissect.export.transaction_rows import Row, TransactionRows
 from dissect.export.value_columns import shown
 from dissect.facts import fact as kinds
-from dissect.findings.catalogue import CATALOGUE
-from dissect.findings.ledger import Ledger, Occurrences, Pair
+from dissect.facts.counted import counted
+from dissect.findings.ledger import Ledger
 from dissect.findings.reporter import Finding
 from dissect.inventory.model import Device
 from dissect.inventory.rows import device_row
@@ -111,51 +111,8 @@ class Rows:
 
     def finding_counts(self, ledger: Ledger, begin_ns: int, end_ns: int) -> Iterator[Row]:
         """Yield the rows of the facts of rules, in a capture of this time."""
-        for slug, found in ledger.rules.items():
-            yield self._facts("rule", slug, found, begin_ns, end_ns, hosts=ledger.hosts_of(slug))
-            for pair in ledger.pairs_of(slug):
-                yield self._facts("pair", slug, pair.records[slug], begin_ns, end_ns, pair)
-            if slug in ledger.rest:
-                yield self._facts("further_pairs", slug, ledger.rest[slug], begin_ns, end_ns)
-        for (cause, slug), found in ledger.explained.items():
-            yield self._facts("explained", slug, found, begin_ns, end_ns, because=cause)
-
-    def _facts(
-        self,
-        scope: str,
-        slug: str,
-        found: Occurrences,
-        begin_ns: int,
-        end_ns: int,
-        pair: Pair | None = None,
-        because: str = "",
-        hosts: int | None = None,
-    ) -> Row:
-        rule = CATALOGUE[slug]
-        first_file, first = self._hot.files.locate(int(found.first_frame)) if found.first_frame else (None, None)
-        last_file, last = self._hot.files.locate(int(found.last_frame)) if found.last_frame else (None, None)
-        return (
-            scope,
-            slug,
-            rule.severity,
-            rule.kind,
-            rule.reported,
-            pair.client if pair is not None else None,
-            pair.server if pair is not None else None,
-            because or None,
-            int(found.events),
-            int(found.reports),
-            int(found.connections),
-            found.at_least,
-            hosts,
-            found.lasts(begin_ns, end_ns),
-            first_file,
-            first,
-            int(found.first_ns) or None,
-            last_file,
-            last,
-            int(found.last_ns) or None,
-        )
+        for one in counted(ledger, begin_ns, end_ns):
+            yield self._row(FINDING_COUNTS, one)
 
     def device(self, device: Device) -> Row:
         """Return the row of a device."""

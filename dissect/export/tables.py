@@ -13,6 +13,7 @@ from typing import Any, Final, NamedTuple
 from dissect.config.hints import close_names
 from dissect.facts import fact as kinds
 from dissect.facts.connection import CONNECTION
+from dissect.facts.counted import COUNTED
 from dissect.facts.fact import Fact
 from dissect.facts.finding import FINDING
 from dissect.facts.operation import ACT, OPERATION
@@ -257,33 +258,17 @@ FINDINGS: Final = _of_facts(
     ),
 )  # fmt: skip
 
-FINDING_COUNTS: Final = Table(
+FINDING_COUNTS: Final = _of_facts(
     "finding_counts",
     "rule that applied, and each pair of hosts it applied between: the facts of all its events, also of those that are not in"
     " findings; rows come when everything was read",
+    COUNTED,
     (
-        Column("scope", WORD, "", "rule, or of its events pair, further_pairs; or explained", "Ledger"),
-        Column("slug", WORD, "", "stable name (docs/findings.md)", "Rule.slug"),
-        Column("severity", WORD, "", "error, warning or note", "Rule.severity"),
-        Column("kind", WORD, "", "what it is about", "Rule.kind"),
-        Column("reported", WORD, "", "how often the rule reports: each, once a connection …", "Rule.reported"),
-        Column("client_host", WORD, "", "address of the client, in the rows of pairs", "Pair.client"),
-        Column("server_host", WORD, "", "address of the server, in the rows of pairs", "Pair.server"),
-        Column("because_of", WORD, "", "slug of the finding that explains these, null for none", "Ledger.explained"),
-        Column("events", INT, "", "how often it applied", "Occurrences.events"),
-        Column("reports", INT, "", "how many findings there were of it", "Occurrences.reports"),
-        Column("connections", INT, "", "connections on which it applied", "Occurrences.connections"),
-        Column("connections_at_least", BOOL, "", "there may be more connections", "Occurrences.at_least"),
-        Column("hosts", INT, "", "hosts that it concerns, in the row of a rule", "Ledger.hosts_of"),
-        Column("in_last_tenth", BOOL, "", "it still applied in the last tenth of the capture", "Occurrences.lasts"),
-        _FILE,
-        Column("first_frame", INT, "packet of its file", "packet of the first event", "Occurrences.first_frame"),
-        *_time("ts", "time of the first event", "Occurrences.first_ns"),
-        Column("last_file", WORD, "", "capture file of the last event", "SourceFile.name"),
-        Column("last_frame", INT, "packet of its file", "packet of the last event", "Occurrences.last_frame"),
-        *_time("end", "time of the last event", "Occurrences.last_ns"),
+        "scope", "slug", "severity", "kind", "reported", "client_host", "server_host", "because_of", "events", "reports",
+        "connections", "connections_at_least", "hosts", "in_last_tenth", "file", "first_frame", "first_time", "last_file",
+        "last_frame", "last_time",
     ),
-)
+)  # fmt: skip
 
 DEVICES: Final = Table(
     "devices",

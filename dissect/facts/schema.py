@@ -10,6 +10,7 @@ from collections.abc import Mapping
 from typing import Any, Final
 
 from dissect.facts.connection import CONNECTION
+from dissect.facts.counted import OCCURRENCES
 from dissect.facts.fact import (
     CODE,
     COUNT,
@@ -36,6 +37,7 @@ MADE: Final = "$made"
 TABLES: Final[Mapping[str, Mapping[str, Fact[Any]]]] = {
     "connection": CONNECTION,
     "finding": FINDING,
+    "occurrences": OCCURRENCES,
     "operation": OPERATION,
 }
 

@@ -54,11 +54,14 @@ class Told(NamedTuple):
 
     def as_dict(self, rule: Rule, places: Places) -> dict[str, object]:
         """Return the facts of a rule as the JSON contract has them (docs/json.md)."""
+        from dissect.facts.counted import OCCURRENCES  # late, as text does not need them
+        from dissect.facts.written import written
+
         found = self.ledger.rules[rule.slug]
         pairs = self.ledger.pairs_of(rule.slug)
         named = pairs[:PAIRS]
         return {
-            **_numbers(found, places, self.clock),
+            **written(OCCURRENCES, found, places, self.clock),
             "reported": rule.reported,
             "hosts": self.ledger.hosts_of(rule.slug),
             "in_last_tenth": self.lasts(rule),
@@ -66,7 +69,7 @@ class Told(NamedTuple):
                 {
                     "client": pair.client,
                     "server": pair.server,
-                    **_numbers(pair.records[rule.slug], places, self.clock),
+                    **written(OCCURRENCES, pair.records[rule.slug], places, self.clock),
                 }
                 for pair in named
             ],
@@ -74,21 +77,6 @@ class Told(NamedTuple):
             "events_of_pairs_not_listed": sum([int(pair.records[rule.slug].events) for pair in pairs[PAIRS:]])
             + self.ledger.further(rule.slug),
         }
-
-
-def _numbers(found: Occurrences, places: Places, clock: Clock) -> dict[str, object]:
-    told: dict[str, object] = {"events": found.events, "reports": found.reports}
-    for name, frame, time_ns in (
-        ("first", found.first_frame, found.first_ns),
-        ("last", found.last_frame, found.last_ns),
-    ):
-        told[f"{name}_time"] = clock.iso(time_ns) if time_ns else None
-        told[f"{name}_frame"] = (places.number(frame) if places.several else frame) if frame else None
-        if places.several:
-            told[f"{name}_file"] = places.locate(frame)[0] if frame else None
-    told["connections"] = found.connections
-    told["connections_at_least"] = found.at_least
-    return told
 
 
 def times(rule: Rule, number: int) -> str:

@@ -6,12 +6,14 @@ contract has a longer name for the same, both can be typed.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any, Final
 
 from dissect.facts import fact as kinds
 from dissect.facts.connection import CONNECTION as CONNECTION_FACTS
 from dissect.facts.fact import Fact
+from dissect.facts.finding import FINDING as FINDING_FACTS
+from dissect.facts.operation import OPERATION as OPERATION_FACTS
 from dissect.findings.catalogue import CATALOGUE, NOTE, SEVERITIES
 from dissect.findings.catalogue import KINDS as FINDING_KINDS
 from dissect.findings.reporter import Finding
@@ -50,9 +52,7 @@ from dissect.select.literals import (
     Truth,
 )
 from dissect.select.things import CONNECTION, FINDING, KINDS, MESSAGE, OPERATION, PACKET, TRANSACTION, Context
-from dissect.transactions.connection import Connection
 from dissect.transactions.operation import KINDS as OPERATION_KINDS
-from dissect.transactions.operation import RESULTS
 from dissect.transactions.payloads import ScdMessage
 from dissect.transactions.transaction import CERTAINTIES, DOUBT_TEXTS, OUTCOMES, REASON_TEXTS
 
@@ -113,11 +113,24 @@ def _fact(
 ) -> Field:
     """Return the field of a fact of connections; ``things`` have it as well, through ``getter`` if not by their connection."""
     fact = CONNECTION_FACTS[of_name]
-    getters = _all(getter or of.of_fact(fact), things)
+    getters = _all(getter or of.of_fact(fact, of.connection_of), things)
     return Field(name or of_name, _kind(fact), fact.about, example, getters, also, decided=decided)
 
 
-def _kind(fact: Fact[Connection]) -> Kind:
+def _of_finding(of_name: str, example: str, values: Callable[[], Iterable[str]] | None = None) -> Field:
+    """Return the field of a fact of findings; ``values`` are those of a word."""
+    fact = FINDING_FACTS[of_name]
+    kind = _kind(fact) if values is None else Code(values)
+    return Field(of_name, kind, fact.about, example, {FINDING: of.of_fact(fact, of.finding_of)})
+
+
+def _of_operation(of_name: str, example: str) -> Field:
+    """Return the field of a fact of operations."""
+    fact = OPERATION_FACTS[of_name]
+    return Field(of_name, _kind(fact), fact.about, example, {OPERATION: of.of_fact(fact, of.itself)})
+
+
+def _kind(fact: Fact[Any]) -> Kind:
     """Return how a fact is compared."""
     return Code(lambda: fact.codes) if fact.kind == kinds.CODE else _KINDS[fact.kind]
 
@@ -126,6 +139,7 @@ _KINDS: Final[Mapping[str, Kind]] = {
     kinds.COUNT: Number(),
     kinds.COUNTS: Number(),
     kinds.END: Host(),
+    kinds.TEXT: Text(),
     kinds.TSAP: Text(),
 }
 _TALK: Final = (TRANSACTION, OPERATION)
@@ -320,12 +334,10 @@ _ROWS: Final = (
           {TRANSACTION: of.error_text("where")}, ("errors.where",)),
     Field("error.text", Text(), "The sentence about an error.", 'error.text contains "protected"',
           {TRANSACTION: of.error_text("text")}, ("errors.text",)),
-    Field("result", Code(lambda: RESULTS), "How the operation ended.", "result != done", {OPERATION: _word("result")}),
-    Field("transaction_count", Number(), "Transactions of the operation.", "transaction_count > 10",
-          {OPERATION: _thing("parts")}),
-    Field("pushes", Number(), "Transactions of the operation that were sent unasked.", "pushes > 0",
-          {OPERATION: _thing("pushes")}),
-    Field("octets", Number(), "Bytes of data that the operation carried.", "octets > 10000", {OPERATION: _thing("octets")}),
+    _of_operation("result", "result != done"),
+    _of_operation("transaction_count", "transaction_count > 10"),
+    _of_operation("pushes", "pushes > 0"),
+    _of_operation("octets", "octets > 10000"),
     Field("malformed", Truth(), "The message contradicts itself.", "malformed", {MESSAGE: of.malformed}),
     Field("behind_malformed", Truth(), "It, or a half of it, is behind the malformed header of a TPDU.", "behind_malformed",
           _all(lambda thing, _context: thing.is_behind, _PDUS)),
@@ -350,17 +362,13 @@ _ROWS: Final = (
     Field("items", Number(), "How many items there are.", "items > 20", _all(of.item_count, _PDUS)),
 
     # ---- findings
-    Field("slug", Code(lambda: CATALOGUE), "Name of the finding.", 'slug matches "^security"',
-          {FINDING: of.of_finding(lambda finding: of.name_code(finding.slug))}),
+    _of_finding("slug", 'slug matches "^security"', lambda: CATALOGUE),
     Field("severity", Code(lambda: SEVERITIES, ranks=_WEIGHTS), f"Weight of the finding, from {NOTE} to {SEVERITIES[0]}.",
           "severity >= warning", {FINDING: of.of_finding(_severity)}),
-    Field("detail", Text(), "What was observed, in words; the words may change.", 'detail contains "OB1"',
-          {FINDING: of.of_finding(lambda finding: finding.detail or None)}),
+    _of_finding("detail", 'detail contains "OB1"'),
     Field("technique", Text(), "MITRE ATT&CK techniques of the finding, by name or id.", "technique == T0858",
           {FINDING: of.of_finding(of.techniques)}),
-    Field("because_of", Code(lambda: CATALOGUE), "Name of the finding that explains this one.",
-          'because_of == "s7.malformed"',
-          {FINDING: of.of_finding(lambda finding: of.name_code(finding.because) if finding.because else None)}),
+    _of_finding("because_of", 'because_of == "s7.malformed"', lambda: CATALOGUE),
 
     # ---- S7comm-plus
     Field("s7plus.version", Number(), "Version of the header: 1, 2, 3; 254 system event, 255 keep-alive.",

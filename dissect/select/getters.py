@@ -10,7 +10,8 @@ import ipaddress
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any, Final
 
-from dissect.facts.fact import CODE, TSAP, Fact
+from dissect.facts.fact import CODE, TEXT, TSAP, WORD, Fact
+from dissect.findings.reporter import Finding
 from dissect.iso.upper import S7COMM, S7COMM_PLUS, SCD, UPPER_NAMES
 from dissect.report import facets
 from dissect.s7.errors import errors_of
@@ -60,8 +61,12 @@ def name_code(name: str) -> CodeValue:
     return CodeValue(None, (name,))
 
 
+def _some(text: str) -> str | None:
+    return text or None
+
+
 #: By kind of fact what it is compared as, where that is not its value.
-_TOLD: Final[Mapping[str, Callable[[Any], Any]]] = {CODE: name_code, TSAP: str}
+_TOLD: Final[Mapping[str, Callable[[Any], Any]]] = {CODE: name_code, TEXT: _some, TSAP: str, WORD: name_code}
 
 # ---- connections ----------------------------------------------------------------------------------------------------
 
@@ -72,17 +77,27 @@ def connection_of(thing: Any) -> Connection | None:
     return found
 
 
-def of_fact(fact: Fact[Connection]) -> Getter:
-    """Return a getter for a fact of the thing, which is a connection, or of its connection."""
+def of_fact(fact: Fact[Any], record_of: Callable[[Any], Any]) -> Getter:
+    """Return a getter for a fact; ``record_of`` returns the record of a thing that has it, None where there is none."""
     get = fact.get
     told = _TOLD.get(fact.kind)
 
     def got(thing: Any, _context: Context) -> Any:
-        connection = connection_of(thing)
-        value = get(connection) if connection is not None and get is not None else None
+        record = record_of(thing)
+        value = get(record) if record is not None and get is not None else None
         return told(value) if told is not None and value is not None else value
 
     return got
+
+
+def finding_of(found: Found) -> Finding:
+    """Return the finding itself."""
+    return found.finding
+
+
+def itself(thing: Any) -> Any:
+    """Return the thing."""
+    return thing
 
 
 def ends(thing: Any, _context: Context) -> Iterable[Endpoint] | None:
