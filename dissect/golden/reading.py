@@ -131,7 +131,7 @@ class SessionReader(Observer):
             exchange = self._session.share(_exchange(transaction))
             kept = Transaction(link, "", exchange, transaction.outcome, transaction.reason)
             kept.certainty, kept.doubt = transaction.certainty, transaction.doubt
-            if self.wants_tpdus and exchange.kind == S7:
+            if self.wants_tpdus and exchange.kind != SCD:
                 asked, told = transaction.request_octets, transaction.response_octets
                 kept.recorded = (self._session.keep(asked), self._session.keep(told))
         except GoldenError as error:

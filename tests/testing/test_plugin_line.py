@@ -109,7 +109,7 @@ def test_what_was_not_recorded_fails_the_test(project: Project) -> None:
     module = "tests/test_pump.py"
     project.test(CLIENT + UNMATCHED, module)
     asked = "the fake PLC of tests/captures/pump.pcapng received a request that was not recorded:"
-    request = "  request 2 on connection 1, Read Var DB1.DBB4000 x2: not recorded: DB1.DBB4000 x2"
+    request = "  request 2 on connection 1, Read Var DB1.DBB4000 x2: not recorded: DB1.DBB4000 x2 (nearest recorded: *)"
     result = project.run(f"{module}::test_pump", f"{module}::test_allowed")
     result.assert_outcomes(passed=1, failed=1)
     result.stdout.fnmatch_lines(["*_ test_pump _*", asked, request, "Record it as well, or *"], consecutive=True)

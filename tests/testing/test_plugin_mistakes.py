@@ -34,7 +34,7 @@ def test_a_session_that_was_not_recorded_is_no_golden(project: Project, update: 
         [
             "*test_pump.s7.txt is not written: a fake PLC received a request that was not recorded, *",
             "*s7_server call*",
-            "*: not recorded: DB1.DBB4000 x2",
+            "*: not recorded: DB1.DBB4000 x2 (nearest recorded: *)",
         ]
     )
     assert "written tests" not in result.stdout.str()

@@ -11,6 +11,8 @@ from dissect.playback.server.model import Recording, Said, Script, Step
 from dissect.report import words
 from dissect.transactions.transaction import BEHIND_MALFORMED, HOLE, OUTCOMES, PUSH, UNANSWERED
 
+#: What a message of S7comm-plus begins with.
+_PLUS: Final = b"\x72"
 _PUSH: Final = OUTCOMES[PUSH]
 _UNANSWERED: Final = OUTCOMES[UNANSWERED]
 _BEHIND: Final = OUTCOMES[BEHIND_MALFORMED]
@@ -33,6 +35,8 @@ class Seen:
     @property
     def is_step(self) -> bool:
         """True for what the client sends: a request, or a message that wants no answer."""
+        if self.outcome == _PUSH and self.request[:1] == _PLUS:
+            return self.by_client  # a request that wants no response
         if self.outcome == _PUSH:
             return not self.by_client  # it has no request: who is told of it counts as who asks
         return self.by_client and bool(self.request)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from fnmatch import fnmatchcase
 from typing import Final, NamedTuple
 
@@ -44,9 +45,12 @@ class Fault(NamedTuple):
 
     def hits(self, number: int, asked: Pdu) -> bool:
         """Tell whether it happens at a request: by its number, its function or the address of one of its items."""
+        return self.named(number, [asked.function_name, *[item.address for item in asked.parameters.items]])
+
+    def named(self, number: int, names: Sequence[str]) -> bool:
+        """Tell whether it happens at a request with a number, known by any of these names."""
         if self.number:
             return number == self.number
-        names = [asked.function_name, *[item.address for item in asked.parameters.items]]
         return any([fnmatchcase(name.upper(), self.pattern.upper()) for name in names])
 
 

@@ -52,7 +52,7 @@ class Image:
         self._sizes: dict[int, int] = {}  # data transport sizes this server answered with, by that of the item
         seen: set[tuple[bytes, bytes]] = set()
         for script in recording.scripts:
-            for step in script.steps:
+            for step in () if script.plus else script.steps:
                 alike = (step.request[6:], step.answer[6:])
                 if step.answer and alike not in seen:
                     seen.add(alike)

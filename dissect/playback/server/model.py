@@ -46,9 +46,10 @@ class Script:
     TSAPs are None where not recorded. ``confirm`` is the TPDU that answered the connect request (CC, DR or ER), empty where
     there is none; ``refused`` tells that the connect request was seen and never confirmed. ``end`` is how the server ended
     it (`ENDS`), else empty; ``farewell`` the DR or ER with which it did. ``pdu_length`` was granted, 0 when nobody knows.
+    ``plus``: it speaks S7comm-plus.
     """
 
-    __slots__ = ("called", "calling", "confirm", "end", "farewell", "number", "pdu_length", "refused", "steps")
+    __slots__ = ("called", "calling", "confirm", "end", "farewell", "number", "pdu_length", "plus", "refused", "steps")
 
     def __init__(self, number: int) -> None:
         self.number = number
@@ -59,11 +60,12 @@ class Script:
         self.end = ""
         self.farewell = b""
         self.pdu_length = 0
+        self.plus = False
         self.steps: list[Step] = []
 
 
 class Recording:
-    """The connections of a capture on which S7comm over TCP was spoken. ``notes`` say what of it cannot be served."""
+    """The connections of a capture on which S7comm or S7comm-plus was spoken over TCP; ``notes`` say what is not served."""
 
     __slots__ = ("name", "notes", "scripts")
 
@@ -77,10 +79,10 @@ class Recording:
         """Requests of all connections."""
         return sum([len(script.steps) for script in self.scripts])
 
-    def unserved(self, number: int, protocol: str, carrier: str) -> None:
+    def unserved(self, number: int, protocol: str, carrier: str, reason: str = "") -> None:
         """Note a connection that speaks something else, or over something else than TCP."""
         said = " over ".join(dict.fromkeys([part for part in (PROTOCOLS.get(protocol, protocol), carrier) if part]))
-        self.note(f"connection {number} speaks {said}, which is not served")
+        self.note(f"connection {number} speaks {said}, which is not served{reason}")
 
     def note(self, text: str) -> None:
         """Keep what a user should know; the first hundred."""

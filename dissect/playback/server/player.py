@@ -19,6 +19,8 @@ from dissect.playback.server.answers import (
 )
 from dissect.playback.server.image import Image, holds
 from dissect.playback.server.model import Recording, Said, Script, Step
+from dissect.playback.server.near import near
+from dissect.playback.server.plus import PlusIndex
 from dissect.s7.build import with_reference
 from dissect.s7.layouts import PDU_REF
 from dissect.s7.message import Pdu, parse_pdu
@@ -57,9 +59,12 @@ class Stage:
         self.recording = recording
         self.repeat = repeat
         self.image = Image(recording) if memory else None
-        self.all = AnswerIndex(recording.scripts)
-        single = len(recording.scripts) == 1
-        self._books = {id(script): self.all if single else AnswerIndex([script]) for script in recording.scripts}
+        ours = [script for script in recording.scripts if not script.plus]
+        plus = [script for script in recording.scripts if script.plus]
+        self.all = AnswerIndex(ours)
+        self.plus_all = PlusIndex(plus)
+        self._books = {id(script): self.all if len(ours) == 1 else AnswerIndex([script]) for script in ours}
+        self._plus_books = {id(one): self.plus_all if len(plus) == 1 else PlusIndex([one]) for one in plus}
         self._given = {id(script): 0 for script in recording.scripts}
 
     @property
@@ -75,6 +80,16 @@ class Stage:
     def book(self, script: Script) -> AnswerIndex:
         """Return what is said on one recorded connection."""
         return self._books[id(script)]
+
+    def plus_book(self, script: Script) -> PlusIndex:
+        """Return what is said on one recorded connection of S7comm-plus."""
+        return self._plus_books[id(script)]
+
+    def near(self, asked: Pdu) -> str:
+        """Name the recorded requests that are nearest to one without a recording."""
+        return near(
+            asked, [step.request for script in self.recording.scripts if not script.plus for step in script.steps]
+        )
 
     def script_for(self, calling: bytes | None, called: bytes | None) -> Script:
         """Choose the recorded connection for a client: with its TSAPs, else with the TSAP it calls, else any.
@@ -171,7 +186,11 @@ class Player:
         # A push from a client is a request that mistakes its type, unless it is what programs send each other.
         told = head is not None and (head.type == RESPONSE or (head.type == PUSH and not is_plc_push(asked.parameters)))
         wants = asked.rosctr == JOB or (asked.rosctr == USERDATA and not told)
-        return Reply(refuse(asked) if wants else b"", "unmatched", lacking="no similar request was recorded")
+        return Reply(
+            refuse(asked) if wants else b"",
+            "unmatched",
+            lacking="no similar request was recorded" + self._stage.near(asked),
+        )
 
     # ---- items ------------------------------------------------------------------------------------------------------
 
@@ -202,7 +221,7 @@ class Player:
         if not missing:
             return Reply(answer_items(asked, answers), how, latency_ns)
         more = f" and {len(missing) - 5} more" if len(missing) > 5 else ""
-        lacking = f"not recorded: {', '.join(missing[:5])}{more}"
+        lacking = f"not recorded: {', '.join(missing[:5])}{more}{self._stage.near(asked)}"
         return Reply(answer_items(asked, answers), "unmatched", latency_ns, lacking=lacking)
 
     def _recorded(self, key: bytes) -> ItemAnswer | None:

@@ -5,12 +5,12 @@ from __future__ import annotations
 import os
 from typing import Final
 
-from dissect.golden.exchange import S7
+from dissect.golden.exchange import PLUS, S7
 from dissect.golden.model import GoldenError, Link, Session, Transaction
 from dissect.golden.reading import read_session
 from dissect.iso.cotp import parse_tpdu
 from dissect.iso.tables import CC
-from dissect.playback.protocols import plus_hint
+from dissect.playback.protocols import DIGESTS, link_has_digests, plus_hint
 from dissect.playback.server.answers import farewell
 from dissect.playback.server.arranging import Seen, arrange
 from dissect.playback.server.model import ENDS, Recording, Script
@@ -22,6 +22,7 @@ MAX_STEPS: Final = 200_000
 
 #: Ends that a TPDU tells.
 _TOLD: Final = frozenset((DISCONNECT, ERROR_TPDU))
+_SERVED: Final = frozenset((S7, PLUS))
 _OURS: Final = frozenset(("", "s7comm"))
 
 
@@ -43,10 +44,14 @@ def load_recording(path: str | os.PathLike[str], *more: str | os.PathLike[str]) 
 def recording_of(session: Session) -> Recording:
     """Return what can be served of a session. Raises `ServerError` when nothing can, or when it is too long."""
     recording = Recording(session.name)
-    asked = {link.number: [one for one in link.transactions if one.exchange.kind == S7] for link in session.links}
+    asked = {link.number: [one for one in link.transactions if one.exchange.kind in _SERVED] for link in session.links}
     if sum([len(transactions) for transactions in asked.values()]) > MAX_STEPS:
         raise ServerError(f"{session.name}: more than {MAX_STEPS} transactions; cut it first (s7dissect cut)")
     for link in session.as_begun:
+        if link.carrier == "tcp" and link.protocol not in _OURS and link_has_digests(link):
+            number = link.span.number if link.span is not None else link.number
+            recording.unserved(number, link.protocol, "", f": {DIGESTS}")
+            continue
         _add(recording, link, asked[link.number])
     for text in session.damage:
         recording.note(text)
@@ -64,6 +69,9 @@ def _add(recording: Recording, link: Link, transactions: list[Transaction]) -> N
         carrier = {"udp": "UDP", "ibh": "IBH-NetLink"}.get(link.carrier, "")
         recording.unserved(script.number, link.protocol, carrier)
         return
+    script.plus = bool(transactions) and all([one.exchange.kind == PLUS for one in transactions])
+    if not script.plus:
+        transactions = [one for one in transactions if one.exchange.kind == S7]
     script.calling, script.called = link.calling, link.called
     script.end = link.ended if link.ended in ENDS and link.ended_by == "server" else ""
     tpdus = link.tpdus

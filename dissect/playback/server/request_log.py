@@ -9,8 +9,12 @@ from collections.abc import Sequence
 from typing import Final, NamedTuple
 
 from dissect.playback.server.faults import Fault
+from dissect.playback.server.near import request_name
 from dissect.playback.server.player import Player, Reply, Stage
+from dissect.playback.server.plus import plus_name
+from dissect.playback.server.plus_player import PlusPlayer
 from dissect.s7.message import Pdu
+from dissect.s7plus.message import PlusPdu
 
 #: Requests that are remembered, and of them those that nothing like was recorded of; all are counted.
 MAX_REQUESTS: Final = 10_000
@@ -88,25 +92,35 @@ class RequestLog:
         hits = [fault for fault in self._faults if fault.hits(self.total, asked)]
         addresses = tuple([item.label for item in asked.parameters.items[:MAX_ADDRESSES]])
         name = asked.function_name or "no function"
+        if reply.how == "unmatched" and not addresses:
+            name = request_name(asked.octets) or name
+        self._note(connection, name, addresses, asked.octets, reply, hits)
+        return reply, hits, self._delay_s(reply)
+
+    def answer_plus(self, connection: int, player: PlusPlayer, asked: PlusPdu) -> tuple[Reply, list[Fault], float]:
+        """Return the same for a request of S7comm-plus."""
+        self.total += 1
+        reply = player.reply(asked)
+        hits = [fault for fault in self._faults if fault.named(self.total, [asked.function_name])]
+        self._note(connection, plus_name(asked.octets) or asked.kind, (), asked.octets, reply, hits)
+        return reply, hits, self._delay_s(reply)
+
+    def _note(
+        self, connection: int, name: str, addresses: tuple[str, ...], octets: bytes, reply: Reply, hits: list[Fault]
+    ) -> None:
+        kinds = tuple([fault.kind for fault in hits])
+        kept = octets[:MAX_KEPT]
         self._keep(
-            Request(
-                self.total,
-                connection,
-                time.time_ns(),
-                name,
-                addresses,
-                asked.octets[:MAX_KEPT],
-                reply.how,
-                reply.lacking,
-                tuple([fault.kind for fault in hits]),
-            )
+            Request(self.total, connection, time.time_ns(), name, addresses, kept, reply.how, reply.lacking, kinds)
         )
         for trouble in self.stage.troubles:
             if trouble not in self._told:
                 self._told.add(trouble)
                 self.problems.append(trouble)
+
+    def _delay_s(self, reply: Reply) -> float:
         latency_ms = reply.latency_ns / 1e6 if self._latency_ms is None else self._latency_ms
-        return reply, hits, latency_ms / 1000
+        return latency_ms / 1000
 
     def stranger(self, connection: int, octets: bytes, what: str) -> None:
         """Take note of what a client sent that is no request of S7comm, and that nothing is said to."""

@@ -13,12 +13,17 @@ from dissect.playback.server.answers import confirm, farewell, refuse
 from dissect.playback.server.faults import CUT, DELAY, DROP, REFUSE, SPLIT, WRONG_REF, Fault
 from dissect.playback.server.model import Said
 from dissect.playback.server.player import Player, Reply
+from dissect.playback.server.plus import PROTOCOL_ID as PLUS_ID
+from dissect.playback.server.plus import frames_of, refuse_plus, with_sequence
+from dissect.playback.server.plus_player import PlusPlayer
 from dissect.playback.server.request_log import RequestLog
 from dissect.s7.build import with_reference
 from dissect.s7.layouts import PDU_REF
 from dissect.s7.message import Pdu, parse_pdu
 from dissect.s7.parameters import HEADER_SIZE, PROTOCOL_ID, RESPONSE
 from dissect.s7.tables import ACK, ACK_DATA, JOB, USERDATA
+from dissect.s7plus.assembly import PlusAssembler
+from dissect.s7plus.message import PlusPdu, parse_plus
 from dissect.transactions.ending import RESET
 
 #: What the server says by itself, waiting for its turn; references of the client that recorded ones stand for.
@@ -58,6 +63,8 @@ class ClientSession:
         self._framer.synced = True
         self._assembler = Assembler()
         self._player: Player | None = None
+        self._plus: PlusPlayer | None = None
+        self._joined = PlusAssembler()
         self._reference = 0  # the client's of the transport connection
         self._tpdu_size = 65_531
         self._waiting: deque[Said] = deque()
@@ -90,18 +97,20 @@ class ClientSession:
 
     def _tpdu(self, octets: bytes) -> None:
         tpdu = parse_tpdu(octets)
-        if tpdu.type == CR and self._player is None:
+        if tpdu.type == CR and self._player is None and self._plus is None:
             self._connect(tpdu)
         elif tpdu.type == DR:
             self._deeds.append(Deed(SEND, build_tpkt(build_dc(max(tpdu.field("src_ref"), 0), 1))))
             self._end(CLOSE)
-        elif tpdu.type == DT and self._player is not None and not tpdu.malformed:
+        elif tpdu.type == DT and (self._player or self._plus) is not None and not tpdu.malformed:
             tsdu = self._assembler.push(tpdu.data, tpdu.field("eot") == 1)
             if self._assembler.overflows:
                 self._desk.problems.append(f"connection {self.number} is ended: an endless message")
                 self._end(ABORT)
-            elif tsdu:
+            elif tsdu and self._player is not None:
                 self._tsdu(self._player, tsdu)
+            elif tsdu and self._plus is not None:
+                self._plus_tsdu(self._plus, tsdu)
         else:
             self._desk.problems.append(f"connection {self.number} is ended: {tpdu.name} is unexpected")
             self._end(ABORT)
@@ -116,7 +125,10 @@ class ClientSession:
                 self._deeds.append(Deed(SEND, build_tpkt(with_dst_ref(script.confirm, self._reference))))
             self._end(ABORT if script.end == RESET else CLOSE)
             return
-        self._player = Player(self._desk.stage, script)
+        if script.plus:
+            self._plus = PlusPlayer(self._desk.stage, script)
+        else:
+            self._player = Player(self._desk.stage, script)
         confirmed = confirm(
             request, script.confirm if script.confirm and parse_tpdu(script.confirm).type == CC else b""
         )
@@ -139,18 +151,50 @@ class ClientSession:
         else:
             self._request(player, pdu)
 
+    def _plus_tsdu(self, player: PlusPlayer, tsdu: bytes) -> None:
+        """Take a frame of S7comm-plus; anything else, TLS among it, is answered by the end of the connection."""
+        if tsdu[0] != PLUS_ID:
+            self._desk.stranger(self.number, tsdu, "no S7comm-plus (TLS is not served)")
+            self._end(CLOSE, last=True)
+            return
+        octets = self._joined.push(tsdu)
+        if not octets:
+            return
+        asked = parse_plus(octets)
+        if not asked.readable:
+            self._desk.stranger(self.number, octets, f"S7comm-plus {asked.kind}")
+            return
+        reply, faults, delay_s = self._desk.answer_plus(self.number, player, asked)
+        by_kind = {fault.kind: fault for fault in faults}
+        answer = _spoilt_plus(asked, reply, by_kind)
+        if not self._say(frames_of(answer) if answer else [], by_kind, delay_s):
+            return
+        for said in reply.then:
+            for frame in frames_of(said.octets):
+                self._deeds.append(Deed(SEND, build_tsdu(frame, self._tpdu_size), delay_s))
+        if reply.end:
+            self._end_how = reply.end
+            self._follow(delay_s)
+
+    def _say(self, messages: list[bytes], by_kind: dict[str, Fault], delay_s: float) -> bool:
+        """Send an answer, with what is to go wrong; False when the connection is cut instead."""
+        if CUT in by_kind:
+            self._end(ABORT)
+            return False
+        if DELAY in by_kind:
+            delay_s += by_kind[DELAY].value / 1000
+        for message in [] if DROP in by_kind else messages:
+            octets = build_tsdu(message, self._tpdu_size)
+            self._deeds.append(Deed(SEND, octets, delay_s, SPLIT_SIZE if SPLIT in by_kind else 0))
+        return True
+
     def _request(self, player: Player, asked: Pdu) -> None:
         reply, faults, delay_s = self._desk.answer(self.number, player, asked)
         by_kind = {fault.kind: fault for fault in faults}
-        if CUT in by_kind:
-            self._end(ABORT)
+        answer = _spoilt(asked, reply, by_kind)
+        if not self._say([answer] if answer else [], by_kind, delay_s):
             return
-        if DELAY in by_kind:
-            delay_s += by_kind[DELAY].value / 1000
-        answer = b"" if DROP in by_kind else _spoilt(asked, reply, by_kind)
-        if answer:
-            octets = build_tsdu(answer, self._tpdu_size)
-            self._deeds.append(Deed(SEND, octets, delay_s, SPLIT_SIZE if SPLIT in by_kind else 0))
+        delay_s += by_kind[DELAY].value / 1000 if DELAY in by_kind else 0
         if reply.then and len(self._waiting) < _MAX_WAITING:
             self._waiting.extend(reply.then)
         self._end_how = reply.end or self._end_how
@@ -182,7 +226,8 @@ class ClientSession:
                 octets = with_reference(octets, reference)
             self._deeds.append(Deed(SEND, build_tsdu(octets, self._tpdu_size), delay_s))
         if self._end_how and self._asked <= 0 and not self.over:
-            said_last = self._player.script.farewell if self._player is not None else b""
+            player = self._player or self._plus
+            said_last = player.script.farewell if player is not None else b""
             said_last = said_last or farewell(self._end_how)
             if said_last:
                 self._deeds.append(Deed(SEND, build_tpkt(with_dst_ref(said_last, self._reference)), last=True))
@@ -204,3 +249,9 @@ def _spoilt(asked: Pdu, reply: Reply, faults: dict[str, Fault]) -> bytes:
         wrong = (int.from_bytes(answer[PDU_REF], "big") + 1) & 0xFFFF
         answer = with_reference(answer, wrong.to_bytes(2, "big"))
     return answer
+
+
+def _spoilt_plus(asked: PlusPdu, reply: Reply, faults: dict[str, Fault]) -> bytes:
+    """Return the answer of S7comm-plus with what is to be wrong about it."""
+    answer = refuse_plus(asked, int(faults[REFUSE].value)) if REFUSE in faults else reply.octets
+    return with_sequence(answer, asked.sequence + 1 & 0xFFFF) if WRONG_REF in faults and answer else answer

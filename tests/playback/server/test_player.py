@@ -106,7 +106,10 @@ def test_an_odd_item_is_filled_up_unless_it_is_the_last() -> None:
 def test_an_item_that_nobody_recorded_does_not_exist() -> None:
     answer = reply(player(small()), read("DB10.DBW4", "DB10.DBW100", "T5"))
     assert parse_pdu(answer.octets).return_codes() == [0xFF, 0x0A, 0x0A]
-    assert (answer.how, answer.lacking) == ("unmatched", "not recorded: DB10.DBW100, T5")
+    assert (answer.how, answer.lacking) == (
+        "unmatched",
+        "not recorded: DB10.DBW100, T5 (nearest recorded: DB10.DBW4; DB10.DBW6; DB99.DBW0)",
+    )
 
 
 def test_a_write_of_another_value_is_the_same_write() -> None:
@@ -115,7 +118,7 @@ def test_a_write_of_another_value_is_the_same_write() -> None:
     assert reply(plc, write("DB10.DBW8 = 6")).how == "valued"
     answer = reply(plc, write("DB10.DBW8 = 1", "DB10.DBW90 = 2"))
     assert parse_pdu(answer.octets).return_codes() == [0xFF, 0x0A]
-    assert answer.lacking == "not recorded: DB10.DBW90"
+    assert answer.lacking == "not recorded: DB10.DBW90 (nearest recorded: DB10.DBW8)"
 
 
 @pytest.mark.parametrize(

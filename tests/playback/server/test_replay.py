@@ -21,18 +21,17 @@ PATHS: Final = sorted(FOLDER.rglob("*.pcap*"))
 NOTHING: Final = {
     "refused-port": "nobody listened",
     "false-starts": "what looks like a TPKT is none",
-    "look-alikes": "other protocols that begin as S7 does",
     "netlink": "S7comm over IBH-NetLink, not over ISO-on-TCP",
     "cotp_unknown_payload_rst": "COTP with something else in it",
     "mms_header_in_own_segment": "MMS",
     "mms_one_sided_read_request": "MMS",
     "rdp-proprietary-encryption": "RDP",
-    "s7commplus_1511_opc_all_types": "S7comm-plus",
-    "plus-answers": "S7comm-plus",
-    "plus-plant": "S7comm-plus",
-    "s7commplus": "S7comm-plus",
-    "s7commplus-tls": "S7comm-plus in TLS",
+    "s7commplus_1511_opc_all_types": "S7comm-plus with digests",
+    "plus-answers": "S7comm-plus with digests",
+    "plus-plant": "S7comm-plus with digests",
 }
+#: The client goes over to TLS, which is not served: what was said inside is, to clients without TLS (test_plus.py).
+SEALED: Final = {"s7commplus-tls"}
 #: Connections that break off here, by number: what the client sends there no server can go on with.
 BROKEN: Final = {
     ("cotp-endless", 1): "an endless message",
@@ -57,6 +56,12 @@ REORDERED: Final = {("references", 1)}
 #: Connections that are not served, in captures where others are.
 OTHERS: Final = {
     ("s7comm_and_s7commplus_sll", 1): "speaks S7comm-plus",
+    ("look-alikes", 3): "speaks S7comm-plus",
+    ("look-alikes", 4): "speaks TLS",
+    ("look-alikes", 5): "speaks MMS",
+    ("look-alikes", 6): "speaks unknown protocol",
+    ("look-alikes", 7): "speaks RDP",
+    ("look-alikes", 8): "speaks RDP",
     ("plant", 1): "speaks unknown protocol",  # SCD without S7comm
 }
 #: Answers that are not served, because the capture lost their requests.
@@ -86,8 +91,11 @@ def expect_the_same(path: Path) -> None:
     with Server(path) as server:
         for number, packets in enumerate(connections, 1):
             this = (name, number)
+            if name in SEALED:
+                continue
             if this in OTHERS:
-                assert f"connection {number} {OTHERS[this]}, which is not served" in server.recording.notes
+                told = f"connection {number} {OTHERS[this]}, which is not served"
+                assert any(note.startswith(told) for note in server.recording.notes)
                 continue
             if this in BROKEN:
                 with pytest.raises(ConnectionResetError):
@@ -149,12 +157,10 @@ def test_the_tables_of_exceptions_name_captures() -> None:
     assert named <= here
 
 
-@pytest.mark.parametrize(
-    "name", ["s7plus/s7commplus", "s7plus/s7commplus-tls", "crafted/plus-plant", "crafted/plus-answers"]
-)
-def test_a_capture_of_nothing_but_s7comm_plus_is_refused_in_a_sentence(name: str) -> None:
+@pytest.mark.parametrize("name", ["crafted/plus-plant", "crafted/plus-answers"])
+def test_a_capture_of_nothing_but_s7comm_plus_with_digests_is_refused_in_a_sentence(name: str) -> None:
     path = FOLDER / f"{name}.pcapng"
-    why = "it speaks S7comm-plus, whose digests cannot be made without the key of the session"
+    why = "it speaks S7comm-plus; its messages carry digests, which cannot be made without the key of the session"
     with pytest.raises(ServerError) as refused:
         load_recording(path)
     text = str(refused.value)

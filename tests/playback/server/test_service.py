@@ -72,6 +72,7 @@ def test_requests_and_what_was_not_recorded_are_told() -> None:
         ]
         assert server.unmatched == [asked[2]]
         text = "request 3 on connection 1, Read Var DB10.DBW6, DB7.DBW0: not recorded: DB7.DBW0"
+        text += " (nearest recorded: DB10.DBW6; DB10.DBW4; DB99.DBW0)"
         assert str(asked[2]) == text
         assert list(server.problems) == [f"unmatched: {text}"]
 

@@ -1,0 +1,99 @@
+"""Names the recorded requests that are nearest to one that has no recording, for whoever looks for the reason."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import Final
+
+from dissect.golden.exchange import PLUS, S7, Exchange
+from dissect.golden.keys import subject
+from dissect.golden.plus import plus_subject
+from dissect.s7.items import Item
+from dissect.s7.layouts import DATA_HEAD
+from dissect.s7.message import Pdu, parse_pdu
+from dissect.s7.tables import GROUP_CPU, READ_SZL, READ_VAR, USERDATA, WRITE_VAR
+from dissect.s7plus.message import PlusPdu, parse_plus
+from dissect.wire.text import printable, shortened
+
+#: How many are named, recorded requests that are looked at, and characters of each.
+_NAMED: Final = 3
+_MOST: Final = 2_000
+_LONG: Final = 100
+#: Id and index of a list, two bytes each.
+_LIST: Final = 4
+
+
+def request_name(octets: bytes) -> str:
+    """Return what a request of S7comm asks for, an SZL with id and index; safe to show."""
+    pdu = parse_pdu(octets)
+    name = subject(Exchange(S7, octets, b""))
+    asked = _szl(pdu)
+    return f"{name}, index 0x{asked[1]:04x}" if asked is not None and asked[1] else name
+
+
+def near(asked: Pdu, recorded: Iterable[bytes]) -> str:
+    """Return the end of a sentence: `` (nearest recorded: …)``, empty where nothing of the kind was recorded."""
+    ranked: dict[str, tuple[int, ...]] = {}
+    for octets in _few(recorded):
+        pdu = parse_pdu(octets)
+        if pdu.rosctr != asked.rosctr or pdu.function_name != asked.function_name:
+            continue
+        if asked.function in {READ_VAR, WRITE_VAR} and asked.parameters.items:
+            _rank_items(ranked, asked.parameters.items, pdu.parameters.items)
+        else:
+            ranked.setdefault(request_name(octets), _distance(_szl(asked), _szl(pdu)))
+    return _told(ranked)
+
+
+def near_plus(asked: PlusPdu, recorded: Iterable[bytes]) -> str:
+    """Return the same for a request of S7comm-plus: those of its function that have most of what it is about in common."""
+    wanted = set(map(repr, plus_subject(asked.octets)))
+    ranked: dict[str, tuple[int, ...]] = {}
+    for octets in _few(recorded):
+        if parse_plus(octets).function == asked.function:
+            shared = wanted & set(map(repr, plus_subject(octets)))
+            ranked.setdefault(subject(Exchange(PLUS, octets, b"")), (-len(shared),))
+    return _told(ranked)
+
+
+def _few(recorded: Iterable[bytes]) -> list[bytes]:
+    """Return the first recorded requests, each once but for its reference."""
+    few: dict[bytes, bytes] = {}
+    for octets in recorded:
+        few.setdefault(octets[:4] + octets[6:], octets)
+        if len(few) >= _MOST:
+            break
+    return list(few.values())
+
+
+def _rank_items(ranked: dict[str, tuple[int, ...]], wanted: Sequence[Item], there: Sequence[Item]) -> None:
+    for item in there:
+        if not item.octets:
+            continue
+        distances = [
+            (int(item.area != one.area), int(item.db != one.db), abs(int(item.start_bit) - int(one.start_bit)))
+            for one in wanted
+        ]
+        label = shortened(printable(item.label), _LONG)
+        ranked[label] = min([*distances, *([ranked[label]] if label in ranked else [])])
+
+
+def _szl(pdu: Pdu) -> tuple[int, int] | None:
+    """Return id and index of the list that a request reads, None where it reads none."""
+    head = pdu.parameters.userdata
+    if pdu.rosctr != USERDATA or head is None or head.group != GROUP_CPU or head.subfunction != READ_SZL:
+        return None
+    octets = bytes(pdu.data[DATA_HEAD.size : DATA_HEAD.size + _LIST])
+    return (int.from_bytes(octets[:2], "big"), int.from_bytes(octets[2:], "big")) if len(octets) == _LIST else None
+
+
+def _distance(one: tuple[int, int] | None, other: tuple[int, int] | None) -> tuple[int, ...]:
+    if one is None or other is None:
+        return (0,)
+    # The low byte says which list; the high one, which extract of it.
+    return int(one[0] & 0xFF != other[0] & 0xFF), abs(one[0] - other[0]), abs(one[1] - other[1])
+
+
+def _told(ranked: dict[str, tuple[int, ...]]) -> str:
+    nearest = sorted(ranked, key=lambda name: ranked[name])[:_NAMED]
+    return f" (nearest recorded: {'; '.join(nearest)})" if nearest else ""

@@ -1,0 +1,43 @@
+"""What one client of S7comm-plus hears of the fake PLC (`dissect.playback.server.plus`)."""
+
+from __future__ import annotations
+
+from dissect.playback.server.answer_index import LEVELS
+from dissect.playback.server.model import Script, Step
+from dissect.playback.server.near import near_plus
+from dissect.playback.server.player import CYCLE, Reply, Stage
+from dissect.playback.server.plus import plus_keys, refuse_plus, renewed, wants_answer
+from dissect.s7plus.message import PlusPdu
+
+
+class PlusPlayer:
+    """Answers requests of one client; requests of its recorded connection first, then of all."""
+
+    def __init__(self, stage: Stage, script: Script) -> None:
+        self.script = script
+        self._cycles = stage.repeat == CYCLE
+        self._books = (stage.plus_book(script), stage.plus_all)
+        self._turns: dict[tuple[int, int, bytes], int] = {}
+        self._heard: set[int] = set()
+
+    def reply(self, asked: PlusPdu) -> Reply:
+        """Return what is said to a request. Never raises, whatever the request is."""
+        for level, key in enumerate(plus_keys(asked.octets, asked)):
+            for number, book in enumerate(self._books):
+                steps = book.steps(level, key) if key else []
+                if steps:
+                    step = steps[self._turn((number, level, key), len(steps))]
+                    answer = renewed(step.answer, asked) if step.answer else b""
+                    end = self._end_after(step) if number == 0 else ""
+                    return Reply(answer, LEVELS[level + 1], step.latency_ns, tuple(step.then), end)
+        lacking = "no similar request was recorded" + near_plus(asked, self._books[1].requests)
+        return Reply(refuse_plus(asked) if wants_answer(asked) else b"", "unmatched", lacking=lacking)
+
+    def _turn(self, key: tuple[int, int, bytes], count: int) -> int:
+        turn = self._turns.get(key, 0)
+        self._turns[key] = turn + 1
+        return turn % count if self._cycles else min(turn, count - 1)
+
+    def _end_after(self, step: Step) -> str:
+        self._heard.add(id(step))
+        return self.script.end if self.script.end and len(self._heard) == len(self.script.steps) else ""
