@@ -125,8 +125,10 @@ def test_what_was_not_recorded_is_refused_and_told(tmp_path: Path) -> None:
         # One that another client read as well, and one that nobody did.
         told = talk(server, "until", "20000", "1", "DB1,BYTE5", "DB77,INT0")
         assert [str(request) for request in server.unmatched] == [
-            "request 2 on connection 1, Read Var DB1.DBB5, DB77.DBB0 x2: not recorded: DB77.DBB0 x2 "
-            "(nearest recorded: DB1.DBB5; DB1.DBB4 x7; DB1.DBX10.3)"
+            (
+                "request 2 on connection 1, Read Var DB1.DBB5, DB77.DBB0 x2: not recorded: DB77.DBB0 x2 "
+                "(nearest recorded: DB1.DBB5; DB1.DBB4 x7; DB1.DBX10.3)"
+            )
         ]
         assert server.problems.pop().startswith("unmatched: request 2 on connection 1, ")
     assert told == [{"bad": True, "values": {"DB1,BYTE5": ONE[5], "DB77,INT0": "BAD 255"}}]
