@@ -117,7 +117,8 @@ def test_a_schema_keeps_what_is_written_beside_the_table() -> None:
 @each("paths", [(path,) for path in OWN[::4]] + [(OWN[0], OWN[4])])
 def test_json_has_the_keys_of_the_table_in_its_order(paths: tuple[Path, ...]) -> None:
     told = of_files(*paths).as_dict()
-    for facts, name in ((CONNECTION, "connections"), (FINDING, "finding_details")):
+    tables: list[tuple[Any, str]] = [(CONNECTION, "connections"), (FINDING, "finding_details")]
+    for facts, name in tables:
         records: Any = told[name]
         for record in records:
             files = files_of(facts)

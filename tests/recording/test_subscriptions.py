@@ -138,7 +138,12 @@ def test_at_the_bound_all_are_looked_at_now_and_then(monkeypatch: pytest.MonkeyP
     monkeypatch.setattr(subscriptions, "MAX_KEPT", 64)
     looks: list[int] = []
     drop = SubscriptionBook._drop
-    monkeypatch.setattr(SubscriptionBook, "_drop", lambda book: (looks.append(len(book._asked)), drop(book)))
+
+    def counted(book: SubscriptionBook) -> None:
+        looks.append(len(book._asked))
+        drop(book)
+
+    monkeypatch.setattr(SubscriptionBook, "_drop", counted)
     running = SimpleNamespace(transactions=range(10_000))  # one operation to which all requests belong
     connection = SimpleNamespace(operations=SimpleNamespace(these=[running]))
     book = SubscriptionBook()
