@@ -26,6 +26,7 @@ same. Names that are not on this page or in `dissect.scd`, `dissect.layers` ([la
 - Attributes are what is known, methods are what is computed. Names with an underscore in front are internal.
 - Objects are values for reading: they copy, deep-copy and pickle, also between the compiled and the interpreted build of one
   version. Two objects are equal only if they are the same object; compare what they say (`as_dict()`, `repr()`).
+  Items are tuples, and equal where their content is.
 - A copy has what is known at that moment, and no session keys. A `Run` and a `Live` cannot be copied; the error says so.
 - Everything wrong with what is given raises a `dissect.Error`. What is wrong inside a capture is a finding and raises nothing.
   What your own `Observer` raises reaches you, from `Run.step` or `Run.read`, and ends the reading.

@@ -174,6 +174,17 @@ def test_objects_copy_and_pickle(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", sorted(MADE))
+def test_objects_are_equal_as_is_promised(name: str) -> None:
+    """An object equals itself only (docs/api.md), an item, which is a tuple, any with the same content."""
+    for one in MADE[name]()[:20]:
+        other = copy.copy(one)
+        assert one == one  # noqa: PLR0124
+        assert (one == other) is isinstance(one, tuple)
+        assert one != str(one)
+        assert isinstance(one, tuple) or isinstance(hash(one), int)
+
+
+@pytest.mark.parametrize("name", sorted(MADE))
 def test_public_classes_have_help(name: str) -> None:
     text = pydoc.plain(pydoc.render_doc(getattr(dissect, name)))
     assert f"class {name}" in text
