@@ -45,7 +45,7 @@ PLACES: list[tuple[str, str, set[str]]] = [
     ("operation", "properties/result/enum", set(operation.RESULTS)),
     (
         "operation",
-        "properties/oddities/items/properties/name/enum",
+        "$defs/oddity/properties/name/enum",
         {operation.WRONG_ID, operation.BEYOND_END, operation.WRONG_SIZE, operation.CUT_SHORT},
     ),
     ("event", "properties/event/enum", {*EVENTS, "events_lost", "summary"}),
