@@ -17,6 +17,7 @@ from dissect.transactions.transaction import (
     CONNECTION_EVICTED,
     HOLE,
     MALFORMED_HEADER,
+    ONE_SIDED,
     REFERENCE_REUSED,
     TABLE_FULL,
 )
@@ -81,6 +82,7 @@ REASONS: Final = frozenset((CONNECTION_CLOSED, CAPTURE_ENDED, REFERENCE_REUSED, 
 #: Reasons that do not blame, each with the reason.
 BLAMELESS_REASONS: Final[dict[str, str]] = {
     HOLE: "says that the answer was not captured",
+    ONE_SIDED: "says that the direction of the answers was not captured",
     MALFORMED_HEADER: "says what stands before the request, and that nobody misses an answer",
     CONNECTION_EVICTED: "is about the memory of the analysis",
 }

@@ -185,7 +185,7 @@ def written(
 def layouts_of(path: Path) -> list[tuple[str, str, list[tuple[str, int]]]]:
     return [
         (pdu.kind, pdu.function_name, [(part.layout.name, part.end) for part in found.parts])
-        for pdu, found in pdus(path)
+        for pdu, found in pdus(path, cut=True)  # where a segment is lost, also in the source
     ]
 
 

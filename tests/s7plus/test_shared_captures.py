@@ -23,21 +23,22 @@ CAPTURES: Final = {
 
 
 class Pdus(Observer):
-    """Keeps the S7comm-plus PDUs of a capture with what they carry."""
+    """Keeps the S7comm-plus PDUs of a capture with what they carry; none is cut, unless ``cut``."""
 
-    def __init__(self) -> None:
+    def __init__(self, cut: bool) -> None:
         super().__init__()
+        self.cut = cut
         self.wants_pdus = True
         self.found: list[tuple[PlusPdu, Contents]] = []
 
     def plus_pdu(self, frame: int, time_ns: int, side: Side, octets: bytes, cut: bool) -> None:
-        assert not cut
+        assert self.cut or not cut
         pdu = parse_plus(octets, frame, time_ns, side.connection.number, side.index)
         self.found.append((pdu, parse_contents(pdu)))
 
 
-def pdus(path: Path) -> list[tuple[PlusPdu, Contents]]:
-    observer = Pdus()
+def pdus(path: Path, cut: bool = False) -> list[tuple[PlusPdu, Contents]]:
+    observer = Pdus(cut)
     run = Run([str(path)], observer)
     while run.step():
         pass
