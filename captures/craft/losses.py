@@ -220,4 +220,4 @@ def half(case: Case, side: int, function: int) -> None:
     if side == SERVER:
         case.orphan(function)
     else:
-        case.unanswered(function, "capture_ended")
+        case.unanswered(function, "one_sided")

@@ -334,7 +334,7 @@ class ConnectionTable:
         mixed: i64 = (addresses ^ (addresses >> 29)) + (ports ^ (ports >> 16))
         place: i64 = (mixed ^ (mixed >> 13)) & self._mask
         side = self._places[place]
-        if side is not None and side.ports == ports and side.addresses == addresses:
+        if side is not None and side.ports == ports and side.addresses == addresses and vlan < _MANY_TAGS:
             return side
         key = buf[at : at + _KEY4]
         side = self.sides.get(key + self.tag_of(vlan) if vlan else key)
