@@ -50,6 +50,7 @@ for number, stream in enumerate(streams):
     os.dup2(stream, number)
     os.close(stream)
 signal.signal(signal.SIGINT, signal.default_int_handler)  # a background job of a script ignores it from birth
+signal.signal(signal.SIGHUP, signal.SIG_DFL)  # and one of nohup this
 os.environ.clear()
 os.environ.update(told["environment"])
 time.tzset()
