@@ -132,7 +132,8 @@ class Causes:
         self._release(connection, None)
 
     def _release(self, connection: i64, cause: Finding | None) -> None:
-        self.waiting.pop(connection, None)
+        if self.waiting:
+            self.waiting.pop(connection, None)
         self._reporter.release(connection, cause)
 
     def tick(self, now_ns: i64) -> None:
@@ -292,11 +293,11 @@ class Causes:
 
     def forget(self, connection: Connection) -> None:
         """A connection is over, and everything about it was reported."""
-        if self._of:
+        suspects = self._of.get(connection.number) if self._of else None
+        if suspects is not None:
             self._release(connection.number, None)
-            suspects = self._of.pop(connection.number, None)
-            if suspects is not None:
-                self._kept -= len(suspects.requests)
+            del self._of[connection.number]
+            self._kept -= len(suspects.requests)
 
 
 def _asked_for(connection: Connection) -> str:

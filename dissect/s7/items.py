@@ -8,7 +8,7 @@ from __future__ import annotations
 import struct
 from typing import Final
 
-from librt.strings import read_i32_be, read_i64_be
+from librt.strings import BytesWriter, read_i32_be, read_i64_be, write_i64_be
 from mypy_extensions import i64
 
 from dissect.s7.address import address_text
@@ -243,14 +243,15 @@ def data_size_within(transport_size: i64, length: i64, room: i64) -> i64:
 
 def item_heads(count: i64, buf: bytes, at: i64, end: i64) -> bytes:
     """Return what `begin_alike` compares: the size of a sound data block; for each item its place and its first four octets."""
-    heads = [_SIZE.pack(end - at)]
-    place = at
+    heads = BytesWriter()
+    write_i64_be(heads, end - at)
+    place: i64 = at
     for _ in range(count):
-        head = u32(buf, place)
-        heads.append(_PLACED.pack(place - at, head))
+        head: i64 = u32(buf, place)
+        write_i64_be(heads, (place - at) << 32 | head)
         place += 4 + data_size_within(head >> 16 & 0xFF, head & 0xFFFF, end - place - 4)
         place += place - at & 1  # the fill octet after an odd item
-    return b"".join(heads)
+    return heads.getvalue()
 
 
 def begin_alike(heads: bytes, buf: bytes, at: i64, end: i64) -> bool:

@@ -11,7 +11,7 @@ from typing import Final
 from dissect.s7plus import layouts
 from dissect.s7plus.contents import Contents
 from dissect.s7plus.ending import read_end
-from dissect.s7plus.grammar import DETAILS_BIT, elements_of
+from dissect.s7plus.grammar import DETAILS_BIT, ELEMENTS, END, body_of
 from dissect.s7plus.ids import id_name
 from dissect.s7plus.message import PlusPdu, fixed_part
 from dissect.s7plus.notifications import read_event, read_notification
@@ -100,18 +100,19 @@ def _read(walk: Walk, found: Contents, pdu: PlusPdu) -> None:
         if pdu.opcode != RESPONSE and pdu.opcode not in OPCODES:
             return
         take_return_value(walk)
-    elements = elements_of(pdu.function, request)
-    if elements is None:
+    place = body_of(pdu.function, request)
+    if place == 0:
         return  # no capture shows such a body
-    for element in elements:
-        _READERS[element](walk, found)
+    while ELEMENTS[place] != END:
+        _READERS[ELEMENTS[place]](walk, found)
+        place += 1
     read_end(walk, found, pdu)
     found.whole = walk.left == 0
 
 
 def is_known(pdu: PlusPdu) -> bool:
     """Return False for functions that have a name, but whose body no capture and no source describes."""
-    return pdu.function not in FUNCTIONS or elements_of(pdu.function, pdu.opcode == REQUEST) is not None
+    return pdu.function not in FUNCTIONS or body_of(pdu.function, pdu.opcode == REQUEST) > 0
 
 
 # ---- elements (dissect.s7plus.grammar), in the order of their numbers ---------------------------------------------------

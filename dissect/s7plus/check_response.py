@@ -37,7 +37,7 @@ def check_response(checked: Check) -> tuple[int, bool]:
     """Return the lower 16 bits of a response's return value, -1 for none, and whether it refuses anything. Never raises."""
     if checked.sound:
         code = int(checked.code)
-        return code, checked.refuses or refuses(code)
+        return code, checked.refuses or (code != 0 and refuses(code))
     pdu = checked.pdu()
     return pdu.return_code, refuses(pdu.return_code) or refuses_items(pdu)
 

@@ -71,6 +71,7 @@ from dissect.s7plus.tables import (
     SET_VAR_SUBSTREAMED,
     SET_VARIABLE,
     V3,
+    VALUE_ITEM_VLQ,
 )
 from dissect.s7plus.value_showing import value_text
 from dissect.s7plus.values import Blob, Value
@@ -386,7 +387,7 @@ def _created(session: PlusSession, events: list[Event], asked: Made, told: Made 
     # The first objects show what is created, even if the PDU is too long to be read completely, or has a fault later.
     these = asked.objects or asked.begun
     every = asked.every or every_object(asked.begun)
-    if any([one.class_id == SERVER_SESSION for one in asked.objects]):
+    if any(one.class_id == SERVER_SESSION for one in asked.objects):
         session.open_session(asked)
         if told is not None and good:
             session.session_opened(told)
@@ -408,13 +409,13 @@ def _loaded(events: list[Event], parent: int, these: list[PlusObject], every: li
     text = load_text(parent, these, every, unread)
     if text:
         events.append(Event(LOADED, text))
-    if parent == FIRMWARE_PACKAGE or any([one.rid == FIRMWARE_PACKAGE for one in every]):
+    if parent == FIRMWARE_PACKAGE or any(one.rid == FIRMWARE_PACKAGE for one in every):
         events.append(Event(FIRMWARE, said(these)))
 
 
 def _subscription(session: PlusSession, one: PlusObject, addresses: list[Address], id_: int) -> Event:
     """Return an event for a new subscription: its name, its cycle, and what it subscribes to."""
-    alarms = any([inner.class_id == _ALARM_SUBSCRIPTION for inner in one.objects])
+    alarms = any(inner.class_id == _ALARM_SUBSCRIPTION for inner in one.objects)
     cycle = one.number(CYCLE)
     texts = [one.text(NAME), f"every {cycle} ms" if cycle > 0 else "on change"]
     labels = [session.label(address) for address in addresses[:_NAMED]]
@@ -563,8 +564,18 @@ def subscription_of(octets: bytes) -> i64:
     return u32(data, at + 1) if at + 5 <= end else -1
 
 
+def _reports_state(told: Check, marks: list[bytes]) -> bool:
+    """Return False for a notification that certainly has none of the items that begin with ``marks``."""
+    data = told.data
+    for mark in marks:
+        if data.find(mark, told.begin, told.end) >= 0:
+            return True
+    return data.find(VALUE_ITEM_VLQ, told.begin, told.end) >= 0  # a reference of variable size
+
+
 def _notified(session: PlusSession, told: Check) -> Facts | None:
-    if len(session.states) == 0 or told.subscription_id not in session.states:
+    marks = session.states.get(int(told.subscription_id)) if session.states else None
+    if marks is None or (told.sound and not _reports_state(told, marks)):
         return _judge_contents(None, told)
     facts = Facts()
     pdu = told.pdu()

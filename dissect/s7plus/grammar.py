@@ -126,11 +126,10 @@ REQUESTS: Final[bytes] = _begins(1)
 RESPONSES: Final[bytes] = _begins(2)
 
 
-def elements_of(function: int, request: bool) -> bytes | None:
-    """Return the elements of a body; None if no capture and no source describes it."""
+def body_of(function: int, request: bool) -> int:
+    """Return where the elements of a body begin in `ELEMENTS`; 0 if no capture and no source describes it."""
     begins = REQUESTS if request else RESPONSES
-    at = begins[function - FIRST] if FIRST <= function < FIRST + len(begins) else 0
-    return ELEMENTS[at : ELEMENTS.index(END, at)] if at else None
+    return begins[function - FIRST] if FIRST <= function < FIRST + len(begins) else 0
 
 
 def ending_with_objects(request: bool) -> frozenset[int]:

@@ -61,7 +61,7 @@ def load_text(parent: int, tops: list[PlusObject], every: list[PlusObject], unre
     if not blocks and not parts and parent != PROGRAM:
         return ""
     outer = {one.offset for one in tops}
-    if parent == PROGRAM and all([one.offset in outer for one in blocks]):
+    if parent == PROGRAM and all(one.offset in outer for one in blocks):
         text = said(tops) or "objects that were not read"
     else:
         text = ", ".join([*parts, *([_counted(blocks)] if blocks else [])]) or said(tops)

@@ -70,8 +70,9 @@ def take_reserved(walk: Walk, size: int) -> None:
 def take_qualifier(walk: Walk) -> None:
     """Read the qualifier, which is the same in all captures. Raises `FormatError`."""
     at = walk.at
-    if not walk.shown and walk.octets.startswith(USUAL_QUALIFIER, at, walk.end):
-        walk.at = at + len(USUAL_QUALIFIER)
+    behind = at + len(USUAL_QUALIFIER)
+    if not walk.shown and behind <= walk.end and walk.octets[at:behind] == USUAL_QUALIFIER:
+        walk.at = behind
         walk.spend(_COST, "qualifier")
         return
     if walk.take(4, "qualifier") != _QUALIFIER:

@@ -15,6 +15,7 @@ from dissect.s7plus.objects import PlusObject
 from dissect.s7plus.program import CODE, Program, symbol
 from dissect.s7plus.program_tables import ROLES
 from dissect.s7plus.stamps import next_stamp
+from dissect.s7plus.tables import VALUE_ITEM
 from dissect.wire.copies import leaves
 
 # Classes and attributes.
@@ -152,7 +153,7 @@ class PlusSession:
     """What is known about one connection. Texts are from the wire and not escaped.
 
     ``program`` and ``identity`` are shared by all connections of a CPU. ``states`` are the subscriptions that report the
-    operating state of the CPU. ``tls``: the client asked for TLS.
+    operating state of the CPU, each with what begins an item that does. ``tls``: the client asked for TLS.
     ``challenged``: the CPU offers authentication; ``authenticated``: the client used it. ``given`` are the ids of its sessions.
     ``writes`` and ``reads``: clients count requests that change something, and all others, separately. ``explores`` counts
     Explore requests; ``explored`` are the packets of the first and the last one. ``stamp`` is 0 until something is subscribed.
@@ -200,7 +201,7 @@ class PlusSession:
         self.latest: i64 = -1  # the id in ``given`` that was used last
         self.reads: Counted = Counted()
         self.writes: Counted = Counted()
-        self.states: set[int] = set()
+        self.states: dict[int, list[bytes]] = {}
         self.subscriptions: dict[int, dict[int, Address]] = {}
         self.stamp: i64 = 0
 
@@ -240,7 +241,8 @@ class PlusSession:
 
     def describe(self) -> str:
         """Return who the client is and which CPU or panel answers, as a short text."""
-        role = f"({self.client_kind})" if self.client_kind else ""
+        kind = self.client_kind
+        role = f"({kind})" if kind else ""
         server = " ".join([text for text in (self.identity.order_number, self.identity.firmware) if text])
         who = " ".join([text for text in (self.who, role) if text])
         return f"{who}, {self.identity.kind or 'CPU'} {server}" if server else who
@@ -304,9 +306,7 @@ class PlusSession:
                 self.unsubscribe(next(iter(self.subscriptions)))
             known = lists[one.offset]
             self.subscriptions[id_] = known
-            self.stamp = next_stamp()
-            if _has_state(known):
-                self.states.add(id_)
+            self._changed(id_, known)
 
     def change(self, id_: int, told: References) -> None:
         """Take a changed reference list of a subscription."""
@@ -314,17 +314,21 @@ class PlusSession:
         if found is None:
             return
         _change(found, told)
-        self.stamp = next_stamp()
-        if _has_state(found):
-            self.states.add(id_)
-        else:
-            self.states.discard(id_)
+        self._changed(id_, found)
 
     def unsubscribe(self, id_: int) -> None:
         """Forget a subscription, if there is one."""
         if self.subscriptions.pop(id_, None) is not None:
-            self.stamp = next_stamp()
-        self.states.discard(id_)
+            self._changed(id_, {})
+
+    def _changed(self, id_: int, known: dict[int, Address]) -> None:
+        """Note what a subscription reports from now on."""
+        self.stamp = next_stamp()
+        marks = [_mark(reference) for reference, address in known.items() if is_state(address)]
+        if marks:
+            self.states[id_] = marks
+        elif id_ in self.states:
+            del self.states[id_]
 
     def address_of(self, subscription: int, reference: int) -> Address | None:
         """Return the address that a reference in a notification stands for; None if its subscription was not captured."""
@@ -357,8 +361,9 @@ def is_state(address: Address) -> bool:
     return address.lids[-1] == OPERATING_STATE if address.lids else address.sub_area == DIAGNOSIS
 
 
-def _has_state(known: dict[int, Address]) -> bool:
-    return any([is_state(address) for address in known.values()])
+def _mark(reference: int) -> bytes:
+    """Return how an item of a notification begins that has this reference, in four octets."""
+    return (VALUE_ITEM << 32 | reference & 0xFFFFFFFF).to_bytes(5, "big")
 
 
 def reference_lists_of(objects: list[PlusObject]) -> ReferenceLists:

@@ -35,6 +35,8 @@ from dissect.wire.varint import SIGNED, VLQ
 
 _HEAD: Final = struct.Struct("<IIB")
 _OFFSETS: Final = struct.Struct("<BHH")
+#: The numbers of a variable, by its kind.
+_NUMBERS: Final = tuple([struct.Struct(f"<{count}I") for count in VARIABLE_NUMBERS])
 
 # Kinds of variables (`dissect.s7plus.tables.VARIABLE_KINDS`), and the meaning of their numbers by position.
 _FB_ARRAY: Final = 0
@@ -286,8 +288,8 @@ def _read_variable(walk: Walk, end: int) -> Variable:
     lid, crc, datatype = _HEAD.unpack(walk.take(9, "variable"))
     attributes = walk.fixed(2, "variable")
     bit_offsets, offset_1, offset_2 = _OFFSETS.unpack(walk.take(5, "variable"))
-    count = VARIABLE_NUMBERS[attributes >> 12]
-    numbers = list(struct.unpack(f"<{count}I", walk.take(4 * count, "variable")))
+    kind = _NUMBERS[attributes >> 12]
+    numbers = list(kind.unpack(walk.take(kind.size, "variable")))
     if walk.at > end:
         raise FormatError("length_beyond", "variable", at, walk.at - at, end - at)
     variable = Variable(lid, crc, datatype, attributes, bit_offsets, offset_1, offset_2, numbers)

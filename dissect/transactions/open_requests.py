@@ -373,7 +373,8 @@ class OpenRequests:
                 found.append(latest)
             else:
                 found += [one for one in row.requests if one.number > number]
-        found.sort(key=_number)
+        if len(found) > 1:
+            found.sort(key=_number)
         return found
 
     def drain(self) -> list[Transaction]:

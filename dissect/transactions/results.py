@@ -52,7 +52,7 @@ from dissect.wire.codes import coded
 from dissect.wire.copies import leaves
 from dissect.wire.malformed import Malformed
 from dissect.wire.octets import u16
-from dissect.wire.text import duration_text, printable
+from dissect.wire.text import duration_text, hex_number, printable
 
 if TYPE_CHECKING:
     from dissect.transactions.transaction import Transaction
@@ -260,7 +260,7 @@ class TransactionError:
         """The code in hexadecimal and its name; the name alone where there is no code."""
         if self.code == NO_CODE:
             return self.name
-        return coded(f"0x{self.code:02x}" if self.part in SHORT_CODES else f"0x{self.code:04x}", self.name)
+        return coded(hex_number(self.code, 2 if self.part in SHORT_CODES else 4), self.name)
 
     def __repr__(self) -> str:
         return f"TransactionError({self.where!r}, 0x{self.code:x}, {self.name!r})"
