@@ -7,7 +7,6 @@ of the file before it, as in a ring buffer, continues the connections of that fi
 from __future__ import annotations
 
 import os
-import traceback
 from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, TypeAlias, cast
 
@@ -178,6 +177,8 @@ class Run:
         if bug is None:
             return
         self.pipeline.exchange.bug = None
+        import traceback  # late: it loads more, and few runs have a bug
+
         own = {kind.__module__ for kind in type(self._observer).__mro__ if not kind.__module__.startswith("dissect.")}
         if any(
             [frame.f_globals.get("__name__") in own - {"builtins"} for frame, _ in traceback.walk_tb(bug.__traceback__)]

@@ -17,8 +17,8 @@ from dissect.wire.text import duration_text, shortened
 if TYPE_CHECKING:
     from dissect.session import Run
 
-#: A time of day or date, in a range, that names no zone.
-_ZONELESS: Final = re.compile(r"(:[0-9]{2}(\.[0-9]+)?|-[0-9]{2})(?=\.\.|$)(?<![+-][0-9]{2}:[0-9]{2})")
+#: A time of day or date, in a range, that names no zone: a string, which `re` compiles where it is needed.
+_ZONELESS: Final = r"(:[0-9]{2}(\.[0-9]+)?|-[0-9]{2})(?=\.\.|$)(?<![+-][0-9]{2}:[0-9]{2})"
 #: Characters of a selection that are shown.
 _SHOWN = 200
 
@@ -115,6 +115,6 @@ def _no_time(run: Run, chosen: Chosen) -> str:
         if begin > last or end < first:
             lasts = duration_text(max(last - first, 0))
             asked = chosen.window.text
-            zone = f" ({clock().zone(first)})" if _ZONELESS.search(asked) else ""
+            zone = f" ({clock().zone(first)})" if re.search(_ZONELESS, asked) else ""
             return f"no packet within {asked}{zone}; what was read begins at {clock().moment(first)} and lasts {lasts}"
     return ""

@@ -18,11 +18,12 @@ MAX_DEPTH: Final = 16
 #: Encodings of names of hosts, whose decoders raise errors of their own, and one that only raises.
 _NO_PAGES: Final = frozenset(("idna", "punycode", "undefined"))
 
+# Strings, which `re` compiles and keeps at their first use, because most runs use none.
 _KEY: Final = r"(?:[A-Za-z0-9_-]++|\"[^\"\n]*\"|'[^'\n]*')"
 #: A dotted key with so many parts that tomllib needs too much time and memory, which grow with the square of the parts.
-_LONG_KEY: Final = re.compile(rf"(?<![A-Za-z0-9_-]){_KEY}(?:[ \t]*\.[ \t]*{_KEY}){{{MAX_DEPTH}}}")
-_LONG_NUMBER: Final = re.compile(r"(?<![\w\"'.-])[0-9][0-9_]{4000}")
-_AT_LINE: Final = re.compile(r" \(at line (\d+), column \d+\)$")
+_LONG_KEY: Final = rf"(?<![A-Za-z0-9_-]){_KEY}(?:[ \t]*\.[ \t]*{_KEY}){{{MAX_DEPTH}}}"
+_LONG_NUMBER: Final = r"(?<![\w\"'.-])[0-9][0-9_]{4000}"
+_AT_LINE: Final = r" \(at line (\d+), column \d+\)$"
 
 
 class ContentError(ValueError):
@@ -41,8 +42,8 @@ def long_key_line(text: str) -> int:
     return _line(text, _LONG_KEY)
 
 
-def _line(text: str, pattern: re.Pattern[str]) -> int:
-    match = pattern.search(text)
+def _line(text: str, pattern: str) -> int:
+    match = re.search(pattern, text)
     return text.count("\n", 0, match.start()) + 1 if match else 0
 
 
@@ -56,8 +57,8 @@ def read_toml(text: str) -> dict[str, Any]:
     try:
         return tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
-        match = _AT_LINE.search(str(error))
-        raise ContentError(_AT_LINE.sub("", str(error)), int(match[1]) if match else text.count("\n") + 1) from None
+        match = re.search(_AT_LINE, str(error))
+        raise ContentError(re.sub(_AT_LINE, "", str(error)), int(match[1]) if match else text.count("\n") + 1) from None
     except ValueError:
         raise ContentError("a number of too many digits", _line(text, _LONG_NUMBER)) from None
     except RecursionError:

@@ -127,7 +127,13 @@ def test_a_state_that_is_no_number_hides_no_change() -> None:
         assert said(talk) == [("security.stopped", "operating state STOP")]
 
 
-def test_a_subscription_reports_it() -> None:
+#: How an item of a notification begins whose reference is 4: in four octets, and in numbers of variable size, which may have
+#: zeros or dropped bits before it.
+REFERENCES = [b"\x92\0\0\0\4", b"\x9b\4", b"\x9b\x80\4", b"\x9b\x90\x80\x80\x80\4"]
+
+
+@pytest.mark.parametrize("reference", REFERENCES)
+def test_a_subscription_reports_it(reference: bytes) -> None:
     talk = begun()
     made = PlusObject(
         211, 1001, 0, 0, 0,
@@ -142,7 +148,7 @@ def test_a_subscription_reports_it() -> None:
     )
     for credit, state in ((1, 8), (2, 4)):
         data = b"\x33" + bodies.rid(0x70008001) + b"\4\0\0\0\0\0" + bytes((credit, credit, 1))
-        talk.tell(framed(data + b"\x92\0\0\0\4" + build_value(Value(0, DINT, state)) + b"\0" + bytes(4), 3))
+        talk.tell(framed(data + reference + build_value(Value(0, DINT, state)) + b"\0" + bytes(4), 3))
     assert said(talk) == [("security.stopped", "operating state STOP")]
 
 
