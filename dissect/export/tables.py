@@ -169,7 +169,7 @@ TRANSACTIONS: Final = Table(
         Column("failed", BOOL, "", "refused in whole or in part, or without the answer that was due", "Transaction.failed"),
         Column("error_code", INT, "", "error of header or parameter, 0 for none", "Transaction.error_code"),
         Column("errors", WORDS, "", "every error: place, name", "Transaction.errors"),
-        Column("item_count", INT, "", "items of it in the table items", "Transaction.results"),
+        Column("item_count", INT, "", "items of it in the table items", "Transaction.items"),
         Column("request_bytes", INT, "bytes", "size of the request PDU", "Transaction.request_size"),
         Column("response_bytes", INT, "bytes", "size of the response PDU", "Transaction.response_size"),
     ),
@@ -180,7 +180,7 @@ ITEMS: Final = Table(
     "item of a read, write, subscription or test function, with what became of it",
     (
         Column("transaction", INT, "", "number of the transaction", "Transaction.number"),
-        Column("item", INT, "", "number of the item, from 1", "Transaction.results"),
+        Column("item", INT, "", "number of the item, from 1", "Transaction.items"),
         _CONNECTION,
         *_time("ts", "time of the request, or of the message sent unasked", "Transaction.request_ns"),
         Column("server_host", WORD, "", "address of the server, usually the PLC", "Connection.server"),

@@ -9,7 +9,7 @@ both wait aside:
 * an answer waits while an ordinary request is open that it fits. It completes that request once its client asks more than it
   may without an answer, or when no other answer came in time.
 
-All of them are marked (`Transaction.flags` has `BEHIND`), and everything that ends goes to `Dialogue.also`.
+All of them are marked (`Transaction._flags` has `BEHIND`), and everything that ends goes to `Dialogue.also`.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """The first check of an answer: does it refuse anything, does it fit its request (reference 5.1 and 7.3).
 
 `check_answer` checks every answer. It steps over the items without making objects of them; those are made only when
-`Transaction.results` is called.
+`Transaction.s7_results` is read.
 """
 
 from __future__ import annotations

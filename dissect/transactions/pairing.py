@@ -2,7 +2,7 @@
 
 `Dialogue` takes every PDU in order and returns the transaction that the PDU completes. Others may end with the same PDU, such
 as a request whose reference is used again, or an answer that was held for its request for too long; these go into ``also``.
-`Dialogue` only states facts, as `Transaction.flags`; the rules in `dissect.findings` judge them.
+`Dialogue` only states facts, as `Transaction._flags`; the rules in `dissect.findings` judge them.
 
 The asking side of a transaction sends the request, the answering side the response.
 """

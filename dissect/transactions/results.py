@@ -1,6 +1,6 @@
 """What is known about an answer: facts, refusals, and the items of userdata functions.
 
-`dissect.transactions.transaction` checks every answer and keeps what it finds as facts: `Transaction.flags`, `has_errors`. The
+`dissect.transactions.transaction` checks every answer and keeps what it finds as facts: `Transaction._flags`, `has_errors`. The
 rules in `dissect.findings` judge these. `userdata_results` joins the items of subscriptions (reference 4.7) and test functions
 (4.8) with their values; it is only called on demand. It takes parsed parameters and the octets of PDUs, so that it gives the
 same for a transaction of a capture and for one of a session file.
@@ -57,7 +57,7 @@ from dissect.wire.text import duration_text, hex_number, printable
 if TYPE_CHECKING:
     from dissect.transactions.transaction import Transaction
 
-# Facts about a transaction (`Transaction.flags`).
+# Facts about a transaction (`Transaction._flags`).
 FUNCTION_MISMATCH: Final = 1
 COUNT_MISMATCH: Final = 2
 SIZE_MISMATCH: Final = 4

@@ -41,7 +41,7 @@ from tests.transactions.talk import (
     written,
 )
 
-#: Names of the bits of `Transaction.flags` that checks sets.
+#: Names of the bits of `Transaction._flags` that checks sets.
 FLAGS = frozenset(
     [
         "FUNCTION_MISMATCH",
