@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from functools import lru_cache
 from typing import Final
 
 from dissect.golden.exchange import PLUS, S7, Exchange
@@ -35,13 +36,13 @@ def near(asked: Pdu, recorded: Iterable[bytes]) -> str:
     """Return the end of a sentence: `` (nearest recorded: …)``, empty where nothing of the kind was recorded."""
     ranked: dict[str, tuple[int, ...]] = {}
     for octets in _few(recorded):
-        pdu = parse_pdu(octets)
-        if pdu.rosctr != asked.rosctr or pdu.function_name != asked.function_name:
+        rosctr, function_name, items, szl, name = _known(octets)
+        if rosctr != asked.rosctr or function_name != asked.function_name:
             continue
         if asked.function in {READ_VAR, WRITE_VAR} and asked.parameters.items:
-            _rank_items(ranked, asked.parameters.items, pdu.parameters.items)
+            _rank_items(ranked, asked.parameters.items, items)
         else:
-            ranked.setdefault(request_name(octets), _distance(_szl(asked), _szl(pdu)))
+            ranked.setdefault(name, _distance(_szl(asked), szl))
     return _told(ranked)
 
 
@@ -50,10 +51,25 @@ def near_plus(asked: PlusPdu, recorded: Iterable[bytes]) -> str:
     wanted = set(map(repr, plus_subject(asked.octets)))
     ranked: dict[str, tuple[int, ...]] = {}
     for octets in _few(recorded):
-        if parse_plus(octets).function == asked.function:
-            shared = wanted & set(map(repr, plus_subject(octets)))
-            ranked.setdefault(subject(Exchange(PLUS, octets, b"")), (-len(shared),))
+        function, about, name = _known_plus(octets)
+        if function == asked.function:
+            ranked.setdefault(name, (-len(wanted & about),))
     return _told(ranked)
+
+
+# Recorded requests are the same whatever is asked, and a client that polls asks again and again.
+@lru_cache(_MOST)
+def _known(octets: bytes) -> tuple[int, str, Sequence[Item], tuple[int, int] | None, str]:
+    """Return of a recorded request its ROSCTR, function, items, list, and what it asks for."""
+    pdu = parse_pdu(octets)
+    return int(pdu.rosctr), pdu.function_name, pdu.parameters.items, _szl(pdu), request_name(octets)
+
+
+@lru_cache(_MOST)
+def _known_plus(octets: bytes) -> tuple[int, frozenset[str], str]:
+    """Return of a recorded request of S7comm-plus its function, what it is about, and that in words."""
+    about = frozenset(map(repr, plus_subject(octets)))
+    return parse_plus(octets).function, about, subject(Exchange(PLUS, octets, b""))
 
 
 def _few(recorded: Iterable[bytes]) -> list[bytes]:
