@@ -71,11 +71,13 @@ class Reloading:
 
     def _change(self, rules: Callable[[], None] | None, naming: Naming | None, names: Mapping[str, str]) -> None:
         """Put in force what was read; called between two packets, in another thread than the command's."""
-        if rules is not None:
-            rules()
-        self._session.run.name_values(naming)
-        if self._beside.reporting is not None:
-            self._beside.reporting.name_hosts(names)
-        self._session.run.renew()
-        self._pending = False
+        try:
+            if rules is not None:
+                rules()
+            self._session.run.name_values(naming)
+            if self._beside.reporting is not None:
+                self._beside.reporting.name_hosts(names)
+            self._session.run.renew()
+        finally:
+            self._pending = False  # whatever fails is told by the run, and the next signal is heard
         self._session.say("HUP: rules, baseline, tags and hosts were read again; new files begin")

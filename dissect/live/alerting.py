@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections import deque
+from collections.abc import Callable
 from typing import Final
 
 from dissect.acts.act import Act
@@ -17,18 +18,23 @@ from dissect.live.run import Companion
 from dissect.source.live.reader import Drops
 from dissect.transactions.connection import Connection
 from dissect.transactions.transaction import Transaction
+from dissect.wire.text import count
 
 #: At most so many alerts wait while a dispatcher ends and the next one has not begun; the oldest give way.
 MAX_BETWEEN: Final = 4096
 
 
 class Succession:
-    """Takes alerts for ``dispatcher`` while the one before it still ends, which uses the same folders of waiting alerts."""
+    """Takes alerts for ``dispatcher`` while the one before it still ends, which uses the same folders of waiting alerts.
 
-    def __init__(self, before: Dispatcher, dispatcher: Dispatcher) -> None:
+    ``tell`` takes a line on alerts for which there was no room.
+    """
+
+    def __init__(self, before: Dispatcher, dispatcher: Dispatcher, tell: Callable[[str], None]) -> None:
         self._dispatcher = dispatcher
+        self._tell = tell
         self._waiting: deque[Alert] = deque()
-        self.dropped = 0
+        self._dropped = 0
         self._ending = threading.Thread(target=before.close, name="alerts of the rules before", daemon=True)
 
     def begin(self) -> None:
@@ -45,7 +51,7 @@ class Succession:
         if self._waiting or not self.over:
             if len(self._waiting) >= MAX_BETWEEN:
                 self._waiting.popleft()
-                self.dropped += 1
+                self._dropped += 1
             self._waiting.append(alert)
         else:
             self._dispatcher.submit(alert)
@@ -59,6 +65,9 @@ class Succession:
         self._dispatcher.start()
         while self._waiting:
             self._dispatcher.submit(self._waiting.popleft())
+        if self._dropped:
+            dropped, self._dropped = self._dropped, 0
+            self._tell(f"alerts: {count(dropped, 'alert')} dropped, there was no room while the rules before ended")
         return True
 
 

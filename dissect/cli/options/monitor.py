@@ -333,7 +333,7 @@ class Beside:
         rules, baseline = self._rules_read(self._rules)
         dispatcher = Dispatcher(rules.actions, write=self._alert, tell=self._say)
         dispatcher.prepare()
-        succession = Succession(companion.dispatcher, dispatcher)
+        succession = Succession(companion.dispatcher, dispatcher, self._say)
         engine = _engine_of(rules, baseline, succession.submit)
         return functools.partial(companion.replace, engine, dispatcher, succession)
 
