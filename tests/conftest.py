@@ -6,6 +6,7 @@ import atexit
 import gc
 import io
 import os
+import random
 import shutil
 import subprocess
 import sys
@@ -79,6 +80,16 @@ def pytest_configure(config: pytest.Config) -> None:
     hypothesis.settings.load_profile("ci" if os.environ.get("CI") else "dev")
 
 
+#: What chance draws is drawn again with this number: in CI always the same, elsewhere another each time (the header names it).
+SEED: Final = os.environ.setdefault("S7DISSECT_SEED", "0" if os.environ.get("CI") else str(random.randrange(1_000_000)))
+
+
+@pytest.fixture(autouse=True)
+def _dice(request: pytest.FixtureRequest) -> None:
+    """Let each test draw its own numbers, whichever tests ran before it: Scapy's ``fuzz()`` draws from ``random``."""
+    random.seed(f"{SEED} {request.node.nodeid}")
+
+
 @pytest.hookimpl(wrapper=True)
 def pytest_collection() -> Generator[None, object, object]:
     """Let Python's collector rest while tests are collected, never look at what was made then, and look at the rest seldom.
@@ -96,7 +107,7 @@ def pytest_collection() -> Generator[None, object, object]:
 
 def pytest_report_header(config: pytest.Config) -> str:
     """Say what is tested."""
-    return f"s7dissect {dissect.__version__} ({MODE}) from {LOCATION}"
+    return f"s7dissect {dissect.__version__} ({MODE}) from {LOCATION}, S7DISSECT_SEED={SEED}"
 
 
 def _differing() -> list[str]:

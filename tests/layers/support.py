@@ -18,8 +18,13 @@ FILLED: Final = frozenset(("li", "length", "param_length", "data_length", "item_
 
 
 def survives(dissect: Callable[[bytes], Packet], octets: bytes) -> Packet:
-    """Dissect, show, copy and build again: with Scapy's cache of the original octets, and from the fields alone."""
+    """Dissect, show, copy and build again: with Scapy's cache of the original octets, and from the fields alone.
+
+    No octets are nothing to dissect: Scapy makes a packet of the defaults then, as if the class was called without any.
+    """
     packet = dissect(octets)
+    if not octets:
+        return packet
     assert bytes(packet) == octets
     shown(packet)
     packet.summary()
