@@ -15,7 +15,7 @@ with the same columns in every form. This page is made by `scripts/tables_doc.py
 Tables join by `connection` and `transaction`, numbers that count within one run of the tool; `uid` and `community_id` of a
 connection are the same in every run. Packets (`frame` and what ends in `_frame`) are counted within their `file`. A cell
 without a value is null. A later version may add columns and tables; what is here keeps its name and meaning as long as the
-version of the tables, in the metadata of every file, stays 1.
+version of the tables, in the metadata of every file, stays 2.
 
 | table | a row for each |
 |---|---|"""
@@ -27,16 +27,18 @@ TYPES = {
     TEXT: ("string", "VARCHAR", "TEXT", "text, defused"),
     WORD: ("dictionary of strings", "VARCHAR", "TEXT", "text, defused"),
     BYTES: ("binary", "BLOB", "BLOB", "hexadecimal"),
-    TIME: ("timestamp[ns], UTC", "TIMESTAMP_NS", "TEXT, generated", "ISO 8601, `Z`"),
+    TIME: ("timestamp[ns, tz=UTC]", "TIMESTAMPTZ_NS", "TEXT, generated", "ISO 8601, `Z`"),
     INTS: ("list of int64", "BIGINT[]", "TEXT, JSON", "JSON"),
     WORDS: ("list of strings", "VARCHAR[]", "TEXT, JSON", "JSON, defused"),
 }
 
 AFTER_TYPES = """
 Times are integers of nanoseconds since 1970 in UTC, because many readers cut timestamps to microseconds. Beside each is a
-timestamp. It has no time zone, because DuckDB has next to no functions for timestamps with a zone in nanoseconds: take it as
-UTC, and `ts AT TIME ZONE 'UTC' AT TIME ZONE 'Europe/Berlin'` for local time. Subtract the integers. Arrow IPC files hold
-repeated texts as plain strings.
+timestamp with the time zone UTC: DuckDB and others show it in the zone of the session, which `s7dissect sql` sets to UTC, and
+`ts AT TIME ZONE 'Europe/Berlin'` is local time. Subtract the integers. Arrow IPC files hold repeated texts as plain strings.
+
+Version 1 of the tables had timestamps without a zone, and the same integers. For those write `ts AT TIME ZONE 'UTC'`;
+a query that said `ts AT TIME ZONE 'UTC' AT TIME ZONE 'Europe/Berlin'` leaves the first half out. DuckDB has the type since 2.0.
 """
 
 QUESTIONS_HEAD = """

@@ -1,7 +1,7 @@
 """Rows as Arrow record batches, and the Arrow type of each type of column (`dissect.export.tables`).
 
-pyarrow is imported when the first schema is made. Timestamps are in UTC but have no time zone, because DuckDB has hardly any
-functions for timestamps in nanoseconds with a zone.
+pyarrow is imported when the first schema is made. Timestamps have the time zone UTC (`TIMESTAMPTZ_NS` in DuckDB, which has that
+type since 2.0).
 """
 
 from __future__ import annotations
@@ -16,8 +16,9 @@ from dissect.export.tables import BOOL, BYTES, INT, INTS, REAL, TEXT, TIME, WORD
 from dissect.export.transaction_rows import Row
 from dissect.wire.text import encodable
 
-#: Version of the tables, in the metadata of each file; it changes when a column is renamed, removed or means something else.
-TABLES_VERSION: Final = 1
+#: Version of the tables, in the metadata of each file; it changes when a column is renamed, removed, has another type or means
+#: something else.
+TABLES_VERSION: Final = 2
 
 
 def types() -> dict[str, Any]:
@@ -30,7 +31,7 @@ def types() -> dict[str, Any]:
         TEXT: pa.string(),
         WORD: pa.dictionary(pa.int32(), pa.string()),
         BYTES: pa.binary(),
-        TIME: pa.timestamp("ns"),
+        TIME: pa.timestamp("ns", "UTC"),
         INTS: pa.list_(pa.int64()),
         WORDS: pa.list_(pa.string()),
     }

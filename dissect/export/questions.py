@@ -136,7 +136,7 @@ ORDER BY overlapping DESC, client_host, server_host, what""",
         "Nothing was written outside the shift.",
         """
 WITH written AS (
-  SELECT *, hour(ts AT TIME ZONE 'UTC' AT TIME ZONE coalesce(getvariable('zone'), 'UTC')) AS hour_there,
+  SELECT *, hour(ts AT TIME ZONE coalesce(getvariable('zone'), 'UTC')) AS hour_there,
          coalesce(getvariable('from_hour')::INTEGER, 6) AS begins, coalesce(getvariable('to_hour')::INTEGER, 22) AS ends
   FROM items WHERE operation = 'write' AND NOT refused AND address IS NOT NULL)
 SELECT ts, client_host, server_host, coalesce(name, address) AS written, number, text

@@ -150,6 +150,8 @@ def _plain(column: Any) -> list[Any]:
     """Return a column as plain Python values that can be written as JSON or text."""
     pa = needed("pyarrow")
     kind = column.type
+    if pa.types.is_timestamp(kind) and kind.tz is not None:  # of the session, which is in UTC
+        column = column.cast(pa.timestamp(kind.unit))
     if pa.types.is_timestamp(kind) or pa.types.is_time(kind) or pa.types.is_date(kind) or pa.types.is_interval(kind):
         return list(column.cast(pa.string()).to_pylist()) if not pa.types.is_interval(kind) else _texts(column)
     if pa.types.is_dictionary(kind):

@@ -63,7 +63,7 @@ def test_all_forms_hold_the_same_rows(capfdbinary: Capture, tmp_path: Path) -> N
         assert again == expected[name]
         described = database.execute(f'DESCRIBE "{name}"').fetchall()
         assert [row[0] for row in described] == columns
-        assert {row[1] for row in described if table.columns[columns.index(row[0])].type == TIME} <= {"TIMESTAMP_NS"}
+        assert {row[1] for row in described if table.columns[columns.index(row[0])].type == TIME} <= {"TIMESTAMPTZ_NS"}
     assert len(expected["transactions"]) == analysis.total > 0
     database.close()
     mark = json.loads((tmp_path / "out.parquet" / "s7dissect.json").read_text())
@@ -81,8 +81,8 @@ def test_times_are_exact_in_every_form(capfdbinary: Capture, tmp_path: Path) -> 
     assert (row["ts_ns"], row["ts"]) == (str(first), f"{text}Z")
     with sqlite3.connect(tmp_path / "t.sqlite") as database:
         assert database.execute("SELECT ts, ts_ns FROM transactions").fetchone() == (f"{text}Z", first)
-        assert database.execute("PRAGMA user_version").fetchone() == (1,)
-    assert pandas.read_parquet(tmp_path / "t.parquet")["ts"][0] == pandas.Timestamp(first)
+        assert database.execute("PRAGMA user_version").fetchone() == (2,)
+    assert pandas.read_parquet(tmp_path / "t.parquet")["ts"][0] == pandas.Timestamp(first, tz="UTC")
 
 
 def test_several_captures_are_divided_by_day(capfdbinary: Capture, tmp_path: Path) -> None:
@@ -96,7 +96,9 @@ def test_several_captures_are_divided_by_day(capfdbinary: Capture, tmp_path: Pat
         found = duckdb.sql(f"SELECT count(*) FROM read_parquet('{out}/{name}/**', hive_partitioning=true)").fetchall()
         assert found == [(len(rows),)], name
     source = f"read_parquet('{out}/transactions/**', hive_partitioning=true)"
-    days_of = duckdb.sql(f"SELECT DISTINCT day::VARCHAR, strftime(ts, '%Y-%m-%d') FROM {source}").fetchall()
+    days_of = duckdb.sql(
+        f"SELECT DISTINCT day::VARCHAR, strftime(ts AT TIME ZONE 'UTC', '%Y-%m-%d') FROM {source}"
+    ).fetchall()
     assert len(days_of) == 2
     assert all(day == real for day, real in days_of)
 
