@@ -94,6 +94,7 @@ test-environment:
 	$(COMPILED) scripts/environment.sh test
 	scripts/install-nodes7.sh
 	scripts/install-pyright.sh
+	scripts/install-page-tools.sh
 	scripts/install-tools.sh
 
 lint:

@@ -47,4 +47,6 @@ fi
 ln -s "$real" "$home/node"
 NODE_PATH="$home/node_modules" "$home/node" -e "require.resolve('$needs')" || fail "$real cannot load $name"
 cp "$from/package-lock.json" "$home/installed"
-echo "install-$name: $(NODE_PATH="$home/node_modules" "$home/node" -p "'$name ' + require('$name/package.json').version + ' on node ' + process.version")"
+package=${needs%/package.json}
+version="'$package ' + require('$package/package.json').version + ' on node ' + process.version"
+echo "install-$name: $(NODE_PATH="$home/node_modules" "$home/node" -p "$version")"

@@ -17,6 +17,7 @@ from typing import Final
 import pytest
 
 from dissect.cli import help as manual
+from tests.page.browser import started
 
 ROOT: Final = Path(__file__).resolve().parent.parent
 DOCS: Final = ROOT / "docs"
@@ -157,21 +158,26 @@ def test_every_public_name_says_what_it_is(script: ModuleType) -> None:
     assert silent == []
 
 
-def test_the_site_builds_without_warnings_and_without_network(tmp_path: Path) -> None:
-    """One part of the API, and no index to search in: the whole takes six times as long and shows no more."""
-    sources = tmp_path / "sources"
+@pytest.fixture(scope="module")
+def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The site with one part of the API: the whole takes six times as long and shows no more."""
+    folder = tmp_path_factory.mktemp("site")
+    sources = folder / "sources"
     shutil.copytree(ROOT / "dissect" / "tags", sources / "dissect" / "tags")
     shutil.copy(ROOT / "dissect" / "__init__.py", sources / "dissect")
     environment = {
-        **os.environ, "PYTHONPATH": "", "NO_MKDOCS_2_WARNING": "1", "DOCS_SEARCH": "false", "DOCS_MODULES": "dissect.tags",
+        **os.environ, "PYTHONPATH": "", "NO_MKDOCS_2_WARNING": "1", "DOCS_MODULES": "dissect.tags",
         "DOCS_SOURCES": str(sources),
     }  # fmt: skip
     ran = subprocess.run(
-        [sys.executable, "-c", OFFLINE, "build", "--quiet", "--strict", "--site-dir", tmp_path / "site"],
+        [sys.executable, "-c", OFFLINE, "build", "--quiet", "--strict", "--site-dir", folder / "site"],
         cwd=ROOT, env=environment, capture_output=True, text=True, check=False, timeout=300,
     )  # fmt: skip
     assert (ran.returncode, ran.stdout, ran.stderr) == (0, "", "")
-    site = tmp_path / "site"
+    return folder / "site"
+
+
+def test_the_site_builds_without_warnings_and_without_network(site: Path) -> None:
     for topic in manual.pages():
         assert (site / f"{topic}.html").is_file(), topic
     api = (site / "api" / "dissect.tags.html").read_text(encoding="utf-8")
@@ -182,3 +188,20 @@ def test_the_site_builds_without_warnings_and_without_network(tmp_path: Path) ->
         assert re.findall(r"<(?:script|link|img|iframe)\b[^>]*(?:src|href)=\"?https?:[^>]*", text) == [], page.name
     home = (site / "index.html").read_text(encoding="utf-8")
     assert [home.index(title) for title in GROUPS] == sorted(home.index(title) for title in GROUPS)
+
+
+def test_the_site_can_be_searched_where_it_is_opened_as_files(site: Path) -> None:
+    """A worker may not be started there, and no index fetched; a decision, one folder deeper, is searched as well."""
+    from selenium.webdriver.support.ui import WebDriverWait
+
+    typed = """const box = document.querySelector('input[name=query]'); box.focus(); box.value = 'retransmission';
+        box.dispatchEvent(new KeyboardEvent('keyup', {bubbles: true}));"""
+    found = "return [...document.querySelectorAll('.md-search-result__link')].map((one) => one.getAttribute('href'))"
+    with started() as browser:
+        for page in ("report.html", "decisions/0008-retransmissions-that-differ.html"):
+            browser.driver.get((site / page).as_uri())
+            browser.run(typed)
+            WebDriverWait(browser.driver, 20).until(lambda _: browser.run(found))
+            assert any("0008-retransmissions-that-differ.html" in one for one in browser.run(found))
+        assert browser.console() == []
+        assert [one for one in browser.requests() if not one.startswith(("file:", "data:", "about:"))] == []

@@ -4,29 +4,25 @@ the wire neither runs nor breaks its layout."""
 from __future__ import annotations
 
 import base64
-import json
 import os
 import re
-import shutil
 from collections.abc import Iterator
 from importlib.resources import files
 from pathlib import Path
 from random import Random
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 import pytest
 
 from dissect.page.rendering import Side, render
 from dissect.wire.text import duration_text
+from tests.page.browser import Browser, started
 from tests.page.support import NAUGHTY, data_of, gathered_of, naughty_packets, page_of
 from tests.promises import hostile
 from tests.properties.messages import Item
 from tests.properties.packets import EPOCH_NS, MS, Flow
 from tests.report.schemas import ROOT
 from tests.report.support import UNSAFE, WORD, begun, read, saved
-
-if TYPE_CHECKING:
-    from selenium.webdriver.chrome.webdriver import WebDriver
 
 OWN: Final = ROOT / "captures"
 PLANT: Final = OWN / "crafted" / "plus-plant.pcapng"
@@ -35,78 +31,11 @@ WIDTHS: Final = (390, 1024, 1920)
 SHOTS: Final = os.environ.get("S7DISSECT_SCREENSHOTS")
 
 
-class Browser:
-    """Chromium, with what a test of a page asks of it."""
-
-    def __init__(self, driver: WebDriver) -> None:
-        self.driver = driver
-
-    def open(self, page: Path, width: int = 1280, fragment: str = "") -> None:
-        """Open a page from the disk, in a window of this width."""
-        self.driver.execute_cdp_cmd(
-            "Emulation.setDeviceMetricsOverride",
-            {"width": width, "height": 900, "deviceScaleFactor": 1, "mobile": False},
-        )
-        self.driver.get("about:blank")
-        self.driver.get_log("browser")
-        self.driver.get_log("performance")
-        self.driver.get(page.as_uri() + fragment)
-        assert self.run("return document.documentElement.dataset.ready") == "yes", self.console()
-
-    def run(self, script: str, *arguments: object) -> Any:
-        """Return what a script returns."""
-        return self.driver.execute_script(script, *arguments)
-
-    def count(self, selector: str) -> int:
-        """Return how many elements there are."""
-        return int(self.run("return document.querySelectorAll(arguments[0]).length", selector))
-
-    def texts(self, selector: str) -> list[str]:
-        """Return the text of each element."""
-        found: list[str] = self.run(
-            "return [...document.querySelectorAll(arguments[0])].map((one) => one.textContent)", selector
-        )
-        return found
-
-    def click(self, selector: str) -> None:
-        """Click on an element."""
-        self.run(
-            "document.querySelector(arguments[0]).dispatchEvent(new MouseEvent('click', {bubbles: true}))", selector
-        )
-
-    def console(self) -> list[str]:
-        """Return what the console holds: errors of scripts, violations of the policy."""
-        return [str(entry["message"]) for entry in self.driver.get_log("browser")]
-
-    def requests(self) -> list[str]:
-        """Return the addresses that were asked for since the page was opened."""
-        told = [json.loads(entry["message"])["message"] for entry in self.driver.get_log("performance")]
-        return [one["params"]["request"]["url"] for one in told if one["method"] == "Network.requestWillBeSent"]
-
-    def overflow(self) -> int:
-        """Return by how much the page is wider than its window."""
-        return int(self.run("return document.documentElement.scrollWidth - innerWidth"))
-
-
 @pytest.fixture(scope="module")
 def browser() -> Iterator[Browser]:
     """One browser for all of these tests."""
-    chromium, driver = shutil.which("chromium"), shutil.which("chromedriver")
-    if chromium is None or driver is None:
-        pytest.skip("chromium or its driver is not installed (scripts/install-tools.sh)")
-    from selenium import webdriver
-    from selenium.webdriver.chrome.service import Service
-
-    options = webdriver.ChromeOptions()
-    options.binary_location = chromium
-    for argument in ("--headless=new", "--no-sandbox", "--disable-dev-shm-usage", "--disable-gpu", "--hide-scrollbars"):
-        options.add_argument(argument)
-    options.set_capability("goog:loggingPrefs", {"browser": "ALL", "performance": "ALL"})
-    started = webdriver.Chrome(options=options, service=Service(driver))
-    try:
-        yield Browser(started)
-    finally:
-        started.quit()
+    with started() as browser:
+        yield browser
 
 
 @pytest.fixture(scope="module")
