@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from dissect.golden.model import Link, Session, Transaction
+from dissect.playback.client.permissions import NO_ANSWER
 from dissect.playback.client.plan import ASK, SERVER_ASKED
 from dissect.playback.client.player import Player
 from dissect.transactions.ending import FIN
@@ -67,7 +68,7 @@ def _leave_out(came: Link, player: Player) -> None:
         ours = [each for each in came.transactions if each.asked_by == "client"]
         setup = [each for each in ours if each.pdu_ref == player.setup_reference]
         came.transactions = [each for each in came.transactions if each not in setup]
-    if any([one.reason == SERVER_ASKED for one in player.part.withheld]):
+    if any([one.reason in {SERVER_ASKED, NO_ANSWER} for one in player.withheld]):
         answered = {"unsolicited", "answered"}  # what was answered belongs to a download
         came.transactions = [
             each for each in came.transactions if each.asked_by != "server" or each.outcome in answered

@@ -8,6 +8,7 @@ from __future__ import annotations
 from typing import Final, NamedTuple
 
 from dissect.playback.client.download import DOWNLOADING_JOBS
+from dissect.playback.client.partner import may_be_answered
 from dissect.s7.message import parse_pdu
 from dissect.s7.parameters import HEADER_SIZE, PROTOCOL_ID, REQUEST
 from dissect.s7.tables import (
@@ -30,6 +31,7 @@ HARMLESS: Final = frozenset((READ, SESSION, PROGRAM_READ))
 #: Why a request is not sent.
 NO_WRITE: Final = "writes are only sent with --allow-write"
 NO_CONTROL: Final = "control requests are only sent with --allow-control"
+NO_ANSWER: Final = "what a PLC sends by BSEND is only answered with --allow-control"
 DOWNLOAD: Final = "the NC would request the file, and requests of an NC are never answered"
 
 
@@ -75,12 +77,12 @@ class Permissions(NamedTuple):
         return NO_CONTROL if kind == CONTROL and not self.control else ""
 
     def answers(self, octets: bytes) -> bool:
-        """Tell whether what a server asks may be answered: the jobs of a download, where control is allowed."""
+        """Tell whether what a server asks may be answered: jobs of a download and BSENDs, where control is allowed."""
         if not self.control or len(octets) < HEADER_SIZE or octets[0] != PROTOCOL_ID:
             return False
         pdu = parse_pdu(octets)
         whole = not pdu.malformed and pdu.data_offset + pdu.data_length == len(octets)
-        return whole and pdu.rosctr == JOB and pdu.function in DOWNLOADING_JOBS
+        return (whole and pdu.rosctr == JOB and pdu.function in DOWNLOADING_JOBS) or may_be_answered(octets)
 
 
 def _begins_nc_download(octets: bytes) -> bool:

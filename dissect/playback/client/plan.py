@@ -12,7 +12,8 @@ from dissect.iso.build import build_connect, build_dr, size_parameter
 from dissect.iso.cotp import CALLED_TSAP, CALLING_TSAP
 from dissect.iso.tables import CR, DR_REASONS
 from dissect.playback.client.download import Download, find_downloads
-from dissect.playback.client.permissions import Permissions
+from dissect.playback.client.partner import sent_by_server
+from dissect.playback.client.permissions import NO_ANSWER, Permissions
 from dissect.playback.client.recorded import ReplayError
 from dissect.playback.protocols import plus_hint
 from dissect.s7.build import build_setup
@@ -34,7 +35,7 @@ USUAL_SETUP: Final = Setup(1, 1, 960)
 
 #: Why something of a recording is not played.
 NOT_S7: Final = "only S7comm over TCP is replayed"
-SERVER_ASKED: Final = "requests of a PLC are only answered in a download"
+SERVER_ASKED: Final = "requests of a PLC are only answered in a download, and where it sends by BSEND"
 NOT_WHOLE: Final = "the recording lacks data that the PLC would request"
 NO_REQUEST: Final = "its request is not in the recording"
 FOLLOWS_WITHHELD: Final = "it belongs to a request that is withheld"
@@ -71,7 +72,8 @@ class Step(NamedTuple):
     """What comes next.
 
     A request to be sent (`ASK`), a message of the server to be waited for that is no answer to any (`HEAR`), or a job of the
-    server to be waited for and answered (`SERVE`). ``download`` is the one that a Request download or such a job belongs to.
+    server to be waited for and answered (`SERVE`). ``download`` is the one that a Request download or such a job belongs to;
+    a BSEND of the server has none.
     ``heard`` tells that the recording has anything of the server on this connection; ``gap_ns`` is how long the client went
     on without asking anything else, None where nobody knows.
     """
@@ -152,6 +154,8 @@ class Part:
                 self.withheld.append(withheld(transaction, NOT_WHOLE if begins_it else FOLLOWS_WITHHELD))
             elif download is not None and transaction.asked_by == "server":
                 self.steps.append(Step(SERVE, transaction, download))
+            elif sent_by_server(transaction):
+                self.steps.append(Step(SERVE, transaction))
             elif transaction.asked_by != "client":
                 self.withheld.append(withheld(transaction, CLIENT_PUSH if pushed else SERVER_ASKED))
             elif transaction.request and not pushed:
@@ -233,6 +237,14 @@ def playable(plan: Sequence[Part]) -> list[Part]:
     return [part for part in plan if _playable(part)]
 
 
+def _serve_line(step: Step, about: str, permissions: Permissions) -> str:
+    """Say whether something that the PLC asks would be answered."""
+    if step.download is None:
+        return f"  answer {about}, which the PLC sends" if permissions.control else f"  withhold {about}: {NO_ANSWER}"
+    kept = bool(permissions.refusal(step.download.request.request))
+    return f"  withhold {about}: {FOLLOWS_WITHHELD}" if kept else f"  answer {about}, which the PLC requests"
+
+
 def plan_lines(plan: Sequence[Part], permissions: Permissions) -> list[str]:
     """Say what would be sent and what would not, as far as that is known before the server has said anything."""
     from dissect.iso.tsap import Tsap
@@ -254,11 +266,7 @@ def plan_lines(plan: Sequence[Part], permissions: Permissions) -> list[str]:
             elif step.kind == HEAR:
                 lines.append(f"  wait for {about}, which was not requested")
             elif step.kind == SERVE:
-                request = step.download.request.request if step.download is not None else b""
-                kept = bool(permissions.refusal(request))
-                lines.append(
-                    f"  withhold {about}: {FOLLOWS_WITHHELD}" if kept else f"  answer {about}, which the PLC requests"
-                )
+                lines.append(_serve_line(step, about, permissions))
             else:
                 reason = permissions.refusal(transaction.request)
                 lines.append(f"  withhold {about}: {reason}" if reason else f"  send {about}")

@@ -10,7 +10,8 @@ from dissect.golden.model import Transaction
 from dissect.net.addresses import Place
 from dissect.playback.client.channel import Channel, UnreachableError, connect
 from dissect.playback.client.download import Downloads
-from dissect.playback.client.permissions import kind_of
+from dissect.playback.client.partner import Sends
+from dissect.playback.client.permissions import NO_ANSWER, kind_of
 from dissect.playback.client.plan import ASK, FOLLOWS_WITHHELD, HEAR, SERVE, Part, Step, Withheld, withheld
 from dissect.playback.client.renewal import Renewal
 from dissect.playback.client.settings import Asked, Shared
@@ -65,6 +66,8 @@ class Player:
         self._patience = shared.patience
         self._renewal = Renewal()
         self._downloads = Downloads(part.downloads)
+        sent = [step.transaction for step in part.steps if step.kind == SERVE and step.download is None]
+        self._sends = Sends(sent)
         self._kept: set[int] = set()  # ids of what was withheld here
         self._open: dict[int, Asked] = {}  # by reference, the oldest first
         self._late: dict[int, Asked] = {}  # what is waited for no more, and may come yet
@@ -180,11 +183,13 @@ class Player:
                     self.not_sent.append(step.transaction)
             elif self._follows_kept(step):
                 self._keep(step.transaction, FOLLOWS_WITHHELD)
+            elif step.kind == SERVE and step.download is None and not self._permissions.control:
+                self._keep(step.transaction, NO_ANSWER)
 
     def _keep(self, transaction: Transaction, reason: str) -> None:
         self._kept.add(id(transaction))
         self.withheld.append(withheld(transaction, reason))
-        if reason == FOLLOWS_WITHHELD:
+        if reason in {FOLLOWS_WITHHELD, NO_ANSWER}:
             self.unheard.add(id(transaction))
 
     def _follows_kept(self, step: Step) -> bool:
@@ -231,6 +236,8 @@ class Player:
         step = steps[at]
         if step.kind == HEAR:
             self._hear(channel, step.transaction)
+        elif step.kind == SERVE and step.download is None:
+            self._take_send(channel, step.transaction)
         elif step.kind == SERVE:
             if not self._serve(channel, step):
                 self._shared.half_loaded = True
@@ -345,12 +352,28 @@ class Player:
             self._take(channel, tsdu)
         return True
 
+    def _take_send(self, channel: Channel, transaction: Transaction) -> None:
+        """Wait until the server has sent what it sent by BSEND; once one did not come, no further ones are waited for."""
+        if not self._permissions.control:
+            self._keep(transaction, NO_ANSWER)
+            return
+        until = time.monotonic() if self._deaf else self._until()
+        while not self._sends.came(transaction) and not channel.ended:
+            tsdu = channel.receive(until)
+            if tsdu is None:
+                self._deaf = True
+                return
+            self._take(channel, tsdu)
+
     def _answered_job(self, channel: Channel, job: bytes) -> bool:
         """Answer what the server asks as it was recorded, if it may be and was."""
-        recorded = self._downloads.next(job) if self._permissions.answers(job) else None
-        if recorded is None:
+        if not self._permissions.answers(job):
             return False
-        channel.send(with_reference(recorded.response, job[PDU_REF]))
+        recorded = self._downloads.next(job)
+        answer = recorded.response if recorded is not None else self._sends.answer(job)
+        if not answer:
+            return False
+        channel.send(with_reference(answer, job[PDU_REF]))
         self.served += 1
         return True
 
@@ -366,7 +389,7 @@ class Player:
         if asked is not None:
             self._answered(asked, pdu)
             return
-        if whole and pdu.rosctr == JOB and self._answered_job(channel, tsdu):
+        if whole and self._answered_job(channel, tsdu):
             return
         self.server_jobs += whole and (pdu.rosctr == JOB or (head is not None and head.type == REQUEST))
         self._heard += 1

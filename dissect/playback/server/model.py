@@ -46,10 +46,22 @@ class Script:
     TSAPs are None where not recorded. ``confirm`` is the TPDU that answered the connect request (CC, DR or ER), empty where
     there is none; ``refused`` tells that the connect request was seen and never confirmed. ``end`` is how the server ended
     it (`ENDS`), else empty; ``farewell`` the DR or ER with which it did. ``pdu_length`` was granted, 0 when nobody knows.
-    ``plus``: it speaks S7comm-plus.
+    ``plus``: it speaks S7comm-plus. ``numbered`` tells that references are those of the recording: a golden has none.
     """
 
-    __slots__ = ("called", "calling", "confirm", "end", "farewell", "number", "pdu_length", "plus", "refused", "steps")
+    __slots__ = (
+        "called",
+        "calling",
+        "confirm",
+        "end",
+        "farewell",
+        "number",
+        "numbered",
+        "pdu_length",
+        "plus",
+        "refused",
+        "steps",
+    )
 
     def __init__(self, number: int) -> None:
         self.number = number
@@ -61,6 +73,7 @@ class Script:
         self.farewell = b""
         self.pdu_length = 0
         self.plus = False
+        self.numbered = True
         self.steps: list[Step] = []
 
 

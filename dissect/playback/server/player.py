@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from typing import Final, NamedTuple
 
+from dissect.playback.bsend import answered_piece
 from dissect.playback.server.answer_index import LEVELS, AnswerIndex, ItemAnswer, item_key, keys_of
 from dissect.playback.server.answers import (
     WRONG_PDU_SIZE,
@@ -121,14 +122,16 @@ class Player:
         """Return what is said to a request. Never raises, whatever the request is."""
         keys = keys_of(asked.octets, asked)
         found, level, own = self._find(keys)
-        self.reference = found.request[PDU_REF] if found is not None else b""
+        # Of a golden all recorded references are alike: one that is not answered is not what a later answer belongs to.
+        counts = found is not None and (self.script.numbered or bool(found.answer))
+        self.reference = found.request[PDU_REF] if found is not None and counts else b""
         items = asked.rosctr == JOB and asked.function in {READ_VAR, WRITE_VAR} and bool(asked.parameters.items)
         whole = items and not asked.malformed
         remembers = self._stage.image is not None and whole and not (found is not None and _refused_whole(found))
         if asked.parameters.setup is not None and asked.rosctr == JOB and level != 0:
             reply = self._set_up(asked)
         elif found is not None and not remembers:
-            answer = with_reference(found.answer, asked.octets[PDU_REF]) if found.answer else b""
+            answer = self._recorded_answer(found, asked) if found.answer else b""
             reply = Reply(answer, LEVELS[level], found.latency_ns, tuple(found.then), self._end_after(found, own))
         elif whole:
             reply = self._items(asked)
@@ -139,6 +142,10 @@ class Player:
         return self._fitted(asked, reply)
 
     # ---- recorded answers -------------------------------------------------------------------------------------------
+
+    def _recorded_answer(self, found: Step, asked: Pdu) -> bytes:
+        answer = with_reference(found.answer, asked.octets[PDU_REF])
+        return answer if self.script.numbered else answered_piece(answer, asked.octets)
 
     def _find(self, keys: tuple[bytes, bytes, bytes]) -> tuple[Step | None, int, bool]:
         """Return the recorded request that is played, how like it is (`LEVELS`) and whether it is of this connection."""

@@ -76,7 +76,8 @@ def _add(recording: Recording, link: Link, transactions: list[Transaction]) -> N
     script.end = link.ended if link.ended in ENDS and link.ended_by == "server" else ""
     tpdus = link.tpdus
     if tpdus is None:
-        # A golden has the end and the refusal in words.
+        # A golden has the end and the refusal in words, and no numbers that count.
+        script.numbered = False
         script.farewell = farewell(script.end, link.farewell.rpartition(": ")[2])
         script.refused = link.begun and not link.tpdu_size and not link.transactions
         if script.refused:

@@ -5,10 +5,12 @@ from __future__ import annotations
 from collections import deque
 from typing import Final, NamedTuple
 
+from dissect.golden.masking import SEQUENCE
 from dissect.iso.build import build_dc, build_tpkt, build_tsdu, with_dst_ref
 from dissect.iso.cotp import CALLED_TSAP, CALLING_TSAP, Assembler, Tpdu, parse_tpdu
 from dissect.iso.tables import CC, CR, DR, DT
 from dissect.iso.tpkt import HEADER, Framer
+from dissect.playback.bsend import is_bsend, next_piece
 from dissect.playback.server.answers import confirm, farewell, refuse
 from dissect.playback.server.faults import CUT, DELAY, DROP, REFUSE, SPLIT, WRONG_REF, Fault
 from dissect.playback.server.model import Said
@@ -72,6 +74,7 @@ class ClientSession:
         self._jobs: dict[bytes, bool] = {}  # references of what the server asked: whether it was answered when recorded
         self._end_how = ""  # how the server ends the connection once it has said all, empty while it does not
         self._references: dict[bytes, bytes] = {}  # those of this client by recorded ones
+        self._piece = 0  # the sequence number that this client gave our BSEND
         self._deeds: list[Deed] = []
 
     def feed(self, octets: bytes) -> list[Deed]:
@@ -144,6 +147,7 @@ class ClientSession:
         elif _answers(pdu) and (tsdu[PDU_REF] in self._jobs or (self._asked > 0 and self._jobs)):
             # Some clients answer with a reference of their own.
             asked = tsdu[PDU_REF] if tsdu[PDU_REF] in self._jobs else next(iter(self._jobs))
+            self._piece = tsdu[SEQUENCE] if is_bsend(pdu, RESPONSE) else self._piece
             self._asked -= self._jobs.pop(asked)
             self._follow(0)
         elif pdu.rosctr in {ACK, ACK_DATA}:
@@ -215,7 +219,7 @@ class ClientSession:
         while self._waiting and self._asked <= 0:
             said = self._waiting.popleft()
             self._asked += said.waits
-            octets = said.octets
+            octets = next_piece(said.octets, self._piece)
             reference = self._references.get(octets[PDU_REF])
             if not _answers(parse_pdu(octets)):
                 self._jobs.pop(octets[PDU_REF], None)

@@ -1,0 +1,44 @@
+"""The sequence number of a BSEND, which its receiver gives and a golden does not hold (reference 4.10).
+
+The first piece has 0, the answer to it a number, all further pieces and their answers that number.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+from dissect.golden.masking import SEQUENCE
+from dissect.s7.message import Pdu, parse_pdu
+from dissect.s7.parameters import REQUEST, RESPONSE
+from dissect.s7.pbc import goes_on
+from dissect.s7.tables import BSEND, GROUP_PBC, USERDATA
+
+_FIRST: Final = 1
+
+
+def is_bsend(pdu: Pdu, type_: int) -> bool:
+    """Tell whether a PDU is a BSEND (``REQUEST``) or the answer to one (``RESPONSE``)."""
+    head = pdu.parameters.userdata
+    if pdu.rosctr != USERDATA or head is None or len(pdu.octets) <= SEQUENCE:
+        return False
+    return (head.type, head.group, head.subfunction) == (type_, GROUP_PBC, BSEND)
+
+
+def answered_piece(answer: bytes, piece: bytes) -> bytes:
+    """Return the answer to a piece with the number of the BSEND; what is no such answer as it is."""
+    asked = parse_pdu(piece).parameters.userdata
+    if asked is None or not is_bsend(parse_pdu(answer), RESPONSE):
+        return answer
+    return _numbered(answer, asked.sequence or answer[SEQUENCE] or _FIRST)
+
+
+def next_piece(piece: bytes, number: int) -> bytes:
+    """Return a piece that goes on with a BSEND with the ``number`` it was given; what is none as it is."""
+    pdu = parse_pdu(piece)
+    head = pdu.parameters.userdata
+    further = is_bsend(pdu, REQUEST) and head is not None and goes_on(head)
+    return _numbered(piece, number) if further and number else piece
+
+
+def _numbered(octets: bytes, number: int) -> bytes:
+    return octets[:SEQUENCE] + bytes((number & 0xFF,)) + octets[SEQUENCE + 1 :]

@@ -1,0 +1,51 @@
+"""BSENDs of a PLC: what its program sent by itself when this was recorded, and the recorded answers."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterable
+
+from dissect.golden.exchange import S7
+from dissect.golden.masking import mask_s7
+from dissect.golden.model import Transaction
+from dissect.playback.bsend import answered_piece, is_bsend
+from dissect.s7.message import parse_pdu
+from dissect.s7.parameters import HEADER_SIZE, PROTOCOL_ID, REQUEST
+
+
+def sent_by_server(transaction: Transaction) -> bool:
+    """Tell whether this is a BSEND of the PLC that the client answered when it was recorded."""
+    if transaction.asked_by != "server" or transaction.exchange.kind != S7 or not transaction.response:
+        return False
+    return is_bsend(parse_pdu(transaction.request), REQUEST)
+
+
+def may_be_answered(octets: bytes) -> bool:
+    """Tell whether a message of a PLC is a BSEND with nothing malformed or behind its end."""
+    if len(octets) < HEADER_SIZE or octets[0] != PROTOCOL_ID:
+        return False
+    pdu = parse_pdu(octets)
+    return is_bsend(pdu, REQUEST) and not pdu.malformed and pdu.data_offset + pdu.data_length == len(octets)
+
+
+class Sends:
+    """What a PLC may send now: its recorded BSENDs, each once, equal ones in recorded order."""
+
+    def __init__(self, recorded: Iterable[Transaction]) -> None:
+        self._left: dict[bytes, deque[Transaction]] = {}
+        self._came: set[int] = set()
+        for transaction in recorded:
+            self._left.setdefault(mask_s7(transaction.request), deque()).append(transaction)
+
+    def answer(self, request: bytes) -> bytes:
+        """Return the recorded answer to a BSEND and use it up; empty when nothing like it was recorded."""
+        left = self._left.get(mask_s7(request))
+        if not left:
+            return b""
+        found = left.popleft()
+        self._came.add(id(found))
+        return answered_piece(found.response, request)
+
+    def came(self, transaction: Transaction) -> bool:
+        """Tell whether the PLC has sent what it sent when this was recorded."""
+        return id(transaction) in self._came
