@@ -141,7 +141,7 @@ LOCKED: Final = {
 }
 
 #: What is data only, in the one module that reads it: Wireshark's list of vendors, as Scapy ships it.
-DATA_ONLY: Final = {"dissect.inventory.vendors": "scapy.libs.manuf"}
+DATA_ONLY: Final = {"dissect.facts.vendors": "scapy.libs.manuf"}
 
 #: They run what they read.
 DANGEROUS_IMPORTS: Final = frozenset(("cPickle", "dill", "jsonpickle", "marshal", "pickle", "shelve", "yaml"))

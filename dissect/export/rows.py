@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, Final
 
 from dissect.acts.act import Act
-from dissect.export.tables import ACTS, CONNECTIONS, DEVICES, FINDING_COUNTS, FINDINGS, INT, OPERATIONS, Column, Table
+from dissect.export.tables import ACTS, CONNECTIONS, DEVICES, FINDING_COUNTS, FINDINGS, OPERATIONS, Table
 from dissect.export.transaction_rows import Row, TransactionRows
 from dissect.export.value_columns import shown
 from dissect.facts import fact as kinds
@@ -14,12 +14,9 @@ from dissect.facts.counted import counted
 from dissect.findings.ledger import Ledger
 from dissect.findings.reporter import Finding
 from dissect.inventory.model import Device
-from dissect.inventory.rows import device_row
-from dissect.report.words import Places
 from dissect.s7plus.items import PlusItem
 from dissect.select.items import ItemFacts, plus_facts, scd_facts
 from dissect.source.packet import SourceFile
-from dissect.tcp.link import vlan_ids
 from dissect.transactions.connection import Connection
 from dissect.transactions.good_items import good_octets
 from dissect.transactions.operation import Operation
@@ -116,27 +113,7 @@ class Rows:
 
     def device(self, device: Device) -> Row:
         """Return the row of a device."""
-        said = device_row(device, Places([], False))
-        file, first = self._hot.files.locate(device.first_frame)
-        _, last = self._hot.files.locate(device.last_frame)
-        known = {
-            "file": file,
-            "first_frame": first,
-            "last_frame": last,
-            "ts_ns": device.first_ns,
-            "end_ns": device.last_ns,
-            "vlans": vlan_ids(device.vlan),
-        }
-        return tuple([_device_cell(column, known, said) for column in DEVICES.stored])
-
-
-def _device_cell(column: Column, known: dict[str, Any], said: dict[str, str]) -> Any:
-    if column.name in known:
-        return known[column.name]
-    text = said[column.name]
-    if column.type == INT:
-        return int(text) if text else None
-    return encodable(text) or None
+        return self._row(DEVICES, device)
 
 
 def _facts(facts: ItemFacts) -> Row:

@@ -14,6 +14,7 @@ from dissect.config.hints import close_names
 from dissect.facts import fact as kinds
 from dissect.facts.connection import CONNECTION
 from dissect.facts.counted import COUNTED
+from dissect.facts.device import DEVICE
 from dissect.facts.fact import Fact
 from dissect.facts.finding import FINDING
 from dissect.facts.operation import ACT, OPERATION
@@ -270,46 +271,18 @@ FINDING_COUNTS: Final = _of_facts(
     ),
 )  # fmt: skip
 
-DEVICES: Final = Table(
+DEVICES: Final = _of_facts(
     "devices",
     "station: what it is and said of itself (docs/devices.md); rows come when everything was read",
+    DEVICE,
     (
-        Column("address", WORD, "", "IP address", "Device.address"),
-        Column("vlans", INTS, "", "VLAN ids of its network, the outer tag first", "Device.vlan"),
-        Column("role", WORD, "", "what it is, as far as there is evidence", "Device.role"),
-        Column("certainty", WORD, "", "how sure the role is", "Device.certainty"),
-        Column("host_name", WORD, "", "name of the host, from the settings", "dissect.inventory.rows"),
-        Column("mac", WORD, "", "address of its network card", "dissect.inventory.rows"),
-        Column("vendor", WORD, "", "maker of the network card", "dissect.inventory.rows"),
-        Column("order_number", WORD, "", "order number (MLFB)", "dissect.inventory.rows"),
-        Column("hardware", WORD, "", "hardware version", "dissect.inventory.rows"),
-        Column("firmware", WORD, "", "firmware version", "dissect.inventory.rows"),
-        Column("serial_number", WORD, "", "serial number", "dissect.inventory.rows"),
-        Column("station_name", WORD, "", "name of the automation system", "dissect.inventory.rows"),
-        Column("module_name", WORD, "", "name of the module", "dissect.inventory.rows"),
-        Column("module_type", WORD, "", "type of the module", "dissect.inventory.rows"),
-        Column("plant", WORD, "", "plant designation", "dissect.inventory.rows"),
-        Column("location", WORD, "", "location designation", "dissect.inventory.rows"),
-        Column("operating_mode", WORD, "", "operating mode, the latest", "dissect.inventory.rows"),
-        Column("protection_level", WORD, "", "protection level, the latest", "dissect.inventory.rows"),
-        Column("pdu_lengths", WORD, "", "PDU lengths granted, the latest last", "dissect.inventory.rows"),
-        Column("asked_by", WORD, "", "addresses that asked it", "dissect.inventory.rows"),
-        Column("asks", WORD, "", "addresses that it asked", "dissect.inventory.rows"),
-        Column("connections", INT, "", "connections in which it was the server", "Talk.connections"),
-        Column("transactions", INT, "", "transactions of these", "Talk.transactions"),
-        Column("answered", INT, "", "requests that it answered", "Device.asked"),
-        Column("unanswered", INT, "", "requests to it without the answer that was due", "Device.asked"),
-        Column("with_errors", INT, "", "requests to it whose answer has an error", "Device.asked"),
-        Column("median_ns", INT, "ns", "median of its response times", "Device.latencies"),
-        Column("p95_ns", INT, "ns", "their 95th percentile", "Device.latencies"),
-        Column("likely", INT, "", "requests whose answer is only likely theirs; left out of the times", "Device.asked"),
-        _FILE,
-        Column("first_frame", INT, "packet of its file", "first packet", "Device.first_frame"),
-        Column("last_frame", INT, "packet of its file", "last packet", "Device.last_frame"),
-        *_time("ts", "time of the first packet", "Device.first_ns"),
-        *_time("end", "time of the last packet", "Device.last_ns"),
+        "address", "vlan", "role", "certainty", "host_name", "mac", "vendor", "order_number", "hardware", "firmware",
+        "serial_number", "station_name", "module_name", "module_type", "plant", "location", "operating_mode",
+        "protection_level", "pdu_lengths_said", "asked_by_said", "asks_said", "connections", "transactions", "answered",
+        "unanswered", "with_errors", "median_ns", "p95_ns", "likely_count", "file", "first_frame", "last_frame", "first_time",
+        "last_time",
     ),
-)
+)  # fmt: skip
 
 PDUS: Final = Table(
     "pdus",

@@ -31,8 +31,10 @@ COUNTS: Final = "counts"  # list[int]
 WORDS: Final = "words"  # list[str]
 OBJECT: Final = "object"  # what has `as_dict`: for JSON alone
 JSON: Final = "json"  # what JSON writes as it is: for JSON alone
+RECORDS: Final = "records"  # a list of records of the table `Fact.records`, or such lists by names: for JSON alone
 KINDS: Final = (
     COUNT, SERIAL, DURATION, FLAG, TEXT, WORD, CODE, END, TSAP, FRAME, FRAMES, FILE, TIME, COUNTS, WORDS, OBJECT, JSON,
+    RECORDS,
 )  # fmt: skip
 
 
@@ -51,10 +53,24 @@ class Fact(Generic[Record]):
     ``get`` is None for an object that has a writer of its own. ``key`` is its key in JSON (its name unless given, empty for
     none), ``column`` its name in tables. ``null``: it may have no value. ``rare``: its key is there only where there is
     something to tell. ``least`` is the smallest number, ``codes`` are all values of a code, ``shape`` is the JSON Schema where
-    its kind does not say it all.
+    its kind does not say it all, ``records`` the table of the records in it.
     """
 
-    __slots__ = ("about", "codes", "column", "get", "key", "kind", "least", "name", "null", "rare", "shape", "unit")
+    __slots__ = (
+        "about",
+        "codes",
+        "column",
+        "get",
+        "key",
+        "kind",
+        "least",
+        "name",
+        "null",
+        "rare",
+        "records",
+        "shape",
+        "unit",
+    )
 
     def __init__(
         self,
@@ -71,6 +87,7 @@ class Fact(Generic[Record]):
         least: int = 0,
         codes: tuple[str, ...] = (),
         shape: Mapping[str, Any] | None = None,
+        records: Mapping[str, Fact[Any]] | None = None,
     ) -> None:
         self.name = name
         self.kind = kind
@@ -84,6 +101,7 @@ class Fact(Generic[Record]):
         self.least = least
         self.codes = codes
         self.shape = shape
+        self.records = records
 
     def __repr__(self) -> str:
         return f"Fact({self.name!r})"

@@ -11,6 +11,7 @@ from typing import Any, Final
 
 from dissect.facts.connection import CONNECTION
 from dissect.facts.counted import OCCURRENCES
+from dissect.facts.device import DEVICE, STRETCH, TALK
 from dissect.facts.fact import (
     CODE,
     COUNT,
@@ -39,6 +40,9 @@ TABLES: Final[Mapping[str, Mapping[str, Fact[Any]]]] = {
     "finding": FINDING,
     "occurrences": OCCURRENCES,
     "operation": OPERATION,
+    "device": DEVICE,
+    "stretch": STRETCH,
+    "talk": TALK,
 }
 
 _TIME: Final = {"$ref": "urn:s7dissect:schema:transaction:1#/$defs/time"}
@@ -105,7 +109,9 @@ def _file(fact: Fact[Any]) -> dict[str, Any]:
 
 def _shape(fact: Fact[Any]) -> dict[str, Any]:
     if fact.shape is not None:
-        return dict(fact.shape)
+        return dict(filled(fact.shape))
+    if fact.records is not None:
+        return {"type": "array", "items": object_of(fact.records)}
     if fact.kind == CODE:
         return {"enum": [*fact.codes, None] if fact.null else list(fact.codes)}
     number: dict[str, Any] = {"type": "integer", "minimum": fact.least}

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Any, Final
 
-from dissect.facts.fact import END, FILE, FRAME, FRAMES, OBJECT, TEXT, TIME, TSAP, Fact, Located, Record
+from dissect.facts.fact import END, FILE, FRAME, FRAMES, OBJECT, RECORDS, TEXT, TIME, TSAP, Fact, Located, Record
 from dissect.wire.text import Clock, encodable
 
 
@@ -47,10 +47,19 @@ def written(
             told[key] = None
         elif kind == TIME:
             told[key] = clock.iso(value)
+        elif kind == RECORDS:
+            assert fact.records is not None
+            told[key] = _records(fact.records, value, places, clock)
         else:
             write = _WRITTEN.get(kind)
             told[key] = write(value) if write is not None else value
     return told
+
+
+def _records(facts: Mapping[str, Fact[Any]], found: Any, places: Located, clock: Clock) -> object:
+    if isinstance(found, dict):
+        return {name: _records(facts, some, places, clock) for name, some in found.items()}
+    return [written(facts, one, places, clock) for one in found]
 
 
 def files_of(facts: Mapping[str, Fact[Record]]) -> list[str]:

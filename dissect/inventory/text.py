@@ -7,6 +7,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Final
 
+from dissect.facts.vendors import vendor
 from dissect.inventory.code import code_lines
 from dissect.inventory.collector import Inventory, talks_between
 from dissect.inventory.model import (
@@ -26,7 +27,6 @@ from dissect.inventory.model import (
     Use,
 )
 from dissect.inventory.outcome import Devices
-from dissect.inventory.vendors import vendor
 from dissect.report import words
 from dissect.report.operations import NAMES
 from dissect.report.styled import DIM, HEADING, PLAIN, Line

@@ -6,8 +6,8 @@ import sys
 
 import pytest
 
-from dissect.inventory import vendors
-from dissect.inventory.vendors import LOCALLY_ADMINISTERED, vendor
+from dissect.facts import vendors
+from dissect.facts.vendors import LOCALLY_ADMINISTERED, vendor
 from tests.report.schemas import ROOT
 
 
