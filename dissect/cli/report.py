@@ -88,6 +88,11 @@ def _two_captures(ctx: click.Context, param: click.Parameter, both: tuple[str, s
     metavar="A B",
     help="Instead of FILE: two captures side by side, their plots overlaid.",
 )
+@click.option(
+    "--full-paths",
+    is_flag=True,
+    help="Name FILE in the commands of the page as you named it; without this option by its name alone, without its folder.",
+)
 @click.option("--force", is_flag=True, help="Overwrite OUT if it exists (never a FILE).")
 @slow_option
 @select_options()
@@ -100,6 +105,7 @@ def command(
     output: str,
     plotted: tuple[str, ...],
     both: tuple[str, str] | None,
+    full_paths: bool,
     force: bool,
     slow_ns: int,
     checksums: bool,
@@ -133,16 +139,16 @@ def command(
     if both is not None and chosen.where is not None:
         raise click.UsageError("--diff compares whole captures; cut them first to compare a part.")
     if both is None:
-        side, code = _read(files, options(), chosen, plots)
+        side, code = _read(files, options(), chosen, plots, full_paths)
         if code == EXIT_INTERRUPTED:
             return _unwritten(code)
         write_page(output, render([side], __version__))
         return code
     first, second = SessionReader(both[0]), SessionReader(both[1])
-    a, code = _read(both[:1], options(), chosen, plots, first)
+    a, code = _read(both[:1], options(), chosen, plots, full_paths, first)
     if code == EXIT_INTERRUPTED:
         return _unwritten(code)
-    b, second_code = _read(both[1:], options(), chosen, plots, second)
+    b, second_code = _read(both[1:], options(), chosen, plots, full_paths, second)
     if second_code == EXIT_INTERRUPTED:
         return _unwritten(second_code)
     told = differences(first.finish([]), second.finish([]), DiffOptions([], None, naming))
@@ -152,7 +158,12 @@ def command(
 
 
 def _read(
-    files: Sequence[str], options: Options, chosen: Chosen, plots: WantedSet | None, beside: Observer | None = None
+    files: Sequence[str],
+    options: Options,
+    chosen: Chosen,
+    plots: WantedSet | None,
+    full_paths: bool,
+    beside: Observer | None = None,
 ) -> tuple[Side, int]:
     """Read captures for a report, and for another observer beside it; return what was gathered and the exit code so far."""
     from dissect.live.run import Fanout
@@ -162,7 +173,7 @@ def _read(
     from dissect.session import Run
 
     names = ["stdin" if file == "-" else shown(file) for file in files]
-    rows = Rows(names, clock(), hosts(), _reading())
+    rows = Rows(names, clock(), hosts(), _reading(), full_paths)
     gathered = Gathered(rows, plots)
     observer = gathered if beside is None else Fanout([gathered, beside], _failed)
     run = Run(files, chosen.sieve(observer), chosen.narrow(options))

@@ -12,28 +12,33 @@ from typing import Any, Final
 from dissect.acts.act import Act
 from dissect.engine.observer import Observer
 from dissect.engine.pipeline import Pipeline
+from dissect.findings.catalogue import SEVERITIES
 from dissect.findings.reporter import Finding
 from dissect.inventory.collector import Inventory
 from dissect.page.bins import Bins, Spread, bucket
+from dissect.page.gaps import Gap, Heard, between, idle
 from dissect.page.numbers import counted
+from dissect.page.plcs import Plcs
 from dissect.page.polls import Requests
-from dissect.page.rows import ERROR, MISSED, Rows, Station, outcome_of, station_of, time_of
+from dissect.page.rows import ERROR, MISSED, Rows, Station, octets_of, outcome_of, station_of, time_of
+from dissect.page.samples import Ranked, Samples, mixed
 from dissect.page.tag_steps import Tags
-from dissect.page.talks import Talks
+from dissect.page.talks import Talks, worse
 from dissect.program.carved import carve
 from dissect.report.analysis import Analysis
 from dissect.report.latencies import Latencies
 from dissect.s7.tables import GROUP_MODE
-from dissect.source.packet import CONTINUES_NS, SourceFile
+from dissect.source.packet import SourceFile
 from dissect.stations.facts import Fact
 from dissect.transactions.connection import ISO_TSAP_PORT, Connection
 from dissect.transactions.operation import CONNECT, Operation
 from dissect.transactions.transaction import ORPHAN, PUSH, UNANSWERED, Transaction
 from dissect.variables.wanted import WantedSet
 
-#: Greatest number of rows of each table.
-MAX_SLOWEST: Final = 300
+#: Greatest number of rows of each table. Of the slowest transactions there are as many of all, and as many more over the time.
+MAX_SLOWEST: Final = 200
 MAX_FAILED: Final = 500
+MAX_CONNECTIONS: Final = 1000
 MAX_OPERATIONS: Final = 1000
 MAX_BLOCKS: Final = 500
 #: Greatest number of pairs of PLC and function whose answer times are kept separately.
@@ -50,29 +55,6 @@ _GAPS: Final = frozenset(("capture.dropped", "capture.damaged"))
 
 #: Findings that show the operating mode of an S7comm-plus CPU: S7comm-plus has no message for it.
 _MODES: Final = {"security.stopped": "STOP", "security.mode_changed": "RUN"}
-
-
-class Gap:
-    """A time in which packets are missing, of one connection or of all (0)."""
-
-    __slots__ = ("begin_ns", "connection", "end_ns", "why")
-
-    def __init__(self, begin_ns: int, end_ns: int, connection: int, why: str) -> None:
-        self.begin_ns = begin_ns
-        self.end_ns = end_ns
-        self.connection = connection
-        self.why = why
-
-
-class Heard:
-    """When the latest message of a connection came, and how many of its bytes were missing by then."""
-
-    __slots__ = ("connection", "missing", "time_ns")
-
-    def __init__(self, connection: Connection) -> None:
-        self.connection = connection
-        self.time_ns = int(connection.tcp.first_ns)
-        self.missing = 0
 
 
 class Mode:
@@ -136,17 +118,6 @@ def span_of(pipeline: Pipeline) -> tuple[int, int] | None:
     return (counters.earliest_ns, counters.latest_ns) if counters.frames else None
 
 
-def _apart(files: list[SourceFile]) -> list[tuple[int, int]]:
-    """Return the times between files that do not continue the file before: (end of one, beginning of the next)."""
-    found = []
-    known_to = 0
-    for begin, end in sorted([(int(file.first_ns), int(file.last_ns)) for file in files if file.first_ns]):
-        if known_to and begin - known_to > CONTINUES_NS:
-            found.append((known_to, begin))
-        known_to = max(known_to, begin, end)
-    return found
-
-
 class Gathered(Observer):
     """Collects what a report shows. ``rows`` makes the rows of its tables; ``tags`` are the tags to plot, None for none.
 
@@ -166,26 +137,27 @@ class Gathered(Observer):
         self.further: set[tuple[Station, str]] = set()
         self.requests = Requests()
         self.talks = Talks()
+        self.plcs = Plcs()
         #: Machines that speak on another port than that of ISO-on-TCP, or in IBH-NetLink: Wireshark does not look for S7 there.
         self.unusual: set[Station] = set()
         self.tags = Tags(tags)
-        self.gaps: list[Gap] = []
-        self.gaps_not_drawn = 0
+        self._gaps = Samples(MAX_GAPS, counted=False)
         self.modes: list[Mode] = []
         self.modes_not_drawn = 0
-        self.operations: list[dict[str, Any]] = []
-        self.blocks: list[dict[str, Any]] = []
-        self.blocks_in_all = 0
-        self.spans: list[Span] = []
-        self.operations_not_listed = 0
-        self.connections: list[dict[str, Any]] = []
-        self.failed: list[dict[str, Any]] = []
-        self.failed_in_all = 0
-        self.failed_pushes = 0  # how many of these are pushes with an item that the PLC could not read
+        #: Rows of operations, each with its `Span`; those of blocks, of failed transactions and of connections.
+        self.operations = Samples(MAX_OPERATIONS)
+        self.blocks = Samples(MAX_BLOCKS)
+        self.failed = Samples(MAX_FAILED)
+        self.connections = Ranked(MAX_CONNECTIONS)
+        #: How many connections began, and ended, by time.
+        self.opened = Bins()
+        self.ended = Bins()
+        self.failed_pushes = 0  # how many failed transactions are pushes with an item that the PLC could not read
         #: When the first request failed, 0 for never.
         self.first_failure_ns = 0
         self._slowest: list[tuple[int, int, dict[str, Any]]] = []
         self._slow_floor = -1
+        self._slow_then = Samples(MAX_SLOWEST, counted=False)
         self.files: list[SourceFile] = []
         self._file = 0  # index in `files` of the one that is being read
         self._begin_ns = 0
@@ -203,11 +175,8 @@ class Gathered(Observer):
 
     def connection_closed(self, connection: Connection) -> None:
         """Take a connection for the tables of connections and of who talked to whom."""
-        analysis = self.analysis
-        listed = len(analysis.connections)
-        analysis.connection_closed(connection)
-        if len(analysis.connections) > listed:
-            self.connections.append(self.rows.connection(connection))
+        self.analysis.connection_closed(connection)
+        self._list(connection)
         self.talks.over(connection)
         if ISO_TSAP_PORT not in {connection.client.port, connection.server.port}:
             self.unusual.update((station_of(connection, 0), station_of(connection, 1)))
@@ -229,8 +198,7 @@ class Gathered(Observer):
         latency = transaction.latency_ns
         if latency is not None:
             self.answer_times.add(now, bucket(latency) // (32 // BANDS))
-            if latency > self._slow_floor:
-                self._keep_slow(latency, transaction)
+            self._keep_slow(latency, now, transaction)
         self._spread(transaction, latency)
         if outcome in {ERROR, MISSED}:
             self._failure(transaction, now)
@@ -250,20 +218,23 @@ class Gathered(Observer):
         """Take an operation; connection setups are only counted, as connections have a table of their own."""
         self.analysis.operation(operation)
         self.inventory.operation(operation)
+        begin = int(operation.begin_ns)
         for block in carve(operation):
-            self.blocks_in_all += 1
-            if len(self.blocks) < MAX_BLOCKS:
-                self.blocks.append(self.rows.block(block, operation, self.blocks_in_all))
-        if operation.kind == CONNECT:
+            number = self.blocks.total + 1
+            if self.blocks.wants(begin, mixed(number)):
+                self.blocks.add(begin, mixed(number), self.rows.block(block, operation, number))
+        rank = mixed(operation.number)
+        if operation.kind == CONNECT or not self.operations.wants(begin, rank):
             return
-        if len(self.operations) >= MAX_OPERATIONS:
-            self.operations_not_listed += 1
-            return
-        self.operations.append(self.rows.operation(operation))
-        host = station_of(operation.connection)
-        self.spans.append(
-            Span(operation.begin_ns, operation.end_ns, host, operation.kind, operation.number, operation.result)
+        span = Span(
+            begin,
+            operation.end_ns,
+            station_of(operation.connection),
+            operation.kind,
+            operation.number,
+            operation.result,
         )
+        self.operations.add(begin, rank, (self.rows.operation(operation), span))
 
     def fact(self, fact: Fact) -> None:
         """Take a fact that a station stated."""
@@ -279,6 +250,8 @@ class Gathered(Observer):
         if number:
             self.talks.finding(number, finding.severity)
         heard = self._heard.get(number)
+        if heard is not None:
+            heard.worst = worse(heard.worst, finding.severity)
         if finding.slug in _MODES and heard is not None and heard.connection.plus is not None:
             host = station_of(heard.connection)
             self._mode(int(finding.time_ns), host, _MODES[finding.slug], finding.frames[-1] if finding.frames else 0)
@@ -302,15 +275,34 @@ class Gathered(Observer):
     # ---- what is kept -----------------------------------------------------------------------------------------------
 
     def slowest(self) -> list[dict[str, Any]]:
-        """Return the rows of the slowest transactions, slowest first."""
-        return [row for _, _, row in sorted(self._slowest, key=lambda entry: (-entry[0], -entry[1]))]
+        """Return the rows of the slowest transactions of all, and behind them of the slowest of each part of the time."""
+        first = [row for _, _, row in sorted(self._slowest, key=lambda entry: (-entry[0], -entry[1]))]
+        known = {row["key"] for row in first}
+        further = [row for row in self._slow_then.rows() if row["key"] not in known]
+        return first + sorted(further, key=lambda row: (-row["cells"][4], row["cells"][0]))
+
+    @property
+    def gaps(self) -> list[Gap]:
+        """The gaps that are drawn, in order of time; of too many, the longest of each part of the time."""
+        found: list[Gap] = self._gaps.rows()
+        return found
+
+    @property
+    def gaps_not_drawn(self) -> int:
+        """How many gaps there are besides `gaps`."""
+        return self._gaps.total - len(self._gaps)
+
+    @property
+    def spans(self) -> list[Span]:
+        """The times of the operations that are kept."""
+        return [span for _, span in self.operations.rows()]
 
     def _at(self, time_ns: int) -> None:
         """Take a time at which something happened."""
         self._begin_ns = min(self._begin_ns, time_ns) if self._begin_ns else time_ns
         self._end_ns = max(self._end_ns, time_ns)
         if len(self.files) - 1 > self._file:
-            if _apart(self.files[self._file :]):
+            if between(self.files[self._file :]):
                 self.tags.gap(0)
             self._file = len(self.files) - 1
 
@@ -328,7 +320,7 @@ class Gathered(Observer):
         """Return the times between files that are within the report's time."""
         return [
             Gap(begin, end, 0, "Nothing was captured between two of the files.")
-            for begin, end in _apart(self.files)
+            for begin, end in between(self.files)
             if begin < self.end_ns and end > self.start_ns
         ]
 
@@ -345,25 +337,20 @@ class Gathered(Observer):
             heard.missing = missing
         if missing != heard.missing:
             shown_ns = max(int(one.gap_ns), int(other.gap_ns)) or now
-            begin_ns = max(heard.time_ns, asked_ns) if asked_ns <= shown_ns else heard.time_ns
-            self._gap(
-                Gap(
-                    min(begin_ns, shown_ns),
-                    shown_ns,
-                    int(connection.number),
-                    f"{counted(missing - heard.missing, 'byte is', 'bytes are')} missing",
-                )
-            )
+            begin_ns = min(max(heard.time_ns, asked_ns) if asked_ns <= shown_ns else heard.time_ns, shown_ns)
+            lost = missing - heard.missing
+            why = f"{counted(lost, 'byte is', 'bytes are')} missing"
+            self._gap(Gap(begin_ns, shown_ns, int(connection.number), why, idle(heard, lost, shown_ns - begin_ns)))
             heard.missing = missing
         heard.time_ns = now
+        heard.octets = int(one.octets + other.octets)
 
     def _gap(self, gap: Gap) -> None:
         self.requests.gap(gap.connection)
         self.tags.gap(gap.connection)
-        if len(self.gaps) < MAX_GAPS:
-            self.gaps.append(gap)
-        else:
-            self.gaps_not_drawn += 1
+        rank = gap.begin_ns - gap.end_ns
+        if self._gaps.wants(gap.end_ns, rank):
+            self._gaps.add(gap.end_ns, rank, gap)
 
     def _spread(self, transaction: Transaction, latency: int | None) -> None:
         key = (station_of(transaction.connection, 1 - transaction.asked_by), transaction.function_name)
@@ -397,12 +384,12 @@ class Gathered(Observer):
             spread.alone += 1
 
     def _failure(self, transaction: Transaction, now: int) -> None:
-        self.failed_in_all += 1
         if transaction._outcome == PUSH:
             self.failed_pushes += 1
         self.first_failure_ns = min(self.first_failure_ns or now, now)
-        if len(self.failed) < MAX_FAILED:
-            self.failed.append(self.rows.transaction(transaction))
+        rank = mixed(int(transaction.number)) if self.failed.total else -1  # the first stays
+        if self.failed.wants(now, rank):
+            self.failed.add(now, rank, self.rows.transaction(transaction))
 
     def _mode(self, now: int, host: Station, text: str, frame: int) -> None:
         if len(self.modes) >= MAX_MODES:
@@ -410,12 +397,37 @@ class Gathered(Observer):
         else:
             self.modes.append(Mode(now, host, text, frame))
 
-    def _keep_slow(self, latency: int, transaction: Transaction) -> None:
+    def _keep_slow(self, latency: int, now: int, transaction: Transaction) -> None:
+        """Keep one of the slowest transactions: of all, of its part of the time, of its PLC."""
+        plc = self.plcs.of(station_of(transaction.connection, 1 - transaction.asked_by))
+        then = self._slow_then.wants(now, -latency)
+        there = plc is not None and plc.answered(now, latency)
+        if not then and not there and latency <= self._slow_floor:
+            return
+        row = self.rows.transaction(transaction)
+        number = -int(transaction.number)
+        if then:
+            self._slow_then.add(now, -latency, row)
+        if there and plc is not None:
+            plc.slow(latency, number, row)
         if len(self._slowest) < MAX_SLOWEST:
-            entry = (latency, -int(transaction.number), self.rows.transaction(transaction))
-            heapq.heappush(self._slowest, entry)
+            heapq.heappush(self._slowest, (latency, number, row))
         elif latency > self._slowest[0][0]:
-            entry = (latency, -int(transaction.number), self.rows.transaction(transaction))
-            heapq.heapreplace(self._slowest, entry)
+            heapq.heapreplace(self._slowest, (latency, number, row))
         if len(self._slowest) == MAX_SLOWEST:
             self._slow_floor = self._slowest[0][0]
+
+    def _list(self, connection: Connection) -> None:
+        """Keep the row of a connection if it is among those with the gravest findings, then most errors, then most traffic."""
+        heard = self._heard.get(int(connection.number))
+        worst = heard.worst if heard is not None else ""
+        self.opened.add(int(connection.tcp.first_ns), 0)
+        self.ended.add(int(connection.last_ns), 0)
+        rank = (
+            SEVERITIES.index(worst) if worst else len(SEVERITIES),
+            -int(connection.errors + connection.missed),
+            -octets_of(connection),
+            int(connection.number),
+        )
+        if self.connections.wants(rank):
+            self.connections.add(rank, self.rows.connection(connection, worst))

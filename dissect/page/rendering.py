@@ -7,10 +7,12 @@ import functools
 import hashlib
 import importlib.util
 import json
+import re
 from importlib.resources import files
 from typing import Any, Final
 
-from dissect.page.data import Data, findings_of
+from dissect.page.data import Data
+from dissect.page.findings import findings_of
 from dissect.page.gathered import Gathered
 from dissect.page.numbers import counted, grouped
 from dissect.page.rows import Rows, file_title
@@ -23,6 +25,10 @@ from dissect.wire.text import Clock, printable
 
 #: The message if the template engine is missing.
 NEEDS: Final = "reports need jinja2: pip install 's7dissect[report]'"
+#: The parts of the script in the order in which they run, as one function: none of their names is seen outside.
+SCRIPT: Final = (
+    "elements", "words", "scales", "figures", "times", "rows", "hosts", "cards", "tags", "tables", "moving", "page",
+)  # fmt: skip
 #: Greatest number of differences of two sessions that are listed.
 MAX_DIFFERENCES: Final = 200
 
@@ -48,15 +54,15 @@ class Side:
         """Return the values that the template shows without a script."""
         gathered = self.gathered
         said = verdict(gathered)
-        show, display = gathered.rows.packets(list(said.finding.frames)) if said.finding is not None else ("", "")
+        frames = list(said.finding.frames) if said.finding is not None else []
         return {
             "letter": letter,
             "prefix": prefix,
+            "number": "AB".find(letter) if letter else 0,
             "name": self.title,
             "about": self._about(),
             "verdict": said,
-            "show": show,
-            "filter": display,
+            **gathered.rows.packets(frames),
             "findings": findings_of(gathered),
             "completeness": list(self._completeness()),
         }
@@ -71,7 +77,7 @@ class Side:
             f"from {words.span(clock, self.gathered.start_ns, self.gathered.end_ns)}",
             # With a selection, only selected things are counted; packets cannot be.
             *([counted(int(pipeline.frames), "packet")] if analysis.part is None else []),
-            counted(len(analysis.connections) + int(analysis.connections_not_listed), "connection"),
+            counted(self.gathered.connections.total, "connection"),
             counted(int(analysis.total), "transaction"),
         ]
         if analysis.part is not None:
@@ -83,7 +89,8 @@ class Side:
         analysis = gathered.analysis
         told: list[str] = []
         for file in analysis.files:
-            told.append(f"{printable(file.name)}: {counted(int(file.packets), 'packet')}, {words.size(file.octets)}")
+            name = gathered.rows.short(printable(file.name))
+            told.append(f"{name}: {counted(int(file.packets), 'packet')}, {words.size(file.octets)}")
             if file.damage:
                 told.append(f"DAMAGED: {printable(file.damage)}")
             told += [printable(note) for note in file.notes[:10]]
@@ -129,7 +136,7 @@ def render(sides: list[Side], version: str, differences: list[str] | None = None
         raise ImportError(NEEDS)
     from markupsafe import Markup
 
-    template, style, script = _parts()
+    template, style, code = _parts()
     several = len(sides) > 1
     letters = "AB" if several else [""]
     values = [
@@ -147,10 +154,10 @@ def render(sides: list[Side], version: str, differences: list[str] | None = None
         differences=differences,
         differences_left_out=left_out,
         version=version,
-        policy=policy(style, script),
+        policy=policy(style, code),
         # Both are our own and contain no end tag. The data contain text from the wire, which must not end the element.
         style=Markup(style),  # noqa: S704 - see above
-        script=Markup(script),  # noqa: S704
+        script=Markup(code),  # noqa: S704
         data=Markup(embedded(data)),  # noqa: S704
     )
     return page
@@ -170,13 +177,19 @@ def _parts() -> tuple[Any, str, str]:
     import jinja2
 
     folder = files("dissect.page")
-    template, style, script = [
-        folder.joinpath(name).read_text(encoding="utf-8") for name in ("page.html.j2", "page.css", "page.js")
-    ]
+    template, style = [folder.joinpath(name).read_text(encoding="utf-8") for name in ("page.html.j2", "page.css")]
     environment = jinja2.Environment(
         autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )
-    return environment.from_string(template), style, script
+    return environment.from_string(template), style, script()
+
+
+def script() -> str:
+    """Return the script of the page, made of its parts, without the comments that stand on lines of their own."""
+    folder = files("dissect.page").joinpath("script")
+    parts = [folder.joinpath(f"{part}.js").read_text(encoding="utf-8") for part in SCRIPT]
+    bare = re.sub(r"^ *(?:/\*\*.*?\*/|//[^\n]*)\n", "", "\n".join(parts), flags=re.DOTALL | re.MULTILINE)
+    return f'"use strict";\n(() => {{\n{bare}}})();\n'
 
 
 def policy(style: str, script: str) -> str:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import ipaddress
+import os
+import re
 import shlex
 from collections.abc import Mapping, Sequence
 from typing import Any, Final, TypeAlias
@@ -69,22 +71,63 @@ def _typed(options: Sequence[tuple[str, str]]) -> str:
     )
 
 
+#: Options whose value is a path, or HOST=PATH.
+_PATHS: Final = frozenset(("--scd", "--bind", "--tags", "--tls-keys", "--config"))
+
+
+def base_name(path: str) -> str:
+    """Return the name of a file without its folder. An address such as https://host/name stays: a name alone opens nothing."""
+    return path if "://" in path else path.rpartition("/")[2].rpartition(os.sep)[2]
+
+
+def base_names(paths: Sequence[str]) -> list[str]:
+    """Return the names of files without their folders; as they are where two would be the same."""
+    names = [base_name(path) for path in paths]
+    return names if len(set(names)) == len(set(paths)) else list(paths)
+
+
+def _without_folder(option: tuple[str, str]) -> tuple[str, str]:
+    name, value = option
+    if name not in _PATHS:
+        return option
+    host, equals, path = value.partition("=")
+    return (name, f"{host}={base_name(path)}") if equals and "/" not in host else (name, base_name(value))
+
+
 class Rows:
     """Makes rows. ``files`` are the inputs as the user named them, empty for a live run; ``hosts`` are names by address.
 
     ``options`` are those of `s7dissect` that say how the files are read, as they were typed; commands on a file repeat them.
-    ``places`` names packets; it is set once the files are known, before the first packet.
+    Files are named without their folder unless ``full_paths``: a report is given away. ``places`` names packets; it is set once
+    the files are known, before the first packet.
     """
 
     def __init__(
-        self, files: list[str], clock: Clock, hosts: Mapping[str, str], options: Sequence[tuple[str, str]] = ()
+        self,
+        files: list[str],
+        clock: Clock,
+        hosts: Mapping[str, str],
+        options: Sequence[tuple[str, str]] = (),
+        full_paths: bool = False,
     ) -> None:
-        self._files = [printable(name) for name in files]
+        typed = [printable(name) for name in files]
+        self._files = typed if full_paths else base_names(typed)
+        self._number = {name: number for number, name in enumerate(typed)}
+        renamed = {name: short for name, short in zip(typed, self._files, strict=True) if name != short}
+        self._renamed = renamed
+        longest = sorted(renamed, key=len, reverse=True)
+        self._in_text = re.compile("|".join([re.escape(name) for name in longest])) if renamed else None
         self.places = Places([], len(files) > 1, hosts)
         self.clock = clock
         self._hosts = hosts
+        if not full_paths:
+            options = [_without_folder(option) for option in options]
         self._options = _typed(options)
         self._without_scd = _typed([one for one in options if one[0] not in SCD_OPTIONS])
+
+    def short(self, text: str) -> str:
+        """Return a text in which files are named as in the rest of the report."""
+        return self._in_text.sub(lambda found: self._renamed[found[0]], text) if self._in_text is not None else text
 
     def host(self, address: str) -> str:
         """Return the name of a host from the settings, else its address; escaped."""
@@ -111,46 +154,57 @@ class Rows:
 
     # ---- how to see it elsewhere ------------------------------------------------------------------------------------
 
-    def command(self, what: str, frame: int = 0) -> str:
-        """Return an `s7dissect` command for the file with packet ``frame`` (0: for all files); empty without files."""
-        if not self._files:
-            return ""
-        options = self._without_scd if what.partition(" ")[0] in _NO_SCD else self._options
-        if frame and self.places.several:
-            name, number = self.places.locate(frame)
-            what = what.replace(f"--frame {frame}", f"--frame {number}")
-            return f"s7dissect {what}{options} {shlex.quote(printable(name))}"
-        names = " ".join([shlex.quote(name) for name in self._files])
-        return f"s7dissect {what}{options} {names if len(names) <= _NAMES else 'FILE…'}"
+    def commands(self) -> dict[str, Any]:
+        """Return what follows ``s7dissect`` and a row's ``show`` in a command: the page writes it once, not in each row.
 
-    def packets(self, frames: list[int]) -> tuple[str, str]:
-        """Return (`show` command, Wireshark filter) for packets; both empty for none."""
+        ``all`` are all files, ``files`` each of them, for a row with a packet of file number ``in``; ``bare`` are the options
+        of the commands ``without``, which do not decode SCD. Empty without files.
+        """
+        quoted = [shlex.quote(name) for name in self._files]
+        names = " ".join(quoted)
+        return {
+            "options": self._options,
+            "bare": self._without_scd,
+            "without": sorted(_NO_SCD),
+            "all": names if len(names) <= _NAMES else "FILE…",
+            "files": quoted if self.places.several else [],
+        }
+
+    def how(self, what: str, frame: int = 0, display: str = "") -> dict[str, Any]:
+        """Return how to see a row: the command for the file with packet ``frame`` (0: for all), and the Wireshark filter."""
+        found: dict[str, Any] = {"show": what if self._files else "", "filter": display}
+        if frame and self.places.several and self._files:
+            name, number = self.places.locate(frame)
+            found["show"] = what.replace(f"--frame {frame}", f"--frame {number}")
+            found["in"] = self._number.get(printable(name), 0)
+        return found
+
+    def packets(self, frames: list[int]) -> dict[str, Any]:
+        """Return how to see packets, as `how`; empty texts for none."""
         known = sorted({frame for frame in frames if frame})
         if not known or not self._files:
-            return "", ""
+            return {"show": "", "filter": ""}
         shown = " || ".join([f"frame.number == {self.places.number(frame)}" for frame in known[:_FRAMES]])
-        return self.command(f"show -V --frame {known[0]}", known[0]), shown
+        return self.how(f"show -V --frame {known[0]}", known[0], shown)
 
     # ---- rows -------------------------------------------------------------------------------------------------------
 
     def transaction(self, transaction: Transaction) -> dict[str, Any]:
         """Return the row of a transaction."""
         frames = [int(transaction.request_frame), int(transaction.response_frame)]
-        show, display = self.packets(frames)
         said = [facets.outcome(transaction), facets.gist(transaction), mark(transaction)]
         return {
             "key": f"t{transaction.number}",
             "cells": [
                 int(transaction.number),
                 time_of(transaction),
-                self.places.pair(*frames),
+                self.short(self.places.pair(*frames)),
                 self.talk(transaction.connection, transaction.asked_by),
                 transaction.latency_ns,
                 transaction.function_name,
                 shortened("; ".join([part for part in said if part]), _CELL),
             ],
-            "show": show,
-            "filter": display,
+            **self.packets(frames),
         }
 
     def operation(self, operation: Operation) -> dict[str, Any]:
@@ -192,16 +246,16 @@ class Rows:
             **self._carrying(operation),
         }
 
-    def _carrying(self, operation: Operation) -> dict[str, str]:
+    def _carrying(self, operation: Operation) -> dict[str, Any]:
         """Return the command that shows an operation, and the Wireshark filter for its first and its last packet.
 
         The command is not `show`, because the first packet may not complete a message.
         """
-        _, display = self.packets([operation.first_frame, operation.last_frame])
-        return {"show": self.command(f"operations -Y 'number == {operation.number}'"), "filter": display}
+        display = self.packets([operation.first_frame, operation.last_frame])["filter"]
+        return self.how(f"operations -Y 'number == {operation.number}'", 0, display)
 
-    def connection(self, connection: Connection) -> dict[str, Any]:
-        """Return the row of a connection."""
+    def connection(self, connection: Connection, worst: str) -> dict[str, Any]:
+        """Return the row of a connection; ``worst`` is the severity of the gravest finding on it, empty for none."""
         client, server = connection.client, connection.server
         port = "udp.port" if connection.udp else "tcp.port"
         calling, called = connection.tsap_calling, connection.tsap_called
@@ -220,13 +274,23 @@ class Rows:
                 int(connection.errors),
                 int(connection.missed),
                 int(connection.still_open),
-                sum([int(stream.octets) for stream in connection.tcp.streams]),
-                connection.refused
-                or (endings.phrase(connection, self.places) if connection.ending is not None else "open"),
+                octets_of(connection),
+                self.short(connection.refused)
+                or (self.short(endings.phrase(connection, self.places)) if connection.ending is not None else "open"),
+                worst,
             ],
-            "show": self.command(f"{'transactions' if _asks(connection) else 'show'} --connection {connection.number}"),
-            "filter": f"{host_filter(client.host, server.host)} && {port} == {client.port} && {port} == {server.port}",
+            "until": int(connection.last_ns),
+            **self.how(
+                f"{'transactions' if _asks(connection) else 'show'} --connection {connection.number}",
+                0,
+                f"{host_filter(client.host, server.host)} && {port} == {client.port} && {port} == {server.port}",
+            ),
         }
+
+
+def octets_of(connection: Connection) -> int:
+    """Return how many bytes both sides of a connection sent, as far as they were captured."""
+    return sum([int(stream.octets) for stream in connection.tcp.streams])
 
 
 def _asks(connection: Connection) -> bool:
@@ -263,5 +327,5 @@ def outcome_of(transaction: Transaction) -> int:
 
 def file_title(files: list[str]) -> str:
     """Return the names of files for the title of a report."""
-    names = [encodable(name).rpartition("/")[2] for name in files]
+    names = [encodable(base_name(name)) for name in files]
     return printable(names[0]) if len(names) == 1 else f"{printable(names[0])} and {len(names) - 1} more"

@@ -6,6 +6,7 @@ from collections import OrderedDict
 from typing import Final
 
 from dissect.findings.catalogue import SEVERITIES
+from dissect.page.rows import octets_of
 from dissect.transactions.connection import Connection
 
 #: Greatest number of pairs of client and server that are kept.
@@ -68,7 +69,7 @@ class Talks:
             pair = self.pairs.setdefault(key, Pair())
         pair.connections += 1
         pair.pdus += int(connection.pdus)
-        pair.octets += sum([int(stream.octets) for stream in connection.tcp.streams])
+        pair.octets += octets_of(connection)
         pair.errors += int(connection.errors)
         pair.missed += int(connection.missed)
         pair.note(self._waiting.pop(number, ""))

@@ -95,14 +95,15 @@ def _time(finding: Finding) -> tuple[int, int]:
 
 def _what(gathered: Gathered, rule: Rule, first: Finding) -> str:
     """What broke, with the packets that show it."""
-    detail = cut_inside(gathered.rows.places.named(first.detail), _DETAIL).rstrip(".")
-    shown = gathered.rows.places.phrase(first.frames)
+    rows = gathered.rows
+    detail = cut_inside(rows.short(rows.places.named(first.detail)), _DETAIL).rstrip(".")
+    shown = rows.short(rows.places.phrase(first.frames))
     # The detail is appended to the sentence of the rule: it is not a sentence, and may begin with a name in lower case.
     broke = rule.sentence[:-1]
     joint = ";" if ": " in broke else ":"
     said = f"{broke}{joint} {detail} ({shown})." if detail else f"{broke} ({shown})."
     answered = int(gathered.analysis.answered)
-    if rule.kind in {SECURITY, CAPTURE} and gathered.failed_in_all == gathered.failed_pushes and answered:
+    if rule.kind in {SECURITY, CAPTURE} and gathered.failed.total == gathered.failed_pushes and answered:
         return f"No request failed; {counted(answered, 'answer')} arrived. What stands out: {said}"
     return said
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 import resource
 import shlex
@@ -14,7 +15,7 @@ import pytest
 
 from dissect.page import rendering
 from tests.cli.support import WITHOUT_CACHE, run, simple
-from tests.page.support import data_of, session_of
+from tests.page.support import command_of, data_of, session_of
 from tests.report.schemas import ROOT
 from tests.report.support import saved
 
@@ -88,8 +89,9 @@ def test_what_is_missing_is_named(capfdbinary: Capture, tmp_path: Path, monkeypa
 def test_each_row_shows_itself_by_its_command(capfdbinary: Capture, tmp_path: Path) -> None:
     """What a row says to type runs, and shows something."""
     out = tmp_path / "o.html"
-    assert run(capfdbinary, "report", OWN / "transfer.pcapng", "-o", out).code == 0
-    tables = {table["name"]: table for table in session_of(out.read_text(encoding="utf-8"))["tables"]}
+    assert run(capfdbinary, "report", OWN / "transfer.pcapng", "-o", out, "--full-paths").code == 0
+    session = session_of(out.read_text(encoding="utf-8"))
+    tables = {table["name"]: table for table in session["tables"]}
     assert {name for name, table in tables.items() if table["rows"]} >= {
         "slowest",
         "connections",
@@ -100,7 +102,7 @@ def test_each_row_shows_itself_by_its_command(capfdbinary: Capture, tmp_path: Pa
     }
     for name, table in tables.items():
         for row in table["rows"][:2]:
-            ran = run(capfdbinary, *shlex.split(row["show"])[1:])
+            ran = run(capfdbinary, *shlex.split(command_of(session, row))[1:])
             assert ran.code == 0, (name, row, ran.err)
             assert ran.out, (name, row)
 
@@ -112,8 +114,38 @@ def test_files_as_one_capture_name_their_packets(capfdbinary: Capture, tmp_path:
     session = session_of(out.read_text(encoding="utf-8"))
     assert session["name"] == "one.pcapng and 1 more"
     (failed,) = [table for table in session["tables"] if table["name"] == "failed"]
-    assert [row["show"].rpartition("/")[2] for row in failed["rows"]] == ["one.pcapng", "other.pcapng"]
-    assert {row["show"].split()[4] for row in failed["rows"]} == {"10"}
+    shown = [command_of(session, row) for row in failed["rows"]]
+    assert shown == ["s7dissect show -V --frame 10 one.pcapng", "s7dissect show -V --frame 10 other.pcapng"]
+
+
+@pytest.mark.parametrize("count", [1, 2])
+def test_a_page_names_no_folder_unless_it_is_asked_to(capfdbinary: Capture, tmp_path: Path, count: int) -> None:
+    """It is given away: whose folder the capture was in is nobody's business. With the option the path stands there once."""
+    folder = tmp_path / "secret-customer"
+    folder.mkdir()
+    (folder / "names.csv").write_text("name,address,type\nLevel,DB9.DBD0,REAL\n", encoding="utf-8")
+    files = [simple(folder / f"{number}.pcapng", 5 * number) for number in range(count)]
+    options = ["--tags", f"10.0.0.2={folder / 'names.csv'}"]
+    out = tmp_path / "o.html"
+    assert run(capfdbinary, "report", *files, "-o", out, *options).code == 0
+    page = out.read_text(encoding="utf-8")
+    assert "secret-customer" not in page
+    command = session_of(page)["command"]
+    assert (command["all"], command["options"]) == (
+        " ".join([path.name for path in files]), " --tags 10.0.0.2=names.csv",
+    )  # fmt: skip
+    assert run(capfdbinary, "report", *files, "-o", out, "--full-paths", "--force", *options).code == 0
+    command = session_of(out.read_text(encoding="utf-8"))["command"]
+    assert json.dumps(command["files"] or command["all"]).count("secret-customer") == count
+
+
+def test_files_of_one_name_keep_their_folders(capfdbinary: Capture, tmp_path: Path) -> None:
+    for name in ("a", "b"):
+        (tmp_path / name).mkdir()
+    files = [simple(tmp_path / name / "x.pcapng") for name in ("a", "b")]
+    out = tmp_path / "o.html"
+    assert run(capfdbinary, "report", *files, "-o", out).code == 0
+    assert session_of(out.read_text(encoding="utf-8"))["command"]["files"] == [str(path) for path in files]
 
 
 def test_a_selection_says_what_it_is_of(capfdbinary: Capture, tmp_path: Path) -> None:
@@ -172,11 +204,12 @@ def test_what_a_row_says_to_type_reads_the_file_as_the_page_did(
     tags = ["--tags", "192.0.2.20=names.csv"]
     first = ["--config", "hosts.toml", "--checksums"]
     reading = [*first, *scd, *tags]
-    assert run(capfdbinary, "report", OWN / "scd" / "plant.pcapng", "-o", "o.html", *reading).code == 0
+    assert run(capfdbinary, "report", OWN / "scd" / "plant.pcapng", "-o", "o.html", "--full-paths", *reading).code == 0
     shown = set()
-    for table in session_of((tmp_path / "o.html").read_text(encoding="utf-8"))["tables"]:
+    session = session_of((tmp_path / "o.html").read_text(encoding="utf-8"))
+    for table in session["tables"]:
         for row in table["rows"]:
-            words = shlex.split(row["show"])
+            words = shlex.split(command_of(session, row))
             expected = reading if words[1] not in {"operations", "devices"} else [*first, *tags]
             assert words[-1 - len(expected) : -1] == expected
             if words[1] not in shown or "SCD" in row["show"]:
@@ -194,5 +227,6 @@ def test_options_that_take_too_much_room_are_named_only(capfdbinary: Capture, tm
         tags += ["--tags", str(path)]
     out = tmp_path / "o.html"
     assert run(capfdbinary, "report", OWN / "transfer.pcapng", "-o", out, "--checksums", *tags).code == 0
-    (devices,) = [one for one in session_of(out.read_text(encoding="utf-8"))["tables"] if one["name"] == "devices"]
-    assert f"--checksums{' --tags …' * 9} /" in devices["rows"][0]["show"]
+    session = session_of(out.read_text(encoding="utf-8"))
+    (devices,) = [one for one in session["tables"] if one["name"] == "devices"]
+    assert command_of(session, devices["rows"][0]).endswith(f"--checksums{' --tags …' * 9} transfer.pcapng")

@@ -71,7 +71,7 @@ def test_a_page_names_their_ports_as_those_of_udp() -> None:
     talk.datagram(CLIENT, b"one", (1, 7000))
     talk.pipeline.finish()
     (connection,) = talk.connections
-    filtered = Rows(["a.pcap"], Clock(), {}).connection(connection)["filter"]
+    filtered = Rows(["a.pcap"], Clock(), {}).connection(connection, "")["filter"]
     assert filtered.endswith(" && udp.port == 1 && udp.port == 7000")
 
 

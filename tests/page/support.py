@@ -105,3 +105,12 @@ def naughty_packets() -> list[Packet]:
         read(talk, 3, item, octets)
         packets += talk.packets()
     return packets
+
+
+def command_of(session: dict[str, Any], how: dict[str, Any]) -> str:
+    """Return the command that shows a row, as the script of the page puts it together; empty for none."""
+    parts = session["command"]
+    if not how["show"]:
+        return ""
+    options = parts["bare"] if how["show"].split(" ")[0] in parts["without"] else parts["options"]
+    return f"s7dissect {how['show']}{options} {parts['files'][how['in']] if 'in' in how else parts['all']}"

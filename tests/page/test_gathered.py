@@ -255,12 +255,13 @@ def test_tables_are_bounded_and_count_what_they_leave_out(tmp_path: Path, monkey
     for ref in range(1, 10):
         read(talk, ref, WORD, 0x0A if ref > 4 else b"\x00\x01")
     found = gathered_of([saved(tmp_path / "a.pcapng", talk.packets())])
-    assert (len(found.slowest()), len(found.failed), found.failed_in_all) == (3, 2, 5)
+    assert (len(found.failed), found.failed.total) == (2, 5)
     assert found.spreads_not_told_apart == 9
     (functions,) = [table for table in Data(found, "").as_dict()["tables"] if table["name"] == "functions"]
     assert (len(functions["rows"]), functions["total"]) == (1, 2)  # Setup communication, and Read Var, nine times
     latencies = [row["cells"][4] for row in found.slowest()]
-    assert latencies == sorted(latencies, reverse=True)
+    assert len(latencies) == 6  # three of all, three of the rest of the time
+    assert latencies[:3] == sorted(latencies, reverse=True)[:3]
 
 
 def test_too_many_marks_are_thinned_out_over_all_of_the_time(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -15,7 +15,7 @@ from dissect.export.forms import Request, sqlite_export
 from dissect.export.stix import stix_export
 from dissect.findings.catalogue import CATALOGUE
 from dissect.findings.ledger import Ledger
-from dissect.page.data import findings_of
+from dissect.page.findings import findings_of
 from dissect.page.verdict import verdict
 from dissect.report.analysis import Analysis
 from dissect.report.contract import analysis_as_dict
