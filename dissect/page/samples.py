@@ -10,8 +10,9 @@ from typing import Any, Final
 
 from dissect.page.bins import WIDTHS, Bins
 
-#: The rows are spread over so many bins of time, or fewer.
+#: The rows are spread over so many bins of time or fewer, and on average a bin has room for so many rows or more.
 _BINS: Final = 64
+_ROOM: Final = 4
 #: Mixes a number (golden ratio of 2**64), so that numbers in a row are kept or not without a pattern.
 _MIX: Final = 0x9E3779B97F4A7C15
 _MASK: Final = 2**64 - 1
@@ -46,6 +47,7 @@ class Samples:
         self.total = 0
         self.counts = Bins() if counted else None
         self._most = most
+        self._most_bins = max(1, min(_BINS, most // _ROOM))
         self._kept = 0
         self._step = 0
         self._bins: dict[int, _Bin] = {}
@@ -69,7 +71,7 @@ class Samples:
             found = self._bins.setdefault(number, _Bin())
         heapq.heappush(found.rows, (-rank, time_ns, self.total, row))
         self._kept += 1
-        while len(self._bins) > _BINS and self._step + 1 < len(WIDTHS):
+        while len(self._bins) > self._most_bins and self._step + 1 < len(WIDTHS):
             self._join()
         if self._kept > self._most:
             self._give_up()
