@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import os
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -14,8 +15,9 @@ from dissect.cli.formats import format_option, write_outcome
 from dissect.cli.look import clock
 from dissect.cli.main import EXIT_DAMAGED, EXIT_GATE, EXIT_OK, EXIT_USAGE
 from dissect.cli.options.given import was_given
-from dissect.cli.options.tls import tls_option
-from dissect.cli.run import complain, drive, files_argument, write
+from dissect.cli.options.reading import reading_options
+from dissect.cli.reading import Reading
+from dissect.cli.run import write
 from dissect.engine.pipeline import Options
 from dissect.report.formats import ALERTS, Format
 from dissect.report.outcome import SPACED_LINE, Outcome
@@ -29,7 +31,6 @@ if TYPE_CHECKING:
     from dissect.alerts import Alert, AlertRules
     from dissect.baseline import Baseline
     from dissect.engine.observer import Observer
-    from dissect.tls.key_log import KeyLog
     from dissect.wire.text import Clock
 
 _EXIT_CODES = (
@@ -40,7 +41,6 @@ _EXIT_CODES = (
 
 
 @click.command("baseline", epilog=_EXIT_CODES)
-@files_argument
 @click.option(
     "-o",
     "--output",
@@ -75,9 +75,9 @@ _EXIT_CODES = (
     help="With --against: report gaps longer than this multiple of the baseline; 0 disables.",
 )  # fmt: skip
 @format_option(ALERTS)
-@tls_option
+@reading_options(selects=False, checksums=False, scd=False, tags=False)
 def command(
-    files: tuple[str, ...],
+    reading: Reading,
     output: str | None,
     update: str | None,
     against: str | None,
@@ -85,7 +85,6 @@ def command(
     rate_factor: float,
     silence_factor: float,
     format_: Format,
-    tls_keys: KeyLog | None,
 ) -> int:
     """Learn from captures which client requests what from which server and how often, as a TOML file to read and edit.
 
@@ -100,19 +99,19 @@ def command(
     if against is not None or rules is not None:
         if output is not None or update is not None:
             raise click.UsageError("--output and --update cannot be combined with --against and --rules.")
-        return _compare(files, against, rules, (rate_factor, silence_factor), format_, tls_keys)
+        return _compare(reading, against, rules, (rate_factor, silence_factor), format_)
     if was_given("format_"):
         raise click.UsageError("-T needs --against or --rules: a baseline is written as TOML.")
-    return _learn(files, output, update, tls_keys)
+    return _learn(reading, output, update)
 
 
 class _Run(Run):
     """A run that says when a file is another capture, at another time."""
 
     def __init__(
-        self, files: Sequence[str], observer: Observer, tls_keys: KeyLog | None, restart: Callable[[int], None]
+        self, restart: Callable[[int], None], files: Sequence[str], observer: Observer, options: Options
     ) -> None:
-        super().__init__(files, observer, Options(tls_keys=tls_keys))
+        super().__init__(files, observer, options)
         self._restart = restart
         self._looked = 1
 
@@ -129,7 +128,7 @@ class _Run(Run):
 # ---- learn ----------------------------------------------------------------------------------------------------------
 
 
-def _learn(files: Sequence[str], output: str | None, update: str | None, tls_keys: KeyLog | None) -> int:
+def _learn(reading: Reading, output: str | None, update: str | None) -> int:
     from dissect.baseline import Learner, baseline_toml, merged
 
     old = _baseline(update) if update is not None else None
@@ -143,12 +142,12 @@ def _learn(files: Sequence[str], output: str | None, update: str | None, tls_key
     if output is not None:
         expect_place(output)
     learner = Learner()
-    run = _Run(files, learner, tls_keys, lambda _: learner.restart())
-    code = drive(run, files)
+    reading.run(learner, make=partial(_Run, lambda _: learner.restart()))
+    files, code = reading.files, reading.code
     names = tuple(dict.fromkeys(["stdin" if file == "-" else Path(file).name for file in files]))
     learned = learner.baseline(names)
     if not learned.pairs:
-        complain(run, code)
+        reading.complain()
         click.echo("s7dissect: nothing to learn: the captures contain no S7 conversation", err=True)
         return EXIT_USAGE if code == EXIT_OK else code
     text = baseline_toml(learned if old is None else merged(old, learned))
@@ -156,7 +155,7 @@ def _learn(files: Sequence[str], output: str | None, update: str | None, tls_key
         write(text.splitlines())
     else:
         save(output, text.encode())
-    complain(run, code)
+    reading.complain()
     if learner.left_out:
         click.echo(
             f"s7dissect: the baseline is incomplete: {learner.left_out} entries did not fit and were left out", err=True
@@ -172,12 +171,11 @@ def _same(one: str, other: str) -> bool:
 
 
 def _compare(
-    files: Sequence[str],
+    reading: Reading,
     against: str | None,
     rules: str | None,
     factors: tuple[float, float],
     format_: Format,
-    tls_keys: KeyLog | None,
 ) -> int:
     from dissect.alerts import AlertEngine, RuleError
 
@@ -196,11 +194,11 @@ def _compare(
             write_outcome(format_, ALERTS, _Told(alert, times))
         told.clear()
 
-    run = _Run(files, engine, tls_keys, engine.restart)
-    code = drive(run, files, show)
+    reading.run(engine, make=partial(_Run, engine.restart), each=show)
+    code = reading.code
     engine.finish()
     show()
-    complain(run, code)
+    reading.complain()
     if engine.crowded or engine.forgotten:
         lost = f"{engine.crowded} alerts lost, {engine.forgotten} pairs or connections no longer measured"
         click.echo(f"s7dissect: too many different alerts: {lost}", err=True)

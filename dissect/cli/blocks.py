@@ -11,22 +11,19 @@ import click
 from dissect.cli.formats import format_option, write_out, write_outcome
 from dissect.cli.look import clock
 from dissect.cli.main import EXIT_GATE, EXIT_INTERRUPTED, EXIT_OK, EXIT_USAGE
-from dissect.cli.nothing import complain_impossible
-from dissect.cli.options.select import Chosen, select_options
-from dissect.cli.options.tags import tag_options
-from dissect.cli.options.tls import tls_option
-from dissect.cli.run import checksums_option, complain, drive, files_argument, places_of
-from dissect.engine.pipeline import Options
+from dissect.cli.options.reading import reading_options
+from dissect.cli.reading import Reading
+from dissect.cli.run import places_of
 from dissect.report.formats import BLOCKS, Format
 from dissect.source.remote import shown
 from dissect.wire.text import count, printable
 
 if TYPE_CHECKING:
     from dissect.carve.listing import BlockList
+    from dissect.cli.options.select import Chosen
     from dissect.program.carved import CarvedBlock
     from dissect.report.outcome import Outcome
     from dissect.report.words import Places
-    from dissect.tls.key_log import KeyLog
     from dissect.transactions.naming import Naming
 
 _EXIT_CODES = (
@@ -57,7 +54,6 @@ class _Command(click.Command):
 
 
 @click.command("blocks", cls=_Command, epilog=_EXIT_CODES)
-@files_argument
 @format_option(BLOCKS)
 @click.option(
     "--code",
@@ -79,22 +75,15 @@ class _Command(click.Command):
     help="Write each block to a file in DIR, with manifest.json.",
 )
 @click.option("--force", is_flag=True, help="Overwrite files in DIR.")
-@select_options("operation")
-@checksums_option
-@tag_options
-@tls_option
+@reading_options("operation", scd=False)
 def command(
-    files: tuple[str, ...],
+    reading: Reading,
     format_: Format,
     language: str | None,
     references: bool,
     compares: bool,
     output: str | None,
     force: bool,
-    checksums: bool,
-    chosen: Chosen,
-    naming: Naming | None,
-    tls_keys: KeyLog | None,
 ) -> int:
     """List the blocks that were downloaded to a PLC or uploaded from it, put together from their transfers.
 
@@ -109,25 +98,24 @@ def command(
         raise click.UsageError("--force needs -o DIR.")
     if compares and output is not None:
         raise click.UsageError("--diff and -o cannot be combined.")
-    options = Options(checksums=checksums, tls_keys=tls_keys, naming=naming)
     if language is not None and references:
         raise click.UsageError("--code and --references cannot be combined.")
     if references and compares:
         raise click.UsageError("--references and --diff cannot be combined.")
     if compares:
-        return _compare(files, format_, language or _LANGUAGES[0], options, chosen)
+        return _compare(reading, format_, language or _LANGUAGES[0])
     if output is not None:
         _check_folder(output, (), force)
-    blocks, lost, places, code = _read(files, options, chosen)
+    blocks, lost, places = _read(reading, reading.files)
     from dissect.carve.listing import BlockList
 
     told = BlockList(blocks, lost, places, clock())
     if output is not None and blocks:  # an empty folder of ours would be in the way of the next run
         _write(output, told, force)
-    write_out(format_.lines(BLOCKS, _shown(told, language, references, naming)))
-    if not blocks and not chosen.impossible:
+    write_out(format_.lines(BLOCKS, _shown(told, language, references, reading.naming)))
+    if not blocks and not reading.chosen.impossible:
         click.echo(f"s7dissect: {_NONE}", err=True)
-    return chosen.ended(code)
+    return reading.gated()
 
 
 def _shown(told: BlockList, language: str | None, references: bool, naming: Naming | None) -> Outcome:
@@ -141,31 +129,29 @@ def _shown(told: BlockList, language: str | None, references: bool, naming: Nami
     return CodeListing(told.blocks, told.places, told.clock, language or _LANGUAGES[0], naming)
 
 
-def _read(files: Sequence[str], options: Options, chosen: Chosen) -> tuple[Sequence[CarvedBlock], int, Places, int]:
-    """Return the blocks of files, how many were too many to keep, what names packets, and the exit code."""
+def _read(reading: Reading, files: tuple[str, ...]) -> tuple[Sequence[CarvedBlock], int, Places]:
+    """Return the blocks of files, how many were too many to keep, and what names packets."""
     from dissect.carve.folder import FolderError, read_block, read_folder
     from dissect.carve.reading import Collector
     from dissect.report.words import Places
-    from dissect.session import Run
 
     try:
         if len(files) == 1 and Path(files[0]).is_dir():
-            _refuse_selection(files[0], chosen)
-            return read_folder(files[0]), 0, Places([], False), EXIT_OK
+            _refuse_selection(files[0], reading.chosen)
+            return read_folder(files[0]), 0, Places([], False)
         if len(files) == 1 and Path(files[0]).is_file():
             block = read_block(files[0])
             if block is not None:
-                _refuse_selection(files[0], chosen)
-                return [block], 0, Places([], False), EXIT_OK
+                _refuse_selection(files[0], reading.chosen)
+                return [block], 0, Places([], False)
     except FolderError as error:
         raise click.ClickException(str(error)) from None
-    collector = Collector(chosen.choice("operation"))
-    run = Run(files, collector, chosen.narrow(options))
-    chosen.begin(run, files)
-    code = drive(run, files)
-    complain(run, code)
-    complain_impossible(run, chosen)
-    return collector.ordered(), collector.lost, places_of(run, files), code
+    collector = Collector(reading.chosen.choice("operation"))
+    reading.files = files
+    run = reading.run(collector, sieved=False)
+    reading.complain()
+    reading.possible()
+    return collector.ordered(), collector.lost, places_of(run, files)
 
 
 def _refuse_selection(path: str, chosen: Chosen) -> None:
@@ -216,31 +202,33 @@ def _alike(first: Sequence[CarvedBlock], second: Sequence[CarvedBlock], alone: b
     return f"{said}; {count(parts, 'version is', 'versions are')} incomplete, compared as far as possible"
 
 
-def _compare(files: Sequence[str], format_: Format, language: str, options: Options, chosen: Chosen) -> int:
+def _compare(reading: Reading, format_: Format, language: str) -> int:
     from dissect.carve.code import details_of
     from dissect.carve.listing import BlockChanges
     from dissect.program.compare import compare, over_time
 
+    files = reading.files
     if len(files) > 2:
         raise click.UsageError("--diff takes A and B: two captures, folders or blocks, or one capture.")
-    first, _, _, code = _read(files[:1], options, chosen)
+    first, _, _ = _read(reading, files[:1])
+    code = reading.code
     if len(files) == 1:
         second = first
         changes = over_time(list(first))
     else:
-        second, _, _, other = _read(files[1:], options, chosen)
-        code = max(code, other)
+        second, _, _ = _read(reading, files[1:])
+        code = max(code, reading.code)
         changes = compare(list(first), list(second))
     if code == EXIT_INTERRUPTED:
         return code
-    details = details_of(first, second, language, options.naming)
+    details = details_of(first, second, language, reading.naming)
     write_outcome(format_, BLOCKS, BlockChanges(changes, files[0], files[-1], details))
     without = [shown(file) for file, blocks in zip(files, (first, second), strict=False) if not blocks]
-    if not chosen.impossible:
+    if not reading.chosen.impossible:
         for name in without:
             click.echo(f"s7dissect: {printable(name)}: {_NONE}", err=True)
     if not changes and not without:
         click.echo(f"s7dissect: {_alike(first, second, len(files) == 1)}", err=True)
-    if chosen.ended(code):
+    if reading.chosen.ended(code):
         return EXIT_USAGE
     return EXIT_GATE if changes else EXIT_OK

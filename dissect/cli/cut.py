@@ -9,20 +9,16 @@ import click
 
 from dissect.cli.main import EXIT_INTERRUPTED
 from dissect.cli.options.completing import connections
-from dissect.cli.options.scd import scd_options
+from dissect.cli.options.reading import reading_options
 from dissect.cli.options.select import read_time, time_option, where_option
-from dissect.cli.options.tags import tag_options
-from dissect.cli.options.tls import tls_option
-from dissect.cli.run import complain, files_argument
+from dissect.cli.reading import Reading
+from dissect.cli.run import complain
 from dissect.cli.second_pass import around_option, check_files, name_of, read_again, read_first, tell_cut, written_whole
 from dissect.report.slugs import slugs_of
 
 if TYPE_CHECKING:
-    from dissect.engine.exchange import PayloadDecoder
     from dissect.recording.cutter import Around
     from dissect.recording.selection import Choice
-    from dissect.tls.key_log import KeyLog
-    from dissect.transactions.naming import Naming
 
 _EXIT_CODES = (
     "Exit code: 0 success, 2 wrong use, an unreadable or unwritable file, or nothing to write, 3 a damaged or truncated file "
@@ -55,7 +51,6 @@ def _numbers(name: str, what: str) -> Callable[[Any], Any]:
 
 
 @click.command("cut", epilog=_EXIT_CODES)
-@files_argument
 @click.option(
     "-o", "--output", "output", required=True, metavar="OUT", help="The pcapng file to write; - is standard output."
 )
@@ -93,11 +88,9 @@ def _numbers(name: str, what: str) -> Callable[[Any], Any]:
     "--no-comments", "plain", is_flag=True, help="Do not add findings as comments; existing comments are kept."
 )
 @click.option("--force", is_flag=True, help="Overwrite OUT if it exists (never a FILE).")
-@scd_options
-@tag_options
-@tls_option
+@reading_options(selects=False, checksums=False)
 def command(
-    files: tuple[str, ...],
+    reading: Reading,
     output: str,
     where: str | None,
     connection: tuple[int, ...],
@@ -108,9 +101,6 @@ def command(
     context: bool,
     plain: bool,
     force: bool,
-    decoder: PayloadDecoder | None,
-    naming: Naming | None,
-    tls_keys: KeyLog | None,
 ) -> int:
     """Extract part of a capture to a pcapng file, with findings as comments on their packets.
 
@@ -121,10 +111,10 @@ def command(
     FILE is a pcap or pcapng file, plain or compressed with gzip or zstd. It is read twice, so it cannot be standard input.
     Several files are read as one capture and written to one OUT.
     """
-    from dissect.engine.pipeline import Options
     from dissect.recording.selection import Selection, Wanted
 
     times = read_time(window)
+    files = reading.files
     check_files(files, output, force)
     wanted = Wanted(connection, transaction, *findings)
     if context and not transaction:
@@ -135,7 +125,7 @@ def command(
             "--around needs -Y, --connection, --transaction, --finding or --time: all packets are written."
         )
     selection = Selection(wanted, comments=not plain, context=context)
-    run, code, packets = read_first(files, selection, where, Options(decoder=decoder, tls_keys=tls_keys, naming=naming))
+    run, code, packets = read_first(files, selection, where, reading.options())
     if code == EXIT_INTERRUPTED:
         click.echo(f"s7dissect: interrupted; {name_of(output)} was not written", err=True)
         return code

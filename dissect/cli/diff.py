@@ -5,33 +5,22 @@ from __future__ import annotations
 import textwrap
 from collections.abc import Iterable
 from itertools import islice
-from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 
 from dissect.cli.formats import format_option, write_outcome
-from dissect.cli.golden import read_capture, refuse_selection
+from dissect.cli.golden import load
 from dissect.cli.main import EXIT_GATE, EXIT_INTERRUPTED, EXIT_OK, EXIT_USAGE
-from dissect.cli.options.scd import scd_options
-from dissect.cli.options.select import Chosen, select_options
-from dissect.cli.options.tags import tag_options
-from dissect.cli.options.tls import tls_option
-from dissect.engine.pipeline import Options
+from dissect.cli.options.reading import reading_options
+from dissect.cli.reading import Reading
 from dissect.golden.comparison import differences
 from dissect.golden.difference import KINDS, Difference, DiffOptions
 from dissect.golden.model import GoldenError, Session
-from dissect.golden.reading import is_golden, load_golden
 from dissect.report import words
 from dissect.report.formats import DIFFERENCES, Format
 from dissect.report.outcome import WIDE_PAGE, Case, Outcome, plain
 from dissect.report.styled import Line
 from dissect.wire.text import encodable, printable
-
-if TYPE_CHECKING:
-    from dissect.engine.exchange import PayloadDecoder
-    from dissect.tls.key_log import KeyLog
-    from dissect.transactions.naming import Naming
 
 DIFF_SCHEMA = "s7dissect.diff/1"
 
@@ -70,21 +59,15 @@ _IGNORABLE = "\n".join(
     metavar="N",
     help="Maximum number of differences to print.",
 )
-@select_options("transaction", "connection")
-@scd_options
-@tag_options
-@tls_option
+@reading_options("transaction", "connection", files=None, checksums=False)
 def command(
+    reading: Reading,
     first: str,
     second: str,
     format_: Format,
     ignore: tuple[str, ...],
     latency: str | None,
     most: int,
-    decoder: PayloadDecoder | None,
-    chosen: Chosen,
-    naming: Naming | None,
-    tls_keys: KeyLog | None,
 ) -> int:
     """Report what changed from A to B, each a capture or a golden (see `s7dissect golden`).
 
@@ -92,15 +75,15 @@ def command(
     Times, addresses and reference numbers are not compared; answer times only with --latency.
     """
     try:
-        options = DiffOptions([part for text in ignore for part in text.split(",") if part], latency, naming)
+        options = DiffOptions([part for text in ignore for part in text.split(",") if part], latency, reading.naming)
     except ValueError as error:
         raise click.UsageError(str(error)) from None
     if first == "-" and second == "-":
         raise click.UsageError("only one of A and B can be standard input.")
-    reading = Options(decoder=decoder, tls_keys=tls_keys)
+    reading.naming = None  # names are written, and not kept in the sessions
     try:
-        a, code_a = _load(first, reading, chosen)
-        b, code_b = _load(second, reading, chosen)
+        a, code_a = load(reading, (first,)), reading.code
+        b, code_b = load(reading, (second,)), reading.code
     except GoldenError as error:
         raise click.ClickException(printable(str(error))) from None
     if EXIT_INTERRUPTED in {code_a, code_b}:
@@ -112,13 +95,6 @@ def command(
     if code_a or code_b:
         return EXIT_USAGE
     return EXIT_GATE if shown or rest else EXIT_OK
-
-
-def _load(path: str, options: Options, chosen: Chosen) -> tuple[Session, int]:
-    if path != "-" and Path(path).is_file() and is_golden(path):
-        refuse_selection(path, chosen)
-        return load_golden(path), EXIT_OK
-    return read_capture((path,), options, chosen)
 
 
 class Comparison(Outcome):

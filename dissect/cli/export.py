@@ -13,27 +13,16 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from dissect import __version__
-from dissect.cli.indexed import may_match
 from dissect.cli.main import EXIT_INTERRUPTED
-from dissect.cli.nothing import expect_possible
 from dissect.cli.options.completing import from_table
-from dissect.cli.options.jobs import check_jobs, indexed_option, separate_options
-from dissect.cli.options.scd import scd_options
-from dissect.cli.options.select import Chosen, select_options
-from dissect.cli.options.tags import tag_options
-from dissect.cli.options.tls import tls_option
-from dissect.cli.run import checksums_option, complain_of, drive, files_argument, slow_option
-from dissect.cli.task import current
+from dissect.cli.options.reading import reading_options
+from dissect.cli.reading import Reading
 from dissect.source.remote import is_remote, shown
 from dissect.wire.saving import Saving, SavingFolder, expect_place, is_special
 from dissect.wire.text import encodable, printable
 
 if TYPE_CHECKING:
-    from dissect.engine.exchange import PayloadDecoder
-    from dissect.export.forms import Export, Target
-    from dissect.session import Run
-    from dissect.tls.key_log import KeyLog
-    from dissect.transactions.naming import Naming
+    from dissect.export.forms import Target
 
 #: The file by which a folder is known as an export of ours, which --force may replace.
 MARK = "s7dissect.json"
@@ -51,7 +40,6 @@ def _tables() -> dict[str, str]:
 
 
 @click.command("export", epilog=_EXIT_CODES)
-@files_argument
 @click.option(
     "-o",
     "--output",
@@ -79,29 +67,8 @@ def _tables() -> dict[str, str]:
 @click.option(
     "--force", is_flag=True, help="Replace OUT if it exists: a file, or a folder that an earlier export wrote."
 )
-@slow_option
-@select_options()
-@checksums_option
-@scd_options
-@tag_options
-@tls_option
-@separate_options
-@indexed_option
-def command(
-    files: tuple[str, ...],
-    output: str,
-    only: tuple[str, ...],
-    zeek_compat: str | None,
-    force: bool,
-    slow_ns: int,
-    checksums: bool,
-    decoder: PayloadDecoder | None,
-    chosen: Chosen,
-    naming: Naming | None,
-    tls_keys: KeyLog | None,
-    separate: bool,
-    jobs: int,
-) -> int:
+@reading_options(slow=True, separate=True)
+def command(reading: Reading, output: str, only: tuple[str, ...], zeek_compat: str | None, force: bool) -> int:
     """Write tables and logs for other tools: Parquet, DuckDB, SQLite, CSV, Arrow, Zeek, Elastic, STIX.
 
     The tables are connections, transactions, items, values, operations, acts, findings, finding_counts, devices and pdus, with
@@ -110,65 +77,32 @@ def command(
     FILE is a pcap or pcapng file, plain or compressed with gzip or zstd; - is standard input. With several files Parquet is
     divided into folders by day. OUT is written whole or not at all.
     """
-    from dissect.cli.remote_export import export_separately_remotely, refuse_place, remote_export, saved_remotely
-    from dissect.cli.separate_export import export_separately, export_task, refuse_form
-    from dissect.engine.pipeline import Options
+    from dissect.cli.remote_export import refuse_place, saved_remotely
+    from dissect.cli.separate_export import export_task, refuse_form
     from dissect.export.extras import MissingLibraryError
-    from dissect.export.forms import Request, UnknownFormError, target_of
+    from dissect.export.forms import UnknownFormError, target_of
     from dissect.export.tables import UnknownTableError
-    from dissect.report.happened import findings_in
-    from dissect.session import Run
 
-    of = current()
-    separate = check_jobs(separate, jobs)
+    reading.check()
     try:
-        target = target_of(output, only, len(of.files if of is not None else files))
+        target = target_of(output, only, len(reading.named))
     except (UnknownFormError, UnknownTableError) as error:
         raise click.UsageError(printable(str(error))) from None
     if zeek_compat and not target.form.name.startswith("zeek"):
         raise click.UsageError("--zeek-compat needs the form zeek: or zeek-json:.")
-    options = Options(slow_ns, decoder=decoder, checksums=checksums, tls_keys=tls_keys, naming=naming)
-    if of is not None:
-        return export_task(of, target, only, chosen, options)
-    if separate:
-        from dissect.cli.separate import refuse
-
-        refuse(chosen, [(decoder, "SCD is decoded over all files")])
-        files = may_match(files, chosen)
+    reading.as_task(lambda of: export_task(of, target, only, reading))
+    if reading.stand_alone():
         refuse_form(target)
-    names = [encodable(name) for name in files]
+    names = [encodable(name) for name in reading.files]
     remote = is_remote(target.path)
     if remote:
         refuse_place(target)
     else:
-        check_output(target, files, force)
+        check_output(target, reading.files, force)
     place: Any  # a path, or a folder of another machine
     try:
         with saved_remotely(target, force, MARK) if remote else saved(target) as place:
-            losses: list[tuple[str, str]] = []
-            found = 0
-            if separate and (remote or len(files) > 1):
-                counts, code = (
-                    export_separately_remotely(files, jobs, target.path, only, place)
-                    if remote
-                    else export_separately(files, jobs, target, only, place)
-                )
-                _go_on(code)
-            else:
-                export = (
-                    remote_export(place, only, names)
-                    if remote
-                    else target.form.open(
-                        Request(place, target.folder, only, names, __version__, {"strict": bool(zeek_compat)})
-                    )
-                )
-                run = Run(files, chosen.sieve(export.observer), chosen.narrow(options))
-                chosen.begin(run, files)
-                code = _export(export, run, files)
-                expect_possible(run, chosen)
-                counts = dict(export.counts)
-                losses = [(file.name, file.loss) for file in run.files]
-                found = findings_in(run.pipeline.exchange.ledger)
+            counts, found = _exported(reading, target, only, place, {"strict": bool(zeek_compat)})
             if remote:
                 place.write(MARK, mark_of(target.form.name, counts, names))
             elif target.folder:
@@ -178,10 +112,41 @@ def command(
         return EXIT_INTERRUPTED
     except MissingLibraryError as error:
         raise click.ClickException(str(error)) from None
-    complain_of(losses, code)
+    reading.complain()
     said = ", ".join([_said(name, count, found) for name, count in counts.items()])
     click.echo(f"s7dissect: {said} written to {printable(shown(target.path))}", err=True)
-    return code
+    return reading.code
+
+
+def _exported(
+    reading: Reading, target: Target, only: Sequence[str], place: Any, settings: dict[str, object]
+) -> tuple[dict[str, int], int]:
+    """Write an export to ``place``; return the rows by table, and how many findings there were if captures are read as one."""
+    from dissect.cli.remote_export import export_separately_remotely, remote_export
+    from dissect.cli.separate_export import export_separately
+    from dissect.export.forms import Request
+    from dissect.report.happened import findings_in
+
+    remote = is_remote(target.path)
+    if reading.separate and (remote or len(reading.files) > 1):
+        apart = export_separately_remotely if remote else export_separately
+        counts = apart(reading, target, only, place)
+        _go_on(reading)
+        return counts, 0
+    names = [encodable(name) for name in reading.files]
+    if remote:
+        export = remote_export(place, only, names)
+    else:
+        export = target.form.open(Request(place, target.folder, only, names, __version__, settings))
+    try:
+        run = reading.run(export.observer, export.begin)
+        _go_on(reading)
+        export.close()
+    except BaseException:
+        export.abandon()
+        raise
+    reading.expect_possible()
+    return dict(export.counts), findings_in(run.pipeline.exchange.ledger)
 
 
 def _said(name: str, count: int, found: int) -> str:
@@ -191,21 +156,8 @@ def _said(name: str, count: int, found: int) -> str:
     return f"{count} {(name if count != 1 else name.removesuffix('s')).replace('_', ' ')}"
 
 
-def _export(export: Export, run: Run, files: Sequence[str]) -> int:
-    """Read the files of a run to their end; return the exit code."""
-    export.begin(run)
-    try:
-        code = drive(run, files)
-        _go_on(code)
-        export.close()
-    except BaseException:
-        export.abandon()
-        raise
-    return code
-
-
-def _go_on(code: int) -> None:
-    if code == EXIT_INTERRUPTED:
+def _go_on(reading: Reading) -> None:
+    if reading.interrupted:
         raise _InterruptedError
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, Final
 
 import click
@@ -34,7 +34,7 @@ class Shown:
         self._heading = heading
         self._lines = 0
 
-    def write(self, lines: list[Written]) -> None:
+    def write(self, lines: Sequence[Written]) -> None:
         """Write lines of results."""
         self._lines += len(lines)
         write_out(lines)

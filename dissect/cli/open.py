@@ -15,22 +15,18 @@ import click
 
 from dissect.cli.main import EXIT_INTERRUPTED
 from dissect.cli.options.numbers import NumberRange
-from dissect.cli.options.scd import scd_options
+from dissect.cli.options.reading import reading_options
 from dissect.cli.options.select import where_option
-from dissect.cli.options.tags import tag_options
-from dissect.cli.options.tls import tls_option
-from dissect.cli.run import Signals, complain, files_argument
+from dissect.cli.reading import Reading
+from dissect.cli.run import Signals, complain
 from dissect.cli.second_pass import around_option, check_files, name_of, read_again, read_first, tell_cut, written_whole
 from dissect.wire.text import printable
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from dissect.engine.exchange import PayloadDecoder
     from dissect.recording.cutter import Around, Cutter
     from dissect.recording.selection import Choice
-    from dissect.tls.key_log import KeyLog
-    from dissect.transactions.naming import Naming
 
 _EXIT_CODES: Final = (
     "Exit code: 0 success, 2 wrong use, an unreadable or unwritable file, nothing to show, or no Wireshark, 3 a damaged or "
@@ -45,7 +41,6 @@ _USUAL: Final = (
 
 
 @click.command("open", epilog=_EXIT_CODES)
-@files_argument
 @where_option(
     "packet",
     "transaction",
@@ -69,19 +64,14 @@ _USUAL: Final = (
     help="Keep the file as OUT. Without it, the file is temporary and is deleted when Wireshark ends.",
 )
 @click.option("--force", is_flag=True, help="Overwrite OUT if it exists (never a FILE).")
-@scd_options
-@tag_options
-@tls_option
+@reading_options(selects=False, checksums=False)
 def command(
-    files: tuple[str, ...],
+    reading: Reading,
     where: str | None,
     around: Around,
     frame: range | None,
     output: str | None,
     force: bool,
-    decoder: PayloadDecoder | None,
-    naming: Naming | None,
-    tls_keys: KeyLog | None,
 ) -> int:
     """Open a capture in Wireshark at the packet that matters, with findings as packet comments.
 
@@ -90,13 +80,13 @@ def command(
 
     Without Wireshark on this machine, -o OUT writes the file and says how to open it elsewhere.
     """
-    from dissect.engine.pipeline import Options
     from dissect.recording.selection import Selection, Wanted
 
     if output == "-":
         raise click.UsageError("-o -: Wireshark opens a file; `s7dissect cut FILE -o -` writes to standard output.")
     if where is None and (around.packets or around.ns):
         raise click.UsageError("--around needs -Y: all packets are shown.")
+    files = reading.files
     check_files(files, output or "-", force)
     program = _program()
     if program is None and output is None:
@@ -104,7 +94,7 @@ def command(
             "Wireshark was not found here; -o OUT writes the file to open it elsewhere, with wireshark -r OUT -g PACKET."
         )
     selection = Selection(Wanted())
-    run, code, packets = read_first(files, selection, where, Options(decoder=decoder, tls_keys=tls_keys, naming=naming))
+    run, code, packets = read_first(files, selection, where, reading.options())
     if code == EXIT_INTERRUPTED:
         return code
     complain(run, code)

@@ -1,33 +1,52 @@
 """How a command reads captures: as one, each by itself, by several processes or machines, or as a task of these.
 
-A command gives an observer and writes what it found; `Reading` knows the rest: selection, exit code, what is said on stderr.
+A command gives an observer, an adder or rows, and writes what was found; `Reading` knows the rest: files, selection, options of
+the engine, exit code, and what is said on stderr. `dissect.cli.options.reading` makes one of the options of a command.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 import click
 
+from dissect.cli.formats import write_out
 from dissect.cli.gate import gate, gate_of
-from dissect.cli.indexed import may_match
-from dissect.cli.main import EXIT_INTERRUPTED, EXIT_OK
-from dissect.cli.nothing import complain_impossible
+from dissect.cli.main import EXIT_DAMAGED, EXIT_INTERRUPTED, EXIT_OK
+from dissect.cli.nothing import Shown, complain_impossible, expect_possible
 from dissect.cli.options.jobs import check_jobs
-from dissect.cli.run import complain, drive
-from dissect.cli.task import current
+from dissect.cli.options.select import Chosen
+from dissect.cli.run import complain, complain_of, drive, places_of
+from dissect.cli.task import Task, current
 
 if TYPE_CHECKING:
-    from dissect.cli.options.select import Chosen
+    from dissect.cli.rows import Rows, Total
+    from dissect.engine.exchange import PayloadDecoder
     from dissect.engine.observer import Observer
     from dissect.engine.options import Options
     from dissect.inventory.collector import Inventory
     from dissect.jobs.sums import FilePart
+    from dissect.jobs.tasks import About, Done
     from dissect.report.analysis import Analysis
+    from dissect.report.styled import Written
     from dissect.session import Run
+    from dissect.source.packet import SourceFile
+    from dissect.tls.key_log import KeyLog
+    from dissect.transactions.naming import Naming
 
 F = TypeVar("F", "Analysis", "Inventory")
+
+
+class Looked(Protocol):
+    """What was found in a file that stands for itself."""
+
+    @property
+    def about(self) -> About:
+        """The file."""
+
+
+L = TypeVar("L", bound=Looked)
 
 
 class Adder(Protocol[F]):
@@ -43,81 +62,250 @@ class Adder(Protocol[F]):
 
 
 class Reading:
-    """Captures, what is read of them, and how.
+    """Captures, what is read of them, and how: what the options of a command say.
 
-    ``refused`` are values of options that do not go with files that stand for themselves, and what is said of them. Afterwards
-    ``code`` is the exit code so far.
+    ``whole_only`` are values of options that do not go with files that stand for themselves, and what is said of them.
+    Afterwards ``code`` is the exit code so far.
     """
 
     def __init__(
         self,
-        files: tuple[str, ...],
-        options: Options,
-        chosen: Chosen,
+        files: tuple[str, ...] = (),
+        chosen: Chosen | None = None,
+        *,
+        decoder: PayloadDecoder | None = None,
+        naming: Naming | None = None,
+        tls_keys: KeyLog | None = None,
+        checksums: bool = False,
+        slow_ns: int | None = None,
+        fail_on: frozenset[str] = frozenset(),
         separate: bool = False,
         jobs: int = 1,
-        refused: Sequence[tuple[Any, str]] = (),
     ) -> None:
-        self.separate = check_jobs(separate, jobs)
+        self.files = files
+        self.chosen = chosen if chosen is not None else Chosen(None)
+        self.decoder = decoder
+        self.naming = naming
+        self.tls_keys = tls_keys
+        self.checksums = checksums
+        self.slow_ns = slow_ns
+        self.fail_on = fail_on
+        self.jobs = jobs
         self.code = EXIT_OK
-        self._files = files
-        self._options = options
-        self._chosen = chosen
-        self._jobs = jobs
-        self._refused = refused
+        self.whole_only: list[tuple[Any, str]] = [(decoder, "SCD is decoded over all files")]
+        self._asked_separate = separate
         self._run: Run | None = None
         self._counts: Any = {}
+        self._shown: Shown | None = None
+
+    @property
+    def separate(self) -> bool:
+        """Whether each file stands for itself. Raises UsageError where other options do not go with that."""
+        return check_jobs(self._asked_separate, self.jobs)
+
+    @property
+    def named(self) -> Sequence[str]:
+        """The files, of which a task has but one: where it matters whether packets are named with their file."""
+        of = current()
+        return self.files if of is None else of.files
 
     @property
     def interrupted(self) -> bool:
         """Whether the reading was broken off."""
         return self.code == EXIT_INTERRUPTED
 
-    def run(self, observer: Observer, before: Callable[[Run], None] = lambda _run: None) -> Run:
-        """Read all files as one capture for ``observer``; ``before`` gets the run when nothing was read yet."""
+    @property
+    def read(self) -> Sequence[SourceFile]:
+        """The files that were read as one capture."""
+        return self._run.files if self._run is not None else ()
+
+    def options(self) -> Options:
+        """Return the options of the engine, for one run."""
+        from dissect.engine.options import Options
+
+        options = Options(decoder=self.decoder, checksums=self.checksums, tls_keys=self.tls_keys, naming=self.naming)
+        if self.slow_ns is not None:
+            options.slow_ns = self.slow_ns
+        return options
+
+    # ---- as one -----------------------------------------------------------------------------------------------------
+
+    def prepared(self, observer: Observer, sieved: bool = True, make: Callable[..., Run] | None = None) -> Run:
+        """Return a run over the files that tells ``observer`` of what is selected, or of everything if not ``sieved``.
+
+        ``make`` makes it of files, observer and options.
+        """
         from dissect.session import Run
 
-        chosen = self._chosen
-        self._run = run = Run(self._files, chosen.sieve(observer), chosen.narrow(self._options))
-        chosen.begin(run, self._files)
-        before(run)
-        self.code = drive(run, self._files)
+        chosen = self.chosen
+        run = (make or Run)(self.files, chosen.sieve(observer) if sieved else observer, chosen.narrow(self.options()))
+        chosen.begin(run, self.named)
         return run
 
-    def sum(self, nothing: Callable[[], F], adder: Callable[[Options], Adder[F]]) -> F:
-        """Return what observers that ``nothing`` makes find: one for all files, or one for each, which an adder adds up.
+    def run(
+        self,
+        observer: Observer,
+        begun: Callable[[Run], None] = lambda _run: None,
+        sieved: bool = True,
+        make: Callable[..., Run] | None = None,
+        each: Callable[[], None] | None = None,
+    ) -> Run:
+        """Read all files as one capture for ``observer``; ``begun`` gets the run when nothing was read yet.
 
-        Where this is the task of one file, its part is left for whoever gave it, and the command ends.
+        ``sieved`` and ``make`` are those of `prepared`; ``each`` is called after each step.
         """
+        self._run = run = self.prepared(observer, sieved, make)
+        begun(run)
+        self.code = drive(run, self.files, each, lambda: self.chosen.full)
+        return run
+
+    # ---- one by one, here or elsewhere ------------------------------------------------------------------------------
+
+    def as_task(self, work: Callable[[Task], None]) -> None:
+        """Where this is the task of one file: have ``work`` leave in it what it finds, and end the command."""
         of = current()
         if of is not None:
-            from dissect.cli.separate import found_task
+            work(of)
+            raise click.exceptions.Exit(EXIT_OK)
+
+    def check(self) -> None:
+        """Raise UsageError for options on how to read that do not go together; else that is said when reading begins."""
+        check_jobs(self._asked_separate, self.jobs)
+
+    def stand_alone(self) -> bool:
+        """Return whether the files stand for themselves; then those that the index rules out are left out.
+
+        Raises UsageError for options that do not go with that.
+        """
+        if not self.separate:
+            return False
+        from dissect.cli.indexed import may_match
+        from dissect.cli.separate import refuse
+
+        refuse(self.chosen, self.whole_only)
+        self.files = may_match(self.files, self.chosen)
+        return True
+
+    def apart(
+        self, take: Callable[[Done], None], direct: Any = None, folder: str | None = None, kept: bool = True
+    ) -> None:
+        """Have the command at hand done for each file, and give ``take`` what became of each, in their order.
+
+        ``direct``, ``folder`` and ``kept`` are those of `separately`.
+        """
+        from dissect.cli.separate import separately
+
+        self.code = separately(self.files, self.jobs, take, direct, folder, kept)
+
+    def one_by_one(self, look: Callable[[str], L], take: Callable[[str, L], None]) -> None:
+        """Have ``look`` look at each file by itself, as its task does, and give ``take`` what it found."""
+        if self.separate:
+            self.apart(lambda done: None if done.why else take(done.file, done.result))
+            return
+        for file in self.files:
+            found = look(file)
+            if loss := found.about.loss:
+                complain_of([(file, loss)], EXIT_OK)
+                self.code = EXIT_DAMAGED
+            take(file, found)
+
+    # ---- however ----------------------------------------------------------------------------------------------------
+
+    def sum(self, nothing: Callable[[], F], adder: Callable[[Options], Adder[F]]) -> F:
+        """Return what observers that ``nothing`` makes find: one for all files, or one for each, which an adder adds up."""
+
+        def work(of: Task) -> None:
+            from dissect.cli.separate import read_file
+            from dissect.jobs.sums import part_of
 
             found = nothing()
-            found_task(of, found, self._chosen.sieve(found), self._options, self._chosen)
-            raise click.exceptions.Exit(EXIT_OK)
-        if self.separate:
-            return self._summed(nothing, adder(self._options))
+            run = self.prepared(found)
+            read_file(run)
+            found.part = self.chosen.part(run)
+            of.found = part_of(found, run.pipeline, run.files)
+
+        self.as_task(work)
+        if self.stand_alone():
+            return self._summed(nothing, adder(self.options()))
         found = nothing()
         run = self.run(found)
         found.take(run.pipeline, run.files)
-        found.part = self._chosen.part(run)
+        found.part = self.chosen.part(run)
         return found
 
     def _summed(self, nothing: Callable[[], F], adder: Adder[F]) -> F:
-        from dissect.cli.separate import add_separately, refuse
+        from dissect.cli.separate import part_of_done
 
-        refuse(self._chosen, self._refused)
-        self.code = add_separately(may_match(self._files, self._chosen), self._jobs, adder, nothing)
+        self.apart(lambda done: adder.add(part_of_done(done, nothing)))
         adder.finish()
         self._counts = adder.found.finding_counts
         return adder.found
 
-    def ended(self, fail_on: frozenset[str]) -> int:
-        """Say on stderr what the results do not show; return the exit code of the command."""
-        run, chosen = self._run, self._chosen
-        if run is None:
-            return gate_of(self._counts, fail_on, self.code)
-        complain(run, self.code)
-        complain_impossible(run, chosen)
-        return gate(run, fail_on, chosen.ended(self.code), chosen.findings)
+    def rows(self, rows: Rows, noun: str) -> Total:
+        """Read for rows, write them, and return what all files came to; a row is called ``noun``."""
+        from dissect.cli.rows import Total, counts_of
+
+        def work(of: Task) -> None:
+            from dissect.cli.separate_rows import rows_task
+
+            rows_task(of, self, rows)
+
+        self.as_task(work)
+        total = Total()
+        if self.stand_alone():
+            from dissect.cli.separate_rows import rows_separately
+
+            rows_separately(self, rows, total)
+            self._counts = total.findings
+            return total
+        self._run = run = self.prepared(rows.observer, self.sieves(rows))
+        rows.begin(places_of(run, self.files))
+        self._shown = shown = Shown(noun, len(rows.writer.lines))
+        write = (lambda: shown.write(rows.take(run))) if rows.at_once else None
+        self.code = drive(run, self.files, write, lambda: self.chosen.full)
+        total.add(counts_of(run.pipeline, self.chosen, rows.left()))
+        return total
+
+    def write(self, lines: list[Written], results: bool) -> None:
+        """Write lines after `rows`; ``results`` tells whether they are some."""
+        if results and self._shown is not None:
+            self._shown.write(lines)
+        else:
+            write_out(lines)
+
+    def sieves(self, rows: Rows) -> bool:
+        """Return whether the findings of a selection have to be told from others."""
+        return rows.sieved and bool(self.fail_on)
+
+    # ---- the end ----------------------------------------------------------------------------------------------------
+
+    def complain(self) -> None:
+        """Say on stderr what the results alone do not show: damaged files, an interruption."""
+        if self._run is not None:  # of files that stand for themselves it was said
+            complain(self._run, self.code)
+
+    def possible(self) -> bool:
+        """Return whether there may be what was selected; say on stderr where there is no such number or time."""
+        return self._run is None or not complain_impossible(self._run, self.chosen)
+
+    def expect_possible(self) -> None:
+        """Do the same for a command that writes a file: a number that nothing has is refused."""
+        if self._run is not None:
+            expect_possible(self._run, self.chosen)
+
+    def explain(self, narrowed: Iterable[str] = ()) -> None:
+        """Say on stderr why there are no rows, where that is so; ``narrowed`` are other options that select."""
+        if self._run is not None and self._shown is not None:
+            self._shown.explain(self._run, self.chosen, narrowed)
+
+    def gated(self) -> int:
+        """Return the exit code of the command; say on stderr why the gate of --fail-on failed."""
+        if self._run is None:
+            return gate_of(self._counts, self.fail_on, self.code)
+        return gate(self._run, self.fail_on, self.chosen.ended(self.code), self.chosen.findings)
+
+    def ended(self) -> int:
+        """Say all that and return the exit code, for a command with one result."""
+        self.complain()
+        self.possible()
+        return self.gated()

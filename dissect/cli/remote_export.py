@@ -7,11 +7,11 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
 from dissect import __version__
-from dissect.cli.separate import separately
 from dissect.export.extras import needed
 from dissect.export.forms import Export, Request, TableExport, Target
 from dissect.export.parquet import ParquetSink, metadata_of
@@ -20,6 +20,9 @@ from dissect.export.tables import chosen_tables
 from dissect.jobs.tasks import Done, FileError
 from dissect.source.remote import shown
 from dissect.wire.text import encodable, printable
+
+if TYPE_CHECKING:
+    from dissect.cli.reading import Reading
 
 #: Transports that cannot write.
 _READ_ONLY = ("http://", "https://")
@@ -86,11 +89,11 @@ def task_sink(folder: RemoteFolder, place: int, only: Sequence[str], name: str) 
 
 
 def export_separately_remotely(
-    files: Sequence[str], jobs: int, url: str, only: Sequence[str], folder: RemoteFolder
-) -> tuple[dict[str, int], int]:
-    """Export each of ``files`` to ``folder``, the one of ``url``; return the rows by table, and the exit code."""
+    reading: Reading, target: Target, only: Sequence[str], folder: RemoteFolder
+) -> dict[str, int]:
+    """Export each file to ``folder``, the one of ``target``; return the rows by table."""
     tables = chosen_tables(only)
-    metadata = metadata_of(__version__, [encodable(name) for name in files])
+    metadata = metadata_of(__version__, [encodable(name) for name in reading.files])
     needed("pyarrow.parquet")  # what is missing is said before anything is read
     counts: Counter[str] = Counter()
     places = itertools.count(1)
@@ -102,8 +105,8 @@ def export_separately_remotely(
         else:  # what a process left that died is not whole
             folder.remove_matching(f"*/*/part-{place:04}-*.parquet")
 
-    code = separately(files, jobs, take, folder=url, kept=False)
+    reading.apart(take, folder=target.path, kept=False)
     missing = [table for table in tables if not counts[table.name]]
     if missing:
         ParquetSink(Path(), missing, False, True, metadata, create=folder.create).close()
-    return {table.name: counts[table.name] for table in tables}, code
+    return {table.name: counts[table.name] for table in tables}

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Sequence
 from itertools import islice
 from typing import TYPE_CHECKING, Final
 
@@ -12,26 +11,20 @@ import click
 from dissect.cli.configuration import config_typed, hosts
 from dissect.cli.look import clock
 from dissect.cli.main import EXIT_INTERRUPTED
-from dissect.cli.nothing import expect_possible
 from dissect.cli.options.given import was_given
-from dissect.cli.options.scd import scd_options
-from dissect.cli.options.select import Chosen, select_options
-from dissect.cli.options.tags import tag_options
-from dissect.cli.options.tls import tls_option
+from dissect.cli.options.reading import reading_options
 from dissect.cli.options.variables import wanted_of
-from dissect.cli.run import checksums_option, complain, drive, files_if_any, places_of, slow_option
+from dissect.cli.reading import Reading
+from dissect.cli.run import files_if_any, places_of
 from dissect.cli.second_pass import check_out
 from dissect.source.remote import shown
 from dissect.wire.saving import save
 from dissect.wire.text import printable
 
 if TYPE_CHECKING:
-    from dissect.engine.exchange import PayloadDecoder
     from dissect.engine.observer import Observer
-    from dissect.engine.pipeline import Options
     from dissect.page.rendering import Side
-    from dissect.tls.key_log import KeyLog
-    from dissect.transactions.naming import Naming
+    from dissect.session import Run
     from dissect.variables.wanted import WantedSet
 
 #: Options that say how captures are read, and their parameters.
@@ -66,7 +59,6 @@ def _two_captures(ctx: click.Context, param: click.Parameter, both: tuple[str, s
 
 
 @click.command("report", epilog=_EXIT_CODES)
-@files_if_any
 @click.option(
     "-o", "--output", "output", required=True, metavar="OUT", help="The HTML file to write; - is standard output."
 )
@@ -94,25 +86,9 @@ def _two_captures(ctx: click.Context, param: click.Parameter, both: tuple[str, s
     help="Name FILE in the commands of the page as you named it; without this option by its name alone, without its folder.",
 )
 @click.option("--force", is_flag=True, help="Overwrite OUT if it exists (never a FILE).")
-@slow_option
-@select_options()
-@checksums_option
-@scd_options
-@tag_options
-@tls_option
+@reading_options(files=files_if_any, slow=True)
 def command(
-    files: tuple[str, ...],
-    output: str,
-    plotted: tuple[str, ...],
-    both: tuple[str, str] | None,
-    full_paths: bool,
-    force: bool,
-    slow_ns: int,
-    checksums: bool,
-    decoder: PayloadDecoder | None,
-    chosen: Chosen,
-    naming: Naming | None,
-    tls_keys: KeyLog | None,
+    reading: Reading, output: str, plotted: tuple[str, ...], both: tuple[str, str] | None, full_paths: bool, force: bool
 ) -> int:
     """Write captures as one HTML page: what broke, since when and who is affected, plots, and tables to sort and search.
 
@@ -120,74 +96,66 @@ def command(
     out. FILE is as for `analyze`; several files are read as one capture.
     """
     from dissect import __version__
-    from dissect.engine.pipeline import Options
     from dissect.golden.comparison import differences
     from dissect.golden.difference import DiffOptions
     from dissect.golden.reading import SessionReader
     from dissect.page.rendering import MAX_DIFFERENCES, render
 
     needs_template_engine()
+    files = reading.files
     if bool(files) == bool(both):
         raise click.UsageError("give either FILE or --diff A B." if files else "missing FILE (or --diff A B).")
     check_out(files or both or (), output, force)
 
-    plots = wanted_of(plotted, naming, decoder) if plotted else None
-
-    def options() -> Options:
-        return Options(slow_ns, decoder=decoder, checksums=checksums, tls_keys=tls_keys, naming=naming)
-
-    if both is not None and chosen.where is not None:
+    plots = wanted_of(plotted, reading.naming, reading.decoder) if plotted else None
+    if both is not None and reading.chosen.where is not None:
         raise click.UsageError("--diff compares whole captures; cut them first to compare a part.")
     if both is None:
-        side, code = _read(files, options(), chosen, plots, full_paths)
+        side, code = _read(reading, files, plots, full_paths)
         if code == EXIT_INTERRUPTED:
             return _unwritten(code)
         write_page(output, render([side], __version__))
         return code
     first, second = SessionReader(both[0]), SessionReader(both[1])
-    a, code = _read(both[:1], options(), chosen, plots, full_paths, first)
+    a, code = _read(reading, both[:1], plots, full_paths, first)
     if code == EXIT_INTERRUPTED:
         return _unwritten(code)
-    b, second_code = _read(both[1:], options(), chosen, plots, full_paths, second)
+    b, second_code = _read(reading, both[1:], plots, full_paths, second)
     if second_code == EXIT_INTERRUPTED:
         return _unwritten(second_code)
-    told = differences(first.finish([]), second.finish([]), DiffOptions([], None, naming))
+    told = differences(first.finish([]), second.finish([]), DiffOptions([], None, reading.naming))
     shown = [printable(difference.text) for difference in islice(told, MAX_DIFFERENCES)]
     write_page(output, render([a, b], __version__, shown, sum([1 for _ in told])))
     return max(code, second_code)
 
 
 def _read(
-    files: Sequence[str],
-    options: Options,
-    chosen: Chosen,
-    plots: WantedSet | None,
-    full_paths: bool,
-    beside: Observer | None = None,
+    reading: Reading, files: tuple[str, ...], plots: WantedSet | None, full_paths: bool, beside: Observer | None = None
 ) -> tuple[Side, int]:
     """Read captures for a report, and for another observer beside it; return what was gathered and the exit code so far."""
     from dissect.live.run import Fanout
     from dissect.page.gathered import Gathered, span_of
     from dissect.page.rendering import Side
     from dissect.page.rows import Rows
-    from dissect.session import Run
 
     names = ["stdin" if file == "-" else shown(file) for file in files]
     rows = Rows(names, clock(), hosts(), _reading(), full_paths)
     gathered = Gathered(rows, plots)
     observer = gathered if beside is None else Fanout([gathered, beside], _failed)
-    run = Run(files, chosen.sieve(observer), chosen.narrow(options))
-    rows.places = places_of(run, files)
-    gathered.files = run.files
-    chosen.begin(run, files)
-    code = drive(run, files)
+
+    def begin(run: Run) -> None:
+        rows.places = places_of(run, files)
+        gathered.files = run.files
+
+    reading.files = files
+    run = reading.run(observer, begin)
     # A report of a part spans what was selected.
-    gathered.take(run.pipeline, run.files, span_of(run.pipeline) if chosen.where is None else None)
-    gathered.analysis.part = chosen.part(run)
-    if code != EXIT_INTERRUPTED:
-        complain(run, code)
-        expect_possible(run, chosen)
-    return Side(gathered, names), code
+    gathered.take(run.pipeline, run.files, span_of(run.pipeline) if reading.chosen.where is None else None)
+    gathered.analysis.part = reading.chosen.part(run)
+    if not reading.interrupted:
+        reading.complain()
+        reading.expect_possible()
+    return Side(gathered, names), reading.code
 
 
 def _reading() -> list[tuple[str, str]]:

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor, Future
 from contextlib import contextmanager
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Any, Final, NamedTuple, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, Final, NamedTuple, TypeVar
 
 import click
 
@@ -27,11 +27,8 @@ from dissect.wire.text import printable
 if TYPE_CHECKING:
     from dissect.cli.options.select import Chosen
     from dissect.engine.observer import Observer
-    from dissect.engine.options import Options
-    from dissect.inventory.collector import Inventory
     from dissect.jobs.sums import FilePart
     from dissect.jobs.tasks import About, Done
-    from dissect.report.analysis import Analysis
     from dissect.session import Run
 
 #: Fields that count over all files, which no task can know.
@@ -231,45 +228,15 @@ def say(file: str, why: str, where: str = "") -> None:
     click.echo(f"s7dissect: {text if text.startswith(f'{name}: ') else f'{name}: {text}'}{at}", err=True)
 
 
-# ---- what is added up ---------------------------------------------------------------------------------------------------
-
-
-class Adder(Protocol):
-    """Adds up what was found in files, in their order (`dissect.jobs.analyses`, `dissect.jobs.inventories`)."""
-
-    def add(self, part: FilePart) -> None:
-        """Add the part of the file that comes next."""
-
-
-def found_task(of: task.Task, found: Analysis | Inventory, observer: Observer, options: Options, chosen: Chosen) -> int:
-    """Read the file of a task with ``observer``, which fills ``found``."""
-    from dissect.jobs.sums import part_of
-    from dissect.session import Run
-
-    run = Run([of.file], observer, chosen.narrow(options))
-    chosen.begin(run, of.files)
-    read_file(run)
-    found.part = chosen.part(run)
-    of.found = part_of(found, run.pipeline, run.files)
-    return EXIT_OK
-
-
-def add_separately(files: Sequence[str], jobs: int, adder: Adder, nothing: Callable[[], Observer]) -> int:
-    """Have ``adder`` add up what is in files that stand for themselves; return the exit code. Raises as `separately` does.
-
-    ``nothing`` makes what stands for a file that could not be read.
-    """
+def part_of_done(done: Done, nothing: Callable[[], Observer]) -> FilePart:
+    """Return what the task of a file found; ``nothing`` makes what stands for a file that could not be read."""
     from dissect.jobs.sums import unread
 
-    def take(done: Done) -> None:
-        part: FilePart = (
-            unread(shown(done.file), done.why.removeprefix(f"{printable(shown(done.file))}: "), nothing())
-            if done.why
-            else done.result
-        )
-        adder.add(part)
-
-    return separately(files, jobs, take)
+    if not done.why:
+        part: FilePart = done.result
+        return part
+    name = shown(done.file)
+    return unread(name, done.why.removeprefix(f"{printable(name)}: "), nothing())
 
 
 class _Joints:

@@ -13,7 +13,6 @@ import os
 import shutil
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from contextlib import ExitStack
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import IO, TYPE_CHECKING, Any, Final, NamedTuple
@@ -23,7 +22,7 @@ import click
 from dissect import __version__
 from dissect.cli.options.jobs import cluster_meant
 from dissect.cli.remote_export import close_wanted, task_sink
-from dissect.cli.separate import about, read_file, separately
+from dissect.cli.separate import about, read_file
 from dissect.export.extras import MissingLibraryError
 from dissect.export.feed import Sink
 from dissect.export.forms import Request, TableExport, Target
@@ -33,15 +32,13 @@ from dissect.export.tables import TABLES, Table, chosen_tables
 from dissect.jobs.numbers import Offsets, count_from
 from dissect.jobs.spool import ROWS_FOLDER, Spool, Spooled, opened
 from dissect.jobs.tasks import About, Done, FileError
-from dissect.session import Run
 from dissect.source.remote import is_remote, shown
 from dissect.wire.saving import PART
 from dissect.wire.text import encodable
 
 if TYPE_CHECKING:
-    from dissect.cli.options.select import Chosen
+    from dissect.cli.reading import Reading
     from dissect.cli.task import Task
-    from dissect.engine.pipeline import Options
     from dissect.export.transaction_rows import Row
 
 #: Numbers that one capture has for its connections, transactions, operations, acts, findings and PDUs.
@@ -94,10 +91,10 @@ def refuse_form(target: Target) -> None:
         )
 
 
-def export_task(of: Task, target: Target, only: Sequence[str], chosen: Chosen, options: Options) -> int:
+def export_task(of: Task, target: Target, only: Sequence[str], reading: Reading) -> None:
     """Export the file of a task. Raises `FileError` when its rows cannot be written, OSError when they cannot wait."""
     try:
-        return _export_task(of, target, only, chosen, options)
+        _export_task(of, target, only, reading)
     except OSError as error:
         if Path(of.folder).name.startswith(ROWS_FOLDER):
             raise  # the rows wait there: nothing is written to the target yet
@@ -109,7 +106,7 @@ def export_task(of: Task, target: Target, only: Sequence[str], chosen: Chosen, o
         raise FileError(str(error)) from None
 
 
-def _export_task(of: Task, target: Target, only: Sequence[str], chosen: Chosen, options: Options) -> int:
+def _export_task(of: Task, target: Target, only: Sequence[str], reading: Reading) -> None:
     name = encodable(of.file)
     folder = Path(of.folder, f".task-{of.place}{PART}")
     spool: Spool | None = None
@@ -131,8 +128,7 @@ def _export_task(of: Task, target: Target, only: Sequence[str], chosen: Chosen, 
         spool = Spool(of.folder, f"rows-{of.place}")
         sink = _Sending(spool.file)
     export = TableExport(Request(folder, True, only, [name], __version__), sink)
-    run = Run([of.file], chosen.sieve(export.observer), chosen.narrow(options))
-    chosen.begin(run, of.files)
+    run = reading.prepared(export.observer)
     export.begin(run)
     before = of.place * NUMBERS
     count_from(run.pipeline, Offsets(0, before, before))
@@ -153,37 +149,29 @@ def _export_task(of: Task, target: Target, only: Sequence[str], chosen: Chosen, 
             spool.abandon()
         raise
     of.found = ExportPart(about(run), spool.done() if spool is not None else None, str(folder), export.counts)
-    return 0
 
 
-def export_separately(
-    files: Sequence[str], jobs: int, target: Target, only: Sequence[str], place: Path
-) -> tuple[dict[str, int], int]:
-    """Export each of ``files`` to ``place``; return the rows by table, and the exit code."""
+def export_separately(reading: Reading, target: Target, only: Sequence[str], place: Path) -> dict[str, int]:
+    """Export each file to ``place``; return the rows by table."""
     tables = chosen_tables(only)
-    names = [encodable(name) for name in files]
+    names = [encodable(name) for name in reading.files]
     counts: Counter[str] = Counter()
-    with ExitStack() as stack:
-        if target.form.name == _PARQUET:
-            gathered = _Gathered(place, tables, metadata_of(__version__, names))
-            code = separately(files, jobs, lambda done: gathered.take(done, counts), folder=str(place), kept=False)
-            gathered.close()
-        else:
-            folder = stack.enter_context(TemporaryDirectory(prefix=ROWS_FOLDER))
-            export: Any = target.form.open(Request(place, target.folder, only, names, __version__))
-            try:
-                code = separately(
-                    files,
-                    jobs,
-                    lambda done: _write(done, export.sink, counts),
-                    folder="" if cluster_meant() else folder,  # which no other machine can reach
-                    kept=False,
-                )
-                export.sink.close()
-            except BaseException:
-                export.abandon()
-                raise
-    return {table.name: counts[table.name] for table in tables}, code
+    if target.form.name == _PARQUET:
+        gathered = _Gathered(place, tables, metadata_of(__version__, names))
+        reading.apart(lambda done: gathered.take(done, counts), folder=str(place), kept=False)
+        gathered.close()
+        return {table.name: counts[table.name] for table in tables}
+    with TemporaryDirectory(prefix=ROWS_FOLDER) as folder:
+        export: Any = target.form.open(Request(place, target.folder, only, names, __version__))
+        try:
+            # no other machine can reach the folder
+            there = "" if cluster_meant() else folder
+            reading.apart(lambda done: _write(done, export.sink, counts), folder=there, kept=False)
+            export.sink.close()
+        except BaseException:
+            export.abandon()
+            raise
+    return {table.name: counts[table.name] for table in tables}
 
 
 def _write(done: Done, sink: Sink, counts: Counter[str]) -> None:

@@ -7,15 +7,14 @@ of them (`dissect.jobs.spots`).
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Final, NamedTuple, cast
 
 from dissect.cli.configuration import hosts
 from dissect.cli.formats import write_out
-from dissect.cli.gate import gate_of
-from dissect.cli.run import PIECE, write_bytes, write_pieces
-from dissect.cli.separate import about, read_file, separately
+from dissect.cli.rows import Counts, Rows, Total, counts_of
+from dissect.cli.run import PIECE, places_of, write_bytes, write_pieces
+from dissect.cli.separate import about, read_file
 from dissect.jobs.numbers import Marks, Offsets, count_from
 from dissect.jobs.spool import Spool, Spooled, indexed, opened, whole_lines
 from dissect.jobs.spots import pieces
@@ -24,11 +23,9 @@ from dissect.report.styled import Line, Written
 from dissect.report.words import Places
 
 if TYPE_CHECKING:
-    from dissect.cli.options.select import Chosen
+    from dissect.cli.reading import Reading
     from dissect.cli.task import Task
     from dissect.engine.pipeline import Pipeline
-    from dissect.report.writer import Writer
-    from dissect.session import Run
 
 #: What stands between the parts of a line with a style in a file of rows, and in the place of a line feed.
 _PART: Final = "\x1f"
@@ -40,10 +37,7 @@ _ENCODING: Final = ("utf-8", "backslashreplace")
 class RowsPart(NamedTuple):
     """What the task of a file found: ``rows``, with the ``marks`` in them, unless they were written; ``styled`` as `Line` is.
 
-    ``joint`` is that of the `Writer`, None where the rows have no index.
-    The others are what is said of all files in the end: numbers of connections, those left out, transactions and packets,
-    packets without S7 by their kind, connections by protocol, findings by slug, which variables asked for were seen, and pairs
-    left out because they are only likely, by doubt.
+    ``joint`` is that of the `Writer`, None where the rows have no index; ``counts`` is what is said of all files in the end.
     """
 
     about: About
@@ -51,43 +45,7 @@ class RowsPart(NamedTuple):
     marks: Marks
     styled: bool
     joint: bytes | None
-    connections: int
-    left_out: int
-    transactions: int
-    packets: int
-    ignored: Mapping[str, int]
-    protocols: Mapping[str, int]
-    findings: Mapping[str, int]
-    seen: frozenset[str]
-    doubts: Mapping[str, int]
-
-
-class Total:
-    """What all files came to: `RowsPart`, added up."""
-
-    def __init__(self) -> None:
-        self.before = Offsets()
-        self.left_out = 0
-        self.ignored: Counter[str] = Counter()
-        self.protocols: Counter[str] = Counter()
-        self.findings: Counter[str] = Counter()
-        self.seen: set[str] = set()
-        self.doubts: Counter[str] = Counter()
-
-    def add(self, part: RowsPart) -> None:
-        """Add the part of a file."""
-        before = self.before
-        self.before = Offsets(
-            before.packets + part.packets,
-            before.connections + part.connections,
-            before.transactions + part.transactions,
-        )
-        self.left_out += part.left_out
-        self.ignored.update(part.ignored)
-        self.protocols.update(part.protocols)
-        self.findings.update(part.findings)
-        self.seen |= part.seen
-        self.doubts.update(part.doubts)
+    counts: Counts
 
 
 class _Direct:
@@ -97,7 +55,7 @@ class _Direct:
         self._total = total
 
     def begin(self, pipeline: Pipeline) -> None:
-        count_from(pipeline, self._total.before)
+        count_from(pipeline, _before(self._total))
 
     def write(self, lines: Sequence[Written]) -> None:
         if lines:
@@ -156,76 +114,57 @@ def _line(text: str) -> Line:
     return Line(rest.replace(_BREAK, "\n"), style, int(hang))
 
 
-def rows_task(
-    of: Task,
-    run: Run,
-    chosen: Chosen,
-    writer: Writer,
-    take: Callable[[], Sequence[Written]],
-    left: Callable[[], tuple[Mapping[str, int], Iterable[str], Mapping[str, int]]],
-) -> int:
-    """Read the file of a task and hand on its rows: those that ``take`` returns, again and again.
+def rows_task(of: Task, reading: Reading, rows: Rows) -> None:
+    """Read the file of a task and hand on its rows.
 
-    ``left`` returns in the end the connections by protocol, the variables that were seen, and the pairs that were left out.
-    ``writer`` has to have written what the output begins with, which is written once, by whoever puts the rows together.
+    What the output begins with is dropped: whoever puts the rows together writes it once.
     """
-    writer.take()
-    chosen.begin(run, of.files)
+    run = reading.prepared(rows.observer, reading.sieves(rows))
+    rows.begin(places_of(run, of.files))
+    rows.writer.take()
     pipeline = run.pipeline
-    spooler = None if of.direct is not None else _Spooler(of, writer.joint)
+    spooler = None if of.direct is not None else _Spooler(of, rows.writer.joint)
     sink: _Direct | _Spooler = of.direct if spooler is None else spooler
     sink.begin(pipeline)
-    connections, transactions = int(pipeline.connections.count), int(pipeline.exchange.dialogue.count)
+    began = int(pipeline.connections.count), int(pipeline.exchange.dialogue.count)
     try:
-        read_file(run, lambda: sink.write(take()))
+        read_file(run, lambda: sink.write(rows.take(run)))
         if spooler is not None:
             spooler.marks.over(pipeline)
-        protocols, seen, doubts = left()
         of.found = RowsPart(
             about=about(run),
             rows=None if spooler is None else spooler.spool.done(),
             marks=Marks() if spooler is None else spooler.marks,
             styled=spooler is not None and spooler.styled,
             joint=None if spooler is None else spooler.joint,
-            connections=int(pipeline.connections.count) - connections,
-            left_out=int(pipeline.connections.left_out),
-            transactions=int(pipeline.exchange.dialogue.count) - transactions,
-            packets=pipeline.frames,
-            ignored=dict(pipeline.counters.packet_counts()),
-            protocols=dict(protocols),
-            findings=dict(chosen.findings if chosen.findings is not None else pipeline.finding_counts),
-            seen=frozenset(seen),
-            doubts=dict(doubts),
+            counts=counts_of(pipeline, reading.chosen, rows.left(), began),
         )
     except OverflowError as error:
         raise FileError(str(error)) from None
     finally:
         if spooler is not None and of.found is None:
             spooler.spool.abandon()
-    return 0
 
 
-def rows_separately(
-    files: Sequence[str], jobs: int, writer: Writer, fail_on: frozenset[str], say: Callable[[Total], None]
-) -> int:
-    """Have the command at hand done for each file, and write the rows in the order of the files; return the exit code.
-
-    ``writer`` has to have written what the output begins with. ``say`` has the last word.
-    """
+def rows_separately(reading: Reading, rows: Rows, total: Total) -> None:
+    """Have the command at hand done for each file, and write the rows in the order of the files; ``total`` gets the counts."""
+    writer = rows.writer
+    rows.begin(Places([], len(reading.files) > 1, hosts()))
     write_out(writer.take())
-    total = Total()
 
     def take(done: Done) -> None:
         part: RowsPart | None = done.result
         if part is None:
             return
         if part.rows is not None:
-            write_rows(part, total.before, writer.number_width)
-        total.add(part)
+            write_rows(part, _before(total), writer.number_width)
+        total.add(part.counts)
 
-    code = separately(files, jobs, take, _Direct(total))
-    say(total)
-    return gate_of(total.findings, fail_on, code)
+    reading.apart(take, _Direct(total))
+
+
+def _before(total: Total) -> Offsets:
+    return Offsets(total.packets, total.connections, total.transactions)
 
 
 def write_rows(part: RowsPart, before: Offsets, width: int) -> None:
@@ -242,8 +181,3 @@ def write_rows(part: RowsPart, before: Offsets, width: int) -> None:
                 write_out([_line(text) for text in numbered.decode("utf-8").split("\n")[:-1]])
             else:
                 write_bytes(numbered)
-
-
-def no_places(files: Sequence[str]) -> Places:
-    """Return how packets are named in what an output begins with, before there is one."""
-    return Places([], len(files) > 1, hosts())

@@ -5,34 +5,18 @@ from __future__ import annotations
 import click
 
 from dissect.cli.formats import format_option
-from dissect.cli.gate import fail_on_option, gate
 from dissect.cli.look import clock
 from dissect.cli.main import EXIT_OK, EXIT_USAGE
-from dissect.cli.nothing import Shown
 from dissect.cli.options.numbers import NumberRange, Numbers
-from dissect.cli.options.scd import scd_options
-from dissect.cli.options.select import Chosen, select_options
-from dissect.cli.options.tags import tag_options
-from dissect.cli.options.tls import tls_option
-from dissect.cli.run import (
-    EXIT_CODES,
-    checksums_option,
-    complain,
-    drive,
-    files_argument,
-    places_of,
-)
-from dissect.engine.exchange import PayloadDecoder
-from dissect.engine.pipeline import Options
+from dissect.cli.options.reading import reading_options
+from dissect.cli.reading import Reading
+from dissect.cli.rows import Rows
+from dissect.cli.run import EXIT_CODES
 from dissect.report.formats import PDUS, Format, formats_for
 from dissect.report.writer import PduFeed
-from dissect.session import Run
-from dissect.tls.key_log import KeyLog
-from dissect.transactions.naming import Naming
 
 
 @click.command("show", epilog=EXIT_CODES)
-@files_argument
 @format_option(PDUS)
 @click.option(
     "--frame",
@@ -42,27 +26,10 @@ from dissect.transactions.naming import Naming
     metavar="N",
     help="Only messages that packet N completes (packet N of each file), or packets such as 10-12. Repeatable.",
 )
-@select_options("message", results="messages")
 @click.option("-V", "--verbose", is_flag=True, help="Add the field tree with byte ranges and a hex dump.")
 @click.option("--tpdus", is_flag=True, help="List every COTP TPDU as well: fragments, and empty ones that acknowledge.")
-@checksums_option
-@fail_on_option
-@scd_options
-@tag_options
-@tls_option
-def command(
-    files: tuple[str, ...],
-    format_: Format,
-    frames: tuple[range, ...],
-    verbose: bool,
-    tpdus: bool,
-    checksums: bool,
-    fail_on: frozenset[str],
-    decoder: PayloadDecoder | None,
-    chosen: Chosen,
-    naming: Naming | None,
-    tls_keys: KeyLog | None,
-) -> int:
+@reading_options("message", results="messages", fails=True)
+def command(reading: Reading, format_: Format, frames: tuple[range, ...], verbose: bool, tpdus: bool) -> int:
     """List S7comm and S7comm-plus PDUs, one line each, or dissect them (-V).
 
     A line gives the packet that completed the PDU, its time, source and destination, and its content. COTP connects,
@@ -74,26 +41,22 @@ def command(
     if verbose and not format_.verbose:
         names = " and ".join([row.name for row in formats_for(PDUS) if row.verbose])
         raise click.UsageError(f"-V applies to {names} only; -T {format_.name} has no longer form.")
+    chosen = reading.chosen
     writer = chosen.writer(format_, PDUS, clock(), verbose)
-    shown = PduFeed(writer, Numbers(frames) if frames else None, decoder, chosen.message_choice(), tpdus)
-    options = Options(decoder=decoder, checksums=checksums, tls_keys=tls_keys, naming=naming)
-    run = Run(files, shown, chosen.narrow(options))
-    chosen.begin(run, files)
-    writer.begin(places_of(run, files))
-    shown_lines = Shown("message", len(writer.lines))
-    code = drive(run, files, lambda: shown_lines.write(writer.take()), lambda: chosen.full)
-    complain(run, code)
+    feed = PduFeed(writer, Numbers(frames) if frames else None, reading.decoder, chosen.message_choice(), tpdus)
+    rows = Rows(writer, feed)
+    rows.sieved = False
+    reading.rows(rows, "message")
+    reading.complain()
     if not frames:
-        shown_lines.explain(run, chosen)
-    code = _frames_missing(run, frames, shown.found, chosen, code)
-    return gate(run, fail_on, chosen.ended(code))
+        reading.explain()
+    elif reading.possible() and reading.code == EXIT_OK and chosen.where is None and not chosen.full:
+        reading.code = _frames_missing(max([int(file.packets) for file in reading.read], default=0), frames, feed.found)
+    return reading.gated()
 
 
-def _frames_missing(run: Run, frames: tuple[range, ...], found: set[int], chosen: Chosen, code: int) -> int:
-    """Say which packets complete no message, or are none; return the exit code, which is that of wrong use for the latter."""
-    most = max([int(file.packets) for file in run.files], default=0)
-    if code != EXIT_OK or chosen.where is not None or chosen.full:
-        return code
+def _frames_missing(most: int, frames: tuple[range, ...], found: set[int]) -> int:
+    """Say which packets of at ``most`` so many in a file complete no message, or are none; that is wrong use, the exit code."""
     for asked in dict.fromkeys(frames):
         first, last = asked.start, asked.stop - 1
         named = f"packet {first}" if first == last else f"packets {first} to {last}"
@@ -104,4 +67,4 @@ def _frames_missing(run: Run, frames: tuple[range, ...], found: set[int], chosen
             return EXIT_USAGE
         if not any([frame in asked for frame in found]):
             click.echo(f"s7dissect: {named} {'completes' if first == last else 'complete'} no message", err=True)
-    return code
+    return EXIT_OK

@@ -8,20 +8,14 @@ import click
 
 from dissect.cli.formats import format_option, write_outcome
 from dissect.cli.main import EXIT_OK
-from dissect.cli.nothing import complain_impossible
 from dissect.cli.options.completing import from_table
-from dissect.cli.options.scd import scd_options
-from dissect.cli.options.select import Chosen, select_options
-from dissect.cli.options.tags import tag_options
-from dissect.cli.options.tls import tls_option
-from dissect.cli.run import checksums_option, complain, drive, files_if_any, write
+from dissect.cli.options.reading import reading_options
+from dissect.cli.reading import Reading
+from dissect.cli.run import files_if_any, write
 from dissect.report.formats import ROWS, Format
 
 if TYPE_CHECKING:
-    from dissect.engine.exchange import PayloadDecoder
     from dissect.export.sql import Query
-    from dissect.tls.key_log import KeyLog
-    from dissect.transactions.naming import Naming
 
 _EXIT_CODES = (
     "Exit code: 0 success, 2 wrong use, a wrong query, a missing library or an unreadable file, 3 a damaged or truncated file "
@@ -37,27 +31,11 @@ def _names() -> dict[str, str]:
 
 @click.command("sql", epilog=_EXIT_CODES)
 @click.argument("query", metavar="QUERY", required=False, shell_complete=from_table(_names))
-@files_if_any
 @format_option(ROWS)
 @click.option("--questions", is_flag=True, help="List the questions that can be asked by name, with their SQL.")
 @click.option("--allow-files", is_flag=True, help="Let the SQL read and write files and use the network.")
-@select_options()
-@checksums_option
-@scd_options
-@tag_options
-@tls_option
-def command(
-    query: str | None,
-    files: tuple[str, ...],
-    format_: Format,
-    questions: bool,
-    allow_files: bool,
-    checksums: bool,
-    decoder: PayloadDecoder | None,
-    chosen: Chosen,
-    naming: Naming | None,
-    tls_keys: KeyLog | None,
-) -> int:
+@reading_options(files=files_if_any)
+def command(reading: Reading, query: str | None, format_: Format, questions: bool, allow_files: bool) -> int:
     """Query captures in SQL (DuckDB), without a file in between.
 
     QUERY is SQL over the tables connections, transactions, items, values, operations, acts, findings, finding_counts, devices
@@ -71,31 +49,23 @@ def command(
     if questions:
         write(_questions())
         return EXIT_OK
-    if query is None or not files:
+    if query is None or not reading.files:
         raise click.UsageError(f"Missing argument '{'QUERY' if query is None else 'FILE...'}'.")
-    from dissect.engine.pipeline import Options
     from dissect.export.extras import MissingLibraryError
     from dissect.export.feed import TableFeed
     from dissect.export.result_lines import QueryOutcome
     from dissect.export.sql import MemorySink, SqlError
-    from dissect.session import Run
 
     try:
         asked, none = _query(query, allow_files)
         sink = MemorySink(asked.tables)
         feed = TableFeed(asked.tables, sink)
-        options = Options(decoder=decoder, checksums=checksums, tls_keys=tls_keys, naming=naming)
-        run = Run(files, chosen.sieve(feed), chosen.narrow(options))
-        chosen.begin(run, files)
-        feed.begin(run.files)
-        code = drive(run, files)
+        run = reading.run(feed, lambda run: feed.begin(run.files))
         feed.finish(run.pipeline, run.files)
         write_outcome(format_, ROWS, QueryOutcome(asked.run(sink.tables()), none))
     except (SqlError, MissingLibraryError) as error:
         raise click.ClickException(str(error)) from None
-    complain(run, code)
-    complain_impossible(run, chosen)
-    return chosen.ended(code)
+    return reading.ended()
 
 
 def _query(text: str, allow_files: bool) -> tuple[Query, str]:

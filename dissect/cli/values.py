@@ -10,33 +10,23 @@ from typing import TYPE_CHECKING, Final
 
 import click
 
-from dissect.cli.formats import format_option, write_out
-from dissect.cli.gate import fail_on_option, gate
-from dissect.cli.indexed import may_match
+from dissect.cli.formats import format_option
 from dissect.cli.look import clock
-from dissect.cli.nothing import Shown, complain_impossible
-from dissect.cli.options.jobs import check_jobs, indexed_option, separate_options
-from dissect.cli.options.scd import scd_options
-from dissect.cli.options.select import Chosen, select_options
-from dissect.cli.options.tags import tag_options
-from dissect.cli.options.tls import tls_option
+from dissect.cli.options.reading import reading_options
 from dissect.cli.options.variables import wanted_of
-from dissect.cli.run import EXIT_CODES, checksums_option, complain, drive, files_meant, places_of
-from dissect.cli.task import Task, current
-from dissect.engine.exchange import PayloadDecoder
-from dissect.engine.pipeline import Options
+from dissect.cli.reading import Reading
+from dissect.cli.rows import Left, Rows
+from dissect.cli.run import EXIT_CODES, files_meant
 from dissect.report.certainty import values_left_out
 from dissect.report.formats import VALUES, Format
-from dissect.session import Run
-from dissect.tls.key_log import KeyLog
-from dissect.transactions.naming import Naming
 from dissect.variables.collector import Collector
 from dissect.variables.summary import Summary, limits_text
 from dissect.wire.text import printable
 
 if TYPE_CHECKING:
-    from dissect.cli.separate_rows import Total
     from dissect.report.styled import Written
+    from dissect.report.words import Places
+    from dissect.session import Run
     from dissect.variables.wanted import WantedSet
     from dissect.variables.writers import ValueWriter
 
@@ -82,29 +72,14 @@ def _interval(ctx: click.Context, param: click.Parameter, value: str | None) -> 
     is_flag=True,
     help="Also values whose request and answer are only likely a pair, because packets are missing; each is marked.",
 )
-@select_options("transaction")
-@checksums_option
-@fail_on_option
-@scd_options
-@tag_options
-@tls_option
-@separate_options
-@indexed_option
+@reading_options("transaction", files=None, fails=True, separate=True)
 def command(
-    files: tuple[str, ...],
+    reading: Reading,
     format_: Format,
     changes: bool,
     every_ns: int,
     summary: bool,
     likely: bool,
-    checksums: bool,
-    fail_on: frozenset[str],
-    decoder: PayloadDecoder | None,
-    chosen: Chosen,
-    naming: Naming | None,
-    tls_keys: KeyLog | None,
-    separate: bool,
-    jobs: int,
 ) -> int:
     """List the values of variables, one row for each that was read, written or pushed.
 
@@ -123,70 +98,48 @@ def command(
         raise click.UsageError(
             "--summary only counts values that are only likely; --likely lists them without --summary."
         )
-    captures, wanted = _split(files, naming, decoder)
-    writer: ValueWriter = chosen.writer(format_, VALUES, clock())  # type: ignore[assignment]  # the kind says so
-    collector = Collector(wanted, changes, every_ns, summary, chosen.choice("transaction"), likely=likely)
-    options = Options(decoder=decoder, checksums=checksums, tls_keys=tls_keys, naming=naming)
-    separate = check_jobs(separate, jobs)
-    of = current()
-    if of is not None:
-        return _task(of, writer, collector, chosen, options, bool(fail_on))
-    if separate:
-        from dissect.cli.separate import refuse
-        from dissect.cli.separate_rows import no_places, rows_separately
-
-        refuse(chosen, [(decoder, "SCD is decoded over all files"), (summary, "--summary adds up one run")])
-        captures = list(may_match(tuple(captures), chosen))
-        writer.begin(no_places(captures))
-        writer.values([])  # what the output begins with
-
-        def say(total: Total) -> None:
-            _miss(wanted, total.seen)
-            _leave_out(total.doubts, likely)
-
-        return rows_separately(captures, jobs, writer, fail_on, say)
-    run = Run(captures, chosen.sieve(collector) if fail_on else collector, chosen.narrow(options))
-    chosen.begin(run, captures)
-    writer.begin(places_of(run, captures))
-
-    if not summary:
-        writer.values([])  # what the output begins with
-    shown = Shown("value", len(writer.lines))
-
-    def write() -> None:
-        writer.values(collector.take())
-        shown.write(writer.take())
-
-    code = drive(run, captures, None if summary else write)
+    reading.files, wanted = _split(reading)
+    reading.whole_only.append((summary, "--summary adds up one run"))
+    writer: ValueWriter = reading.chosen.writer(format_, VALUES, clock())  # type: ignore[assignment]  # the kind says so
+    choice = reading.chosen.choice("transaction")
+    collector = Collector(wanted, changes, every_ns, summary, choice, likely=likely)
+    total = reading.rows(_Rows(writer, collector, at_once=not summary), "value")
     if summary:
         made = Summary(collector, sys.stdout.isatty())
         writer.summary(made)
-        (shown.write if made.variables else write_out)(writer.take())
+        reading.write(writer.take(), results=bool(made.variables))
         if text := limits_text(made):
             click.echo(f"s7dissect: {text}", err=True)
-    complain(run, code)
-    _miss(wanted, collector.found)
-    _leave_out(collector.doubts, likely)
+    reading.complain()
+    _miss(wanted, total.seen)
+    _leave_out(total.doubts, likely)
     if wanted is None:
-        shown.explain(run, chosen)
+        reading.explain()
     else:
-        complain_impossible(run, chosen)
-    return gate(run, fail_on, chosen.ended(code), chosen.findings)
+        reading.possible()
+    return reading.gated()
 
 
-def _task(of: Task, writer: ValueWriter, collector: Collector, chosen: Chosen, options: Options, findings: bool) -> int:
-    """Read the file of a task; ``findings`` tells whether a selection of these counts."""
-    run = Run([of.file], chosen.sieve(collector) if findings else collector, chosen.narrow(options))
-    writer.begin(places_of(run, of.files))
-    writer.values([])
+class _Rows(Rows):
+    """Values of variables."""
 
-    def take() -> list[Written]:
-        writer.values(collector.take())
-        return writer.take()
+    writer: ValueWriter
+    observer: Collector
 
-    from dissect.cli.separate_rows import rows_task
+    def begin(self, places: Places) -> None:
+        """Write what the output begins with, where values are listed."""
+        super().begin(places)
+        if self.at_once:
+            self.writer.values([])
 
-    return rows_task(of, run, chosen, writer, take, lambda: ({}, collector.found, collector.doubts))
+    def take(self, run: Run) -> Sequence[Written]:
+        """Return the rows of the values since the last time."""
+        self.writer.values(self.observer.take())
+        return self.writer.take()
+
+    def left(self) -> Left:
+        """Return which variables were seen, and what was left out because it is only likely."""
+        return Left(seen=self.observer.found, doubts=self.observer.doubts)
 
 
 def _leave_out(doubts: Mapping[str, int], likely: bool) -> None:
@@ -196,13 +149,12 @@ def _leave_out(doubts: Mapping[str, int], likely: bool) -> None:
         click.echo(f"s7dissect: {said}; --likely lists them", err=True)
 
 
-def _split(
-    words: Sequence[str], naming: Naming | None, decoder: PayloadDecoder | None
-) -> tuple[list[str], WantedSet | None]:
+def _split(reading: Reading) -> tuple[tuple[str, ...], WantedSet | None]:
     """Return the files among the arguments, and what the others choose; the first is a file, whatever it is called."""
+    words = reading.files
     captures = files_meant([word for at, word in enumerate(words) if at == 0 or _is_file(word)])
     names = [word for at, word in enumerate(words) if at > 0 and not _is_file(word)]
-    return list(captures), wanted_of(names, naming, decoder)
+    return captures, wanted_of(names, reading.naming, reading.decoder)
 
 
 def _is_file(word: str) -> bool:

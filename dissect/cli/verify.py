@@ -9,18 +9,16 @@ from typing import TYPE_CHECKING, NamedTuple
 import click
 
 from dissect.cli.formats import format_option, write_out, write_outcome
-from dissect.cli.main import EXIT_DAMAGED, EXIT_GATE, EXIT_INTERRUPTED, EXIT_OK, EXIT_USAGE
-from dissect.cli.options.jobs import check_jobs, separate_options
-from dissect.cli.options.tls import tls_option
-from dissect.cli.run import files_argument
-from dissect.cli.separate import Interrupted, separately
-from dissect.cli.task import Task, current
+from dissect.cli.main import EXIT_GATE, EXIT_USAGE
+from dissect.cli.options.reading import reading_options
+from dissect.cli.reading import Reading
+from dissect.cli.separate import Interrupted
+from dissect.cli.task import Task
 from dissect.jobs.tasks import About
 from dissect.report.formats import OUTCOME, Format
 from dissect.report.outcome import Outcome, plain
 from dissect.report.styled import Line
 from dissect.source.remote import is_remote
-from dissect.tls.key_log import KeyLog
 from dissect.wire.text import printable
 
 if TYPE_CHECKING:
@@ -35,23 +33,12 @@ _EXIT_CODES = (
 
 
 @click.command("verify", epilog=_EXIT_CODES)
-@files_argument
 @format_option(OUTCOME)
 @click.option("--known", "every", is_flag=True, help="Text: also list known differences, not only their number.")
 @click.option("--reorder", is_flag=True, help="Let Wireshark reassemble out-of-order TCP segments first.")
 @click.option("--pyshark", is_flag=True, help="Run tshark through pyshark instead of directly.")
-@tls_option
-@separate_options
-def command(
-    files: tuple[str, ...],
-    format_: Format,
-    every: bool,
-    reorder: bool,
-    pyshark: bool,
-    tls_keys: KeyLog | None,
-    separate: bool,
-    jobs: int,
-) -> int:
+@reading_options(selects=False, checksums=False, scd=False, tags=False, separate=True, indexed=False)
+def command(reading: Reading, format_: Format, every: bool, reorder: bool, pyshark: bool) -> int:
     """Compare our dissection of captures with Wireshark's, field by field: TPKT, COTP, S7comm.
 
     Each difference gives the packet, the field, our value and Wireshark's. Known faults of Wireshark are recognized by their
@@ -68,41 +55,29 @@ def command(
     from dissect.oracle.tshark import OracleError, read_tshark, version
     from dissect.oracle.verification import Verification
 
-    separate = check_jobs(separate, jobs)
+    def compared(file: str) -> _Part:
+        comparison = compare(file, read_pyshark if pyshark else read_tshark, reorder, reading.tls_keys)
+        return _Part(About(file, comparison.loss, Path(file).stat().st_size), comparison)
 
-    def compared(file: str) -> Comparison:
-        return compare(file, read_pyshark if pyshark else read_tshark, reorder, tls_keys)
-
-    of = current()
-    if of is not None:
-        return _task(of, compared)
-    for file in files:
+    reading.as_task(lambda of: _task(of, compared))
+    for file in reading.files:
         if file == "-" or is_remote(file) or (Path(file).exists() and not Path(file).is_file()):
             raise click.UsageError(f"{printable(file)}: a regular file is needed, because it is read several times.")
-    code = EXIT_OK
     try:
         verification = Verification(version(), every)
         verified = _Verified(verification)
 
-        def take(file: str, comparison: Comparison) -> None:
-            verified.lines += verification.take(file, comparison)
+        def take(file: str, part: _Part) -> None:
+            verified.lines += verification.take(file, part.comparison)
             if format_.piecewise:
                 write_out(verified.taken())
 
-        if separate:
-            code = separately(files, jobs, lambda done: None if done.why else take(done.file, done.result.comparison))
-        else:
-            for file in files:
-                comparison = compared(file)
-                if comparison.loss:
-                    click.echo(f"s7dissect: {printable(file)}: {printable(comparison.loss)}", err=True)
-                    code = EXIT_DAMAGED
-                take(file, comparison)
+        reading.one_by_one(compared, take)
     except OracleError as error:
         click.echo(f"s7dissect: {printable(str(error))}", err=True)
         return EXIT_USAGE
     write_outcome(format_, OUTCOME, verified)
-    return EXIT_GATE if code != EXIT_INTERRUPTED and not verification.holds else code
+    return EXIT_GATE if not reading.interrupted and not verification.holds else reading.code
 
 
 class _Part(NamedTuple):
@@ -112,18 +87,16 @@ class _Part(NamedTuple):
     comparison: Comparison
 
 
-def _task(of: Task, compared: Callable[[str], Comparison]) -> int:
+def _task(of: Task, compared: Callable[[str], _Part]) -> None:
     """Compare the file of a task."""
     from dissect.oracle.tshark import OracleError
 
     try:
-        comparison = compared(of.file)
+        of.found = compared(of.file)
     except OracleError:
         if Interrupted.asked():  # Ctrl-C reaches tshark too
             raise KeyboardInterrupt from None
         raise
-    of.found = _Part(About(of.file, comparison.loss, Path(of.file).stat().st_size), comparison)
-    return EXIT_OK
 
 
 class _Verified(Outcome):

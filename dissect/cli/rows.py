@@ -1,0 +1,112 @@
+"""Rows that a command writes while captures are read, and what all of them came to, however the captures are read."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+from typing import TYPE_CHECKING, NamedTuple
+
+if TYPE_CHECKING:
+    from dissect.cli.options.select import Chosen
+    from dissect.engine.observer import Observer
+    from dissect.engine.pipeline import Pipeline
+    from dissect.report.styled import Written
+    from dissect.report.words import Places
+    from dissect.report.writer import Writer
+    from dissect.session import Run
+
+
+class Left(NamedTuple):
+    """What rows do not show: connections by protocol, variables asked for that were seen, and pairs left out, by doubt."""
+
+    protocols: Mapping[str, int] = {}
+    seen: Iterable[str] = ()
+    doubts: Mapping[str, int] = {}
+
+
+class Rows:
+    """The rows of a command: ``observer`` gives to ``writer`` what they are about.
+
+    ``sieved``: of a selection, only its findings count for --fail-on. ``at_once``: rows are taken while captures are read;
+    otherwise the command takes them in the end.
+    """
+
+    sieved = True
+
+    def __init__(self, writer: Writer, observer: Observer, at_once: bool = True) -> None:
+        self.writer = writer
+        self.observer = observer
+        self.at_once = at_once
+
+    def begin(self, places: Places) -> None:
+        """Write what the output begins with."""
+        self.writer.begin(places)
+
+    def take(self, run: Run) -> Sequence[Written]:
+        """Return the rows that are ready, once."""
+        return self.writer.take()
+
+    def left(self) -> Left:
+        """Return what they do not show, when everything was read."""
+        return Left()
+
+
+class Counts(NamedTuple):
+    """What a run over one file or several came to.
+
+    Connections and those left out, transactions, packets, packets without S7 by their kind, packets that are wrapped in what is
+    not opened, findings by slug as they count for --fail-on, and what the rows do not show.
+    """
+
+    connections: int
+    left_out: int
+    transactions: int
+    packets: int
+    ignored: Mapping[str, int]
+    sealed: int
+    findings: Mapping[str, int]
+    left: Left
+
+
+def counts_of(pipeline: Pipeline, chosen: Chosen, left: Left, began: tuple[int, int] = (0, 0)) -> Counts:
+    """Return what a run came to that ``began`` with these numbers of connections and transactions."""
+    counted = dict(pipeline.finding_counts)
+    return Counts(
+        int(pipeline.connections.count) - began[0],
+        int(pipeline.connections.left_out),
+        int(pipeline.exchange.dialogue.count) - began[1],
+        pipeline.frames,
+        dict(pipeline.counters.packet_counts()),
+        counted.get("capture.not_opened", 0),
+        dict(chosen.findings) if chosen.findings is not None else counted,
+        Left(dict(left.protocols), frozenset(left.seen), dict(left.doubts)),
+    )
+
+
+class Total:
+    """`Counts`, added up."""
+
+    def __init__(self) -> None:
+        self.packets = 0
+        self.connections = 0
+        self.transactions = 0
+        self.left_out = 0
+        self.sealed = 0
+        self.ignored: Counter[str] = Counter()
+        self.protocols: Counter[str] = Counter()
+        self.findings: Counter[str] = Counter()
+        self.seen: set[str] = set()
+        self.doubts: Counter[str] = Counter()
+
+    def add(self, part: Counts) -> None:
+        """Add what a run came to."""
+        self.packets += part.packets
+        self.connections += part.connections
+        self.transactions += part.transactions
+        self.left_out += part.left_out
+        self.sealed += part.sealed
+        self.ignored.update(part.ignored)
+        self.protocols.update(part.left.protocols)
+        self.findings.update(part.findings)
+        self.seen.update(part.left.seen)
+        self.doubts.update(part.left.doubts)
