@@ -7,7 +7,7 @@ of the file before it, as in a ring buffer, continues the connections of that fi
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import TYPE_CHECKING, TypeAlias, cast
 
 from mypy_extensions import i64
@@ -17,7 +17,7 @@ from dissect.engine.exchange import PayloadDecoder
 from dissect.engine.observer import Observer
 from dissect.engine.pipeline import Options, Pipeline
 from dissect.findings.reporter import Finding
-from dissect.report.analysis import Analysis
+from dissect.report.analysis import Analysis, Part
 from dissect.s7.message import Pdu, parse_pdu
 from dissect.s7plus.message import PlusPdu, parse_plus
 from dissect.source.given import Source, given_one, open_source
@@ -39,6 +39,7 @@ if TYPE_CHECKING:
     from dissect.scd.dictionary import Dictionary
     from dissect.select import Where
     from dissect.select.sieve import Sieve
+    from dissect.select.things import Context
     from dissect.tags import TagSet
     from dissect.tls.key_log import KeyLog
 
@@ -296,37 +297,74 @@ def where_of(where: str | Where | None, options: Options) -> Where | None:
     return chosen
 
 
-def sieved(observer: Observer, where: str | Where | None, options: Options) -> Sieve | None:
-    """Return a `Sieve` that passes on to ``observer`` only what ``where`` selects; None for None. Else as `where_of`."""
-    chosen = where_of(where, options)
-    if chosen is None:
-        return None
-    from dissect.select.sieve import Sieve
+class Reading:
+    """What is read of captures: files, options of the engine, and what ``where`` selects.
 
-    return Sieve(observer, chosen)
+    The command line and the functions of the library make their runs of it.
+    ``sieve`` is that of the latest run whose observer is told of a selection only; None where it is told of everything.
+    ``context`` is for an observer that shows fields although nothing is selected.
+    """
+
+    def __init__(
+        self,
+        paths: Sequence[Source],
+        options: Options,
+        where: str | Where | None = None,
+        context: Context | None = None,
+    ) -> None:
+        self.paths = paths
+        self.options = options
+        self.where = where_of(where, options)
+        self.sieve: Sieve | None = None
+        self._context = self.where.context if self.where is not None else context
+
+    def sieved(self, observer: Observer) -> Observer:
+        """Return what tells ``observer`` of what is selected only; itself where that is everything."""
+        if self.where is None:
+            return observer
+        from dissect.select.sieve import Sieve
+
+        self.sieve = Sieve(observer, self.where)
+        return self.sieve
+
+    def begin(self, pipeline: Pipeline, files: Sequence[SourceFile], several: bool) -> None:
+        """Tell fields of a run that begins; packets of ``several`` files are numbered in each."""
+        if self._context is not None:
+            from dissect.report.words import Places
+
+            self._context.begin(pipeline, Places(files, several).number if several else None)
+
+    def run(
+        self,
+        observer: Observer,
+        sieved: bool = True,
+        several: bool = False,
+        make: Callable[[Sequence[Source], Observer, Options], Run] = Run,
+    ) -> Run:
+        """Return a run that tells ``observer`` of what is selected, or of everything if not ``sieved``.
+
+        ``several``: packets are named with their file, although there may be one alone. ``make`` makes the run.
+        """
+        run = make(self.paths, self.sieved(observer) if sieved else observer, self.options)
+        self.begin(run.pipeline, run.files, several or len(self.paths) > 1)
+        return run
+
+    def part(self, pipeline: Pipeline) -> Part | None:
+        """Return what the analysis of a selection is of, when ``pipeline`` has finished; None for everything."""
+        return self.sieve.part(pipeline) if self.sieve is not None else None
 
 
-def _run(paths: Sequence[Source], observer: Observer, sieve: Sieve | None, options: Options) -> Run:
-    """Return a run that tells ``observer`` of everything or, where ``sieve`` is given, of what the sieve lets pass."""
-    if sieve is None:
-        return Run(paths, observer, options)
-    run = Run(paths, sieve, options)
-    sieve.begin(run.pipeline, run.files, len(paths) > 1)
-    return run
-
-
-def prepared_run(
+def reading_of(
     paths: Sequence[Source],
-    observer: Observer,
     options: Options,
     where: str | Where | None = None,
     tags: Tags = None,
     tls_keys: KeyLogFiles = None,
-) -> Run:
-    """Return a run over files that tells ``observer`` of what ``where`` selects; the arguments are those of `open`."""
+) -> Reading:
+    """Return a `Reading`; the arguments are those of `open`, and complete ``options``."""
     options.tls_keys = keys_of(tls_keys)
     options.naming = naming_of(tags)
-    return _run(paths, observer, sieved(observer, where, options), options)
+    return Reading(paths, options, where)
 
 
 class KeyLogError(Error, ValueError):
@@ -399,7 +437,7 @@ def open(
     """
     queue = EventQueue(pdus)
     options = Options(slow_ns, decoder=decoder_of(scd, bind), checksums=checksums)
-    return _events(prepared_run([path, *more], queue, options, where, tags, tls_keys), queue)
+    return _events(reading_of([path, *more], options, where, tags, tls_keys).run(queue), queue)
 
 
 def _events(run: Run, queue: EventQueue) -> Iterator[Event]:
@@ -430,15 +468,12 @@ def analyze(
     Raises `CaptureError` when a file cannot be read at all; damage inside one is a finding.
     """
     analysis = Analysis()
-    options = Options(
-        slow_ns, decoder=decoder_of(scd, bind), checksums=checksums, tls_keys=keys_of(tls_keys), naming=naming_of(tags)
-    )
-    sieve = sieved(analysis, where, options)
-    run = _run([path, *more], analysis, sieve, options)
+    options = Options(slow_ns, decoder=decoder_of(scd, bind), checksums=checksums)
+    reading = reading_of([path, *more], options, where, tags, tls_keys)
+    run = reading.run(analysis)
     run.read()
     analysis.take(run.pipeline, run.files)
-    if sieve is not None:
-        analysis.part = sieve.part(run.pipeline)
+    analysis.part = reading.part(run.pipeline)
     return analysis
 
 
@@ -459,8 +494,8 @@ def devices(
     from dissect.inventory.collector import Inventory
 
     inventory = Inventory()
-    run = prepared_run([path, *more], inventory, Options(checksums=checksums), where, tags, tls_keys)
-    return _devices(run, inventory)
+    reading = reading_of([path, *more], Options(checksums=checksums), where, tags, tls_keys)
+    return _devices(reading.run(inventory), inventory)
 
 
 def _devices(run: Run, inventory: Inventory) -> Iterator[Device]:

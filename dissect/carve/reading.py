@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Final
 from dissect.engine.observer import Observer
 from dissect.engine.pipeline import Options
 from dissect.program.carved import CarvedBlock, carve
-from dissect.session import KeyLogFiles, Run, Tags, keys_of, naming_of, where_of
+from dissect.session import KeyLogFiles, Tags, reading_of
 from dissect.source.given import Source
 from dissect.transactions.operation import TRANSFERS, Operation
 
@@ -76,9 +76,7 @@ def blocks(
     data block. Raises `CaptureError` if a file cannot be read at all, `SelectError` for a wrong expression,
     `dissect.tags.TagError` for files of tags, and what `read_tls_keys` raises.
     """
-    options = Options(checksums=checksums, tls_keys=keys_of(tls_keys), naming=naming_of(tags))
-    chosen = where_of(where, options)
-    collector = Collector(chosen.predicate("operation") if chosen is not None else None)
-    run = Run([path, *more], collector, options)
-    run.read()
+    reading = reading_of([path, *more], Options(checksums=checksums), where, tags, tls_keys)
+    collector = Collector(reading.where.predicate("operation") if reading.where is not None else None)
+    reading.run(collector, sieved=False).read()
     return collector.ordered()

@@ -6,7 +6,7 @@ the engine, exit code, and what is said on stderr. `dissect.cli.options.reading`
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 import click
@@ -21,6 +21,7 @@ from dissect.cli.run import complain, complain_of, drive, places_of
 from dissect.cli.task import Task, current
 
 if TYPE_CHECKING:
+    from dissect import session
     from dissect.cli.rows import Rows, Total
     from dissect.engine.exchange import PayloadDecoder
     from dissect.engine.observer import Observer
@@ -28,7 +29,7 @@ if TYPE_CHECKING:
     from dissect.inventory.collector import Inventory
     from dissect.jobs.sums import FilePart
     from dissect.jobs.tasks import About, Done
-    from dissect.report.analysis import Analysis
+    from dissect.report.analysis import Analysis, Part
     from dissect.report.styled import Written
     from dissect.session import Run
     from dissect.source.packet import SourceFile
@@ -64,6 +65,7 @@ class Adder(Protocol[F]):
 class Reading:
     """Captures, what is read of them, and how: what the options of a command say.
 
+    ``separate`` is None for a command that reads all files as one capture, those of a folder as well.
     ``whole_only`` are values of options that do not go with files that stand for themselves, and what is said of them.
     Afterwards ``code`` is the exit code so far.
     """
@@ -79,7 +81,7 @@ class Reading:
         checksums: bool = False,
         slow_ns: int | None = None,
         fail_on: frozenset[str] = frozenset(),
-        separate: bool = False,
+        separate: bool | None = None,
         jobs: int = 1,
     ) -> None:
         self.files = files
@@ -95,13 +97,14 @@ class Reading:
         self.whole_only: list[tuple[Any, str]] = [(decoder, "SCD is decoded over all files")]
         self._asked_separate = separate
         self._run: Run | None = None
+        self._reading: session.Reading | None = None
         self._counts: Any = {}
         self._shown: Shown | None = None
 
     @property
     def separate(self) -> bool:
         """Whether each file stands for itself. Raises UsageError where other options do not go with that."""
-        return check_jobs(self._asked_separate, self.jobs)
+        return self._asked_separate is not None and check_jobs(self._asked_separate, self.jobs)
 
     @property
     def named(self) -> Sequence[str]:
@@ -128,6 +131,16 @@ class Reading:
             options.slow_ns = self.slow_ns
         return options
 
+    @property
+    def findings(self) -> Mapping[str, int] | None:
+        """The findings of a selection, by slug; None where nothing was held back."""
+        sieve = self._reading.sieve if self._reading is not None else None
+        return sieve.findings if sieve is not None else None
+
+    def part(self, run: Run) -> Part | None:
+        """Return what the analysis of a selection is of; None where it is of everything."""
+        return self._reading.part(run.pipeline) if self._reading is not None else None
+
     # ---- as one -----------------------------------------------------------------------------------------------------
 
     def prepared(self, observer: Observer, sieved: bool = True, make: Callable[..., Run] | None = None) -> Run:
@@ -135,12 +148,12 @@ class Reading:
 
         ``make`` makes it of files, observer and options.
         """
-        from dissect.session import Run
+        from dissect import session
 
         chosen = self.chosen
-        run = (make or Run)(self.files, chosen.sieve(observer) if sieved else observer, chosen.narrow(self.options()))
-        chosen.begin(run, self.named)
-        return run
+        context = chosen.context if chosen.columns else None
+        self._reading = session.Reading(self.files, self.options(), chosen.where, context)
+        return self._reading.run(observer, sieved, len(self.named) > 1, make or session.Run)
 
     def run(
         self,
@@ -170,7 +183,7 @@ class Reading:
 
     def check(self) -> None:
         """Raise UsageError for options on how to read that do not go together; else that is said when reading begins."""
-        check_jobs(self._asked_separate, self.jobs)
+        check_jobs(bool(self._asked_separate), self.jobs)
 
     def stand_alone(self) -> bool:
         """Return whether the files stand for themselves; then those that the index rules out are left out.
@@ -221,7 +234,7 @@ class Reading:
             found = nothing()
             run = self.prepared(found)
             read_file(run)
-            found.part = self.chosen.part(run)
+            found.part = self.part(run)
             of.found = part_of(found, run.pipeline, run.files)
 
         self.as_task(work)
@@ -230,7 +243,7 @@ class Reading:
         found = nothing()
         run = self.run(found)
         found.take(run.pipeline, run.files)
-        found.part = self.chosen.part(run)
+        found.part = self.part(run)
         return found
 
     def _summed(self, nothing: Callable[[], F], adder: Adder[F]) -> F:
@@ -263,7 +276,7 @@ class Reading:
         self._shown = shown = Shown(noun, len(rows.writer.lines))
         write = (lambda: shown.write(rows.take(run))) if rows.at_once else None
         self.code = drive(run, self.files, write, lambda: self.chosen.full)
-        total.add(counts_of(run.pipeline, self.chosen, rows.left()))
+        total.add(counts_of(run.pipeline, self.findings, rows.left()))
         return total
 
     def write(self, lines: list[Written], results: bool) -> None:
@@ -302,7 +315,7 @@ class Reading:
         """Return the exit code of the command; say on stderr why the gate of --fail-on failed."""
         if self._run is None:
             return gate_of(self._counts, self.fail_on, self.code)
-        return gate(self._run, self.fail_on, self.chosen.ended(self.code), self.chosen.findings)
+        return gate(self._run, self.fail_on, self.chosen.ended(self.code), self.findings)
 
     def ended(self) -> int:
         """Say all that and return the exit code, for a command with one result."""

@@ -151,7 +151,7 @@ def _read(
     run = reading.run(observer, begin)
     # A report of a part spans what was selected.
     gathered.take(run.pipeline, run.files, span_of(run.pipeline) if reading.chosen.where is None else None)
-    gathered.analysis.part = reading.chosen.part(run)
+    gathered.analysis.part = reading.part(run)
     if not reading.interrupted:
         reading.complain()
         reading.expect_possible()

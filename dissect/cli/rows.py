@@ -7,7 +7,6 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
 if TYPE_CHECKING:
-    from dissect.cli.options.select import Chosen
     from dissect.engine.observer import Observer
     from dissect.engine.pipeline import Pipeline
     from dissect.report.styled import Written
@@ -68,8 +67,13 @@ class Counts(NamedTuple):
     left: Left
 
 
-def counts_of(pipeline: Pipeline, chosen: Chosen, left: Left, began: tuple[int, int] = (0, 0)) -> Counts:
-    """Return what a run came to that ``began`` with these numbers of connections and transactions."""
+def counts_of(
+    pipeline: Pipeline, selected: Mapping[str, int] | None, left: Left, began: tuple[int, int] = (0, 0)
+) -> Counts:
+    """Return what a run came to that ``began`` with these numbers of connections and transactions.
+
+    Of a selection only the findings that are ``selected`` count.
+    """
     counted = dict(pipeline.finding_counts)
     return Counts(
         int(pipeline.connections.count) - began[0],
@@ -78,7 +82,7 @@ def counts_of(pipeline: Pipeline, chosen: Chosen, left: Left, began: tuple[int, 
         pipeline.frames,
         dict(pipeline.counters.packet_counts()),
         counted.get("capture.not_opened", 0),
-        dict(chosen.findings) if chosen.findings is not None else counted,
+        dict(selected) if selected is not None else counted,
         Left(dict(left.protocols), frozenset(left.seen), dict(left.doubts)),
     )
 

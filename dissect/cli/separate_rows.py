@@ -137,7 +137,7 @@ def rows_task(of: Task, reading: Reading, rows: Rows) -> None:
             marks=Marks() if spooler is None else spooler.marks,
             styled=spooler is not None and spooler.styled,
             joint=None if spooler is None else spooler.joint,
-            counts=counts_of(pipeline, reading.chosen, rows.left(), began),
+            counts=counts_of(pipeline, reading.findings, rows.left(), began),
         )
     except OverflowError as error:
         raise FileError(str(error)) from None

@@ -11,7 +11,7 @@ from dissect.export.extras import needed
 from dissect.export.feed import TableFeed
 from dissect.export.packed import PackedTables
 from dissect.export.tables import chosen_tables
-from dissect.session import KeyLogFiles, Tags, prepared_run
+from dissect.session import KeyLogFiles, Tags, reading_of
 from dissect.source.given import Source
 from dissect.wire.text import encodable
 
@@ -95,7 +95,7 @@ def frames(
     chosen = chosen_tables([tables] if isinstance(tables, str) else tables)
     sink = PackedTables(chosen)
     feed = TableFeed(chosen, sink)
-    run = prepared_run([path, *more], feed, Options(slow_ns, checksums=checksums), where, tags, tls_keys)
+    run = reading_of([path, *more], Options(slow_ns, checksums=checksums), where, tags, tls_keys).run(feed)
     feed.begin(run.files)
     run.read()
     feed.finish(run.pipeline, run.files)

@@ -19,7 +19,7 @@ from dissect.golden.writing import link_lines
 from dissect.ibh.tables import IBH_NETLINK
 from dissect.iso.tables import CC, DR, ER
 from dissect.iso.tpkt import HEADER
-from dissect.session import Run, sieved
+from dissect.session import Reading
 from dissect.source.packet import CaptureError
 from dissect.transactions.connection import Connection
 from dissect.transactions.ending import OPEN
@@ -279,11 +279,7 @@ def read_session(
             raise ValueError(f"{os.fspath(path)} is a golden: where selects of captures only")
         return load_golden(path)
     reader = SessionReader(os.fspath(path), messages)
-    options = Options(decoder=decoder)
-    sieve = sieved(reader, where, options)
-    run = Run([os.fspath(path), *[os.fspath(other) for other in more]], sieve or reader, options)
-    if sieve is not None:
-        sieve.begin(run.pipeline, run.files, bool(more))
+    run = Reading([os.fspath(one) for one in (path, *more)], Options(decoder=decoder), where).run(reader)
     while run.step() and reader.too_long is None:
         pass
     run.finish()

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Final, Self
 
 from dissect.engine.options import Options
 from dissect.live.run import Limits, LiveRun
-from dissect.session import Event, EventQueue, KeyLogFiles, Tags, decoder_of, keys_of, naming_of, sieved
+from dissect.session import Event, EventQueue, KeyLogFiles, Reading, Tags, decoder_of, keys_of, naming_of
 from dissect.source.live.opening import open_live
 from dissect.source.live.reader import Drops
 from dissect.wire.copies import refuse
@@ -163,10 +163,9 @@ def live(
         tls_keys=keys_of(tls_keys),
         naming=naming_of(tags),
     )
-    sieve = sieved(queue, where, options)
+    reading = Reading((), options, where)
     source = open_live(interface, filter, engine)
     limits = Limits(round(seconds * _SECOND), packets)
-    found = Live(source, queue, queue if sieve is None else sieve, options, limits)
-    if sieve is not None:
-        sieve.begin(found.run.pipeline, [], False)
+    found = Live(source, queue, reading.sieved(queue), options, limits)
+    reading.begin(found.run.pipeline, [], False)
     return found

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Final, Self, TypeAlias
 from dissect.engine.options import Options
 from dissect.engine.pipeline import Pipeline
 from dissect.proxy.packets import Conversation, endpoint_of
-from dissect.session import Event, EventQueue, KeyLogFiles, Tags, decoder_of, keys_of, naming_of, sieved
+from dissect.session import Event, EventQueue, KeyLogFiles, Reading, Tags, decoder_of, keys_of, naming_of
 from dissect.tcp.stream import Endpoint
 from dissect.wire.errors import Error
 
@@ -148,8 +148,7 @@ def stream(
     """
     queue = EventQueue(pdus)
     options = Options(slow_ns, decoder=decoder_of(scd, bind), tls_keys=keys_of(tls_keys), naming=naming_of(tags))
-    sieve = sieved(queue, where, options)
-    pipeline = Pipeline(queue if sieve is None else sieve, options)
-    if sieve is not None:
-        sieve.begin(pipeline, [], False)
+    reading = Reading((), options, where)
+    pipeline = Pipeline(reading.sieved(queue), options)
+    reading.begin(pipeline, [], False)
     return Stream(client, server, queue, pipeline, begun)

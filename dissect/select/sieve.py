@@ -7,7 +7,6 @@ connection that has a selected transaction, an operation that contains one, a fi
 from __future__ import annotations
 
 from collections import OrderedDict
-from collections.abc import Sequence
 from typing import Final
 
 from dissect.acts.act import Act
@@ -19,10 +18,8 @@ from dissect.findings.reporter import Finding
 from dissect.iso.upper import S7COMM, S7COMM_PLUS, SCD, UPPER_NAMES
 from dissect.report.analysis import Part
 from dissect.report.headers import irregular
-from dissect.report.words import Places
 from dissect.select.things import CONNECTION, FINDING, MESSAGE, OPERATION, TRANSACTION, Message
 from dissect.select.where import PLURALS, Where
-from dissect.source.packet import SourceFile
 from dissect.stations.facts import MAC, Fact
 from dissect.transactions.connection import Connection
 from dissect.transactions.operation import Operation
@@ -93,13 +90,6 @@ class Sieve(Observer):
         self._explained_bounds = Bounds()
         self._passing = False  # whether the latest transaction or operation was selected
         self._by_itself = {kind: where.knows(kind) for kind in PLURALS}
-
-    def begin(self, pipeline: Pipeline, files: Sequence[SourceFile], several: bool) -> None:
-        """Take the pipeline and files of a run that begins; with ``several`` files packets are numbered within their file."""
-        context = self._where.context
-        context.start = lambda: int(pipeline.first_ns)
-        if several:
-            context.number = Places(files, several).number
 
     def part(self, pipeline: Pipeline) -> Part:
         """Return the `Part` for an analysis: how much was selected and left out. Call it after ``pipeline`` has finished."""

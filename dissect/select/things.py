@@ -10,6 +10,7 @@ from collections.abc import Callable
 from functools import cached_property
 from typing import Final
 
+from dissect.engine.pipeline import Pipeline
 from dissect.findings.reporter import Finding
 from dissect.s7.message import Pdu, parse_pdu
 from dissect.s7plus.hiding import shown_half
@@ -48,6 +49,12 @@ class Context:
         self.reader = ItemReader()
         self._connections: dict[int, Connection] = {}
         self._over: OrderedDict[int, Connection] = OrderedDict()
+
+    def begin(self, pipeline: Pipeline, number: Callable[[int], int] | None = None) -> None:
+        """Take the pipeline of a run that begins; ``number`` is for several files, whose packets are numbered in each."""
+        self.start = lambda: int(pipeline.first_ns)
+        if number is not None:
+            self.number = number
 
     def opened(self, connection: Connection) -> None:
         """Remember a connection by its number."""

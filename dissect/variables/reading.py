@@ -8,7 +8,7 @@ from datetime import timedelta
 from typing import TYPE_CHECKING, Any, Final
 
 from dissect.engine.pipeline import Options
-from dissect.session import KeyLogFiles, Run, Tags, decoder_of, keys_of, naming_of, where_of
+from dissect.session import KeyLogFiles, Run, Tags, decoder_of, reading_of
 from dissect.source.given import Source
 from dissect.tcp.link import within
 from dissect.variables.collector import Collector
@@ -55,22 +55,18 @@ def values(
         every_ns = round(every / timedelta(microseconds=1)) * 1000
         if every_ns <= 0:
             raise ValueError(f"every: expected a time above 0, got {every}")
-    naming = naming_of(tags)
     decoder = decoder_of(scd, bind)
-    options = Options(decoder=decoder, checksums=checksums, tls_keys=keys_of(tls_keys), naming=naming)
+    options = Options(decoder=decoder, checksums=checksums)
+    reading = reading_of([path, *more], options, where, tags, tls_keys)
     wanted = None
     names = [of] if isinstance(of, str) else list(of)
     if names:
         from dissect.variables.choosing import Known, choose, scd_names
 
-        wanted = choose(names, Known(naming, scd_names(decoder), of_command=False))
-    chosen = where_of(where, options)
-    wants = chosen.predicate("transaction") if chosen else None
+        wanted = choose(names, Known(options.naming, scd_names(decoder), of_command=False))
+    wants = reading.where.predicate("transaction") if reading.where is not None else None
     collector = Collector(wanted, changes, every_ns, False, wants, likely=likely, refusals=refusals)
-    run = Run([path, *more], collector, options)
-    if chosen is not None:
-        chosen.context.start = lambda: int(run.pipeline.first_ns)
-    return _rows(run, collector)
+    return _rows(reading.run(collector, sieved=False), collector)
 
 
 def _rows(run: Run, collector: Collector) -> Iterator[ValueRow]:

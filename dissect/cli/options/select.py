@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import functools
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import click
@@ -20,18 +20,13 @@ from dissect.cli.task import current
 if TYPE_CHECKING:
     from click.shell_completion import CompletionItem
 
-    from dissect.engine.observer import Observer
-    from dissect.engine.pipeline import Options
     from dissect.live.selected import SelectedEvents
     from dissect.live.session import Session
     from dissect.recording.window import Window
-    from dissect.report.analysis import Part
     from dissect.report.formats import Format
     from dissect.report.writer import MessageChoice, Writer
     from dissect.select import Where
-    from dissect.select.sieve import Sieve
     from dissect.select.things import Context
-    from dissect.session import Run
     from dissect.wire.text import Clock
 
     _ParamType = click.ParamType[str]
@@ -68,7 +63,6 @@ class Chosen:
         self.most = most
         self.columns = tuple(columns)
         self.taken = 0
-        self._sieve: Sieve | None = None
         self._context: Context | None = where.context if where is not None else None
 
     @property
@@ -85,43 +79,9 @@ class Chosen:
         """True when as many results were taken as are wanted."""
         return bool(self.most) and self.taken >= self.most
 
-    def narrow(self, options: Options) -> Options:
-        """Return the options of a run that does not read connections of which nothing can be selected."""
-        if self.where is not None and self.where.narrows:
-            options.only = self.where.may_hold
-        return options
-
-    def begin(self, run: Run, files: Sequence[str]) -> None:
-        """Tell the fields when ``run`` over ``files`` begins and how its packets are numbered."""
-        if self.where is None and not self.columns:
-            return
-        from dissect.cli.run import places_of
-
-        self.context.start = lambda: int(run.pipeline.first_ns)
-        if len(files) > 1:
-            self.context.number = places_of(run, files).number
-
-    def sieve(self, observer: Observer) -> Observer:
-        """Return what tells ``observer`` of what is selected only, or itself where all is."""
-        if self.where is None:
-            return observer
-        from dissect.select.sieve import Sieve
-
-        self._sieve = Sieve(observer, self.where)
-        return self._sieve
-
-    @property
-    def findings(self) -> Mapping[str, int] | None:
-        """The findings that were let through, by slug; None where nothing was held back."""
-        return self._sieve.findings if self._sieve is not None else None
-
     def ended(self, code: int) -> int:
         """Return the exit code of a command that would end with ``code``: a number that nothing has is wrong use."""
         return EXIT_USAGE if self.wrong and code == EXIT_OK else code
-
-    def part(self, run: Run) -> Part | None:
-        """Return what the analysis of a selection is of; None where it is of everything."""
-        return self._sieve.part(run.pipeline) if self._sieve is not None else None
 
     def choice(self, kind: str, also: Callable[[Any], bool] | None = None) -> Callable[[Any], bool] | None:
         """Return what tells whether a thing of a kind is wanted, by these options and ``also``; None when all are."""
