@@ -43,7 +43,7 @@ from dissect.wire.text import encodable
 
 #: Groups of columns: `BEGIN` and `ROUTE` are shared by the items of a transaction, and those of `ROUTE` repeat; then the
 #: columns of the request item, and those of the return code.
-BEGIN: Final = ("transaction", "ts_ns")
+BEGIN: Final = ("transaction", "ts_ns", "request_frame", "response_frame")
 ROUTE: Final = ("connection", "server_host", "client_host", "operation", "certainty")
 ASKED: Final = ("area", "db", "byte", "bit", "address", "type", "count")
 CODE: Final = ("return_code", "return_name", "refused")
@@ -191,7 +191,9 @@ class ItemColumns:
         self.routes_at.append(self._route(transaction))
         asked: bool = transaction.request_frame != 0
         time_ns = transaction.request_ns if asked else transaction.response_ns
-        self.begins.append((int(transaction.number), int(time_ns)))
+        files = self._rows.files
+        told = files.number(transaction.response_frame)
+        self.begins.append((int(transaction.number), int(time_ns), files.number(transaction.request_frame), told))
         self.ends.append(len(self.data) + count)
         self.numbers.extend(_NUMBERS[count] if count < len(_NUMBERS) else array("q", range(1, count + 1)))
 

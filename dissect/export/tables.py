@@ -18,6 +18,9 @@ from dissect.facts.device import DEVICE
 from dissect.facts.fact import Fact
 from dissect.facts.finding import FINDING
 from dissect.facts.operation import ACT, OPERATION
+from dissect.facts.pdu import PDU
+from dissect.facts.transaction import ITEM, TRANSACTION
+from dissect.facts.value import VALUE
 from dissect.wire.errors import Error
 
 # Types of columns. Each form of export maps them to types of its format (docs/tables.md).
@@ -34,7 +37,7 @@ TYPES: Final = (INT, REAL, BOOL, TEXT, WORD, BYTES, TIME, INTS, WORDS)
 
 
 class Column(NamedTuple):
-    """A column: ``source`` is its fact, or says where its values come from; ``of`` is the column that it is derived from."""
+    """A column: ``source`` is its fact; ``of`` is the column that it is derived from."""
 
     name: str
     type: str
@@ -47,7 +50,7 @@ class Column(NamedTuple):
 class Table(NamedTuple):
     """A table: a row for each ``about``, in the order of completion; ``time`` is the column with the time of a row.
 
-    ``facts`` are those that its columns and the values of a row are made of; empty where columns are written one by one.
+    ``facts`` are those that its columns and the values of a row are made of.
     """
 
     name: str
@@ -95,11 +98,18 @@ _TYPES: Final[Mapping[str, str]] = {
     kinds.FRAME: INT,
     kinds.FRAMES: INTS,
     kinds.FILE: WORD,
+    kinds.INSTANT: INT,
+    kinds.REAL: REAL,
+    kinds.BYTES: BYTES,
     kinds.COUNTS: INTS,
     kinds.WORDS: WORDS,
 }
 #: What the numbers of packets count.
-_UNITS: Final[Mapping[str, str]] = {kinds.FRAME: "packet of its file", kinds.FRAMES: "packets of their files"}
+_UNITS: Final[Mapping[str, str]] = {
+    kinds.FRAME: "packet of its file",
+    kinds.FRAMES: "packets of their files",
+    kinds.INSTANT: "ns since 1970, UTC",
+}
 
 
 def _of_facts(name: str, about: str, facts: Mapping[str, Fact[Any]], order: tuple[str, ...]) -> Table:
@@ -119,15 +129,6 @@ def _columns(fact: Fact[Any]) -> tuple[Column, ...]:
     return (Column(fact.column, _TYPES[fact.kind], fact.unit or _UNITS.get(fact.kind, ""), fact.about, fact.name),)
 
 
-_FILE: Final = Column("file", WORD, "", "capture file of the (first) packet", "SourceFile.name")
-_CONNECTION: Final = Column("connection", INT, "", "number of the connection, as analyze lists it", "Connection.number")
-_ENDS: Final = (
-    Column("client_host", WORD, "", "address of the client of the connection", "Connection.client"),
-    Column("client_port", INT, "", "its TCP or UDP port", "Connection.client"),
-    Column("server_host", WORD, "", "address of the server, usually the PLC", "Connection.server"),
-    Column("server_port", INT, "", "its TCP or UDP port", "Connection.server"),
-)
-
 CONNECTIONS: Final = _of_facts(
     "connections",
     "transport connection, when it is over or the capture ends",
@@ -140,96 +141,38 @@ CONNECTIONS: Final = _of_facts(
     ),
 )  # fmt: skip
 
-TRANSACTIONS: Final = Table(
+TRANSACTIONS: Final = _of_facts(
     "transactions",
     "request with its response, response without request, or message sent unasked",
+    TRANSACTION,
     (
-        Column("transaction", INT, "", "number of the transaction in the run", "Transaction.number"),
-        _CONNECTION,
-        _FILE,
-        Column("request_frame", INT, "packet of its file", "packet that completed the request", "Transaction.request_frame"),
-        Column("response_frame", INT, "packet of its file", "packet that completed the response", "Transaction.response_frame"),
-        Column("response_file", WORD, "", "capture file of the response", "SourceFile.name"),
-        *_time("ts", "time of the request, or of the response where there is no request", "Transaction.request_ns"),
-        Column("response_ns", INT, "ns since 1970, UTC", "time of the response", "Transaction.response_ns"),
-        Column("latency_ns", INT, "ns", "response time, null unless a pair is sure", "Transaction.latency_ns"),
-        *_ENDS,
-        Column("from_client", BOOL, "", "the client asked, or an unasked message went to it", "Transaction.asked_by"),
-        Column("protocol", WORD, "", "s7comm, s7comm-plus or scd", "Transaction.rosctr"),
-        Column("rosctr", WORD, "", "kind of the S7 PDU: Job, Userdata …", "Transaction.rosctr"),
-        Column("pdu_ref", INT, "", "number that pairs request and response", "Facet.reference"),
-        Column("function", INT, "", "function code", "Transaction.function"),
-        Column("function_name", WORD, "", "its name; of userdata group and subfunction", "Transaction.function_name"),
-        Column("userdata_group", INT, "", "function group of userdata", "UserdataHead.group"),
-        Column("subfunction", INT, "", "subfunction of userdata", "UserdataHead.subfunction"),
-        Column("about", TEXT, "", "what a request without items is about, for example the SZL", "Facet.subject_whole"),
-        Column("outcome", WORD, "", "its outcome, such as answered or unanswered (docs/json.md)", "Transaction.outcome"),
-        Column("reason", WORD, "", "why there is no answer; hole, one_sided: it was not captured", "Transaction.reason"),
-        Column("certainty", WORD, "", "sure or likely: of a pair, push or answer not captured", "Transaction.certainty"),
-        Column("doubt", WORD, "", "why a pair or push is only likely: gaps, or alike (docs/json.md)", "Transaction.doubt"),
-        Column("failed", BOOL, "", "refused in whole or in part, or without the answer that was due", "Transaction.failed"),
-        Column("error_code", INT, "", "error of header or parameter, 0 for none", "Transaction.error_code"),
-        Column("errors", WORDS, "", "every error: place, name", "Transaction.errors"),
-        Column("item_count", INT, "", "items of it in the table items", "Transaction.items"),
-        Column("request_bytes", INT, "bytes", "size of the request PDU", "Transaction.request_size"),
-        Column("response_bytes", INT, "bytes", "size of the response PDU", "Transaction.response_size"),
+        "number", "connection", "file", "request_frame", "response_frame", "response_file", "begin_time", "response_ns",
+        "latency_ns", "client", "server", "from_client", "protocol_name", "rosctr_name", "pdu_ref", "function_code",
+        "function_name", "userdata_group", "subfunction", "about", "outcome", "reason", "certainty_said", "doubt_said",
+        "failed", "error_code", "error_names", "item_count", "request_bytes", "response_bytes",
     ),
-)
+)  # fmt: skip
 
-ITEMS: Final = Table(
+ITEMS: Final = _of_facts(
     "items",
     "item of a read, write, subscription or test function, with what became of it",
+    ITEM,
     (
-        Column("transaction", INT, "", "number of the transaction", "Transaction.number"),
-        Column("item", INT, "", "number of the item, from 1", "Transaction.items"),
-        _CONNECTION,
-        *_time("ts", "time of the request, or of the message sent unasked", "Transaction.request_ns"),
-        Column("server_host", WORD, "", "address of the server, usually the PLC", "Connection.server"),
-        Column("client_host", WORD, "", "address of the client", "Connection.client"),
-        Column("operation", WORD, "", "read, write, or notify for what is sent unasked", "Transaction.function"),
-        Column("certainty", WORD, "", "that of the transaction: sure or likely", "Transaction.certainty"),
-        Column("name", WORD, "", "tags in the item, with --tags, or the variable's name", "Naming.named"),
-        Column("area", WORD, "", "area: DB, M, I, Q …", "Item.area"),
-        Column("db", INT, "", "number of the data block", "Item.db"),
-        Column("byte", INT, "", "byte address; of timers and counters their number", "Item.start_bit"),
-        Column("bit", INT, "", "bit within the byte", "Item.start_bit"),
-        Column("address", WORD, "", "address as people write it, DB10.DBW4", "Item.address"),
-        Column("type", WORD, "", "transport size of the request", "Item.transport_size"),
-        Column("count", INT, "", "elements", "Item.count"),
-        Column("return_code", INT, "", "return code, null without an answer", "ItemResult.return_code"),
-        Column("return_name", WORD, "", "its name", "dissect.s7.tables.RETURN_CODES"),
-        Column("refused", BOOL, "", "the answer refuses this item, or the whole request", "ItemResult.refused"),
-        Column("number", REAL, "", "value: a number or truth value; of a single tag in its unit", "ItemResult.value"),
-        Column("text", TEXT, "", "value where it is text, several numbers as JSON, an integer beyond 2^53", "ItemResult.value"),
-        Column("spelled", TEXT, "", "text that several bytes seem to spell, a guess", "dissect.s7.values.spelled"),
-        Column("data", BYTES, "", "the bytes read or written", "ItemResult.data"),
+        "transaction", "item", "connection", "request_frame", "response_frame", "begin_time", "server_host", "client_host",
+        "operation", "certainty", "name", "area_name", "db_number", "byte", "bit", "label", "type_name", "count",
+        "return_code", "return_name", "refused", "number_value", "text_value", "spelled", "data",
     ),
-)
+)  # fmt: skip
 
-VALUES: Final = Table(
+VALUES: Final = _of_facts(
     "values",
     "value of a variable that was read, written or pushed, tag by tag where tags are given, without what is only likely",
+    VALUE,
     (
-        _CONNECTION,
-        _FILE,
-        Column("frame", INT, "packet of its file", "packet with the value", "ValueRow.frame"),
-        *_time("ts", "time of that packet", "ValueRow.time_ns"),
-        Column("client_host", WORD, "", "address of who read, wrote or subscribed", "ValueRow.client"),
-        Column("server_host", WORD, "", "address of the PLC that holds the variable", "Variable.plc"),
-        Column("operation", WORD, "", "read, write, push, modify, force, notification or pdo", "ValueRow.how"),
-        Column("written", BOOL, "", "the client gave the value", "ValueRow.writes"),
-        Column("address", WORD, "", "where the variable begins", "Variable.address"),
-        Column("name", WORD, "", "tag, or the name that the program gives it", "Variable.tag"),
-        Column("type", WORD, "", "type of the variable", "Variable.type"),
-        Column("unit", WORD, "", "unit of the value", "Variable.unit"),
-        Column("number", REAL, "unit", "value: a number or truth value", "ValueRow.value"),
-        Column("text", TEXT, "", "value where it is text, several numbers as JSON, an integer beyond 2^53", "ValueRow.value"),
-        Column("data", BYTES, "", "its bytes", "ValueRow.data"),
-        Column("changed", BOOL, "", "different from the one before, whoever gave that; null for the first", "ValueRow.changed"),
-        Column("previous_number", REAL, "unit", "the one before it: a number or truth value", "ValueRow.previous"),
-        Column("remark", TEXT, "", "what is odd about it", "ValueRow.remark"),
+        "connection", "file", "frame", "time", "client", "server_host", "how", "written", "address", "tag", "type", "unit",
+        "number", "text_value", "octets", "changed", "previous_number", "odd",
     ),
-)
+)  # fmt: skip
 
 OPERATIONS: Final = _of_facts(
     "operations",
@@ -284,31 +227,16 @@ DEVICES: Final = _of_facts(
     ),
 )  # fmt: skip
 
-PDUS: Final = Table(
+PDUS: Final = _of_facts(
     "pdus",
     "message of S7comm, S7comm-plus or SCD, paired or not",
+    PDU,
     (
-        Column("pdu", INT, "", "number of the message in the run", "order of completion"),
-        _CONNECTION,
-        _FILE,
-        Column("frame", INT, "packet of its file", "packet that completed it", "Observer.pdu"),
-        *_time("ts", "time of that packet", "Observer.pdu"),
-        *_ENDS,
-        Column("from_client", BOOL, "", "the client sent it", "Side.index"),
-        Column("protocol", WORD, "", "s7comm, s7comm-plus or scd", "Observer.pdu"),
-        Column("kind", WORD, "", "ROSCTR (Job, Ack_Data …); S7comm-plus: request, response …", "Pdu.rosctr"),
-        Column("pdu_ref", INT, "", "number that pairs request and response", "Pdu.pdu_ref"),
-        Column("function", INT, "", "function code", "Parameters.function"),
-        Column("function_name", WORD, "", "its name; of userdata group and subfunction", "Parameters.function_name"),
-        Column("userdata_group", INT, "", "function group of userdata", "UserdataHead.group"),
-        Column("subfunction", INT, "", "subfunction of userdata", "UserdataHead.subfunction"),
-        Column("error_code", INT, "", "error of header or parameter", "Pdu.header"),
-        Column("item_count", INT, "", "items that its parameters announce", "Parameters.item_count"),
-        Column("bytes", INT, "bytes", "size of the message", "Observer.pdu"),
-        Column("cut", BOOL, "", "the capture cut it short", "Observer.pdu"),
-        Column("malformed", WORDS, "", "what is malformed in it", "Pdu.malformed"),
+        "pdu", "connection", "file", "frame", "time", "client", "server", "from_client", "protocol_name", "kind", "pdu_ref",
+        "function_code", "function_name", "userdata_group", "subfunction", "error", "announced", "size", "cut",
+        "malformations",
     ),
-)
+)  # fmt: skip
 
 #: Every table by its name, in the order in which they are listed.
 TABLES: Final[dict[str, Table]] = {

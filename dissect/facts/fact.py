@@ -27,6 +27,9 @@ FRAME: Final = "frame"  # a packet, by its number in the run; 0 for none
 FRAMES: Final = "frames"  # several: list[int]
 FILE: Final = "file"  # the file of a packet: as FRAME
 TIME: Final = "time"  # nanoseconds since 1970, UTC: int
+INSTANT: Final = "instant"  # the same, which tables have as an integer alone
+REAL: Final = "real"  # int or float
+BYTES: Final = "bytes"  # bytes, in JSON as hexadecimal
 COUNTS: Final = "counts"  # list[int]
 WORDS: Final = "words"  # list[str]
 OBJECT: Final = "object"  # what has `as_dict`: for JSON alone
@@ -34,7 +37,7 @@ JSON: Final = "json"  # what JSON writes as it is: for JSON alone
 RECORDS: Final = "records"  # a list of records of the table `Fact.records`, or such lists by names: for JSON alone
 KINDS: Final = (
     COUNT, SERIAL, DURATION, FLAG, TEXT, WORD, CODE, END, TSAP, FRAME, FRAMES, FILE, TIME, COUNTS, WORDS, OBJECT, JSON,
-    RECORDS,
+    RECORDS, INSTANT, REAL, BYTES,
 )  # fmt: skip
 
 
@@ -50,27 +53,15 @@ class Located(Protocol):
 class Fact(Generic[Record]):
     """A fact: ``about`` says in a sentence what it is, ``get`` returns its value.
 
-    ``get`` is None for an object that has a writer of its own. ``key`` is its key in JSON (its name unless given, empty for
-    none), ``column`` its name in tables. ``null``: it may have no value. ``rare``: its key is there only where there is
-    something to tell. ``least`` is the smallest number, ``codes`` are all values of a code, ``shape`` is the JSON Schema where
-    its kind does not say it all, ``records`` the table of the records in it.
+    ``get`` is None for what is told by a writer of its own. ``key`` is its key in JSON (its name unless given, empty for none),
+    ``column`` its name in tables. ``null``: it may have no value. ``rare``: its key is there only where there is something to
+    tell. ``least`` and ``most`` are the smallest and the greatest number, ``codes`` are all values of a code, ``shape`` is the
+    JSON Schema where its kind does not say it all, ``records`` the table of the records in it.
     """
 
     __slots__ = (
-        "about",
-        "codes",
-        "column",
-        "get",
-        "key",
-        "kind",
-        "least",
-        "name",
-        "null",
-        "rare",
-        "records",
-        "shape",
-        "unit",
-    )
+        "about", "codes", "column", "get", "key", "kind", "least", "most", "name", "null", "rare", "records", "shape", "unit",
+    )  # fmt: skip
 
     def __init__(
         self,
@@ -85,6 +76,7 @@ class Fact(Generic[Record]):
         null: bool = False,
         rare: bool = False,
         least: int = 0,
+        most: int | None = None,
         codes: tuple[str, ...] = (),
         shape: Mapping[str, Any] | None = None,
         records: Mapping[str, Fact[Any]] | None = None,
@@ -99,6 +91,7 @@ class Fact(Generic[Record]):
         self.null = null
         self.rare = rare
         self.least = least
+        self.most = most
         self.codes = codes
         self.shape = shape
         self.records = records

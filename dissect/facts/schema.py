@@ -13,6 +13,7 @@ from dissect.facts.connection import CONNECTION
 from dissect.facts.counted import OCCURRENCES
 from dissect.facts.device import DEVICE, STRETCH, TALK
 from dissect.facts.fact import (
+    BYTES,
     CODE,
     COUNT,
     COUNTS,
@@ -21,6 +22,7 @@ from dissect.facts.fact import (
     FLAG,
     FRAME,
     FRAMES,
+    REAL,
     SERIAL,
     TEXT,
     TIME,
@@ -31,6 +33,9 @@ from dissect.facts.fact import (
 )
 from dissect.facts.finding import FINDING
 from dissect.facts.operation import OPERATION
+from dissect.facts.pdu import PDU
+from dissect.facts.transaction import TRANSACTION
+from dissect.facts.value import VALUE
 from dissect.facts.written import files_of
 
 MADE: Final = "$made"
@@ -43,6 +48,9 @@ TABLES: Final[Mapping[str, Mapping[str, Fact[Any]]]] = {
     "device": DEVICE,
     "stretch": STRETCH,
     "talk": TALK,
+    "transaction": TRANSACTION,
+    "value": VALUE,
+    "pdu": PDU,
 }
 
 _TIME: Final = {"$ref": "urn:s7dissect:schema:transaction:1#/$defs/time"}
@@ -60,6 +68,8 @@ _SHAPES: Final[Mapping[str, Mapping[str, Any]]] = {
     SERIAL: {"type": "integer", "minimum": 1},
     DURATION: {"type": "integer"},
     WORDS: {"type": "array", "items": {"type": "string"}},
+    REAL: {"type": "number"},
+    BYTES: {"type": "string", "pattern": "^([0-9a-f]{2})*$"},
 }
 
 
@@ -115,6 +125,8 @@ def _shape(fact: Fact[Any]) -> dict[str, Any]:
     if fact.kind == CODE:
         return {"enum": [*fact.codes, None] if fact.null else list(fact.codes)}
     number: dict[str, Any] = {"type": "integer", "minimum": fact.least}
+    if fact.most is not None:
+        number["maximum"] = fact.most
     numbers: dict[str, dict[str, Any]] = {COUNT: number, COUNTS: {"type": "array", "items": number}}
     shape = numbers.get(fact.kind) or dict(_SHAPES[fact.kind])
     return _or_null(shape, fact.null)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Any, Final
 
-from dissect.facts.fact import END, FILE, FRAME, FRAMES, OBJECT, RECORDS, TEXT, TIME, TSAP, Fact, Located, Record
+from dissect.facts.fact import BYTES, END, FILE, FRAME, FRAMES, OBJECT, RECORDS, TEXT, TIME, TSAP, Fact, Located, Record
 from dissect.wire.text import Clock, encodable
 
 
@@ -14,7 +14,13 @@ def _as_dict(value: Any) -> object:
 
 
 #: By kind: how a value is written. A value of any other kind is JSON already.
-_WRITTEN: Final[Mapping[str, Callable[[Any], object]]] = {END: str, TSAP: _as_dict, OBJECT: _as_dict, TEXT: encodable}
+_WRITTEN: Final[Mapping[str, Callable[[Any], object]]] = {
+    END: str,
+    TSAP: _as_dict,
+    OBJECT: _as_dict,
+    TEXT: encodable,
+    BYTES: bytes.hex,
+}
 
 
 _NOTHING: Final[Mapping[str, Any]] = {}
