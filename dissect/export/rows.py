@@ -6,11 +6,12 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, Final
 
 from dissect.acts.act import Act
-from dissect.export.tables import ACTS, CONNECTIONS, DEVICES, FINDING_COUNTS, FINDINGS, OPERATIONS, Table
+from dissect.export.tables import ACTS, CONNECTIONS, DEVICES, FINDING_COUNTS, FINDINGS, ITEMS, OPERATIONS, Table
 from dissect.export.transaction_rows import Row, TransactionRows
 from dissect.export.value_columns import shown
 from dissect.facts import fact as kinds
 from dissect.facts.counted import counted
+from dissect.facts.transaction import ITEM
 from dissect.findings.ledger import Ledger
 from dissect.findings.reporter import Finding
 from dissect.inventory.model import Device
@@ -116,29 +117,18 @@ class Rows:
         return self._row(DEVICES, device)
 
 
+#: The facts of an item of another protocol, in the order in which `ItemColumns` takes them.
+_OTHER: Final = [
+    fact.get
+    for fact in ITEMS.facts[ITEMS.facts.index(ITEM["name"]) : ITEMS.facts.index(ITEM["number_value"])]
+    if fact.get is not None
+]
+
+
 def _facts(facts: ItemFacts) -> Row:
     """Return the columns of an item of another protocol, from its name on."""
-    place, code = facts.place, facts.return_code
-    value, text = shown(_value(facts))
-    start = place.start if place is not None and place.area >= 0 else None
-    number = code.number if code is not None else None
-    return (
-        facts.name,
-        facts.area.names[0] if facts.area is not None else None,
-        facts.db,
-        start >> 3 if start is not None else None,
-        start & 7 if start is not None else None,
-        encodable(place.text) if place is not None else None,
-        facts.type.names[0] if facts.type is not None else None,
-        facts.count,
-        number,
-        code.names[0] if code is not None else None,
-        code is not None and number not in {0, 0xFF},
-        value,
-        text,
-        facts.data,
-        facts.source.number if isinstance(facts.source, PlusItem) else None,
-    )
+    number = facts.source.number if isinstance(facts.source, PlusItem) else None
+    return (*[get(facts) for get in _OTHER], *shown(_value(facts)), facts.data, number)
 
 
 def _value(facts: ItemFacts) -> object:

@@ -22,7 +22,7 @@ from dissect.facts.fact import (
     Fact,
     by_name,
 )
-from dissect.transactions.operation import KINDS, RESULTS, Operation
+from dissect.transactions.operation import KINDS, NO_FAILURES, RESULTS, Operation
 from dissect.wire.text import encodable
 
 
@@ -91,6 +91,7 @@ _ROWS: Final[tuple[Fact[Operation], ...]] = (
     Fact("error_name", WORD, "Its name.", lambda of: of.error.name if of.error is not None else None, key="", null=True),
     Fact("likely_count", COUNT, "Requests and answers of it that are only likely a pair.", lambda of: int(of.likely), key="",
          column="likely"),
+    Fact("failed", FLAG, "Something was refused, or its end is missing.", lambda of: of.result not in NO_FAILURES, key=""),
     Fact("odd", WORDS, "What contradicts itself in it.", lambda of: [odd.detail for odd in of.oddities], key="",
          column="oddities"),
 )  # fmt: skip

@@ -91,7 +91,7 @@ _ROWS: Final[tuple[Fact[Any], ...]] = (
     Fact("server", END, "The server, usually the PLC.", None, key=""),
     Fact("from_client", FLAG, "The client sent it.", None, key=""),
     Fact("protocol_name", WORD, "The protocol: s7comm, s7comm_plus or scd.", None, key="", column="protocol"),
-    Fact("kind", WORD, "ROSCTR (Job, Ack_Data …); S7comm-plus: request, response …", None, key=""),
+    Fact("kind", WORD, "ROSCTR, such as Job or Ack_Data; of S7comm-plus request, response or notification.", None, key=""),
     Fact("function_code", COUNT, "Function code.", None, key="", column="function"),
     Fact("function_name", WORD, "Its name; of userdata group and subfunction.", None, key=""),
     Fact("userdata_group", COUNT, "Function group of userdata.", None, key=""),

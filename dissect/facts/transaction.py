@@ -26,7 +26,7 @@ from dissect.facts.fact import (
     by_name,
 )
 from dissect.iso.upper import S7COMM, S7COMM_PLUS, SCD, UPPER_NAMES
-from dissect.s7.tables import JOB, ROSCTR, SUCCESS, USERDATA
+from dissect.s7.tables import JOB, NUMBERED_AREAS, ROSCTR, SUCCESS, USERDATA
 from dissect.transactions.transaction import CERTAINTIES, DOUBT_TEXTS, LIKELY, OUTCOMES, REASON_TEXTS, Transaction
 from dissect.wire.text import encodable
 
@@ -48,8 +48,14 @@ def _errors(of: Transaction) -> list[str]:
     return [encodable(f"{f'{one.where} {one.address}' if one.address else one.where}: {one.name}") for one in of.errors]
 
 
-def _placed(of: Any) -> bool:
-    return of.place is not None and of.place.area >= 0
+def _at(of: Any, bit: bool) -> int | None:
+    """Return the byte at which an item begins, or the bit in it; timers and counters have a number and no bits."""
+    place = of.place
+    if place is None or place.area < 0:
+        return None
+    if place.area in NUMBERED_AREAS:
+        return None if bit else int(place.start)
+    return int(place.start & 7 if bit else place.start >> 3)
 
 
 _ITEM: Final[tuple[Fact[Any], ...]] = (
@@ -102,17 +108,17 @@ _ITEM: Final[tuple[Fact[Any], ...]] = (
     Fact("operation", WORD, "read, write, or notify for what is sent unasked.", None, key=""),
     Fact("certainty", WORD, "That of the transaction: sure or likely.", None, key=""),
     Fact("name", WORD, "Tags in the item, with --tags, or the variable's name.", lambda of: of.name, key=""),
-    Fact("area_name", WORD, "Area: DB, M, I, Q …",
+    Fact("area_name", WORD, "Area, such as DB, M, I or Q.",
          lambda of: of.area.names[0] if of.area is not None else None, key="", column="area"),
     Fact("db_number", COUNT, "Number of the data block.", lambda of: of.db, key="", column="db"),
     Fact("byte", COUNT, "Byte address; of timers and counters their number.",
-         lambda of: of.place.start >> 3 if _placed(of) else None, key=""),
-    Fact("bit", COUNT, "Bit within the byte.", lambda of: of.place.start & 7 if _placed(of) else None, key=""),
-    Fact("label", WORD, "Address as people write it, DB10.DBW4.",
+         lambda of: _at(of, False), key=""),
+    Fact("bit", COUNT, "Bit within the byte.", lambda of: _at(of, True), key=""),
+    Fact("label", WORD, "Address as people write it, DB10.DBW4; `overlaps` compares bits.",
          lambda of: encodable(of.place.text) if of.place is not None else None, key="", column="address"),
     Fact("type_name", WORD, "Requested type, the transport size.",
          lambda of: of.type.names[0] if of.type is not None else None, key="", column="type"),
-    Fact("return_name", WORD, "Name of the return code.",
+    Fact("return_name", WORD, "Its return code, by name.",
          lambda of: of.return_code.names[0] if of.return_code is not None else None, key=""),
     Fact("refused", FLAG, "The answer refuses this item, or the whole request.",
          lambda of: of.return_code is not None and of.return_code.number not in {0, SUCCESS}, key=""),
@@ -152,8 +158,8 @@ _ROWS: Final[tuple[Fact[Transaction], ...]] = (
          lambda of: int(of.request_ns) if of.request_frame else None, null=True),
     Fact("response_time", TIME, "Time of `response_frame`; only where there is no request, or the pair is only likely and has"
          " no `latency_ns`. Elsewhere it is `request_time` plus `latency_ns`.", _response_time, rare=True),
-    Fact("latency_ns", DURATION, "Nanoseconds from `request_frame` to `response_frame`, null unless both were captured and"
-         " surely belong together (`certainty`). Negative when the capture shows the answer first, by order or by time: a"
+    Fact("latency_ns", DURATION, "Time from `request_frame` to `response_frame`, in nanoseconds; null unless both were captured"
+         " and surely belong together (`certainty`). Negative when the capture shows the answer first, by order or by time: a"
          " finding `transaction.reordered` or `capture.time_backwards` says so.",
          lambda of: of.latency_ns, unit="ns", null=True),
     Fact("outcome", CODE, "Its outcome. `behind_malformed`: a request, an answer or a push behind a TPDU header that cannot"
@@ -204,7 +210,7 @@ _ROWS: Final[tuple[Fact[Transaction], ...]] = (
          lambda of: of.asked_by == of.connection.client_side, key=""),
     Fact("protocol_name", WORD, "The protocol: s7comm, s7comm_plus or scd.",
          _protocol, key="", column="protocol"),
-    Fact("rosctr_name", WORD, "Kind of the S7 PDU: Job, Userdata …",
+    Fact("rosctr_name", WORD, "Kind of the S7 PDU, such as Job or Userdata.",
          lambda of: ROSCTR.name(int(of.rosctr)) if of.rosctr <= USERDATA else None, key="", column="rosctr"),
     Fact("function_code", COUNT, "Function code.",
          lambda of: int(of.function) if of.function >= 0 and not of.is_scd else None, key="", column="function"),

@@ -6,7 +6,7 @@ contract has a longer name for the same, both can be typed.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any, Final
 
 from dissect.facts import fact as kinds
@@ -14,6 +14,8 @@ from dissect.facts.connection import CONNECTION as CONNECTION_FACTS
 from dissect.facts.fact import Fact
 from dissect.facts.finding import FINDING as FINDING_FACTS
 from dissect.facts.operation import OPERATION as OPERATION_FACTS
+from dissect.facts.transaction import ITEM
+from dissect.facts.transaction import TRANSACTION as TRANSACTION_FACTS
 from dissect.findings.catalogue import CATALOGUE, NOTE, SEVERITIES
 from dissect.findings.catalogue import KINDS as FINDING_KINDS
 from dissect.findings.reporter import Finding
@@ -54,7 +56,7 @@ from dissect.select.literals import (
 from dissect.select.things import CONNECTION, FINDING, KINDS, MESSAGE, OPERATION, PACKET, TRANSACTION, Context
 from dissect.transactions.operation import KINDS as OPERATION_KINDS
 from dissect.transactions.payloads import ScdMessage
-from dissect.transactions.transaction import CERTAINTIES, DOUBT_TEXTS, OUTCOMES, REASON_TEXTS
+from dissect.transactions.transaction import OUTCOMES, REASON_TEXTS
 
 
 class Field:
@@ -117,17 +119,21 @@ def _fact(
     return Field(name or of_name, _kind(fact), fact.about, example, getters, also, decided=decided)
 
 
-def _of_finding(of_name: str, example: str, values: Callable[[], Iterable[str]] | None = None) -> Field:
-    """Return the field of a fact of findings; ``values`` are those of a word."""
-    fact = FINDING_FACTS[of_name]
-    kind = _kind(fact) if values is None else Code(values)
-    return Field(of_name, kind, fact.about, example, {FINDING: of.of_fact(fact, of.finding_of)})
-
-
-def _of_operation(of_name: str, example: str) -> Field:
-    """Return the field of a fact of operations."""
-    fact = OPERATION_FACTS[of_name]
-    return Field(of_name, _kind(fact), fact.about, example, {OPERATION: of.of_fact(fact, of.itself)})
+def _own(
+    of_name: str,
+    example: str,
+    *things: str,
+    name: str = "",
+    kind: Kind | None = None,
+    also: tuple[str, ...] = (),
+) -> Field:
+    """Return the field of a fact that each of ``things`` has in its own table."""
+    facts = [_TABLES[thing][of_name] for thing in things]
+    getters = {
+        thing: of.of_fact(fact, of.finding_of if thing == FINDING else of.itself)
+        for thing, fact in zip(things, facts, strict=True)
+    }
+    return Field(name or of_name, kind or _kind(facts[0]), facts[0].about, example, getters, also)
 
 
 def _kind(fact: Fact[Any]) -> Kind:
@@ -135,12 +141,22 @@ def _kind(fact: Fact[Any]) -> Kind:
     return Code(lambda: fact.codes) if fact.kind == kinds.CODE else _KINDS[fact.kind]
 
 
+_TABLES: Final[Mapping[str, Mapping[str, Fact[Any]]]] = {
+    TRANSACTION: TRANSACTION_FACTS,
+    OPERATION: OPERATION_FACTS,
+    FINDING: FINDING_FACTS,
+}
 _KINDS: Final[Mapping[str, Kind]] = {
     kinds.COUNT: Number(),
     kinds.COUNTS: Number(),
     kinds.END: Host(),
     kinds.TEXT: Text(),
     kinds.TSAP: Text(),
+    kinds.FRAME: Number(),
+    kinds.TIME: Time(),
+    kinds.INSTANT: Time(),
+    kinds.DURATION: Duration(bare=True),
+    kinds.FLAG: Truth(),
 }
 _TALK: Final = (TRANSACTION, OPERATION)
 _PDUS: Final = (TRANSACTION, MESSAGE)
@@ -149,7 +165,7 @@ _PDUS: Final = (TRANSACTION, MESSAGE)
 def _item(
     name: str,
     kind: Kind,
-    about: str,
+    of_name: str,
     example: str,
     get: OfItem,
     kinds: Iterable[str] = _PDUS,
@@ -170,7 +186,7 @@ def _item(
     also = "items.transport_size" if name == "type" else f"items.{name}"
     further = others or {}
     own = frozenset(kinds) - further.keys()
-    return Field(name, kind, about, example, {**dict.fromkeys(kinds, got), **further}, (also,), get, own)
+    return Field(name, kind, ITEM[of_name].about, example, {**dict.fromkeys(kinds, got), **further}, (also,), get, own)
 
 
 def _attribute(name: str) -> OfItem:
@@ -257,9 +273,8 @@ _ROWS: Final = (
     Field("dst", Host(), "Who receives it.", "dst == 192.168.0.1",
           {MESSAGE: lambda thing, _context: thing.ends[1],
            PACKET: lambda thing, _context: thing.ends[1] if thing.ends else None}),
-    Field("asked_by", Host(), "Who sent the request, or received an unsolicited message.", "asked_by == 192.168.0.10",
-          _all(of.asked_by, _TALK)),
-    Field("answered_by", Host(), "The other end.", "answered_by == 192.168.0.1", _all(of.answered_by, _TALK)),
+    _own("asked_by", "asked_by == 192.168.0.10", *_TALK),
+    _own("answered_by", "answered_by == 192.168.0.1", *_TALK),
     _fact("number", "connection in {1, 3}", name="connection", decided=True),
     Field("protocol", Code(lambda: [*UPPER_NAMES, "ibh_netlink", COTP, NETLINK]), "The protocol.",
           "protocol == s7comm_plus", _all(of.protocol, (TRANSACTION, CONNECTION, MESSAGE))),
@@ -275,23 +290,17 @@ _ROWS: Final = (
     # ---- when
     Field("frame", Number(), "Number of a packet: request or answer, first or last packet, packets of a finding.",
           "frame in {100..200}", _all(of.frames), ("frames",)),
-    Field("request_frame", Number(), "Packet that completed the request.", "request_frame == 17",
-          {TRANSACTION: of.frame_at(0)}),
-    Field("response_frame", Number(), "Packet that completed the answer.", "response_frame == 18",
-          {TRANSACTION: of.frame_at(1)}),
-    Field("first_frame", Number(), "First packet of the operation.", "first_frame < 100", {OPERATION: of.frame_at(0)}),
-    Field("last_frame", Number(), "Last packet of the operation.", "last_frame > 100", {OPERATION: of.frame_at(1)}),
+    _own("request_frame", "request_frame == 17", TRANSACTION),
+    _own("response_frame", "response_frame == 18", TRANSACTION),
+    _own("first_frame", "first_frame < 100", OPERATION),
+    _own("last_frame", "last_frame > 100", OPERATION),
     Field("time", Time(), "When it was, or began: date and time (UTC), time of day, or a time after the first packet.",
           "time >= 14:51:37", _all(of.time), ("begin_time",)),
-    Field("request_time", Time(), "When the request came.", "request_time < 2016-02-08T14:51:37.5",
-          {TRANSACTION: of.request_time}),
-    Field("response_time", Time(), "When the answer came.", "response_time > 90s", {TRANSACTION: of.response_time}),
-    Field("latency", Duration(), "Time from request to answer; a pair that is only likely has none.", "latency > 20ms",
-          {TRANSACTION: lambda thing, _context: thing.latency_ns}),
-    Field("latency_ns", Duration(bare=True), "The same; a number without a unit counts nanoseconds.", "latency_ns > 20000000",
-          {TRANSACTION: lambda thing, _context: thing.latency_ns}),
-    Field("sent_again", Number(), "How often TCP sent the request again, 0 where it did not.", "sent_again > 0",
-          {TRANSACTION: lambda thing, _context: int(thing.again.times) if thing.again is not None else 0}),
+    _own("request_time", "request_time < 2016-02-08T14:51:37.5", TRANSACTION),
+    _own("response_ns", "response_time > 90s", TRANSACTION, name="response_time"),
+    _own("latency_ns", "latency > 20ms", TRANSACTION, name="latency", kind=Duration()),
+    _own("latency_ns", "latency_ns > 20000000", TRANSACTION),
+    _own("sent_again_times", "sent_again > 0", TRANSACTION, name="sent_again"),
     Field("duration", Duration(), "Time from the first packet to the last.", "duration > 5s",
           _all(of.duration, (OPERATION, CONNECTION))),
     Field("duration_ns", Duration(bare=True), "The same; a number without a unit counts nanoseconds.",
@@ -318,26 +327,22 @@ _ROWS: Final = (
           {OPERATION: _word("kind"), FINDING: of.of_finding(lambda finding: of.name_code(finding.rule.kind))}),
 
     # ---- what became of it
-    Field("outcome", Code(lambda: OUTCOMES), "What became of the request.", "outcome == unanswered",
-          {TRANSACTION: _word("outcome")}),
+    _own("outcome", "outcome == unanswered", TRANSACTION, kind=Code(lambda: OUTCOMES)),
     Field("reason", Code(lambda: REASON_TEXTS, also=""), "Why there is no answer, or why the end is missing.",
           "reason == connection_closed", _all(_word("reason"), _TALK)),
-    Field("certainty", Code(lambda: CERTAINTIES),
-          "Whether request and answer surely belong together, or a `hole` was surely answered.", "certainty == likely",
-          {TRANSACTION: _word("certainty")}),
-    Field("doubt", Code(lambda: DOUBT_TEXTS), "Why a pair or a push is only likely.", "doubt == gaps",
-          {TRANSACTION: _word("doubt")}),
-    Field("failed", Truth(), "Something was refused, or an answer is missing.", "failed", _all(of.failed, _TALK)),
+    _own("certainty_said", "certainty == likely", TRANSACTION, name="certainty"),
+    _own("doubt_said", "doubt == gaps", TRANSACTION, name="doubt"),
+    _own("failed", "failed", *_TALK),
     Field("error", Code(_error_names), "Errors of the answer, by name or code; alone: there is one.", "error == 0x0a",
           _all(of.errors, (TRANSACTION, OPERATION, MESSAGE)), ("errors.code", "errors.name", "error.code", "error.name")),
     Field("error.where", Text(), "The part of the answer that refuses.", 'error.where == "header"',
           {TRANSACTION: of.error_text("where")}, ("errors.where",)),
     Field("error.text", Text(), "The sentence about an error.", 'error.text contains "protected"',
           {TRANSACTION: of.error_text("text")}, ("errors.text",)),
-    _of_operation("result", "result != done"),
-    _of_operation("transaction_count", "transaction_count > 10"),
-    _of_operation("pushes", "pushes > 0"),
-    _of_operation("octets", "octets > 10000"),
+    _own("result", "result != done", OPERATION),
+    _own("transaction_count", "transaction_count > 10", OPERATION),
+    _own("pushes", "pushes > 0", OPERATION),
+    _own("octets", "octets > 10000", OPERATION),
     Field("malformed", Truth(), "The message contradicts itself.", "malformed", {MESSAGE: of.malformed}),
     Field("behind_malformed", Truth(), "It, or a half of it, is behind the malformed header of a TPDU.", "behind_malformed",
           _all(lambda thing, _context: thing.is_behind, _PDUS)),
@@ -345,30 +350,26 @@ _ROWS: Final = (
           {MESSAGE: lambda thing, _context: thing.cut}),
 
     # ---- items
-    _item("address", S7Address(), "Address of an item; `overlaps` compares bits.", "address overlaps DB10.DBW4",
-          _attribute("place")),
-    _item("db", Number(), "Number of the data block of an item.", "db in {10, 20}", _attribute("db")),
-    _item("area", Code(_areas), "Memory area of an item.", "area == M", _area),
-    _item("type", Code(lambda: TRANSPORT_SIZES.names().values(), also=""), "Requested type of an item.", "type == REAL",
-          _attribute("type")),
-    _item("count", Number(), "Requested elements of an item.", "count > 100", _attribute("count")),
-    _item("tag", Text(), "Names of the tags that an item covers, where tags are loaded.", 'tag == "Tank.Level"', _tags),
-    _item("value", AnyValue(), "Value of an item that was read or written; any element of an array.",
-          "value[DB10.DBD16] > 80", lambda item, _context: item.values, (TRANSACTION,)),
-    _item("data", Octets(), "Bytes of an item that were read or written.", "data contains 00:01", _attribute("data"),
-          (TRANSACTION,)),
-    _item("return_code", Code(_return_names), "Return code of an item.", "return_code != 0xff", _attribute("return_code"),
+    _item("address", S7Address(), "label", "address overlaps DB10.DBW4", _attribute("place")),
+    _item("db", Number(), "db_number", "db in {10, 20}", _attribute("db")),
+    _item("area", Code(_areas), "area_name", "area == M", _area),
+    _item("type", Code(lambda: TRANSPORT_SIZES.names().values(), also=""), "type_name", "type == REAL", _attribute("type")),
+    _item("count", Number(), "count", "count > 100", _attribute("count")),
+    _item("tag", Text(), "name", 'tag == "Tank.Level"', _tags),
+    _item("value", AnyValue(), "value", "value[DB10.DBD16] > 80", lambda item, _context: item.values, (TRANSACTION,)),
+    _item("data", Octets(), "data", "data contains 00:01", _attribute("data"), (TRANSACTION,)),
+    _item("return_code", Code(_return_names), "return_name", "return_code != 0xff", _attribute("return_code"),
           (TRANSACTION,), {MESSAGE: of.return_codes}),
     Field("items", Number(), "How many items there are.", "items > 20", _all(of.item_count, _PDUS)),
 
     # ---- findings
-    _of_finding("slug", 'slug matches "^security"', lambda: CATALOGUE),
+    _own("slug", 'slug matches "^security"', FINDING, kind=Code(lambda: CATALOGUE)),
     Field("severity", Code(lambda: SEVERITIES, ranks=_WEIGHTS), f"Weight of the finding, from {NOTE} to {SEVERITIES[0]}.",
           "severity >= warning", {FINDING: of.of_finding(_severity)}),
-    _of_finding("detail", 'detail contains "OB1"'),
+    _own("detail", 'detail contains "OB1"', FINDING),
     Field("technique", Text(), "MITRE ATT&CK techniques of the finding, by name or id.", "technique == T0858",
           {FINDING: of.of_finding(of.techniques)}),
-    _of_finding("because_of", 'because_of == "s7.malformed"', lambda: CATALOGUE),
+    _own("because_of", 'because_of == "s7.malformed"', FINDING, kind=Code(lambda: CATALOGUE)),
 
     # ---- S7comm-plus
     Field("s7plus.version", Number(), "Version of the header: 1, 2, 3; 254 system event, 255 keep-alive.",

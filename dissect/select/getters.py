@@ -10,7 +10,7 @@ import ipaddress
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any, Final
 
-from dissect.facts.fact import CODE, TEXT, TSAP, WORD, Fact
+from dissect.facts.fact import CODE, FRAME, TEXT, TSAP, WORD, Fact
 from dissect.findings.reporter import Finding
 from dissect.iso.upper import S7COMM, S7COMM_PLUS, SCD, UPPER_NAMES
 from dissect.report import facets
@@ -36,7 +36,7 @@ from dissect.select.literals import CodeValue
 from dissect.select.things import Context, Found, Message, Packet
 from dissect.tcp.stream import Endpoint
 from dissect.transactions.connection import Connection
-from dissect.transactions.operation import NO_FAILURES, Operation
+from dissect.transactions.operation import Operation
 from dissect.transactions.payloads import ScdMessage, ScdParameters
 from dissect.transactions.results import NO_CODE
 from dissect.transactions.transaction import Transaction
@@ -81,10 +81,13 @@ def of_fact(fact: Fact[Any], record_of: Callable[[Any], Any]) -> Getter:
     """Return a getter for a fact; ``record_of`` returns the record of a thing that has it, None where there is none."""
     get = fact.get
     told = _TOLD.get(fact.kind)
+    framed = fact.kind == FRAME
 
-    def got(thing: Any, _context: Context) -> Any:
+    def got(thing: Any, context: Context) -> Any:
         record = record_of(thing)
         value = get(record) if record is not None and get is not None else None
+        if framed:
+            return context.number(value) if value else None
         return told(value) if told is not None and value is not None else value
 
     return got
@@ -138,16 +141,6 @@ def ports(thing: Any, context: Context) -> list[int] | None:
     return [end.port for end in found if end.port >= 0] if found is not None else None
 
 
-def asked_by(thing: Transaction | Operation, _context: Context) -> Endpoint:
-    """Return the end that sent the request."""
-    return thing.connection.tcp.ends[thing.asked_by]
-
-
-def answered_by(thing: Transaction | Operation, _context: Context) -> Endpoint:
-    """Return the end that answers the request."""
-    return thing.connection.tcp.ends[1 - thing.asked_by]
-
-
 def protocol(thing: Any, _context: Context) -> CodeValue | None:
     """Return the protocol of a message or transaction; for other things, that of their connection."""
     if isinstance(thing, Message):
@@ -176,19 +169,6 @@ def frames(thing: Any, context: Context) -> list[int]:
     return [context.number(int(frame)) for frame in found if frame]
 
 
-def frame_at(place: int) -> Getter:
-    """Return a getter for a packet of a transaction or an operation: 0 for request or first one, 1 for answer or last one."""
-
-    def got(thing: Transaction | Operation, context: Context) -> int | None:
-        if isinstance(thing, Operation):
-            frame = (thing.first_frame, thing.last_frame)[place]
-        else:
-            frame = (thing.request_frame, thing.response_frame)[place]
-        return context.number(int(frame)) if frame else None
-
-    return got
-
-
 def time(thing: Any, _context: Context) -> int | None:
     """Return the time of a thing's first packet; for a transaction that of its request or, without one, of its answer."""
     if isinstance(thing, Transaction):
@@ -202,16 +182,6 @@ def time(thing: Any, _context: Context) -> int | None:
     return int(thing.time_ns)
 
 
-def request_time(thing: Transaction, _context: Context) -> int | None:
-    """Return the time of the request."""
-    return int(thing.request_ns) if thing.request_frame else None
-
-
-def response_time(thing: Transaction, _context: Context) -> int | None:
-    """Return the time of the answer."""
-    return int(thing.response_ns) if thing.response_frame else None
-
-
 def duration(thing: Operation | Connection, _context: Context) -> int:
     """Return how long an operation or a connection lasted, in nanoseconds."""
     if isinstance(thing, Connection):
@@ -220,13 +190,6 @@ def duration(thing: Operation | Connection, _context: Context) -> int:
 
 
 # ---- transactions and messages --------------------------------------------------------------------------------------
-
-
-def failed(thing: Transaction | Operation, _context: Context) -> bool:
-    """Return whether something was refused or not answered."""
-    if isinstance(thing, Operation):
-        return thing.result not in NO_FAILURES
-    return bool(thing.failed)
 
 
 class _Functions:

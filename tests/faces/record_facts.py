@@ -108,6 +108,8 @@ _item("number", COUNT, jsonl=Cell("number", lambda value, record: record["at"] i
 _item("connection", COUNT, jsonl="of.connection", tables="connection")
 _item("time", TIME, jsonl=Cell("of.request_time", lambda value, record: value or record["of"]["response_time"]),
       tables="ts_ns")
+_item("request_frame", COUNT, jsonl="of.request_frame", tables="request_frame", csv="request_frame")
+_item("response_frame", COUNT, jsonl="of.response_frame", tables="response_frame", csv="response_frame")
 _item("client_host", WORD, link="client_host", tables="client_host")
 _item("server_host", WORD, link="server_host", tables="server_host")
 _item("operation", WORD, jsonl=Cell("of.outcome", _operation_of), tables="operation")

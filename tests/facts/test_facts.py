@@ -10,15 +10,30 @@ from typing import Any, Final
 
 import pytest
 
-from dissect.export.tables import ACTS, CONNECTIONS, DEVICES, FINDING_COUNTS, FINDINGS, OPERATIONS, Table
+from dissect.export.tables import (
+    ACTS,
+    CONNECTIONS,
+    DEVICES,
+    FINDING_COUNTS,
+    FINDINGS,
+    ITEMS,
+    OPERATIONS,
+    PDUS,
+    TRANSACTIONS,
+    VALUES,
+    Table,
+)
+from dissect.export.tables import TABLES as ALL
 from dissect.facts.connection import CONNECTION
 from dissect.facts.counted import COUNTED
 from dissect.facts.device import AREA, MAC, MODULE, REASON
 from dissect.facts.fact import CODE, KINDS, Fact
 from dissect.facts.finding import FINDING
 from dissect.facts.operation import ACT
+from dissect.facts.pdu import ASKED
 from dissect.facts.schema import MADE as MADE_OF
 from dissect.facts.schema import TABLES, filled
+from dissect.facts.transaction import ITEM
 from dissect.facts.written import files_of
 from tests.cases import each
 from tests.report.schemas import NAMES, load
@@ -28,6 +43,8 @@ RECORDS: Final[Mapping[str, Mapping[str, Fact[Any]]]] = {
     **TABLES,
     "act": ACT,
     "counted": COUNTED,
+    "item": ITEM,
+    "asked": ASKED,
     "area": AREA,
     "mac": MAC,
     "module": MODULE,
@@ -41,6 +58,10 @@ MADE: Final[tuple[tuple[Table, str], ...]] = (
     (ACTS, "act"),
     (FINDING_COUNTS, "counted"),
     (DEVICES, "device"),
+    (TRANSACTIONS, "transaction"),
+    (ITEMS, "item"),
+    (VALUES, "value"),
+    (PDUS, "pdu"),
 )
 WRITERS: Final = {
     ("dissect/report/contract.py", "connection_as_dict"): {"tls", "ending"},
@@ -75,6 +96,10 @@ def test_facts_are_named_once_and_of_known_kinds() -> None:
             assert fact.kind in KINDS, (record, name)
             assert bool(fact.codes) == (fact.kind == CODE), (record, name)
             assert fact.about.endswith((".", "…")), (record, name)
+
+
+def test_every_table_is_made_of_facts() -> None:
+    assert {table.name for table, _ in MADE} == set(ALL)
 
 
 @pytest.mark.parametrize(("table", "record"), MADE, ids=[record for _, record in MADE])

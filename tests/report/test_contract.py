@@ -166,7 +166,7 @@ def test_enumerations_are_those_of_the_engine() -> None:
     assert enumeration("analysis", "properties", "ibh", "propertyNames", "enum") == set(KINDS)
     assert enumeration("transaction", "properties", "outcome", "enum") == set(OUTCOMES) - {"open"}
     assert enumeration("transaction", "properties", "reason", "enum") == {None, *REASON_TEXTS}
-    malformed = ("properties", "malformed", "items", "properties")
+    malformed = ("$defs", "malformed", "items", "properties")
     assert enumeration("pdu", *malformed, "reason", "enum") == set(REASONS)
     assert enumeration("pdu", *malformed, "limit", "enum") == set(LIMITS)
 
