@@ -50,10 +50,13 @@ def command(reading: Reading, format_: Format, brief: bool, per_file: bool) -> i
         raise click.UsageError("--brief and --per-file cannot be combined.")
     if per_file or (any_folder() and not brief and not was_given("format_")):
         write_lines(_rows(reading))
-        return reading.ended()
-    analysis = reading.sum(Analysis, _analyses)
-    write_outcome(format_, ANALYSIS, Summary(analysis, reading.interrupted, clock(), hosts(), brief))
-    return reading.ended()
+    else:
+        analysis = reading.sum(Analysis, _analyses)
+        write_outcome(format_, ANALYSIS, Summary(analysis, reading.interrupted, clock(), hosts(), brief))
+    reading.complain()
+    if reading.possible() and (brief or per_file):  # the report says what was selected
+        reading.match()
+    return reading.gated()
 
 
 def _analyses(options: Options) -> Analyses:

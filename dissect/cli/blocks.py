@@ -11,6 +11,7 @@ import click
 from dissect.cli.formats import format_option, write_out, write_outcome
 from dissect.cli.look import clock
 from dissect.cli.main import EXIT_GATE, EXIT_INTERRUPTED, EXIT_OK, EXIT_USAGE
+from dissect.cli.nothing import nothing
 from dissect.cli.options.reading import reading_options
 from dissect.cli.reading import Reading
 from dissect.cli.run import places_of
@@ -33,7 +34,6 @@ _EXIT_CODES = (
 )
 
 
-_NONE: Final = "no block was downloaded or uploaded"
 #: The languages of `--code`, the first by default.
 _LANGUAGES: Final = ("STL", "AWL")
 
@@ -114,7 +114,7 @@ def command(
         _write(output, told, force)
     write_out(format_.lines(BLOCKS, _shown(told, language, references, reading.naming)))
     if not blocks and not reading.chosen.impossible:
-        click.echo(f"s7dissect: {_NONE}", err=True)
+        click.echo(f"s7dissect: {_none(reading)}", err=True)
     return reading.gated()
 
 
@@ -152,6 +152,11 @@ def _read(reading: Reading, files: tuple[str, ...]) -> tuple[Sequence[CarvedBloc
     reading.complain()
     reading.possible()
     return collector.ordered(), collector.lost, places_of(run, files)
+
+
+def _none(reading: Reading) -> str:
+    """Return what to say where there is no block."""
+    return "no block was downloaded or uploaded" if reading.chosen.where is None else nothing("block", reading.chosen)
 
 
 def _refuse_selection(path: str, chosen: Chosen) -> None:
@@ -226,7 +231,7 @@ def _compare(reading: Reading, format_: Format, language: str) -> int:
     without = [shown(file) for file, blocks in zip(files, (first, second), strict=False) if not blocks]
     if not reading.chosen.impossible:
         for name in without:
-            click.echo(f"s7dissect: {printable(name)}: {_NONE}", err=True)
+            click.echo(f"s7dissect: {printable(name)}: {_none(reading)}", err=True)
     if not changes and not without:
         click.echo(f"s7dissect: {_alike(first, second, len(files) == 1)}", err=True)
     if reading.chosen.ended(code):

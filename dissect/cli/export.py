@@ -14,6 +14,7 @@ import click
 
 from dissect import __version__
 from dissect.cli.main import EXIT_INTERRUPTED
+from dissect.cli.nothing import complain_nothing
 from dissect.cli.options.completing import from_table
 from dissect.cli.options.reading import reading_options
 from dissect.cli.reading import Reading
@@ -132,6 +133,8 @@ def _exported(
         apart = export_separately_remotely if remote else export_separately
         counts = apart(reading, target, only, place)
         _go_on(reading)
+        if reading.chosen.where is not None and not any(counts.values()):
+            complain_nothing("", reading.chosen)
         return counts, 0
     names = [encodable(name) for name in reading.files]
     if remote:

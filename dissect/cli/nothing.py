@@ -42,13 +42,21 @@ class Shown:
     def explain(self, run: Run, chosen: Chosen, narrowed: Iterable[str] = ()) -> None:
         """Say why nothing was shown, where that is so; ``narrowed`` are other options that select."""
         if not complain_impossible(run, chosen) and self._lines <= self._heading:
-            click.echo(f"s7dissect: {self._why(chosen, tuple(narrowed))}", err=True)
+            complain_nothing(self._noun, chosen, narrowed)
             for text in _unknown(run, chosen):
                 click.echo(f"s7dissect: {text}", err=True)
 
-    def _why(self, chosen: Chosen, narrowed: tuple[str, ...]) -> str:
-        wanted = [*narrowed, *([shortened(chosen.where.text, _SHOWN)] if chosen.where is not None else [])]
-        return f"no {self._noun} matches {' and '.join(wanted)}" if wanted else f"no {self._noun} in what was read"
+
+def nothing(noun: str, chosen: Chosen, narrowed: Iterable[str] = ()) -> str:
+    """Return that there is nothing that is called ``noun``; ``narrowed`` are other options that select."""
+    wanted = [*narrowed, *([shortened(chosen.where.text, _SHOWN)] if chosen.where is not None else [])]
+    said = f"matches {' and '.join(wanted)}" if wanted else "in what was read"
+    return f"no {noun} {said}" if noun else f"nothing {said}"
+
+
+def complain_nothing(noun: str, chosen: Chosen, narrowed: Iterable[str] = ()) -> None:
+    """Say that on stderr."""
+    click.echo(f"s7dissect: {nothing(noun, chosen, narrowed)}", err=True)
 
 
 def _unknown(run: Run, chosen: Chosen) -> list[str]:
@@ -79,11 +87,13 @@ def complain_impossible(run: Run, chosen: Chosen) -> bool:
 
     A number that nothing has is wrong use, which `Chosen.ended` makes the exit code.
     """
-    chosen.wrong = _wrong_number(run, chosen)
-    chosen.impossible = chosen.wrong or _no_time(run, chosen)
-    if chosen.impossible:
-        click.echo(f"s7dissect: {chosen.impossible}", err=True)
-    return bool(chosen.impossible)
+    wrong = _wrong_number(run, chosen)
+    impossible = wrong or _no_time(run, chosen)
+    if impossible:
+        click.echo(f"s7dissect: {impossible}", err=True)
+        chosen.wrong = wrong or chosen.wrong  # of two captures, that of either counts
+        chosen.impossible = impossible
+    return bool(impossible)
 
 
 def expect_possible(run: Run, chosen: Chosen) -> None:

@@ -14,7 +14,7 @@ import click
 from dissect.cli.formats import write_out
 from dissect.cli.gate import gate, gate_of
 from dissect.cli.main import EXIT_DAMAGED, EXIT_INTERRUPTED, EXIT_OK
-from dissect.cli.nothing import Shown, complain_impossible, expect_possible
+from dissect.cli.nothing import Shown, complain_impossible, complain_nothing, expect_possible
 from dissect.cli.options.jobs import check_jobs
 from dissect.cli.options.select import Chosen
 from dissect.cli.run import complain, complain_of, drive, places_of
@@ -100,6 +100,7 @@ class Reading:
         self._reading: session.Reading | None = None
         self._counts: Any = {}
         self._shown: Shown | None = None
+        self._rows, self._noun = 0, ""
 
     @property
     def separate(self) -> bool:
@@ -270,6 +271,7 @@ class Reading:
 
             rows_separately(self, rows, total)
             self._counts = total.findings
+            self._rows, self._noun = total.rows, noun
             return total
         self._run = run = self.prepared(rows.observer, self.sieves(rows))
         rows.begin(places_of(run, self.files))
@@ -302,14 +304,23 @@ class Reading:
         return self._run is None or not complain_impossible(self._run, self.chosen)
 
     def expect_possible(self) -> None:
-        """Do the same for a command that writes a file: a number that nothing has is refused."""
+        """Do the same for a command that writes a file: a number that nothing has is refused; say where nothing matches."""
         if self._run is not None:
             expect_possible(self._run, self.chosen)
+            self.match()
 
     def explain(self, narrowed: Iterable[str] = ()) -> None:
         """Say on stderr why there are no rows, where that is so; ``narrowed`` are other options that select."""
-        if self._run is not None and self._shown is not None:
+        if self._shown is not None and self._run is not None:
             self._shown.explain(self._run, self.chosen, narrowed)
+        elif not self._rows and not self.interrupted:
+            complain_nothing(self._noun, self.chosen, narrowed)
+
+    def match(self) -> None:
+        """Say on stderr where a selection matches nothing of what was read as one capture."""
+        if self._reading is not None and self._reading.sieve is not None and self._reading.sieve.nothing:
+            if not self.chosen.impossible:
+                complain_nothing("", self.chosen)
 
     def gated(self) -> int:
         """Return the exit code of the command; say on stderr why the gate of --fail-on failed."""

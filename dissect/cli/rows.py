@@ -54,7 +54,7 @@ class Counts(NamedTuple):
     """What a run over one file or several came to.
 
     Connections and those left out, transactions, packets, packets without S7 by their kind, packets that are wrapped in what is
-    not opened, findings by slug as they count for --fail-on, and what the rows do not show.
+    not opened, findings by slug as they count for --fail-on, what the rows do not show, and how many these are.
     """
 
     connections: int
@@ -65,6 +65,7 @@ class Counts(NamedTuple):
     sealed: int
     findings: Mapping[str, int]
     left: Left
+    rows: int = 0
 
 
 def counts_of(
@@ -91,6 +92,7 @@ class Total:
     """`Counts`, added up."""
 
     def __init__(self) -> None:
+        self.rows = 0
         self.packets = 0
         self.connections = 0
         self.transactions = 0
@@ -104,6 +106,7 @@ class Total:
 
     def add(self, part: Counts) -> None:
         """Add what a run came to."""
+        self.rows += part.rows
         self.packets += part.packets
         self.connections += part.connections
         self.transactions += part.transactions

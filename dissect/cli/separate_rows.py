@@ -127,8 +127,16 @@ def rows_task(of: Task, reading: Reading, rows: Rows) -> None:
     sink: _Direct | _Spooler = of.direct if spooler is None else spooler
     sink.begin(pipeline)
     began = int(pipeline.connections.count), int(pipeline.exchange.dialogue.count)
+    written = 0
+
+    def write() -> None:
+        nonlocal written
+        lines = rows.take(run)
+        written += len(lines)
+        sink.write(lines)
+
     try:
-        read_file(run, lambda: sink.write(rows.take(run)))
+        read_file(run, write)
         if spooler is not None:
             spooler.marks.over(pipeline)
         of.found = RowsPart(
@@ -137,7 +145,7 @@ def rows_task(of: Task, reading: Reading, rows: Rows) -> None:
             marks=Marks() if spooler is None else spooler.marks,
             styled=spooler is not None and spooler.styled,
             joint=None if spooler is None else spooler.joint,
-            counts=counts_of(pipeline, reading.findings, rows.left(), began),
+            counts=counts_of(pipeline, reading.findings, rows.left(), began)._replace(rows=written),
         )
     except OverflowError as error:
         raise FileError(str(error)) from None

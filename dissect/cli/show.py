@@ -48,9 +48,9 @@ def command(reading: Reading, format_: Format, frames: tuple[range, ...], verbos
     rows.sieved = False
     reading.rows(rows, "message")
     reading.complain()
-    if not frames:
-        reading.explain()
-    elif reading.possible() and reading.code == EXIT_OK and chosen.where is None and not chosen.full:
+    if not frames or chosen.where is not None:
+        reading.explain([f"--frame {one.start if len(one) == 1 else f'{one.start}-{one.stop - 1}'}" for one in frames])
+    elif reading.possible() and reading.code == EXIT_OK and not chosen.full:
         reading.code = _frames_missing(max([int(file.packets) for file in reading.read], default=0), frames, feed.found)
     return reading.gated()
 

@@ -65,7 +65,10 @@ def command(reading: Reading, query: str | None, format_: Format, questions: boo
         write_outcome(format_, ROWS, QueryOutcome(asked.run(sink.tables()), none))
     except (SqlError, MissingLibraryError) as error:
         raise click.ClickException(str(error)) from None
-    return reading.ended()
+    reading.complain()
+    if reading.possible():
+        reading.match()
+    return reading.gated()
 
 
 def _query(text: str, allow_files: bool) -> tuple[Query, str]:

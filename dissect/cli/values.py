@@ -111,7 +111,7 @@ def command(
         if text := limits_text(made):
             click.echo(f"s7dissect: {text}", err=True)
     reading.complain()
-    _miss(wanted, total.seen)
+    _miss(wanted, total.seen, reading.chosen.where is not None)
     _leave_out(total.doubts, likely)
     if wanted is None:
         reading.explain()
@@ -164,11 +164,12 @@ def _is_file(word: str) -> bool:
         return False  # no path can have such a name
 
 
-def _miss(wanted: WantedSet | None, found: Collection[str]) -> None:
-    """Say which of the chosen variables had neither a value nor a refusal."""
+def _miss(wanted: WantedSet | None, found: Collection[str], selected: bool) -> None:
+    """Say which of the chosen variables had neither a value nor a refusal in what was read, or of that ``selected``."""
     if wanted is None:
         return
     missing = [printable(one.text) for one in wanted.all if one.text not in found]
     if missing:
         more = f" and {len(missing) - _LISTED} more" if len(missing) > _LISTED else ""
-        click.echo(f"s7dissect: no value of {', '.join(missing[:_LISTED])}{more} in what was read", err=True)
+        where = "selected" if selected else "read"
+        click.echo(f"s7dissect: no value of {', '.join(missing[:_LISTED])}{more} in what was {where}", err=True)

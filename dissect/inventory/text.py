@@ -84,7 +84,10 @@ def device_lines(outcome: Devices) -> Iterator[Line]:
     if inventory.part is not None:
         yield Line(f"SELECTION: {printable(inventory.part.where)}", "warning", 4)
     if not inventory.devices:
-        yield Line("No device: no ISO-on-TCP connection in what was read.", HEADING)
+        none = (
+            "no ISO-on-TCP connection in what was read" if inventory.part is None else "nothing matches the selection"
+        )
+        yield Line(f"No device: {none}.", HEADING)
         return
     cards = inventory.devices[:_CARDS]
     shared = _shared(inventory.devices)

@@ -71,6 +71,7 @@ class Sieve(Observer):
         self.wants_tpdus = observer.wants_tpdus
         self.wants_every_finding = True  # what is selected is counted before any bound, and bounded here
         self.passed = dict.fromkeys((TRANSACTION, OPERATION, FINDING, CONNECTION), 0)
+        self.messages = 0  # of which so many were passed on
         self.left_out = dict.fromkeys(self.passed, 0)
         self.findings: dict[str, int] = {}
         self.explained: dict[tuple[str, str], int] = {}
@@ -106,6 +107,11 @@ class Sieve(Observer):
         part.explained_counts = dict(self.explained)
         part.ledger = self.own_ledger or Ledger()
         return part
+
+    @property
+    def nothing(self) -> bool:
+        """Whether nothing at all was passed on."""
+        return not self.messages and not any(self.passed.values())
 
     def connection_opened(self, connection: Connection) -> None:
         """Pass on a new connection if its own fields select it."""
@@ -261,9 +267,12 @@ class Sieve(Observer):
             return False
         header = irregular(self._carrying, octets, side.connection.class_)
         behind = header is not None and header.behind
-        return self._where.message(
-            Message(protocol, int(frame), int(time_ns), side.connection, int(side.index), octets, cut, scd, behind)
+        message = Message(
+            protocol, int(frame), int(time_ns), side.connection, int(side.index), octets, cut, scd, behind
         )
+        wanted = self._where.message(message)
+        self.messages += wanted
+        return wanted
 
     def tpdu(self, frame: int, time_ns: int, side: Side, octets: bytes) -> None:
         """Pass on every TPKT: an observer needs it for the PDU in it, whose selection comes later."""
