@@ -15,6 +15,7 @@ from dissect.report.outcome import Outcome
 from dissect.report.styled import DIM, PLAIN, Line
 from dissect.select.fields import FIELDS, NAMES, Field
 from dissect.select.literals import Code
+from dissect.wire.text import some
 
 FIELDS_SCHEMA: Final = "s7dissect.fields/1"
 #: Names of values that are listed of a field.
@@ -82,8 +83,7 @@ def _choices(field: Field) -> list[str]:
 
 def _names(field: Field) -> str:
     choices = _choices(field)
-    more = f" and {len(choices) - _MOST_NAMES} more" if len(choices) > _MOST_NAMES else ""
-    return ", ".join(choices[:_MOST_NAMES]) + more
+    return some(choices, _MOST_NAMES)
 
 
 def _as_dict(field: Field) -> dict[str, Any]:

@@ -21,7 +21,7 @@ from dissect.report.formats import OUTCOME, Format
 from dissect.report.outcome import Outcome
 from dissect.report.styled import DIM, FAILED, HEADING, PLAIN, Line
 from dissect.source.packet import CaptureError
-from dissect.wire.text import Clock, duration_text, encodable, printable
+from dissect.wire.text import Clock, duration_text, encodable, printable, some
 
 if TYPE_CHECKING:
     from dissect.index.facts import FileFacts
@@ -232,8 +232,7 @@ def _findings(facts: FileFacts) -> str:
 
     known = [slug for slug in facts.findings if slug in CATALOGUE]
     known.sort(key=lambda slug: (SEVERITIES.index(CATALOGUE[slug].severity), slug))
-    said = ", ".join([f"{slug} ({facts.findings[slug]})" for slug in known[:_NAMED]])
-    return f"{said} and {len(known) - _NAMED} more" if len(known) > _NAMED else said
+    return some([f"{slug} ({facts.findings[slug]})" for slug in known], _NAMED)
 
 
 def _as_dict(facts: FileFacts) -> dict[str, object]:

@@ -21,7 +21,7 @@ from dissect.report.certainty import values_left_out
 from dissect.report.formats import VALUES, Format
 from dissect.variables.collector import Collector
 from dissect.variables.summary import Summary, limits_text
-from dissect.wire.text import printable
+from dissect.wire.text import printable, some
 
 if TYPE_CHECKING:
     from dissect.report.styled import Written
@@ -170,6 +170,5 @@ def _miss(wanted: WantedSet | None, found: Collection[str], selected: bool) -> N
         return
     missing = [printable(one.text) for one in wanted.all if one.text not in found]
     if missing:
-        more = f" and {len(missing) - _LISTED} more" if len(missing) > _LISTED else ""
         where = "selected" if selected else "read"
-        click.echo(f"s7dissect: no value of {', '.join(missing[:_LISTED])}{more} in what was {where}", err=True)
+        click.echo(f"s7dissect: no value of {some(missing, _LISTED)} in what was {where}", err=True)

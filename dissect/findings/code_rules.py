@@ -25,6 +25,7 @@ from dissect.mc7.hazards import (
 from dissect.program.carved import CarvedBlock
 from dissect.s7.blocks import HEADER
 from dissect.s7.tables import CODE_BLOCKS
+from dissect.wire.text import some
 
 #: Octets of distinct blocks whose code is decoded; the code of blocks beyond that is not judged.
 MAX_DECODED: Final = 4 * 1024 * 1024
@@ -111,5 +112,4 @@ class CodeRules:
 
 def _named(texts: list[str]) -> str:
     """Join the first texts; say how many more there are."""
-    more = f" and {len(texts) - _NAMED} more" if len(texts) > _NAMED else ""
-    return "; ".join(texts[:_NAMED]) + more
+    return some(texts, _NAMED, "; ")

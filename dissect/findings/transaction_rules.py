@@ -87,7 +87,7 @@ from dissect.transactions.transaction import (
     Transaction,
 )
 from dissect.wire.octets import u16
-from dissect.wire.text import count, duration_text, over_limit
+from dissect.wire.text import count, duration_text, over_limit, some
 
 #: Jobs that are commands, or that begin or end a transfer; the many jobs that carry pieces of blocks are left out.
 _COMMANDS: Final = frozenset((REQUEST_DOWNLOAD, DOWNLOAD_ENDED, START_UPLOAD, END_UPLOAD, PI_SERVICE, PLC_STOP))
@@ -126,9 +126,8 @@ def _note_items(
     reporter: Reporter, slug: str, side: Side, parameters: Parameters, faults: list[str], frame: i64, time_ns: i64
 ) -> None:
     if faults:
-        more = f" and {len(faults) - _NAMED} more" if len(faults) > _NAMED else ""
         begun = f"{parameters.function_name}: " if parameters.items else ""
-        detail = f"{begun}{'; '.join(faults[:_NAMED])}{more}"
+        detail = f"{begun}{some(faults, _NAMED, '; ')}"
         reporter.note(slug, side.connection.number, [frame], time_ns, detail)
 
 
@@ -522,8 +521,7 @@ def _asked(transaction: Transaction) -> str:
     labels = [item.label for item in transaction.plus_results] if transaction.is_plus else []
     if not labels:
         return subject(transaction)
-    more = f" and {len(labels) - _NAMED} more" if len(labels) > _NAMED else ""
-    return f"{transaction.function_name} {', '.join(labels[:_NAMED])}{more}"
+    return f"{transaction.function_name} {some(labels, _NAMED)}"
 
 
 def _in_part(transaction: Transaction) -> bool:

@@ -11,6 +11,7 @@ from dissect.golden.exchange import Exchange
 from dissect.golden.keys import subject
 from dissect.golden.phrases import Change, short
 from dissect.s7.tables import WRITE_VAR
+from dissect.wire.text import some
 
 #: Items that are named.
 _NAMED: Final = 5
@@ -27,16 +28,16 @@ def other_items(one: Exchange, other: Exchange) -> Change:
             was, is_ = before[0], after[0]
         text = f"{verb} {_without_verb(is_)} instead of {_without_verb(was)}"
     elif gone and new:
-        was, is_ = _listed(gone), _listed(new)
+        was, is_ = some(list(gone), _NAMED), some(list(new), _NAMED)
         text = f"{verb} {is_} instead of {was}"
     elif new:
-        was, is_ = "", _listed(new)
+        was, is_ = "", some(list(new), _NAMED)
         text = f"{verb} {is_} as well"
     elif gone:
-        was, is_ = _listed(gone), ""
+        was, is_ = some(list(gone), _NAMED), ""
         text = f"no longer {verb} {was}"
     else:
-        was, is_ = _listed(before), _listed(after)
+        was, is_ = some(list(before), _NAMED), some(list(after), _NAMED)
         text = f"{verb} the same items in a different order"
     return Change("requests", text, was, is_, targets=(one.function_name,))
 
@@ -60,8 +61,3 @@ def _without(names: Sequence[str], others: Sequence[str]) -> list[str]:
         if left[name] < 0:
             found.append(name)
     return found
-
-
-def _listed(names: Sequence[str]) -> str:
-    more = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
-    return ", ".join(names[:_NAMED]) + more

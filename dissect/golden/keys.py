@@ -21,7 +21,7 @@ from dissect.s7.tables import (
     USERDATA,
     WRITE_VAR,
 )
-from dissect.wire.text import printable, shortened, titled
+from dissect.wire.text import printable, shortened, some, titled
 
 #: Items that a subject names, and characters of it.
 _NAMED: Final = 3
@@ -132,8 +132,7 @@ def subject(exchange: Exchange, address: str = "") -> str:
         labels = [shortened(item.label, _LONG) for item in exchange.items]
         if address:
             return f"{name} {address}"
-        more = f" and {len(labels) - _NAMED} more" if len(labels) > _NAMED else ""
-        return f"{name} {', '.join(labels[:_NAMED])}{more}".rstrip()
+        return f"{name} {some(labels, _NAMED)}".rstrip()
     if exchange.kind == SCD:
         return shortened(exchange.scd[0].partition(" ")[2], _LONG) if exchange.scd else "SCD"
     if exchange.kind == PLUS and exchange.request:

@@ -36,7 +36,7 @@ from dissect.stations import facts
 from dissect.stations.facts import KEYS, Stretch
 from dissect.tcp.link import within
 from dissect.transactions.operation import CONNECT
-from dissect.wire.text import Clock, duration_text, printable, shortened
+from dissect.wire.text import Clock, duration_text, printable, shortened, some
 
 #: Bounds: cards, talks of a device, areas of a talk, tags of an area, values over time, rows and columns of the matrix.
 _CARDS: Final = 50
@@ -263,15 +263,13 @@ def _blocks(device: Device) -> Iterator[tuple[str, str]]:
     if counts:
         said.append(", ".join(counts))
     if listed:
-        more = f" and {len(listed) - _NAMES} more" if len(listed) > _NAMES else ""
-        said.append(f"listed: {', '.join([printable(name) for name in listed[:_NAMES]])}{more}")
+        said.append(f"listed: {some([printable(name) for name in listed], _NAMES)}")
     changed = [
         f"{shortened(name, _TEXT)} {' and '.join(how.texts)}"
         for name, how in sorted(device.blocks.items(), key=lambda pair: _natural(pair[0]))
     ]
     if changed:
-        more = f" and {len(changed) - _NAMES} more" if len(changed) > _NAMES else ""
-        said.append(f"{', '.join(changed[:_NAMES])}{more}")
+        said.append(some(changed, _NAMES))
     if said:
         yield "blocks", "; ".join(said)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Final
 
 from dissect.findings.reporter import Finding
-from dissect.wire.text import printable
+from dissect.wire.text import printable, some
 
 #: The beginning of all our comments, by which a display filter finds them: ``frame.comment contains "s7dissect:"``.
 MARK: Final = "s7dissect:"
@@ -27,6 +27,4 @@ def frames_in_words(frames: list[int]) -> str:
     """Return packet numbers in words, the first few of them: ``packet 8``, ``packets 8, 9 and 3 more``."""
     if not frames:
         return "the capture"
-    named = ", ".join([str(frame) for frame in frames[:_NAMED]])
-    more = f" and {len(frames) - _NAMED} more" if len(frames) > _NAMED else ""
-    return f"packet{'s' if len(frames) > 1 else ''} {named}{more}"
+    return f"packet{'s' if len(frames) > 1 else ''} {some([str(frame) for frame in frames], _NAMED)}"

@@ -58,7 +58,7 @@ from dissect.transactions.transaction import (
     TABLE_FULL,
     Transaction,
 )
-from dissect.wire.text import printable, shortened
+from dissect.wire.text import printable, shortened, some
 
 #: Functions that are described by their items, or by what they negotiate; notes on them would add nothing.
 _TOLD_BY_ITEMS: Final = frozenset((READ_VAR, WRITE_VAR, SETUP_COMMUNICATION))
@@ -185,12 +185,11 @@ def items_in_short(results: list[ItemResult], naming: Naming | None = None) -> s
     numbered = list(enumerate(results, 1))
     refused = [(number, result) for number, result in numbered if result.refused]
     if refused:
-        some = [item(result, number, naming) for number, result in refused[: words.NAMED]]
+        first = [item(result, number, naming) for number, result in refused[: words.NAMED]]
         total = f"{len(refused)} of {words.count(len(results), 'item')} refused: " if len(results) > 1 else ""
-        return total + ", ".join(some) + (", …" if len(refused) > words.NAMED else "")
+        return total + ", ".join(first) + (", …" if len(refused) > words.NAMED else "")
     names = [_short_name(result, number, naming) for number, result in numbered]
-    more = f" and {len(names) - words.NAMED} more" if len(names) > words.NAMED else ""
-    return ", ".join(names[: words.NAMED]) + more
+    return some(names, words.NAMED)
 
 
 def _unconfirmed(transaction: Transaction) -> str:

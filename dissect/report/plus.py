@@ -23,7 +23,7 @@ from dissect.s7plus.tables import CREATE_OBJECT, KEEP_ALIVE, NOTIFICATION, REQUE
 from dissect.transactions.connection import Connection
 from dissect.transactions.transaction import Transaction
 from dissect.wire.part import Part
-from dissect.wire.text import count, hex_number, json_text, shortened
+from dissect.wire.text import count, hex_number, json_text, shortened, some
 
 #: Name of the protocol in JSON.
 PROTOCOL: Final = UPPER_NAMES[S7COMM_PLUS]
@@ -170,8 +170,7 @@ def in_short(items: list[PlusItem]) -> list[str]:
     refused = [item_text(item) for item in items if item.return_code > 0]
     if not refused:
         names = [shortened(item.label, _MESSAGE) for item in items]
-        more = f" and {len(names) - NAMED} more" if len(names) > NAMED else ""
-        return [", ".join(names[:NAMED]) + more]
+        return [some(names, NAMED)]
     total = f"{len(refused)} of {count(len(items), 'item')} refused: " if len(items) > 1 else ""
     return [total + ", ".join(refused[:NAMED]) + (", …" if len(refused) > NAMED else "")]
 

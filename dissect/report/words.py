@@ -20,7 +20,7 @@ from dissect.s7.values import Value, spelled
 from dissect.source.packet import SourceFile
 from dissect.tcp.stream import Endpoint
 from dissect.transactions.connection import Connection
-from dissect.wire.text import Clock, decimal, duration_text, encodable, printable, shortened
+from dissect.wire.text import Clock, decimal, duration_text, encodable, printable, shortened, some
 from dissect.wire.text import count as count  # noqa: PLC0414 - it is one of the words of reports as well
 
 
@@ -229,8 +229,7 @@ def _cut(text: str) -> str:
 
 def some_notes(found: list[str], most: int = NAMED) -> str:
     """Return the first few notes, and how many more there are."""
-    more = f" and {len(found) - most} more" if len(found) > most else ""
-    return ", ".join([shortened(note, NOTE) for note in found[:most]]) + more
+    return some([shortened(note, NOTE) for note in found], most)
 
 
 def explained(counts: Mapping[str, int]) -> str:

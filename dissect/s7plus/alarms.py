@@ -7,6 +7,7 @@ from typing import Final
 from dissect.s7plus.objects import PlusObject
 from dissect.s7plus.value_showing import iso_time, octets_text
 from dissect.s7plus.values import Blob, Struct
+from dissect.wire.text import some
 
 #: Class of an alarm.
 ALARM: Final = 2681
@@ -53,8 +54,7 @@ class AlarmEvent:
         if self.acknowledged:
             text += f", acknowledged {iso_time(self.acknowledged)}"
         held = [f"{at}: {octets_text(octets)}" for at, octets in enumerate(self.values, 1) if octets]
-        more = f" and {len(held) - _SHOWN} more" if len(held) > _SHOWN else ""
-        return f"{text}, associated values {'; '.join(held[:_SHOWN])}{more}" if held else text
+        return f"{text}, associated values {some(held, _SHOWN, '; ')}" if held else text
 
     def as_dict(self) -> dict[str, object]:
         """Return the event as JSON-ready data."""

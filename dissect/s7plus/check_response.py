@@ -24,7 +24,7 @@ from dissect.s7plus.tables import (
     refuses,
 )
 from dissect.s7plus.walk import MAX_WORK
-from dissect.wire.text import count
+from dissect.wire.text import count, some
 from dissect.wire.varint import VLQ, VLQ64, read_varint
 
 #: Offset of the item count in the data of a request with a list of items.
@@ -90,8 +90,7 @@ def _compared(function: i64, request: PlusPdu, response: PlusPdu) -> str:
         wrong += [f"no item {number}" for number in wanted if number not in counts]
     if not wrong:
         return ""
-    more = f" and {len(wrong) - _NAMED} more" if len(wrong) > _NAMED else ""
-    return f"requested {count(len(wanted), 'item')}, the answer has {', '.join(wrong[:_NAMED])}{more}"
+    return f"requested {count(len(wanted), 'item')}, the answer has {some(wrong, _NAMED)}"
 
 
 def _sound_contents(function: i64, pdu: PlusPdu) -> Contents | None:

@@ -34,6 +34,7 @@ from dissect.scd.model import DEFTYPE, NULL, Object, Pdo, StructType, Variable
 from dissect.scd.records import Body, EnvelopeRecord
 from dissect.scd.types import STANDARD_NAMES, UINT64, SimpleType
 from dissect.wire.saving import save
+from dissect.wire.text import some
 
 if TYPE_CHECKING:
     from dissect.scd.layout import Key
@@ -222,8 +223,7 @@ class Dictionary:
         meant = "" if numbered else close_to(key, [pdo.name for pdo in pdos if pdo.name])
         there = [f"{pdo.direction}{pdo.number}" for pdo in pdos]
         if not meant:
-            more = f" and {len(there) - _MOST_PDOS} more" if len(there) > _MOST_PDOS else ""
-            meant = f"; there are {', '.join(there[:_MOST_PDOS])}{more}" if there else "; there are none"
+            meant = f"; there are {some(there, _MOST_PDOS)}" if there else "; there are none"
         return f"no PDO {key if numbered else shown(key)} in the dictionary {shown(self.name)}{meant}"
 
     def pdo_at(self, index: int) -> Pdo | None:

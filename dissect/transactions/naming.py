@@ -12,6 +12,7 @@ from mypy_extensions import i64, mypyc_attr
 from dissect.s7.tables import BYTE, WRITE_VAR
 from dissect.s7.values import Value
 from dissect.s7plus.program import Program
+from dissect.wire.text import some
 
 if TYPE_CHECKING:
     from dissect.s7.items import ItemResult
@@ -109,8 +110,7 @@ def items_said(naming: Naming | None, results: list[ItemResult], writes: bool, m
     said: list[str] = []
     for result in results:
         said += _item_said(naming, result, writes)
-    more = f" and {len(said) - most} more" if len(said) > most else ""
-    return ", ".join(said[:most]) + more
+    return some(said, most)
 
 
 def item_subject(transaction: Transaction, number: int, address: str) -> str:

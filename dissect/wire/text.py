@@ -167,6 +167,13 @@ def count(number: int, one: str, many: str = "") -> str:
     return f"{number} {one if number == 1 else many or one + 's'}"
 
 
+def some(texts: list[str], most: int, joint: str = ", ") -> str:
+    """Return the first ``most`` texts, all for 0, with ``joint`` between them, and how many more there are."""
+    if not most or len(texts) <= most:
+        return joint.join(texts)
+    return f"{joint.join(texts[:most])} and {len(texts) - most} more"
+
+
 def cut_inside(text: str, most: int) -> str:
     """Return `printable` text; of one longer than ``most`` characters the end stays, which says what became of it."""
     if len(text) <= most:

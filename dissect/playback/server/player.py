@@ -27,6 +27,7 @@ from dissect.s7.layouts import PDU_REF
 from dissect.s7.message import Pdu, parse_pdu
 from dissect.s7.parameters import PUSH, RESPONSE, is_plc_push
 from dissect.s7.tables import JOB, READ_VAR, SETUP_COMMUNICATION, USERDATA, WRITE_VAR
+from dissect.wire.text import some
 
 #: What a request is answered with when its recorded answers are used up (`Stage`).
 LAST: Final = "last"
@@ -227,8 +228,7 @@ class Player:
         how = "memory" if self._stage.image is not None else "items"
         if not missing:
             return Reply(answer_items(asked, answers), how, latency_ns)
-        more = f" and {len(missing) - 5} more" if len(missing) > 5 else ""
-        lacking = f"not recorded: {', '.join(missing[:5])}{more}{self._stage.near(asked)}"
+        lacking = f"not recorded: {some(missing, 5)}{self._stage.near(asked)}"
         return Reply(answer_items(asked, answers), "unmatched", latency_ns, lacking=lacking)
 
     def _recorded(self, key: bytes) -> ItemAnswer | None:

@@ -37,7 +37,7 @@ from dissect.transactions.side import Side
 from dissect.transactions.transaction import Transaction
 from dissect.wire.build import COMPILED
 from dissect.wire.malformed import Malformed
-from dissect.wire.text import Clock, decimal, hex_number, shortened
+from dissect.wire.text import Clock, decimal, hex_number, shortened, some
 
 #: At most so many characters of a packet comment are shown.
 _COMMENT: Final = 1000
@@ -61,7 +61,7 @@ def transaction_line(transaction: Transaction, clock: Clock, places: Places, mos
     subject = facet.subject(transaction)
     if most and subject:
         items = facet.items(transaction)
-        subject = subject.replace(", ".join(items), _some(items, most), 1)
+        subject = subject.replace(", ".join(items), some(items, most), 1)
     said = f"  {ending}" if ending else ""
     if subject:
         said += f"  {subject}"
@@ -79,13 +79,6 @@ def transaction_line(transaction: Transaction, clock: Clock, places: Places, mos
 def sender(transaction: Transaction) -> i64:
     """Return the side from which lines point to the other one: it sent the request, or the message that has no request."""
     return transaction.asked_by if transaction.request_frame else 1 - transaction.asked_by
-
-
-def _some(items: list[str], most: int) -> str:
-    """Return items for a line: of more than ``most`` the first, and how many more there are; 0 names all."""
-    if not most or len(items) <= most:
-        return ", ".join(items)
-    return f"{', '.join(items[:most])} and {len(items) - most} more"
 
 
 def _blanks(count: i64) -> str:
@@ -155,7 +148,7 @@ def _body(pdu: Pdu, naming: Naming | None, faults: list[Malformed], most: int) -
         setup = parameters.setup
         return str(setup)
     if parameters.items and pdu.rosctr == JOB:
-        return _some(_requested(pdu, parameters.items, naming), most)
+        return some(_requested(pdu, parameters.items, naming), most)
     codes = pdu.return_codes()
     if codes:
         refused = [
@@ -164,7 +157,7 @@ def _body(pdu: Pdu, naming: Naming | None, faults: list[Malformed], most: int) -
         good = words.count(len(codes), "item")
         if not refused:
             return f"{good}, all good" if len(codes) > 1 else f"{good}, good"
-        return f"{len(refused)} of {good} refused: {_some(refused, most)}"
+        return f"{len(refused)} of {good} refused: {some(refused, most)}"
     head = parameters.userdata
     body = pdu.body
     if not pdu.cut:
