@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from array import array
-from typing import Final
+from collections.abc import Callable
+from typing import Any, Final
 
 _MS: Final = 1_000_000
 #: Widths of bins in nanoseconds: round numbers, each a multiple of the one before it, so that bins can be joined.
@@ -88,6 +89,24 @@ def lower_end(number: int) -> int:
         return number
     shift = (number >> _STEP_BITS) - 1
     return (number - (shift << _STEP_BITS)) << shift
+
+
+def cells_of(bins: Bins, step: int, seconds: Callable[[int], float]) -> dict[str, Any]:
+    """Return how many durations there are by time and length, for JSON: in ``cells`` (bin, band, count).
+
+    A bin begins ``width`` seconds times its number after ``origin``; a band is ``step`` buckets of a distribution.
+    """
+    first = min(bins.rows, default=0)
+    return {
+        "width": bins.width / 1e9,
+        "origin": seconds(first * bins.width),
+        "step": step,
+        "cells": [
+            [number - first, band, count]
+            for number, row in sorted(bins.rows.items())
+            for band, count in sorted(row.items())
+        ],
+    }
 
 
 class Spread:

@@ -7,7 +7,7 @@ from typing import Any, Final
 
 from dissect.inventory.model import Device, Talk
 from dissect.inventory.rows import device_row
-from dissect.page.bins import lower_end
+from dissect.page.bins import cells_of
 from dissect.page.gathered import Gathered
 from dissect.page.plcs import BAND, Plc
 from dissect.page.polls import Request, Variable
@@ -63,7 +63,8 @@ def cards(gathered: Gathered, seconds: Callable[[int], float], width: int) -> di
     for number, device in servers[:_CARDS]:
         station = (device.address, device.vlan)
         card = _Card(gathered, device, seconds)
-        plc = gathered.plcs.found.get(station)
+        plc = gathered.plcs.found.get(station) or Plc()
+        plc.times.widen(width)
         rows.append(
             {
                 "key": f"d{number}",
@@ -77,11 +78,11 @@ def cards(gathered: Gathered, seconds: Callable[[int], float], width: int) -> di
                 "refused": card.refused(refused.get(station, []))[:_LINES],
                 "more_refused": max(0, len(refused.get(station, [])) - _LINES),
                 "modes": card.modes(),
-                "slowest": card.slowest(plc) if plc is not None else [],
-                "times": _times(plc, seconds, width) if plc is not None else [],
+                "slowest": card.slowest(plc),
+                "times": cells_of(plc.times, BAND, seconds),
             }
         )
-    return {"rows": rows, "total": len(servers), "width": width / 1e9}
+    return {"rows": rows, "total": len(servers)}
 
 
 def _transactions(device: Device) -> int:
@@ -92,16 +93,6 @@ def _changes(talk: Talk) -> list[str]:
     """Return how a client changed the PLC, or tried to: its writes, and its operations of the kinds that do."""
     writes = [words.count(talk.writes, "write")] if talk.writes else []
     return writes + [f"{KINDS[kind]} ({talk.operations[kind]})" for kind in _CHANGING if talk.operations.get(kind)]
-
-
-def _times(plc: Plc, seconds: Callable[[int], float], width: int) -> list[list[Any]]:
-    """Return answer times over time: cells of (seconds, lower and upper end in nanoseconds, count)."""
-    plc.times.widen(width)
-    return [
-        [seconds(number * plc.times.width), lower_end(band * BAND), lower_end((band + 1) * BAND), count]
-        for number, row in sorted(plc.times.rows.items())
-        for band, count in sorted(row.items())
-    ]
 
 
 class _Card:

@@ -8,7 +8,7 @@ from __future__ import annotations
 import time
 from typing import Any, Final
 
-from dissect.page.bins import WIDTHS, lower_end
+from dissect.page.bins import WIDTHS, cells_of, lower_end
 from dissect.page.cards import cards
 from dissect.page.gaps import Gap
 from dissect.page.gathered import BANDS, Gathered, Span
@@ -114,15 +114,8 @@ class Data:
         return {"width": bins.width / 1e9, "names": OUTCOME_NAMES, "bins": rows}
 
     def _times(self) -> dict[str, Any]:
-        """Return answer times over time: cells of (seconds, lower and upper end in nanoseconds, count)."""
-        bins = self._of.answer_times
-        step = 32 // BANDS
-        cells = [
-            [self._seconds(number * bins.width), lower_end(band * step), lower_end((band + 1) * step), count]
-            for number, row in sorted(bins.rows.items())
-            for band, count in sorted(row.items())
-        ]
-        return {"width": bins.width / 1e9, "cells": cells}
+        """Return answer times over time: `cells_of` their bins."""
+        return cells_of(self._of.answer_times, 32 // BANDS, self._seconds)
 
     def _points(self) -> list[list[Any]]:
         """Return slow answers, the slowest first: (seconds, nanoseconds, key of the row, description).

@@ -15,6 +15,7 @@ from dissect.wire.text import printable, shortened
 #: Greatest number of rows.
 _VARIABLES: Final = 1000
 _REQUESTS: Final = 500
+_DEVICES: Final = 1000
 #: Columns of the table of devices, by key of a row of `dissect.inventory.rows`.
 _DEVICE_TEXTS: Final = {
     "role": "role",
@@ -167,7 +168,7 @@ class Tables:
     def _devices(self) -> dict[str, Any]:
         inventory = self._of.inventory
         rows = []
-        for number, device in enumerate(inventory.devices, 1):
+        for number, device in enumerate(inventory.devices[:_DEVICES], 1):
             told = device_row(device, self._of.rows.places)
             told["asks"] = ", ".join([self._of.rows.host(talk.server) for talk in device.asks])
             said = [shortened(told[column], _TEXT) for column in _DEVICE_TEXTS]
@@ -190,7 +191,7 @@ class Tables:
             ("device", TEXT), *[(heading, TEXT) for heading in _DEVICE_TEXTS.values()], ("connections", NUMBER),
             ("transactions as server", NUMBER), ("as client", NUMBER), ("median answer", DURATION), ("first seen", SECONDS),
         ]  # fmt: skip
-        return self._table("devices", "Devices", columns, rows, len(rows) + inventory.devices_not_listed)
+        return self._table("devices", "Devices", columns, rows, len(inventory.devices) + inventory.devices_not_listed)
 
     def _s7comm(self, host: Station) -> str:
         """Return the Wireshark filter for what a machine says in S7comm; for all it says where Wireshark may not know that."""

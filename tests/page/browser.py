@@ -83,6 +83,7 @@ def started() -> Iterator[Browser]:
         options.add_argument(argument)
     options.set_capability("goog:loggingPrefs", {"browser": "ALL", "performance": "ALL"})
     running = webdriver.Chrome(options=options, service=Service(driver))
+    running.execute_cdp_cmd("Browser.setDownloadBehavior", {"behavior": "deny"})  # nothing into the home folder
     try:
         yield Browser(running)
     finally:

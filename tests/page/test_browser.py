@@ -84,7 +84,7 @@ def test_every_plot_has_its_data(browser: Browser, busy: tuple[Path, dict[str, A
             clientX: frame.left + (arguments[0] + 1) * ratio, clientY: frame.top + (arguments[1] + 1) * ratio}));
         return document.getElementById('tip').textContent;"""
     assert re.match(r"(1 answer|\d+ answers) in ", browser.run(hover, float(box[1]), float(box[2])))
-    answers = sum([cell[3] for cell in data["times"]["cells"]])
+    answers = sum([cell[2] for cell in data["times"]["cells"]])
     assert browser.count("#plot-times circle.point") == max(5, answers // 20)
     assert browser.count("#plot-spreads a.hit") == len(data["spreads"]["rows"]) == 4
     assert browser.count("#plot-polls a.hit") == len(data["polls"]["rows"]) == 2

@@ -24,7 +24,7 @@ function cardOf(session, side, card, scale) {
     html("h3", {}, reference(session, side, card.key, host, "")),
     card.identity.length > 0 && html("dl", {}, ...card.identity.map(([what, text]) => html("div", {}, html("dt", { text: what }), html("dd", { text })))),
     card.modes.length > 0 && part("Operating modes", html("p", { text: card.modes.map(([seconds, mode]) => `${mode} (${moment(session, seconds)})`).join(" → ") })),
-    card.times.length > 0 && session.plcs.rows.length > 1 && part("Answer times", body),
+    card.times.cells.length > 0 && session.plcs.rows.length > 1 && part("Answer times", body),
     clients.length > 0 && part("Clients", small(["client", "transactions", "reads", "writes", "with errors", "no answer", "operations"], `Clients of ${host}`, clients, [1, 2, 3, 4, 5]), more(card.more_clients, "client")),
     card.writers.length > 0 && part("Writers", html("ul", {}, ...card.writers.map(([name, did]) => html("li", { text: `${name}: ${did}` })))),
     card.polls.length > 0 && part("Polls", small(["client", "request", "times", "period"], `Polls of ${host}`, card.polls.map(([name, subject, count, period, key]) => [name, reference(session, side, key, subject, ""), integer(count), duration(period)]), [2, 3]), more(card.more_polls, "poll")),
@@ -38,16 +38,16 @@ function multipleOf(session, side, card, scale) {
   return (width) => {
     const left = 54, [root, x, right, bottom] = timed(width, 110, left, `Answer times of ${card.host}`, session, []);
     const [low, high, ticks] = decades(Math.max(scale[0], SHORTEST), scale[1]);
-    const y = logScale(low, high, bottom, 8), most = card.times.reduce((all, cell) => Math.max(all, cell[3]), 1);
+    const y = logScale(low, high, bottom, 8), most = cellsOf(card.times).reduce((all, cell) => Math.max(all, cell[3]), 1);
     vertical(root, left, bottom, ticks.length > 4 ? ticks.filter((_, number) => number % 2 === 0) : ticks, y, axis, right);
-    density(root, session, card.times, session.plcs.width, x, y, left, right, most);
+    density(root, session, cellsOf(card.times), card.times.width, x, y, left, right, most);
     root.classList.add(`s${side}`);
     return [root];
   };
 }
 /** @param {HTMLElement} into */
 function drawCards(into) {
-  const cells = sessions.flatMap((one) => one.plcs.rows.flatMap((card) => card.times));
+  const cells = sessions.flatMap((one) => one.plcs.rows.flatMap((card) => cellsOf(card.times)));
   /** @type {[number, number]} */
   const scale = [cells.reduce((all, cell) => Math.min(all, cell[1]), Infinity), cells.reduce((all, cell) => Math.max(all, cell[2]), 0)];
   sessions.forEach((session, side) => {

@@ -96,17 +96,18 @@ function timed(width, height, left, label, session, gaps) {
   /** @param {number} seconds */
   const x = (seconds) => left + ((seconds - view[0]) / (view[1] - view[0])) * (right - left);
   timeAxis(root, session, x, left, right, bottom);
+  const ticks = svg("g", {});
   for (const [begin, end, why, idle] of gaps) {
     if (end < view[0] || (idle ? end : begin) > view[1]) continue;
     const tip = `${why}\n${idle ? `between ${moment(session, begin)} and ${moment(session, end)}, idle most of that time` : `${moment(session, begin)} to ${moment(session, end)}`}`;
     if (idle) {
-      root.append(svg("path", { class: "gap tick", d: `M${at(x(end) - 4)} 2h8l-4 6Z`, "data-tip": tip }), svg("rect", { class: "gap", x: at(x(end) - 0.75), y: 4, width: 1.5, height: bottom - 4, "data-tip": tip }));
+      ticks.append(svg("path", { class: "gap tick", d: `M${at(x(end) - 4.5)} ${bottom}h9l-4.5-8Z`, "data-tip": tip }));
       continue;
     }
     const from = Math.max(left, x(begin)), to = Math.min(right, Math.max(x(end), x(begin) + 2));
     root.append(svg("rect", { class: "gap", x: at(from), y: 4, width: at(Math.max(2, to - from)), height: bottom - 4, "data-tip": tip }));
   }
-  root.append(svg("rect", { x: left, y: 4, width: Math.max(0, right - left), height: bottom - 4, fill: "none", "pointer-events": "all", class: "ground" }));
+  root.append(svg("rect", { x: left, y: 4, width: Math.max(0, right - left), height: bottom - 4, fill: "none", "pointer-events": "all", class: "ground" }), ticks);
   Object.assign(root.dataset, { left, right, bottom });
   root.classList.add("timed");
   return [root, x, right, bottom];
@@ -131,7 +132,7 @@ function gapLegend(gaps) {
   /** @type {[string, string, string?][]} */
   const found = [];
   if (gaps.some((gap) => !gap[3])) found.push(["gap", "missing from the capture"]);
-  if (gaps.some((gap) => gap[3])) found.push(["gap tick", "bytes missing before an idle time", "M-5-4H5L0 5Z"]);
+  if (gaps.some((gap) => gap[3])) found.push(["gap tick", "bytes missing before an idle time", "M-5 4H5L0-5Z"]);
   return found;
 }
 

@@ -36,6 +36,17 @@ function decades(low, high) {
   for (let one = begin; one <= end; one += 1) ticks.push(10 ** one);
   return [10 ** begin, 10 ** end, ticks];
 }
+/** The shortest duration of a bucket of a distribution, in nanoseconds (`lower_end`). @param {number} number */
+function lowerEnd(number) {
+  if (number < 64) return number;
+  const shift = Math.floor(number / 32) - 1;
+  return (number - 32 * shift) * 2 ** shift;
+}
+/** Answer times over time: seconds, shortest, longest, how many. @param {Density} of @returns {Cells} */
+function cellsOf(of) {
+  of.made ||= of.cells.map(([bin, band, count]) => [of.origin + bin * of.width, lowerEnd(band * of.step), lowerEnd((band + 1) * of.step), count]);
+  return of.made;
+}
 /** Answers that seem to come sooner are of reordered packets; they stand at the edge of a plot. */
 const SHORTEST = 1e3;
 /** @param {number} low @param {number} high @param {number} from @param {number} to @returns {(value: number) => number} */

@@ -215,7 +215,7 @@ function list(session, side, table) {
     html("button", { type: "button", class: "copy", text: "CSV", "aria-label": `Save the rows of ${title} as CSV`, onclick: () => save(`${session.name.replace(/[^\w.-]+/g, "_")}-${table.name}.csv`, lines(session, table, matching()).map((cells) => cells.map(quoted).join(",")).join("\r\n") + "\r\n") }));
   const section = html("section", { class: "table", id: `${prefix}table-${table.name}` },
     html("div", { class: "head" }, html("h3", { text: title }), box, buttons, count, aside), table.note && html("p", { class: "quiet", text: table.note }), rest,
-    scrolling(html("div", { class: "scroll" }, html("table", { "aria-label": title }, html("thead", {}, html("tr", {}, html("th", { scope: "col", "aria-label": "how to see it" }), ...heads)), body)), aside, title), further_);
+    scrolling(html("div", { class: "scroll" }, html("table", { "aria-label": title }, html("thead", {}, html("tr", {}, html("th", { scope: "col" }, html("span", { class: "unseen", text: "how to see it" })), ...heads)), body)), aside, title), further_);
   show();
   return section;
 }
@@ -251,6 +251,6 @@ for (const one of document.querySelectorAll("code[data-show], code[data-copy]"))
 for (const one of document.querySelectorAll("details .scroll")) {
   const aside = further();
   one.before(aside);
-  scrolling(one, aside, "Occurrences");
+  scrolling(one, aside, `Occurrences of ${(one.closest("details")?.id || "").replace(/^([ab]-)?f-/, "")}${several ? ` ${one.closest("details")?.id.slice(0, 1).toUpperCase()}` : ""}`);
   one.closest("details")?.addEventListener("toggle", look);
 }

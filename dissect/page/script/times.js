@@ -89,7 +89,7 @@ function drawRates(width) {
 function medians(session) {
   /** @type {Map<number, [number, number, number][]>} */
   const bins = new Map();
-  for (const [seconds, low, high, count] of session.times.cells) {
+  for (const [seconds, low, high, count] of cellsOf(session.times)) {
     const found = bins.get(seconds) || [];
     if (!found.length) bins.set(seconds, found);
     found.push([low, high, count]);
@@ -132,13 +132,13 @@ function density(root, session, cells, w, x, y, left, right, most) {
 let wanted = "";
 /** The slowest of the answers that are shown: one in 20, but at least 5. @param {Session} session */
 function slowPoints(session) {
-  const answers = session.times.cells.reduce((all, [seconds, , , count]) => all + (inside(seconds, seconds + session.times.width) ? count : 0), 0);
+  const answers = cellsOf(session.times).reduce((all, [seconds, , , count]) => all + (inside(seconds, seconds + session.times.width) ? count : 0), 0);
   const most = Math.max(5, Math.floor(answers / 20));
   return session.points.filter(([seconds]) => inside(seconds, seconds)).sort((one, other) => other[1] - one[1]).filter(([, , key], number) => number < most || key === wanted);
 }
 /** @param {number} width @returns {(Element | false)[]} */
 function drawTimes(width) {
-  const cells = sessions.flatMap((one) => one.times.cells);
+  const cells = sessions.flatMap((one) => cellsOf(one.times));
   const height = 270, left = 62, gaps = several ? [] : sessions[0].gaps;
   const [root, x, right, bottom] = timed(width, height, left, "Answer times", sessions[0], gaps);
   const lowest = cells.reduce((all, cell) => Math.min(all, cell[1]), Infinity);
@@ -161,7 +161,7 @@ function drawTimes(width) {
       if (path) root.append(svg("path", { class: `line s${side}`, d: path }));
       return;
     }
-    density(root, session, session.times.cells, w, x, y, left, right, most);
+    density(root, session, cellsOf(session.times), w, x, y, left, right, most);
     const points = slowPoints(session).sort((one, other) => one[0] - other[0]);
     pointed = points.length;
     for (const [seconds, ns, key, what] of points) {

@@ -15,6 +15,8 @@ interface Table {
 }
 type Gap = [begin: number, end: number, why: string, idle: number];
 type Cells = [seconds: number, low: number, high: number, count: number][];
+/** Answer times over time as the page holds them, and their cells once they were asked for (`cellsOf`). */
+interface Density { width: number; origin: number; step: number; cells: [bin: number, band: number, count: number][]; made?: Cells }
 interface Spread {
   key: string; host: string; function: string; count: number; errors: number; missed: number; min: number; median: number;
   p95: number; max: number; bands: [number, number, number][];
@@ -42,14 +44,14 @@ interface Card {
   refused: [address: string, count: number, why: string][]; more_refused: number;
   modes: [seconds: number, mode: string, packet: number][];
   slowest: [answer: number, seconds: number, function: string, what: string, key: string][];
-  times: Cells;
+  times: Density;
 }
 interface Session {
   name: string; start_ms: number; span: number;
   zones: [from: number, ahead: number, name: string][];
   command: { options: string; bare: string; without: string[]; all: string; files: string[] };
   rates: { width: number; names: string[]; bins: number[][] };
-  times: { width: number; cells: Cells };
+  times: Density;
   points: [seconds: number, answer: number, key: string, what: string][];
   spreads: { rows: Spread[]; total: number; not_told_apart: number };
   polls: { rows: Poll[]; total: number; not_followed: number };
@@ -58,7 +60,7 @@ interface Session {
   tags: { series: Tag[]; missing: string[]; not_numbers: string[]; refused: string[]; likely: string; total: number };
   gaps: Gap[]; gaps_not_drawn: number;
   marks: { marks: [seconds: number, severity: string, slug: string, detail: string][]; total: number };
-  plcs: { rows: Card[]; total: number; width: number };
+  plcs: { rows: Card[]; total: number };
   tables: Table[];
 }
 /** A plot over time: how it says what is below the pointer. */
