@@ -11,15 +11,30 @@ import hashlib
 import ipaddress
 import json
 from collections.abc import Mapping
+from types import MappingProxyType
 from typing import Any, Final, TextIO
 
 from dissect.engine.observer import Observer
 from dissect.engine.pipeline import Pipeline
 from dissect.export.attack_tables import TACTICS, TECHNIQUES
 from dissect.export.forms import ECS_PARTS, Export, Request
+from dissect.export.mapping import mapped
+from dissect.export.mapping import told as told_by
 from dissect.export.rows import Rows
-from dissect.export.tables import CONNECTIONS, FINDING_COUNTS, FINDINGS
-from dissect.facts.keys import connection_community_id, connection_uid
+from dissect.export.tables import (
+    BOOL,
+    CONNECTIONS,
+    FINDING_COUNTS,
+    FINDINGS,
+    INT,
+    INTS,
+    TEXT,
+    TRANSACTIONS,
+    WORD,
+    WORDS,
+    Table,
+)
+from dissect.facts.keys import connection_community_id
 from dissect.findings.bounds import KEPT
 from dissect.findings.catalogue import CAPTURE, CATALOGUE
 from dissect.findings.reporter import Finding
@@ -43,31 +58,69 @@ _CONTROL: Final = frozenset((0x28, 0x29))
 _SECURITY_GROUP: Final = 5
 
 
+_KEYWORD: Final = {"type": "keyword", "ignore_above": _LONGEST}
+#: The type of a field by that of its column.
+_TYPES: Final[Mapping[str, Mapping[str, Any]]] = {
+    INT: {"type": "long"},
+    INTS: {"type": "long"},
+    BOOL: {"type": "boolean"},
+    WORD: _KEYWORD,
+    WORDS: _KEYWORD,
+    TEXT: {"type": "match_only_text"},
+}
+#: The fields below ``s7dissect`` in the documents of a table.
+_OWN: Final = {
+    CONNECTIONS.name: mapped(CONNECTIONS, _TYPES, "uid pdus file"),
+    TRANSACTIONS.name: mapped(
+        TRANSACTIONS,
+        _TYPES,
+        "transaction frames= function.code=function function.name=function_name latency_ms= outcome reason certainty doubt "
+        "errors about items=item_count pdu_reference=pdu_ref file",
+    ),
+    FINDINGS.name: mapped(FINDINGS, _TYPES, "frames advice severity file finding explained_by because_of"),
+    FINDING_COUNTS.name: mapped(
+        FINDING_COUNTS,
+        _TYPES,
+        "scope severity reported because_of events reports connections hosts connections_at_least in_last_tenth file "
+        "first_frame last_file last_frame",
+    ),
+}
+#: The types of fields that are made of several columns, or are not searched.
+_MADE: Final[dict[str, Any]] = {
+    "connection": {"type": "long"},
+    "latency_ms": {"type": "double"},
+    "advice": {"type": "text", "index": False},
+}
+
+
+def _own_types() -> dict[str, Any]:
+    """Return the types of the fields below ``s7dissect``."""
+    own: dict[str, Any] = {}
+    for names in _OWN.values():
+        for one in names:
+            if one.kind is not None:
+                _put(own, one.name.replace(".", ".properties."), one.kind)
+    return {**own, **_MADE}
+
+
+def _put(told: dict[str, Any], path: str, value: Any) -> None:
+    *outer, name = path.split(".")
+    for one in outer:
+        told = told.setdefault(one, {})
+    told[name] = value
+
+
+def _own(table: Table, row: Mapping[str, Any], given: Mapping[str, Any] = MappingProxyType({})) -> dict[str, Any]:
+    """Return what a document has below ``s7dissect`` of a row."""
+    own: dict[str, Any] = {}
+    for name, value in told_by(_OWN[table.name], row, given):
+        _put(own, name, value)
+    return own
+
+
 def index_template() -> dict[str, Any]:
     """Return the index template: PUT it as ``_index_template/s7dissect`` before the first document."""
-    keyword = {"type": "keyword", "ignore_above": _LONGEST}
-    own = {
-        "connection": {"type": "long"},
-        "transaction": {"type": "long"},
-        "frames": {"type": "long"},
-        "function": {"properties": {"code": {"type": "long"}, "name": keyword}},
-        "latency_ms": {"type": "double"},
-        "outcome": keyword,
-        "reason": keyword,
-        "certainty": keyword,
-        "doubt": keyword,
-        "errors": keyword,
-        "about": {"type": "match_only_text"},
-        "items": {"type": "long"},
-        "pdu_reference": {"type": "long"},
-        "advice": {"type": "text", "index": False},
-        "file": keyword,
-        "last_file": keyword,
-        "scope": keyword,
-        "reported": keyword,
-        "events": {"type": "long"},
-        "reports": {"type": "long"},
-    }
+    keyword = _KEYWORD
     fields: dict[str, Any] = {
         "@timestamp": {"type": "date_nanos"},
         "message": {"type": "match_only_text"},
@@ -93,7 +146,7 @@ def index_template() -> dict[str, Any]:
         },
         "related": {"properties": {"ip": {"type": "ip"}}},
         "network": {"properties": {"bytes": {"type": "long"}, "packets": {"type": "long"}}},
-        "s7dissect": {"properties": own},
+        "s7dissect": {"properties": _own_types()},
     }
     return {
         "index_patterns": ["logs-s7dissect.*"],
@@ -182,7 +235,7 @@ class EcsExport(Export, Observer):
         told["network"] |= {"bytes": row["client_bytes"] + row["server_bytes"], "packets": row["packets"]}
         for side in ("client", "server"):
             told[side]["bytes"] = row[f"{side}_bytes"]
-        told["s7dissect"] |= {"uid": connection_uid(connection), "pdus": row["pdus"], "file": row["file"]}
+        told["s7dissect"] |= _own(CONNECTIONS, row)
         self._write("connections", told)
 
     def transaction(self, transaction: Transaction) -> None:
@@ -208,21 +261,12 @@ class EcsExport(Export, Observer):
             told["event"] |= {"end": self._clock.iso(row["response_ns"]), "duration": _duration(row["latency_ns"])}
         if row["errors"]:
             told["error"] = {"message": encodable("; ".join(row["errors"]))}
-        told["s7dissect"] |= {
-            "transaction": row["transaction"],
+        given = {
             "frames": [frame for frame in (row["request_frame"], row["response_frame"]) if frame is not None],
-            "function": {"code": row["function"], "name": row["function_name"]},
             "latency_ms": row["latency_ns"] / 1e6 if row["latency_ns"] is not None else None,
-            "outcome": row["outcome"],
-            "reason": row["reason"],
             "certainty": LIKELY if likely else None,  # without it, it is sure
-            "doubt": row["doubt"],
-            "errors": row["errors"],
-            "about": row["about"],
-            "items": row["item_count"],
-            "pdu_reference": row["pdu_ref"],
-            "file": row["file"],
         }
+        told["s7dissect"] |= _own(TRANSACTIONS, row, given)
         self._write("transactions", told)
 
     def finding(self, finding: Finding) -> None:
@@ -263,15 +307,7 @@ class EcsExport(Export, Observer):
                     "reference": [f"https://attack.mitre.org/techniques/{id_}" for id_ in row["techniques"]],
                 },
             }
-        told["s7dissect"] |= {
-            "frames": row["frames"],
-            "advice": rule.advice,
-            "severity": rule.severity,
-            "file": row["file"],
-            "finding": row["finding"],
-            "explained_by": row["explained_by"],
-            "because_of": row["because_of"],
-        }
+        told["s7dissect"] |= _own(FINDINGS, row)
         self._write("findings", told)
 
     def _write_counts(self, pipeline: Pipeline) -> None:
@@ -292,13 +328,7 @@ class EcsExport(Export, Observer):
             }
             told["rule"] = {"id": rule.slug, "name": rule.sentence, "category": rule.kind, "ruleset": "s7dissect"}
             _name_hosts(told, named)
-            told["s7dissect"] |= {
-                name: named[name]
-                for name in (
-                    "scope", "severity", "reported", "because_of", "events", "reports", "connections", "hosts",
-                    "connections_at_least", "in_last_tenth", "file", "first_frame", "last_file", "last_frame",
-                )
-            }  # fmt: skip
+            told["s7dissect"] |= _own(FINDING_COUNTS, named)
             self._write("finding_counts", told)
 
     # ---- documents --------------------------------------------------------------------------------------------------

@@ -45,6 +45,12 @@ TYPES: Final = {
 }  # fmt: skip
 
 
+#: By the type of a field in the index template: the types of its values.
+OWN_TYPES: Final = {
+    "long": (int,), "double": (int, float), "boolean": (bool,), "keyword": (str,), "match_only_text": (str,), "text": (str,),
+}  # fmt: skip
+
+
 def documents(path: Path, folder: Path) -> dict[str, list[dict[str, Any]]]:
     folder.mkdir(exist_ok=True)
     export = ecs_export(Request(folder, True, [], [str(path)], "0"))
@@ -75,6 +81,13 @@ def test_every_document_keeps_to_the_schema(tmp_path: Path) -> None:
             for name, value in flat(told).items():
                 if not name.startswith("s7dissect."):
                     assert type(value) is TYPES[name], name
+                    continue
+                found: Any = mapped
+                for step in name.split("."):
+                    found = found[step]
+                    found = found.get("properties", found)
+                one = value[0] if isinstance(value, list) else value
+                assert type(one) in OWN_TYPES[found["type"]], name
             event = told["event"]
             for category in event["category"]:
                 assert set(event["type"]) <= EXPECTED[category], event

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from typing import Final
 
+from dissect.export.mapping import Mapped, mapped
+from dissect.export.tables import ACTS, BOOL, FINDING_COUNTS, INT, INTS, TEXT, TRANSACTIONS, WORD, WORDS
+
 Columns = tuple[tuple[str, str], ...]
 
 
@@ -36,23 +39,41 @@ LOGS: Final[dict[str, Columns]] = {
     "s7comm_known_devices": _columns(
         "automation_system_name:string module_name:string plant_name:string module_serial:string"
     ),
-    # Our own logs, named so that they are not taken for those of ICSNPP.
-    "s7comm_transaction": _columns(
-        "community_id:string transaction:count protocol:string function_code:string function_name:string outcome:string "
-        "reason:string certainty:string doubt:string latency:interval failed:bool errors:vector[string] items:count "
-        "request_bytes:count response_bytes:count request_frame:count response_frame:count"
+}
+
+
+#: The kind of a column of a log by the type of the column of a table.
+_KINDS: Final = {
+    INT: "count",
+    BOOL: "bool",
+    TEXT: "string",
+    WORD: "string",
+    WORDS: "vector[string]",
+    INTS: "vector[count]",
+}
+#: Our own logs, named so that they are not taken for those of ICSNPP: the facts of records, as the tables have them.
+OWN: Final[dict[str, tuple[Mapped, ...]]] = {
+    "s7comm_transaction": mapped(
+        TRANSACTIONS,
+        _KINDS,
+        "community_id=:string transaction protocol function_code=function:string function_name outcome reason certainty doubt "
+        "latency=latency_ns:interval failed errors=:vector[string] items=item_count request_bytes response_bytes request_frame "
+        "response_frame",
     ),
-    "s7comm_act": _columns(
-        "community_id:string act:count kind:string subject:string blocks:vector[string] bytes:count outcome:string "
-        "reason:string error_code:count error_name:string slug:string end:time first_frame:count last_frame:count "
-        "transactions:vector[count]"
+    "s7comm_act": mapped(
+        ACTS,
+        _KINDS,
+        "community_id=:string act kind subject blocks bytes outcome reason error_code error_name slug end=end_ns:time "
+        "first_frame last_frame transactions",
     ),
-    "s7comm_finding_count": _columns(
-        "ts:time end:time scope:string slug:string severity:string kind:string reported:string client_h:addr server_h:addr "
-        "because_of:string events:count reports:count connections:count connections_at_least:bool hosts:count "
-        "in_last_tenth:bool first_frame:count last_frame:count"
+    "s7comm_finding_count": mapped(
+        FINDING_COUNTS,
+        _KINDS,
+        "ts=ts_ns:time end=end_ns:time scope slug severity kind reported client_h=client_host:addr server_h=server_host:addr "
+        "because_of events reports connections connections_at_least hosts in_last_tenth first_frame last_frame",
     ),
 }
+LOGS.update({name: tuple([(one.name, one.kind) for one in columns]) for name, columns in OWN.items()})
 #: Logs whose rows belong to no connection.
 _OF_ALL: Final = frozenset(("s7comm_finding_count",))
 

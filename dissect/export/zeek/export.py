@@ -14,9 +14,10 @@ from dissect.acts.act import Act
 from dissect.engine.observer import Observer
 from dissect.engine.pipeline import Pipeline
 from dissect.export.forms import Export, Request
+from dissect.export.mapping import told
 from dissect.export.rows import Rows
 from dissect.export.tables import ACTS, FINDING_COUNTS
-from dissect.export.zeek.columns import LOGS
+from dissect.export.zeek.columns import LOGS, OWN
 from dissect.export.zeek.log import Log
 from dissect.export.zeek.rows import IDENTIFICATION, S7, cotp_row, identification, plus_row
 from dissect.facts.keys import connection_community_id, connection_uid
@@ -136,40 +137,20 @@ class ZeekExport(Export, Observer):
         connection = transaction.connection
         row = self._rows.row(transaction, self._made.item_count(transaction))
         function = row["function"]
-        self._log(
-            "s7comm_transaction",
-            row["ts_ns"],
-            connection,
-            side,
-            (
-                connection_community_id(connection),
-                row["transaction"],
-                row["protocol"],
-                f"0x{function:02x}" if function is not None else None,
-                row["function_name"],
-                transaction.outcome,
-                transaction.reason or None,
-                transaction.certainty or None,
-                transaction.doubt or None,
-                transaction.latency_ns,
-                bool(transaction.failed),
-                [f"{error.where}: {error.name}" for error in transaction.errors],
-                row["item_count"],
-                int(transaction.request_size) if asked else None,
-                int(transaction.response_size) if transaction.response_frame else None,
-                row["request_frame"],
-                row["response_frame"],
-            ),
-        )
+        given = {
+            "community_id": connection_community_id(connection),
+            "function_code": f"0x{function:02x}" if function is not None else None,
+            "errors": [f"{error.where}: {error.name}" for error in transaction.errors],
+        }
+        self._log("s7comm_transaction", row["ts_ns"], connection, side, _own("s7comm_transaction", row, given))
 
     def act(self, act: Act) -> None:
         """Log what a client did to a device, or tried to."""
         if "s7comm_act" not in self._logs:
             return
         row = ACTS.named(self._made.act(act))
-        row |= {"community_id": connection_community_id(act.connection), "end": row["end_ns"]}
-        told = tuple([row[name] for name, _ in LOGS["s7comm_act"]])
-        self._log("s7comm_act", row["ts_ns"], act.connection, int(act.asked_by), told)
+        given = {"community_id": connection_community_id(act.connection)}
+        self._log("s7comm_act", row["ts_ns"], act.connection, int(act.asked_by), _own("s7comm_act", row, given))
 
     def connection_closed(self, connection: Connection) -> None:
         """Log the device whose names were read on a connection."""
@@ -188,9 +169,9 @@ class ZeekExport(Export, Observer):
         counters = pipeline.counters
         for one in self._made.finding_counts(pipeline.exchange.ledger, counters.earliest_ns, counters.latest_ns):
             row = FINDING_COUNTS.named(one)
-            row |= {"ts": row["ts_ns"] or 0, "end": row["end_ns"]}
-            row |= {f"{side}_h": _host(row[f"{side}_host"]) for side in ("client", "server")}
-            log.add([row[name] for name, _ in LOGS["s7comm_finding_count"]])
+            given: dict[str, Any] = {"ts": row["ts_ns"] or 0}
+            given |= {f"{side}_h": _host(row[f"{side}_host"]) for side in ("client", "server")}
+            log.add(_own("s7comm_finding_count", row, given))
 
     # ---- rows -------------------------------------------------------------------------------------------------------
 
@@ -223,6 +204,10 @@ class ZeekExport(Export, Observer):
         first = unit not in parts
         (parts.add if more else parts.discard)(unit)
         return first
+
+
+def _own(log: str, row: Mapping[str, Any], given: Mapping[str, Any]) -> tuple[Any, ...]:
+    return tuple([value for _, value in told(OWN[log], row, given)])
 
 
 def _host(said: str | None) -> str | None:
