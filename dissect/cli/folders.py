@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Callable
 from pathlib import Path
 from typing import Final
 
@@ -60,7 +61,24 @@ def _captures(folder: str) -> list[str]:
     if not found:
         raise click.ClickException(f"{printable(folder)}: a folder without a capture (.pcap, .pcapng, .cap).")
     click.get_current_context().meta.setdefault(_FOLDERS, []).extend(_others(folder))
-    return by_time(found)
+    return by_time(found, _known_first())
+
+
+def _known_first() -> Callable[[str], int | None]:
+    """Return what gives the time of a file's first packet, None without one: from an index, else from the file."""
+    from dissect import __version__
+    from dissect.index.lookup import Indexes
+    from dissect.source.order import first_ns
+
+    indexes = Indexes(__version__)  # one that cannot be used is no trouble here
+
+    def first(path: str) -> int | None:
+        facts = indexes.facts(path)
+        if facts is None:
+            return first_ns(path)
+        return facts.first_ns if facts.packets else None
+
+    return first
 
 
 def _others(folder: str) -> list[str]:

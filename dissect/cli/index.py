@@ -68,6 +68,7 @@ def command(
     the expression can select something, so that other commands need not open the rest; addresses, ports, times and findings
     rule files out, whatever else the expression says.
     """
+    from dissect.index.facts import continued
     from dissect.index.place import index_of, made_room
     from dissect.index.store import NAME, Store, StoreError
 
@@ -90,11 +91,13 @@ def command(
         with Store(path, __version__, changes=not no_update) as store:
             changes = None if no_update else _updated(store, place)
             code = _complain(changes)
-            files = [facts for facts in store.files() if possible is None or possible(facts)]
+            known = list(store.files())
+            files = [facts for facts in known if possible is None or possible(facts)]
             if null:
                 _write_raw(folder, files)
             else:
-                write_outcome(format_, OUTCOME, Listing(folder, files, changes, clock(), possible is not None))
+                listing = Listing(folder, files, changes, clock(), possible is not None, continued(known))
+                write_outcome(format_, OUTCOME, listing)
             return code
     except StoreError as error:
         if error.full:
@@ -153,14 +156,24 @@ def _path(folder: str, facts: FileFacts) -> str:
 
 
 class Listing(Outcome):
-    """Files of an index, and what bringing it up to date changed, None where that was not done; as text ``names`` alone."""
+    """Files of an index, and what bringing it up to date changed, None where that was not done; as text ``names`` alone.
+
+    ``continued`` are files that go on where another one ends, each with that one.
+    """
 
     def __init__(
-        self, folder: str, files: list[FileFacts], changes: Changes | None, clock: Clock, names: bool = False
+        self,
+        folder: str,
+        files: list[FileFacts],
+        changes: Changes | None,
+        clock: Clock,
+        names: bool = False,
+        continued: Mapping[str, str] | None = None,
     ) -> None:
         self._names = names
         self._folder = folder
         self._files = files
+        self._continued = {} if continued is None else continued
         self._changes = changes
         self._clock = clock
 
@@ -172,7 +185,9 @@ class Listing(Outcome):
             return
         for facts in self._files:
             yield Line(printable(facts.name), HEADING, 4)
-            yield Line(f"  {_contents(facts, self._clock)}", PLAIN, 6)
+            before = self._continued.get(facts.name)
+            goes_on = f"; continues {printable(before)}" if before is not None else ""
+            yield Line(f"  {_contents(facts, self._clock)}{goes_on}", PLAIN, 6)
             if facts.findings:
                 yield Line(f"  {_findings(facts)}", PLAIN, 6)
             if facts.damage:
@@ -196,7 +211,7 @@ class Listing(Outcome):
         return {
             "schema": INDEX_SCHEMA,
             "folder": encodable(self._folder),
-            "files": [_as_dict(facts) for facts in self._files],
+            "files": [_as_dict(facts, self._continued.get(facts.name)) for facts in self._files],
             "update": None
             if changes is None
             else {
@@ -235,7 +250,7 @@ def _findings(facts: FileFacts) -> str:
     return some([f"{slug} ({facts.findings[slug]})" for slug in known], _NAMED)
 
 
-def _as_dict(facts: FileFacts) -> dict[str, object]:
+def _as_dict(facts: FileFacts, before: str | None) -> dict[str, object]:
     from dissect.tcp.stream import address_text
 
     clock = Clock()
@@ -254,4 +269,5 @@ def _as_dict(facts: FileFacts) -> dict[str, object]:
         "hosts": sorted({address_text(end) for pair in facts.pairs for end in (pair[0], pair[2])}),
         "all_hosts": facts.all_pairs,
         "damage": encodable(facts.damage) or None,
+        "continues": None if before is None else encodable(before),
     }

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Final
 
 from dissect.engine.observer import Observer
 from dissect.engine.pipeline import Pipeline
 from dissect.session import Run
-from dissect.source.packet import READING_FAILED
+from dissect.source.packet import CONTINUES_NS, READING_FAILED
 from dissect.transactions.connection import Connection
 from dissect.transactions.transaction import UNANSWERED, Transaction
 
@@ -54,6 +54,20 @@ class FileFacts:
     def broken_off(self) -> bool:
         """True when the rest of the file was not read although it may be sound, so that nothing is known of it."""
         return READING_FAILED in self.damage
+
+
+def continued(files: Iterable[FileFacts]) -> dict[str, str]:
+    """Return the files that begin soon after the one before them in time ends, as those of a ring do, each with that one.
+
+    They are those whose connections `dissect.session.Run` would let go on, if they were read in the order of time.
+    """
+    found: dict[str, str] = {}
+    before: FileFacts | None = None
+    for facts in sorted([facts for facts in files if facts.packets], key=lambda facts: (facts.first_ns, facts.name)):
+        if before is not None and 0 <= facts.first_ns - before.last_ns <= CONTINUES_NS:
+            found[facts.name] = before.name
+        before = facts
+    return found
 
 
 class FactsObserver(Observer):

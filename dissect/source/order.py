@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 
 from mypy_extensions import i64
 
@@ -44,10 +44,10 @@ def first_ns(path: str) -> int | None:
     return None
 
 
-def by_time(paths: Iterable[str]) -> list[str]:
-    """Return files in the order of the times of their first packets, those without one last, else by name."""
+def by_time(paths: Iterable[str], first: Callable[[str], int | None] = first_ns) -> list[str]:
+    """Return files in the order of the times of their ``first`` packets, those without one last, else by name."""
     named = sorted(paths)
     if len(named) < 2:
         return named
-    times = {path: first_ns(path) for path in named}
+    times = {path: first(path) for path in named}
     return sorted(named, key=lambda path: (times[path] is None, times[path] or 0))

@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 import json
+import shutil
 from pathlib import Path
+from typing import Final
 
 import pytest
 
+from dissect.source.order import first_ns
 from tests.cli.support import halves, run, simple
+from tests.report.schemas import ROOT
 
 Capture = pytest.CaptureFixture[bytes]
+CAPTURES: Final = ROOT / "captures"
 
 
 @pytest.fixture
@@ -119,3 +124,41 @@ def test_what_counts_over_all_files_does_not_go_with_a_folder(capfdbinary: Captu
     ran = run(capfdbinary, "transactions", folder, "--connection", "1")
     assert ran.code == 2
     assert "the files of a folder are read one by one: the field connection counts over all files" in ran.err
+
+
+def test_an_index_gives_the_order_of_files_and_none_is_opened_for_it(
+    capfdbinary: Capture, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    place = tmp_path / "ring"
+    place.mkdir()
+    for path, name in zip(halves(tmp_path), ("2.pcapng", "1.pcapng"), strict=True):
+        path.rename(place / name)
+    (place / "none.pcap").write_bytes((CAPTURES / "szl.pcapng").read_bytes()[:200])
+    without = run(capfdbinary, "analyze", place)
+    run(capfdbinary, "index", place)
+    opened: list[str] = []
+
+    def first(path: str) -> int | None:
+        opened.append(Path(path).name)
+        return first_ns(path)
+
+    monkeypatch.setattr("dissect.source.order.first_ns", first)
+    assert run(capfdbinary, "analyze", place) == without
+    assert opened == []
+    shutil.copy(CAPTURES / "szl.pcapng", place / "2.pcapng")  # one that the index does not know as it is now
+    assert list(rows(run(capfdbinary, "analyze", place).out)) == ["1.pcapng", "2.pcapng", "none.pcap"]
+    assert opened == ["2.pcapng"]
+
+
+def test_an_index_says_which_files_continue_each_other(capfdbinary: Capture, tmp_path: Path) -> None:
+    for path, name in zip(halves(tmp_path), ("2.pcapng", "1.pcapng"), strict=True):
+        path.rename(tmp_path / name)
+    shutil.copy(CAPTURES / "szl.pcapng", tmp_path / "szl.pcapng")
+    told = json.loads(run(capfdbinary, "index", tmp_path, "-T", "json").out)
+    assert {file["name"]: file["continues"] for file in told["files"]} == {
+        "1.pcapng": "2.pcapng",
+        "2.pcapng": None,
+        "szl.pcapng": None,
+    }
+    lines = run(capfdbinary, "index", tmp_path).out.splitlines()
+    assert [line.rpartition("; ")[2] for line in lines if "continues" in line] == ["continues 2.pcapng"]

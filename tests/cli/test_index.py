@@ -164,12 +164,12 @@ def test_files_that_cannot_answer_are_not_opened(
     assert (ran.code, ran.out.count("\n")) == (0, 1)
     assert ran.err == (
         f"s7dissect: the index has nothing that -Y selects in any of 2 files; only {wanted[0]} is opened, "
-        "to write an empty result\n"
+        "to write an empty result\ns7dissect: no transaction matches port == 1\n"
     )
     ran = run(capfdbinary, "transactions", "--separate", "-Y", "port == 1", wanted[0], "--indexed", "-T", "csv")
     assert ran.err == (
         f"s7dissect: the index has nothing that -Y selects in {wanted[0]}; it is opened all the same, "
-        "to write an empty result\n"
+        "to write an empty result\ns7dissect: no transaction matches port == 1\n"
     )
     for path in (Path(wanted[0]), folder / "new.pcapng"):
         path.write_bytes(b"no capture, but long enough to be looked at")
