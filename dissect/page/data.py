@@ -26,7 +26,10 @@ _CARD_BINS: Final = 60
 #: Greatest number of rows in plots with a row for each thing.
 _SPREADS: Final = 24
 _POLLS: Final = 24
-_HOSTS: Final = 24
+_LANES: Final = 24
+#: Hosts on each side of who talks to whom, and pairs of them.
+_HOSTS: Final = 48
+_PAIRS: Final = 600
 _TAGS: Final = 12
 #: Greatest number of marks for findings on the plot of rates.
 _MARKS: Final = 400
@@ -184,6 +187,8 @@ class Data:
         for (client, server, vlan), pair in pairs:
             if len(clients | {(client, vlan)}) > _HOSTS or len(servers | {(server, vlan)}) > _HOSTS:
                 continue
+            if len(shown) == _PAIRS:
+                break
             clients.add((client, vlan))
             servers.add((server, vlan))
             shown.append(
@@ -206,7 +211,7 @@ class Data:
         of = self._of
         spans = of.spans
         hosts = dict.fromkeys([mode.host for mode in of.modes] + [span.host for span in spans])
-        lanes = [self._lane(host, spans) for host in list(hosts)[:_HOSTS]]
+        lanes = [self._lane(host, spans) for host in list(hosts)[:_LANES]]
         return {
             "lanes": lanes,
             "total": len(hosts),

@@ -130,10 +130,10 @@ function density(root, session, cells, w, x, y, left, right, most) {
 }
 /** The row whose point is asked for: it is drawn even if others are slower. */
 let wanted = "";
-/** The slowest of the answers that are shown: one in 20, but at least 5. @param {Session} session */
+/** The slowest of the answers that are shown: one in 20, but at least 5 and at most 120. @param {Session} session */
 function slowPoints(session) {
   const answers = cellsOf(session.times).reduce((all, [seconds, , , count]) => all + (inside(seconds, seconds + session.times.width) ? count : 0), 0);
-  const most = Math.max(5, Math.floor(answers / 20));
+  const most = Math.min(120, Math.max(5, Math.floor(answers / 20)));
   return session.points.filter(([seconds]) => inside(seconds, seconds)).sort((one, other) => other[1] - one[1]).filter(([, , key], number) => number < most || key === wanted);
 }
 /** @param {number} width @returns {(Element | false)[]} */
