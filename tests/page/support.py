@@ -53,9 +53,10 @@ def gathered_of(
     tags: Sequence[str] = (),
     options: Options | None = None,
     hosts: Mapping[str, str] = MappingProxyType({}),
+    local: bool = False,
 ) -> Gathered:
-    """Return what a report gathers of captures; ``hosts`` are names by address."""
-    rows = Rows([path.name for path in paths], Clock(), hosts)
+    """Return what a report gathers of captures; ``hosts`` are names by address, ``local`` times are those of this machine."""
+    rows = Rows([path.name for path in paths], Clock(local), hosts)
     gathered = Gathered(rows, choose(tags, Known(None)) if tags else None)
     run = Run(paths, gathered, options or Options(strict=True))
     rows.places = Places(run.files, len(paths) > 1, hosts)

@@ -7,6 +7,7 @@ import csv
 import io
 import re
 import shlex
+import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, Final
@@ -14,10 +15,11 @@ from typing import Any, Final
 import pytest
 
 from dissect.page import gathered as room
-from dissect.wire.text import cell
+from dissect.page.rendering import Side, render
+from dissect.wire.text import Clock, cell
 from tests.cli.support import run
 from tests.page.browser import Browser, started
-from tests.page.support import data_of, naughty_packets, page_of
+from tests.page.support import data_of, gathered_of, naughty_packets, page_of
 from tests.page.test_script import tools
 from tests.properties.messages import Item
 from tests.properties.packets import EPOCH_NS, MS, Flow
@@ -283,3 +285,35 @@ def test_what_is_not_permitted_is_copied_the_older_way(
         "const done = arguments[0], look = () => (window.copied ? done(window.copied) : setTimeout(look, 20)); look();"
     )
     assert browser.driver.execute_async_script(done).startswith("s7dissect show -V --frame ")
+
+
+def test_a_clock_that_is_set_back_an_hour_shows_both_zones(
+    browser: Browser, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """At the end of summer time: times of the page are those of the clock of then, as in its findings."""
+    monkeypatch.setenv("TZ", "Europe/Berlin")
+    time.tzset()
+    try:
+        change = 1_792_890_000 * 10**9  # 2026-10-25 01:00 UTC
+        talk = begun()
+        for ref in range(1, 60):
+            read(talk, ref, WORD, b"\0\1")
+        packets = talk.packets(start_ns=change - HOUR, step_ns=2 * HOUR // 120)
+        gathered = gathered_of([saved(tmp_path / "a.pcapng", packets)], local=True)
+        page = render([Side(gathered, ["a.pcapng"])], "0")
+        clock = Clock(True)
+        times = [when.rpartition(".")[0] + when[-7:] for when in [clock.moment(packet.time_ns) for packet in packets]]
+    finally:
+        monkeypatch.undo()
+        time.tzset()
+    (session,) = data_of(page)["sessions"]
+    assert session["zones"] == [[0, 7200, "+02:00"], [3600.0, 3600, "+01:00"]]
+    path = tmp_path / "clock.html"
+    path.write_text(page, encoding="utf-8")
+    browser.open(path)
+    browser.click("#table-slowest > button")
+    browser.click("#table-slowest th:nth-child(3) button")
+    said = browser.texts("#table-slowest tbody tr:not(.how) td:nth-child(3)")
+    assert len(said) == 60
+    assert {text[:8] + text[-7:] for text in said} <= {text[11:] for text in times}
+    assert {text[-6:] for text in said} == {"+02:00", "+01:00"}

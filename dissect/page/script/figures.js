@@ -75,7 +75,7 @@ function timeAxis(root, session, x, left, right, bottom) {
     const text = day(session, tick), from = Math.max(left, x(tick));
     if (from < next || from + wide(text) > until) continue;
     root.append(svg("text", { class: "quiet date", x: at(from), y: bottom + 31, text }));
-    if (tick > view[0]) root.append(svg("line", { class: "axis", x1: at(from), x2: at(from), y1: bottom, y2: bottom + 20 }));
+    if (tick > view[0]) root.append(svg("line", { class: "axis", x1: at(from), x2: at(from), y1: bottom, y2: bottom + 6 }));
     next = from + wide(text) + 10;
   }
 }
