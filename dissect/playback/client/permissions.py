@@ -70,10 +70,14 @@ class Permissions(NamedTuple):
     def refusal(self, octets: bytes) -> str:
         """Return why a PDU must not be sent, empty when it may. Whatever is sent has passed here, octet for octet."""
         kind = kind_of(octets)
-        if kind == WRITE and not self.write:
-            return NO_WRITE
         if kind == CONTROL and _begins_nc_download(octets):
             return DOWNLOAD
+        return self.refusal_of(kind)
+
+    def refusal_of(self, kind: str) -> str:
+        """Return why nothing of this kind must be sent, empty when it may."""
+        if kind == WRITE and not self.write:
+            return NO_WRITE
         return NO_CONTROL if kind == CONTROL and not self.control else ""
 
     def answers(self, octets: bytes) -> bool:

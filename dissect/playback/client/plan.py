@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Final, NamedTuple
 
-from dissect.golden.exchange import S7
+from dissect.golden.exchange import PLUS, S7
 from dissect.golden.keys import subject
 from dissect.golden.model import Link, Session, Transaction
 from dissect.iso.build import build_connect, build_dr, size_parameter
@@ -14,8 +14,9 @@ from dissect.iso.tables import CR, DR_REASONS
 from dissect.playback.client.download import Download, find_downloads
 from dissect.playback.client.partner import sent_by_server
 from dissect.playback.client.permissions import NO_ANSWER, Permissions
+from dissect.playback.client.plus import plus_kinds
 from dissect.playback.client.recorded import ReplayError
-from dissect.playback.protocols import plus_hint
+from dissect.playback.protocols import DIGESTS, link_has_digests, plus_hint
 from dissect.s7.build import build_setup
 from dissect.s7.parameters import Setup
 from dissect.s7.tables import JOB, SETUP_COMMUNICATION
@@ -34,7 +35,7 @@ USUAL_TPDU_SIZE: Final = 1024
 USUAL_SETUP: Final = Setup(1, 1, 960)
 
 #: Why something of a recording is not played.
-NOT_S7: Final = "only S7comm over TCP is replayed"
+NOT_S7: Final = "only S7comm and S7comm-plus over TCP are replayed"
 SERVER_ASKED: Final = "requests of a PLC are only answered in a download, and where it sends by BSEND"
 NOT_WHOLE: Final = "the recording lacks data that the PLC would request"
 NO_REQUEST: Final = "its request is not in the recording"
@@ -75,7 +76,8 @@ class Step(NamedTuple):
     server to be waited for and answered (`SERVE`). ``download`` is the one that a Request download or such a job belongs to;
     a BSEND of the server has none.
     ``heard`` tells that the recording has anything of the server on this connection; ``gap_ns`` is how long the client went
-    on without asking anything else, None where nobody knows.
+    on without asking anything else, None where nobody knows. ``effect`` is what a request of S7comm-plus does, empty for all
+    else.
     """
 
     kind: str
@@ -83,6 +85,11 @@ class Step(NamedTuple):
     download: Download | None = None
     heard: bool = True
     gap_ns: int | None = None
+    effect: str = ""
+
+    def refusal(self, permissions: Permissions) -> str:
+        """Return why this request must not be sent, empty when it may."""
+        return permissions.refusal_of(self.effect) if self.effect else permissions.refusal(self.transaction.request)
 
     @property
     def expected(self) -> bool:
@@ -112,7 +119,7 @@ class Part:
 
     ``known`` tells that its beginning was recorded; ``own_setup`` is a Setup communication to be sent where none was, else
     empty. ``end`` is how it ends, ``by_client`` who does that; where the recording does not see it (``end_known``), we do.
-    ``span`` is where it stood in the recording, None where that is not known.
+    ``span`` is where it stood in the recording, None where that is not known. ``plus``: it speaks S7comm-plus, without digests.
     """
 
     def __init__(self, link: Link, called: bytes | tuple[int, int] | None = None) -> None:
@@ -132,9 +139,15 @@ class Part:
         self.by_client = not self.end_known or link.ended_by == "client"
         self.steps: list[Step] = []
         self.withheld: list[Withheld] = []
-        self._take()
+        self.downloads: list[Download] = []
+        asked = [one.exchange.kind for one in link.transactions]
+        self.plus = link.carrier == "tcp" and PLUS in asked and S7 not in asked
+        if self.plus:
+            self._take_plus()
+        else:
+            self._take()
         self._see_gaps()
-        asks = [step for step in self.steps if step.kind == ASK]
+        asks = [step for step in self.steps if step.kind == ASK and not self.plus]
         setups = [step for step in asks if step.transaction.function == SETUP_COMMUNICATION]
         self.own_setup = build_setup(JOB, USUAL_SETUP) if asks and not setups else b""
 
@@ -161,6 +174,21 @@ class Part:
             elif transaction.request and not pushed:
                 self.steps.append(Step(ASK, transaction, download))
             elif self.steps and transaction.reason != HOLE:
+                self.steps.append(Step(HEAR, transaction))
+            else:
+                self.withheld.append(withheld(transaction, NO_REQUEST))
+
+    def _take_plus(self) -> None:
+        """Take requests and what the server said by itself, of a session without digests."""
+        sealed = link_has_digests(self.link)
+        kinds = plus_kinds(self.link.transactions)
+        for transaction in self.link.transactions:
+            ours = transaction.exchange.kind == PLUS
+            if sealed or not ours:
+                self.withheld.append(withheld(transaction, DIGESTS if ours else NOT_S7))
+            elif transaction.asked_by == "client" and transaction.request:
+                self.steps.append(Step(ASK, transaction, effect=kinds[id(transaction)]))
+            elif transaction.asked_by == "client" and self.steps and transaction.reason != HOLE:
                 self.steps.append(Step(HEAR, transaction))
             else:
                 self.withheld.append(withheld(transaction, NO_REQUEST))
@@ -268,6 +296,6 @@ def plan_lines(plan: Sequence[Part], permissions: Permissions) -> list[str]:
             elif step.kind == SERVE:
                 lines.append(_serve_line(step, about, permissions))
             else:
-                reason = permissions.refusal(transaction.request)
+                reason = step.refusal(permissions)
                 lines.append(f"  withhold {about}: {reason}" if reason else f"  send {about}")
     return lines

@@ -13,13 +13,18 @@ from dissect.playback.client.download import Downloads
 from dissect.playback.client.partner import Sends
 from dissect.playback.client.permissions import NO_ANSWER, kind_of
 from dissect.playback.client.plan import ASK, FOLLOWS_WITHHELD, HEAR, SERVE, Part, Step, Withheld, withheld
+from dissect.playback.client.plus import PlusRenewal, plus_kind
 from dissect.playback.client.renewal import Renewal
 from dissect.playback.client.settings import Asked, Shared
+from dissect.playback.plus_octets import frames_of
 from dissect.s7.build import with_reference
 from dissect.s7.layouts import PDU_REF
 from dissect.s7.message import Pdu, parse_pdu
 from dissect.s7.parameters import HEADER_SIZE, PROTOCOL_ID, REQUEST, RESPONSE
 from dissect.s7.tables import ACK, ACK_DATA, CONTROL, JOB, SETUP_COMMUNICATION, USERDATA
+from dissect.s7plus.assembly import PlusAssembler
+from dissect.s7plus.message import parse_plus
+from dissect.s7plus.tables import RESPONSE as PLUS_RESPONSE
 from dissect.transactions.ending import DISCONNECT, FIN, RESET
 
 #: How long to wait for the other side's end after ours, in seconds.
@@ -65,6 +70,8 @@ class Player:
         self._settings = shared.settings
         self._patience = shared.patience
         self._renewal = Renewal()
+        self._plus = PlusRenewal() if part.plus else None
+        self._joined = PlusAssembler()
         self._downloads = Downloads(part.downloads)
         sent = [step.transaction for step in part.steps if step.kind == SERVE and step.download is None]
         self._sends = Sends(sent)
@@ -176,7 +183,7 @@ class Player:
         self._left = True
         for step in steps:
             if step.kind == ASK:
-                reason = self._permissions.refusal(step.transaction.request)
+                reason = step.refusal(self._permissions)
                 if reason:
                     self._keep(step.transaction, reason)
                 else:
@@ -264,17 +271,17 @@ class Player:
         """Send a request, or withhold it; False when nothing can be sent any more."""
         step = steps[at]
         transaction = step.transaction
-        reason = self._permissions.refusal(transaction.request) or self._renewal.refusal(transaction)
+        reason = step.refusal(self._permissions) or self._renewal.refusal(transaction)
         if not reason and step.download is not None:
             reason = step.download.refusal(self._renewal.pdu_length)
-        if not reason and self._shared.half_loaded and kind_of(transaction.request) == CONTROL:
+        if not reason and self._shared.half_loaded and (step.effect or kind_of(transaction.request)) == CONTROL:
             reason = HALF_LOADED
         self._silenced = transaction if reason else None
         if reason:
             self._keep(transaction, reason)
             return True
-        number, octets = self._renewal.renewed(transaction.request)
-        if channel.ended or self._permissions.refusal(octets):  # what is sent is what was allowed
+        number, octets = self._renewed(transaction.request)
+        if channel.ended or self._refusal(octets):  # what is sent is what was allowed
             return False
         self._send(channel, number, octets, step)
         self.sent[number] = transaction
@@ -284,6 +291,15 @@ class Player:
         elif not self._settings.pipelined or transaction.function == SETUP_COMMUNICATION:
             self.settle()
         return True
+
+    def _renewed(self, request: bytes) -> tuple[int, bytes]:
+        return (self._plus or self._renewal).renewed(request)
+
+    def _refusal(self, octets: bytes) -> str:
+        """Return why octets must not be sent, empty when they may."""
+        if self._plus is None:
+            return self._permissions.refusal(octets)
+        return self._permissions.refusal_of(plus_kind(octets, self._plus.own))
 
     def _setup_failed(self, transaction: Transaction) -> bool:
         """Tell whether this is a Setup communication that was granted when it was recorded, and now is not."""
@@ -295,7 +311,8 @@ class Player:
         self._late.pop(number, None)
         self._open[number] = Asked(step, time.monotonic() + self._patience.seconds(step))
         self.requests += 1
-        channel.send(octets)
+        for message in frames_of(octets) if self._plus is not None else [octets]:
+            channel.send(message)
 
     def settle(self, time_ns: int | None = None) -> None:
         """Wait for the answers to all that is open; with ``time_ns``, to what was answered by then when it was recorded."""
@@ -378,7 +395,10 @@ class Player:
         return True
 
     def _take(self, channel: Channel, tsdu: bytes) -> None:
-        """Look at a message of the server. What it asks is answered in a download only."""
+        """Look at a message of the server. What it asks is answered where `Permissions.answers` allows it only."""
+        if self._plus is not None:
+            self._take_plus(self._plus, tsdu)
+            return
         pdu = parse_pdu(tsdu)
         head = pdu.parameters.userdata
         answers = pdu.rosctr in {ACK, ACK_DATA} or (
@@ -394,11 +414,30 @@ class Player:
         self.server_jobs += whole and (pdu.rosctr == JOB or (head is not None and head.type == REQUEST))
         self._heard += 1
 
-    def _answered(self, asked: Asked, pdu: Pdu) -> None:
-        """Take an answer, in time or late."""
+    def _take_plus(self, renewal: PlusRenewal, tsdu: bytes) -> None:
+        """Look at a frame of S7comm-plus."""
+        octets = self._joined.push(tsdu)
+        if not octets:
+            return
+        pdu = parse_plus(octets)
+        number = int(pdu.sequence) if pdu.opcode == PLUS_RESPONSE else -1
+        asked = self._open.pop(number, None) or self._late.pop(number, None)
+        if asked is None:
+            self._heard += 1
+            return
+        self._came(asked)
+        if asked.step is not None:
+            renewal.answered(asked.step.transaction, octets)
+
+    def _came(self, asked: Asked) -> None:
+        """Count an answer, in time or late."""
         self.answered += 1
         self._timeouts = 0
         self._patience.came(asked.step)
+
+    def _answered(self, asked: Asked, pdu: Pdu) -> None:
+        """Take an answer."""
+        self._came(asked)
         setup = pdu.parameters.setup
         if setup is not None:
             self._renewal.pdu_length = setup.pdu_length

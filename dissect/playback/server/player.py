@@ -22,6 +22,7 @@ from dissect.playback.server.image import Image, holds
 from dissect.playback.server.model import Recording, Said, Script, Step
 from dissect.playback.server.near import near
 from dissect.playback.server.plus import PlusIndex
+from dissect.playback.server.plus_items import PlusItems
 from dissect.s7.build import with_reference
 from dissect.s7.layouts import PDU_REF
 from dissect.s7.message import Pdu, parse_pdu
@@ -66,6 +67,8 @@ class Stage:
         self.all = AnswerIndex(ours)
         self.plus_all = PlusIndex(plus)
         self._books = {id(script): self.all if len(ours) == 1 else AnswerIndex([script]) for script in ours}
+        self._plus_scripts = plus
+        self._plus_items: PlusItems | None = None
         self._plus_books = {id(one): self.plus_all if len(plus) == 1 else PlusIndex([one]) for one in plus}
         self._given = {id(script): 0 for script in recording.scripts}
 
@@ -86,6 +89,13 @@ class Stage:
     def plus_book(self, script: Script) -> PlusIndex:
         """Return what is said on one recorded connection of S7comm-plus."""
         return self._plus_books[id(script)]
+
+    @property
+    def plus_items(self) -> PlusItems:
+        """The items of recorded reads of S7comm-plus."""
+        if self._plus_items is None:
+            self._plus_items = PlusItems(self._plus_scripts)
+        return self._plus_items
 
     def near(self, asked: Pdu) -> str:
         """Name the recorded requests that are nearest to one without a recording."""

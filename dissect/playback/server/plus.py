@@ -15,10 +15,10 @@ from dissect.golden.exchange import PLUS, Exchange
 from dissect.golden.keys import subject
 from dissect.golden.masking import mask_plus
 from dissect.golden.plus import plus_subject
+from dissect.playback.plus_octets import PROTOCOL_ID, with_integrity, with_sequence
 from dissect.playback.server.model import Script, Step
 from dissect.s7plus.bodies import parse_contents
-from dissect.s7plus.layouts import INTEGRITY_ID
-from dissect.s7plus.message import HEADER_SIZE, PlusPdu, parse_plus
+from dissect.s7plus.message import PlusPdu, parse_plus
 from dissect.s7plus.tables import (
     CREATE_OBJECT,
     GET_MULTI_VARIABLES,
@@ -27,11 +27,8 @@ from dissect.s7plus.tables import (
     SET_MULTI_VARIABLES,
     SET_VARIABLE,
 )
-from dissect.wire.octets import u16
 from dissect.wire.varint import VLQ, VLQ64, build_varint
 
-#: What a plain request begins with, before its version.
-PROTOCOL_ID: Final = 0x72
 #: The return value "Service unknown request" (docs/s7plus.md): no such request was recorded.
 UNKNOWN_REQUEST: Final = 0xFF89
 #: Requests whose values may differ from the recorded ones.
@@ -39,47 +36,25 @@ _VALUED: Final = frozenset((CREATE_OBJECT, SET_MULTI_VARIABLES, SET_VARIABLE))
 #: Functions whose answers have a list of values, a list of errors, or both, each ended by a zero.
 _LISTS: Final = {GET_MULTI_VARIABLES: 2, SET_MULTI_VARIABLES: 1}
 _FLAGS: Final = 0x34
-_SEQUENCE: Final = 7  # where it stands in the data
-_LENGTH: Final = 2  # and the length of a frame in its header
-
-
-def frames_of(octets: bytes) -> list[bytes]:
-    """Return the TSDUs of a PDU: its frames, the last one with the trailer."""
-    starts = [at for at, _, _ in parse_plus(octets).frame_places] or [0]
-    return [octets[begin:end] for begin, end in zip(starts, [*starts[1:], len(octets)], strict=True)]
-
-
-def with_sequence(octets: bytes, sequence: int) -> bytes:
-    """Return a PDU with another sequence number."""
-    pdu = parse_plus(octets)
-    made = bytearray(octets)
-    if len(pdu.data) >= _SEQUENCE + 2:
-        made[pdu.place(_SEQUENCE)] = sequence >> 8 & 0xFF
-        made[pdu.place(_SEQUENCE + 1)] = sequence & 0xFF
-    return bytes(made)
 
 
 def renewed(answer: bytes, asked: PlusPdu) -> bytes:
     """Return a recorded answer as one to ``asked``: with its sequence number, and the integrity id that follows of it."""
     octets = with_sequence(answer, asked.sequence)
-    pdu = parse_plus(octets)
-    places = [part for part in parse_contents(pdu).parts if part.layout is INTEGRITY_ID]
-    if not places:
-        return octets
-    begin, end = pdu.place(places[-1].offset), pdu.place(places[-1].end - 1) + 1
-    frame = [at for at, data, _ in pdu.frame_places if data <= begin][-1]
-    id_ = build_varint((max(parse_contents(asked).integrity_id, 0) + asked.sequence) & 0xFFFFFFFF, VLQ)
-    length = int(u16(octets, frame + _LENGTH) + len(id_) - (end - begin))
-    head = octets[: frame + _LENGTH] + length.to_bytes(2, "big") + octets[frame + HEADER_SIZE : begin]
-    return head + id_ + octets[end:]
+    return with_integrity(octets, max(parse_contents(asked).integrity_id, 0) + asked.sequence)
 
 
 def refuse_plus(asked: PlusPdu, value: int = UNKNOWN_REQUEST) -> bytes:
     """Return the answer that refuses a request as a whole."""
+    return answer_with(asked, value, bytes(_LISTS.get(asked.function, 0)))
+
+
+def answer_with(asked: PlusPdu, value: int, body: bytes) -> bytes:
+    """Return an answer with a return value and what follows that."""
     id_ = parse_contents(asked).integrity_id
     tail = build_varint((id_ + asked.sequence) & 0xFFFFFFFF, VLQ) if id_ >= 0 else b""
     head = bytes((RESPONSE, 0, 0)) + asked.function.to_bytes(2, "big") + bytes(2) + asked.sequence.to_bytes(2, "big")
-    said = bytes((_FLAGS,)) + build_varint(value, VLQ64) + bytes(_LISTS.get(asked.function, 0)) + tail + bytes(4)
+    said = bytes((_FLAGS,)) + build_varint(value, VLQ64) + body + tail + bytes(4)
     data = head + said
     trailer = bytes((PROTOCOL_ID, asked.version, 0, 0))
     return bytes((PROTOCOL_ID, asked.version)) + len(data).to_bytes(2, "big") + data + trailer

@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
+from typing import Final
+
 from dissect.playback.server.answer_index import LEVELS
 from dissect.playback.server.model import Script, Step
 from dissect.playback.server.near import near_plus
 from dissect.playback.server.player import CYCLE, Reply, Stage
 from dissect.playback.server.plus import plus_keys, refuse_plus, renewed, wants_answer
+from dissect.playback.server.plus_items import ItemAnswer, Key, put_together
 from dissect.s7plus.message import PlusPdu
+
+#: The number of items among the books of turns.
+_ITEM: Final = -1
 
 
 class PlusPlayer:
@@ -19,6 +25,7 @@ class PlusPlayer:
         self._books = (stage.plus_book(script), stage.plus_all)
         self._turns: dict[tuple[int, int, bytes], int] = {}
         self._heard: set[int] = set()
+        self._items = stage.plus_items
 
     def reply(self, asked: PlusPdu) -> Reply:
         """Return what is said to a request. Never raises, whatever the request is."""
@@ -30,8 +37,20 @@ class PlusPlayer:
                     answer = renewed(step.answer, asked) if step.answer else b""
                     end = self._end_after(step) if number == 0 else ""
                     return Reply(answer, LEVELS[level + 1], step.latency_ns, tuple(step.then), end)
+        together = put_together(asked, self._item)
+        if together is not None:
+            missing = together.missing
+            more = f" and {len(missing) - 5} more" if len(missing) > 5 else ""
+            lacking = f"not recorded: {', '.join(missing[:5])}{more}" if missing else ""
+            how = "unmatched" if missing else "items"
+            return Reply(together.octets, how, together.latency_ns, lacking=lacking)
         lacking = "no similar request was recorded" + near_plus(asked, self._books[1].requests)
         return Reply(refuse_plus(asked) if wants_answer(asked) else b"", "unmatched", lacking=lacking)
+
+    def _item(self, key: Key) -> ItemAnswer | None:
+        """Return what became of a variable when it was read this time, None where it never was."""
+        answers = self._items.of(key)
+        return answers[self._turn((_ITEM, 0, repr(key).encode()), len(answers))] if answers else None
 
     def _turn(self, key: tuple[int, int, bytes], count: int) -> int:
         turn = self._turns.get(key, 0)

@@ -11,12 +11,13 @@ from dissect.iso.cotp import CALLED_TSAP, CALLING_TSAP, Assembler, Tpdu, parse_t
 from dissect.iso.tables import CC, CR, DR, DT
 from dissect.iso.tpkt import HEADER, Framer
 from dissect.playback.bsend import is_bsend, next_piece
+from dissect.playback.plus_octets import PROTOCOL_ID as PLUS_ID
+from dissect.playback.plus_octets import frames_of, with_sequence
 from dissect.playback.server.answers import confirm, farewell, refuse
 from dissect.playback.server.faults import CUT, DELAY, DROP, REFUSE, SPLIT, WRONG_REF, Fault
 from dissect.playback.server.model import Said
 from dissect.playback.server.player import Player, Reply
-from dissect.playback.server.plus import PROTOCOL_ID as PLUS_ID
-from dissect.playback.server.plus import frames_of, refuse_plus, with_sequence
+from dissect.playback.server.plus import refuse_plus
 from dissect.playback.server.plus_player import PlusPlayer
 from dissect.playback.server.request_log import RequestLog
 from dissect.s7.build import with_reference

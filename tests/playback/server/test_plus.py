@@ -9,13 +9,17 @@ from typing import Any
 import pytest
 
 from dissect.golden import golden_text, read_session
-from dissect.playback.client.plan import make_plan
-from dissect.playback.client.recorded import ReplayError
+from dissect.playback.plus_octets import frames_of, with_sequence
 from dissect.playback.server import Server, load_recording
-from dissect.playback.server.plus import frames_of, refuse_plus, renewed, with_sequence
+from dissect.playback.server.plus import refuse_plus, renewed
 from dissect.s7plus.bodies import parse_contents
+from dissect.s7plus.contents import Address
 from dissect.s7plus.message import parse_plus
+from dissect.s7plus.tables import GET_MULTI_VARIABLES
+from tests.playback.plus_talk import SESSION, WATCHED, plant, word
 from tests.playback.server.support import Plain, dt
+from tests.s7plus.bodies import get_multi
+from tests.s7plus.pdus import asked, framed
 
 FOLDER = Path(__file__).resolve().parent.parent.parent.parent / "captures" / "s7plus"
 PLAIN = FOLDER / "s7commplus.pcapng"
@@ -118,6 +122,50 @@ def test_frames_of_an_answer_are_sent_one_by_one() -> None:
     assert frames_of(first[: 4 + 14] + last) == [first[: 4 + 14], last]
 
 
-def test_replay_says_that_it_can_be_served() -> None:
-    with pytest.raises(ReplayError, match="it carries no digests and can be served"):
-        make_plan(read_session(PLAIN, messages=True))
+def multi(*words: Address) -> bytes:
+    return framed(asked(5, GET_MULTI_VARIABLES, SESSION, body=get_multi(*words)))
+
+
+def told_items(client: Plain, request: bytes) -> tuple[list[tuple[int, object]], list[tuple[int, int]], int]:
+    client.socket.sendall(dt(request))
+    pdu = parse_plus(client.tpkt()[7:])
+    found = parse_contents(pdu)
+    assert found.whole
+    return [(number, value.content) for number, value in found.items], found.refusals, found.integrity_id
+
+
+def test_reads_are_put_together_of_recorded_items(tmp_path: Path) -> None:
+    with Server(plant(tmp_path / "plant.pcapng")) as server:
+        with Plain(server) as client:
+            # Each item in its own order: the word that counts, one recorded beside another, one that was refused.
+            assert told_items(client, multi(word(4), word(0))) == ([(1, 4), (2, 7)], [], 14)
+            assert told_items(client, multi(word(0), word(2), word(90))) == ([(1, 8), (2, 2)], [(3, 0x8104)], 14)
+            assert told_items(client, multi(word(0))) == ([(1, 8)], [], 14)
+            assert server.unmatched == []
+            assert {request.how for request in server.requests} == {"items"}
+            # One that nobody read is refused, and told; what is known beside it is given.
+            assert told_items(client, multi(word(2), word(50))) == ([(1, 2)], [(2, 0x8104)], 14)
+            # Where nothing is known, all of it is refused.
+            client.socket.sendall(dt(multi(word(50), word(52))))
+            assert parse_plus(client.tpkt()[7:]).return_code == 0xFF89
+        with Plain(server) as client:  # another client begins anew
+            assert told_items(client, multi(word(0)))[0] == [(1, 7)]
+    assert [request.lacking.partition(" (")[0] for request in server.unmatched] == [
+        "not recorded: DB1.DBW50",
+        "no similar request was recorded",
+    ]
+
+
+def test_a_subscription_is_served_with_its_notifications(tmp_path: Path) -> None:
+    path = plant(tmp_path / "plant.pcapng")
+    (subscribe,) = [step for step in load_recording(path).scripts[0].steps if step.then]
+    assert len(subscribe.then) == 2
+    with Server(path) as server, Plain(server) as client:
+        client.socket.sendall(dt(with_sequence(subscribe.request, 77)))
+        answer = parse_plus(client.tpkt()[7:])
+        assert (answer.sequence, parse_contents(answer).ids) == (77, [WATCHED])
+        heard = [parse_plus(client.tpkt()[7:]) for _ in range(2)]
+        assert [pdu.subscription_id for pdu in heard] == [WATCHED] * 2
+        contents = [[(number, value.content) for number, value in parse_contents(pdu).items] for pdu in heard]
+        assert contents == [[(1, 7)], [(1, 9)]]
+        assert server.unmatched == []

@@ -1,0 +1,148 @@
+"""Requests of S7comm-plus as this session has to send them, and what each of them does to a PLC."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from collections.abc import Set as AbstractSet
+from typing import Final
+
+from dissect.golden.exchange import PLUS
+from dissect.golden.model import Transaction
+from dissect.playback.plus_octets import with_data, with_integrity, with_sequence
+from dissect.s7.tables import CONTROL, READ, WRITE
+from dissect.s7plus.bodies import parse_contents
+from dissect.s7plus.contents import Contents
+from dissect.s7plus.ids import AREAS, DATA_BLOCK
+from dissect.s7plus.message import PlusPdu, parse_plus
+from dissect.s7plus.session import SERVER_SESSION, SUBSCRIPTION
+from dissect.s7plus.tables import (
+    CREATE_OBJECT,
+    DELETE_OBJECT,
+    EXPLORE,
+    GET_LINK,
+    GET_MULTI_VARIABLES,
+    GET_VAR_SUBSTREAMED,
+    GET_VARIABLE,
+    INIT_SSL,
+    REQUEST,
+    SET_MULTI_VARIABLES,
+    SET_VAR_SUBSTREAMED,
+    SET_VARIABLE,
+)
+
+#: Functions that read whatever they are about.
+_READS: Final = frozenset((EXPLORE, GET_LINK, GET_MULTI_VARIABLES, GET_VAR_SUBSTREAMED, GET_VARIABLE, INIT_SSL))
+#: Requests of a session are counted in two rows: those that change something, and all others.
+_CHANGES: Final = frozenset((CREATE_OBJECT, DELETE_OBJECT, SET_MULTI_VARIABLES, SET_VAR_SUBSTREAMED, SET_VARIABLE))
+#: Classes of objects that belong to the session of the client: itself, its container of subscriptions, subscriptions of
+#: values and of alarms.
+_OWN: Final = frozenset((SERVER_SESSION, 255, SUBSCRIPTION, 2662))
+#: Attributes of these that a client sets to use them: the version of the session, the credit of a subscription.
+_USED: Final = frozenset((306, 1053))
+#: The session of whoever has none yet.
+_NO_SESSION: Final = 0x120
+_SESSION: Final = 9  # where the session id stands in the data of a request
+_OBJECT: Final = 14  # and the object that it is about
+_WIDTH: Final = 4
+_FILL: Final = 4  # octets behind an integrity id
+
+
+def plus_kind(octets: bytes, own: AbstractSet[int]) -> str:
+    """Return what a request does: `READ`, `WRITE`, or `CONTROL`, which everything is that is not surely one of the others.
+
+    ``own`` are the objects that the session of the client has made.
+    """
+    pdu = parse_plus(octets)
+    found = parse_contents(pdu)
+    if pdu.opcode != REQUEST or not pdu.readable or not pdu.whole or pdu.malformed:
+        return CONTROL
+    if pdu.function in _READS:
+        return READ  # also with octets behind its end: some clients fill what they read by up
+    if found.malformed:
+        return CONTROL
+    if pdu.function == CREATE_OBJECT:
+        return READ if found.objects and all([one.class_id in _OWN for one in found.every]) else CONTROL
+    if pdu.function == DELETE_OBJECT:
+        return READ if found.object_id in own else CONTROL
+    if pdu.function in {SET_VARIABLE, SET_MULTI_VARIABLES} and found.object_id in own:
+        return READ if found.ids and _USED.issuperset(found.ids) else CONTROL
+    if pdu.function == SET_MULTI_VARIABLES:
+        return WRITE if _are_variables(found) else CONTROL
+    return CONTROL
+
+
+def _are_variables(found: Contents) -> bool:
+    areas = [int(address.area) for address in found.addresses]
+    variables = bool(areas) and all([area in AREAS or area >> 16 == DATA_BLOCK for area in areas])
+    return variables and found.object_id <= 0 and not found.ids
+
+
+def plus_kinds(transactions: Sequence[Transaction]) -> dict[int, str]:
+    """Return, by ``id``, what each recorded request of a connection does."""
+    own: set[int] = set()
+    kinds: dict[int, str] = {}
+    for one in transactions:
+        if one.exchange.kind == PLUS and one.request:
+            kinds[id(one)] = plus_kind(one.request, own)
+            own.update(made_by(one.request, one.response))
+    return kinds
+
+
+def made_by(request: bytes, answer: bytes) -> list[int]:
+    """Return the ids of the objects that a request made for its session; empty for all else."""
+    if not answer:
+        return []
+    asked, told = parse_plus(request), parse_plus(answer)
+    if asked.function != CREATE_OBJECT or told.function != CREATE_OBJECT or plus_kind(request, frozenset()) != READ:
+        return []
+    return [int(number) for number in parse_contents(told).ids]
+
+
+class PlusRenewal:
+    """The state of one session that requests are made of: sequence number, session, integrity ids, objects by recorded ids."""
+
+    def __init__(self) -> None:
+        self.own: set[int] = set()
+        self._sequence = 0
+        self._session = _NO_SESSION
+        self._counts = {False: 0, True: 0}
+        self._objects: dict[int, int] = {}
+
+    def renewed(self, request: bytes) -> tuple[int, bytes]:
+        """Return the sequence number that a request has now, and the request."""
+        self._sequence = self._sequence % 0xFFFF + 1
+        pdu = parse_plus(request)
+        found = parse_contents(pdu)
+        octets = with_sequence(request, self._sequence)
+        if pdu.function != INIT_SSL:
+            octets = with_data(octets, _SESSION, self._session.to_bytes(_WIDTH, "big"))
+        octets = self._about(octets, pdu, found)
+        return self._sequence, self._counted(octets, pdu, found)
+
+    def _counted(self, octets: bytes, pdu: PlusPdu, found: Contents) -> bytes:
+        """Give a request its integrity id. One that a golden has as 0 looks like the fill behind it; a 1 there does not."""
+        if found.integrity_id < 0:
+            octets = with_data(tried := octets, len(pdu.data) - _FILL - 1, b"\x01")
+            if parse_contents(parse_plus(octets)).integrity_id != 1:
+                return tried
+        row = pdu.function in _CHANGES
+        self._counts[row] += 1
+        return with_integrity(octets, self._counts[row])
+
+    def _about(self, octets: bytes, pdu: PlusPdu, found: Contents) -> bytes:
+        """Put in the object that stands here for the recorded one."""
+        now = self._objects.get(int(found.object_id))
+        stands = int.from_bytes(pdu.data[_OBJECT : _OBJECT + _WIDTH], "big") == found.object_id
+        return with_data(octets, _OBJECT, now.to_bytes(_WIDTH, "big")) if now is not None and stands else octets
+
+    def answered(self, transaction: Transaction, answer: bytes) -> None:
+        """Take the answer to what stands for a recorded transaction."""
+        recorded = made_by(transaction.request, transaction.response)
+        now = made_by(transaction.request, answer)
+        if not now:
+            return
+        classes = [one.class_id for one in parse_contents(parse_plus(transaction.request)).objects]
+        if SERVER_SESSION in classes:
+            self._session = now[0] & 0xFFFFFFFF
+        self.own.update(now)
+        self._objects.update(zip(recorded, now, strict=False))
