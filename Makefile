@@ -93,6 +93,7 @@ environment:
 test-environment:
 	$(COMPILED) scripts/environment.sh test
 	scripts/install-nodes7.sh
+	scripts/install-native.sh
 	scripts/install-pyright.sh
 	scripts/install-page-tools.sh
 	scripts/install-tools.sh

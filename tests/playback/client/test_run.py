@@ -14,6 +14,7 @@ from dissect.golden.masking import mask_s7
 from dissect.playback.client import Permissions, ReplayError, Settings, load_recorded, make_plan
 from dissect.playback.client.permissions import DOWNLOAD, NO_CONTROL, NO_WRITE
 from dissect.playback.client.plan import ASK, CLIENT_PUSH, FOLLOWS_WITHHELD, NO_REQUEST, NOT_S7, SERVER_ASKED, playable
+from dissect.playback.protocols import DIGESTS
 from dissect.playback.server.recording import load_recording
 from dissect.playback.server.service import Server
 from dissect.s7.message import parse_pdu
@@ -44,7 +45,7 @@ WITHHELD: Final = {
     "crafted/coverage-userdata.pcapng": {CLIENT_PUSH, FOLLOWS_WITHHELD, DOWNLOAD},
     "crafted/negotiation.pcapng": {"its 241 bytes do not fit the PDU length of 240 that was granted"},
     "crafted/netlink-faults.pcapng": {NOT_S7},
-    "s7comm_and_s7commplus_sll.pcap": {NOT_S7},
+    "s7comm_and_s7commplus_sll.pcap": {DIGESTS},
 }
 #: Jobs of the PLC that are answered: recorded downloads.
 SERVED: Final = {"transfer.pcapng": 5}
