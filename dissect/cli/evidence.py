@@ -19,16 +19,23 @@ class _EvidenceGroup(LazyGroup):
 
     def summaries(self) -> dict[str, str]:
         """Return each command and its line in the list of commands."""
-        return {"verify": "Compare the files of a folder with its manifest."}
+        return {
+            "verify": "Compare the files of a folder with its manifest.",
+            "export": "Write one incident: its files, its part of the manifest, its packets and a report.",
+        }
 
     def load(self, name: str) -> click.Command:
         """Return a command."""
+        if name == "export":
+            from dissect.cli.evidence_export import export_command
+
+            return export_command
         return verify_command
 
 
 @click.command("evidence", cls=_EvidenceGroup)
 def command() -> None:
-    """Evidence of `monitor --manifest`: see that it is what was written."""
+    """Evidence of `monitor --manifest`: see that it is what was written, export one incident."""
 
 
 @click.command(

@@ -23,6 +23,8 @@ from dissect.recording.names import PART, SUFFIX
 
 #: The end of the name of a manifest, behind the name of its ring.
 ENDING: Final = ".manifest.jsonl"
+#: The end of the name of a part of one, which `s7dissect evidence export` writes.
+PART_ENDING: Final = f".part{ENDING}"
 #: What stands for the hash of the line before the first one.
 NOTHING: Final = "0" * 64
 
@@ -33,6 +35,8 @@ LEFT: Final = "left"
 REMOVED: Final = "removed"
 EVENT: Final = "event"
 END: Final = "end"
+#: A file that was made of others, as the report of an incident.
+MADE: Final = "made"
 
 #: Octets of a line, and of a manifest, that are read.
 _LONGEST: Final = 64 * 1024
@@ -184,7 +188,10 @@ def verified(directory: Path, heads: Iterable[str] = ()) -> Iterator[Verdict]:
 def _chain(path: Path, covered: set[str], known: set[str], wanted: set[str]) -> Iterator[Verdict]:
     """Yield the verdicts on one manifest and its files."""
     lines, whole = _lines(path)
-    before = NOTHING
+    # A part of a chain begins anywhere, and says so; the files that are not with it stayed with the others.
+    part = path.name.endswith(PART_ENDING)
+    before = _previous(lines) if part else NOTHING
+    behind = f"part of a chain, behind {before}; " if part else ""
     entries: dict[str, dict[str, Any]] = {}
     removed: set[str] = set()
     anchored = 0
@@ -204,13 +211,30 @@ def _chain(path: Path, covered: set[str], known: set[str], wanted: set[str]) -> 
         if entry is not None and isinstance(name, str):
             if entry.get("kind") == REMOVED:
                 removed.add(name)
-            elif entry.get("kind") in {FILE, LEFT}:
+            elif entry.get("kind") in {FILE, LEFT, MADE}:
                 entries[name] = entry
     proof = f"; entries 1 to {anchored} are those whose hash is known" if anchored else ""
-    yield Verdict(path.name, f"{len(lines)} entries, head {before}{proof}", True)
+    yield Verdict(path.name, f"{behind}{len(lines)} entries, head {before}{proof}", True)
     covered.update(entries)
     for name, entry in entries.items():
-        yield _file(path.parent, name, entry, name in removed)
+        if not part or (path.parent / name).exists():
+            yield _file(path.parent, name, entry, name in removed)
+
+
+def _previous(lines: list[bytes]) -> str:
+    entry = _entry(lines[0]) if lines else None
+    return str(entry.get("previous")) if entry is not None else NOTHING
+
+
+def entries_of(path: Path) -> tuple[list[bytes], list[dict[str, Any]]]:
+    """Return the lines of a manifest and what each says; empty for one that is no entry. Raises OSError."""
+    lines, _ = _lines(path)
+    return lines, [_entry(line) or {} for line in lines]
+
+
+def state_of(directory: Path, name: str, entry: dict[str, Any]) -> str:
+    """Return what became of the file of an entry, in a word or two."""
+    return _file(directory, name, entry, False).state
 
 
 def _is_begin(line: bytes) -> bool:

@@ -312,4 +312,7 @@ def test_what_is_not_played_is_told(capfdbinary: Capture) -> None:
     with Server(path) as server:
         told = run(capfdbinary, "replay", path, "--to", f"127.0.0.1:{server.port}")
     assert told.code == 0
-    assert "s7dissect: withheld: 10 transactions, only S7comm and S7comm-plus over TCP are replayed (transactions " in told.err
+    assert (
+        "s7dissect: withheld: 10 transactions, only S7comm and S7comm-plus over TCP are replayed (transactions "
+        in told.err
+    )

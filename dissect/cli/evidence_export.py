@@ -1,0 +1,151 @@
+"""`s7dissect evidence export`: one incident, to be handed on: files, manifest, packets, report."""
+
+from __future__ import annotations
+
+import sys
+import time
+from pathlib import Path
+from typing import Any, Final
+
+import click
+
+from dissect.cli.main import EXIT_OK
+from dissect.cli.options.given import was_given
+from dissect.cli.options.select import read_time, time_option
+from dissect.wire.text import Clock, printable, reason
+
+_EXIT_FOUND: Final = 1
+_SECOND: Final = 1_000_000_000
+_MOST: Final = 1 << 20
+
+
+@click.command(
+    "export",
+    epilog="Exit code: 0 exported, 1 exported, but a file of that time is missing, changed, or in no entry, 2 wrong use, or "
+    "nothing of that time.",
+)
+@click.argument("directory", type=click.Path(readable=False), metavar="DIR")
+@click.option("-o", "--output", required=True, metavar="OUT", help="Folder to make; it must not exist.")
+@time_option("Export this time, both ends with date:")
+@click.option(
+    "--alert",
+    "alert",
+    metavar="FILE",
+    help="Export the time of this alert (its JSON as a webhook or command got it; - is standard input).",
+)
+@click.option(
+    "--around",
+    "around_s",
+    type=click.IntRange(0, 86_400),
+    default=60,
+    show_default=True,
+    metavar="SECONDS",
+    help="With --alert: export so much before and after it.",
+)
+def export_command(directory: str, output: str, window: str | None, alert: str | None, around_s: int) -> int:
+    """Write one incident of the evidence in DIR to the new folder OUT.
+
+    OUT gets the files of the ring that hold that time, unchanged, with the part of the manifest that proves them; the packets
+    of that time as incident.pcapng; a report of them as incident.html; and a manifest of what was made. Check it with
+    `s7dissect evidence verify OUT --head HASH`, with a hash that was noted elsewhere.
+    """
+    from dissect.recording import incident
+
+    if (window is None) == (alert is None):
+        raise click.UsageError("give either --time or --alert.")
+    if alert is None and was_given("around_s"):
+        raise click.UsageError("--around needs --alert.")
+    begin_ns, end_ns = _range(window, alert, around_s)
+    place, out = Path(directory), Path(output)
+    try:
+        chosen = incident.choose(place, begin_ns, end_ns)
+        if not chosen.files:
+            raise click.ClickException(
+                f"{printable(directory)}: no file in a manifest holds that time; nothing was written."
+            )
+        out.mkdir(mode=0o750)
+        incident.copy_into(chosen, out)
+    except OSError as error:
+        raise click.ClickException(reason(error)) from None
+    made = _made(out, [out / path.name for path in chosen.files], begin_ns, end_ns)
+    clock = Clock()
+    facts: dict[str, Any] = {
+        "source": str(place.resolve()),
+        "from": clock.iso(begin_ns),
+        "to": clock.iso(end_ns),
+        "files": [path.name for path in chosen.files],
+        "problems": chosen.problems,
+    }
+    try:
+        head = incident.account(out, clock.iso(time.time_ns()), made, **facts)
+    except OSError as error:
+        raise click.ClickException(reason(error)) from None
+    for problem in chosen.problems:
+        click.echo(f"s7dissect: {printable(problem)}", err=True)
+    count = len(chosen.files)
+    click.echo(
+        f"s7dissect: {count} file{'s' if count > 1 else ''} exported to {printable(output)}; head {head}", err=True
+    )
+    return _EXIT_FOUND if chosen.problems else EXIT_OK
+
+
+def _range(window: str | None, alert: str | None, around_s: int) -> tuple[int, int]:
+    """Return the time that is asked for."""
+    from dissect.recording.incident import resolved, window_of
+
+    try:
+        if alert is not None:
+            begin, end = _told(alert)
+            return window_of(begin, around_s * _SECOND)[0], window_of(end, around_s * _SECOND)[1]
+        times = read_time(window)
+        assert times is not None
+        return resolved(times.window)
+    except ValueError as error:
+        hint = "'--alert'" if alert is not None else "'--time'"
+        raise click.BadParameter(f"{error}.", param_hint=hint) from None
+
+
+def _told(alert: str) -> tuple[str, str]:
+    """Return when what an alert tells began, and its time. Raises ValueError for what is no alert."""
+    from dissect.config.hostile import ContentError, read_json
+
+    try:
+        content = sys.stdin.buffer.read(_MOST) if alert == "-" else _content(Path(alert))
+        told = read_json(content)
+    except OSError as error:
+        raise ValueError(reason(error)) from None
+    except ContentError as error:
+        raise ValueError(str(error)) from None
+    said = [told.get(key) for key in ("since", "time")] if isinstance(told, dict) else [None, None]
+    since, at = [one if isinstance(one, str) else "" for one in said]
+    if not at:
+        raise ValueError("it is no alert: it has no time")
+    return since or at, at
+
+
+def _content(path: Path) -> bytes:
+    with path.open("rb") as file:
+        return file.read(_MOST)
+
+
+def _made(out: Path, files: list[Path], begin_ns: int, end_ns: int) -> list[Path]:
+    """Write the packets of that time, and a report of them; return what was made."""
+    from dissect.cli.cut import command as cut
+    from dissect.cli.report import command as report
+
+    packets, page = out / "incident.pcapng", out / "incident.html"
+    clock = Clock()
+    context = click.get_current_context()
+    window = f"{clock.iso(begin_ns)}..{clock.iso(end_ns)}"
+    names = [str(path) for path in files]
+    try:
+        cut.main([*names, "-o", str(packets), "--time", window], "cut", standalone_mode=False, parent=context)
+    except click.ClickException as error:
+        click.echo(f"s7dissect: {error.format_message()}", err=True)
+        return []
+    try:
+        report.main([str(packets), "-o", str(page)], "report", standalone_mode=False, parent=context)
+    except click.ClickException as error:  # without the library that makes pages
+        click.echo(f"s7dissect: no report: {error.format_message()}", err=True)
+        return [packets]
+    return [packets, page]
