@@ -13,7 +13,7 @@ from dissect.s7plus.value_tables import INT
 from dissect.s7plus.values import Value, build_value
 from tests.properties import messages
 from tests.properties.messages import dt
-from tests.properties.traffic import Talk
+from tests.properties.packets import Talk
 from tests.report.support import saved
 from tests.s7plus.bodies import create_object, delete_object, end, get_multi, multi_got, number, rid, set_multi
 from tests.s7plus.pdus import asked, framed, told

@@ -33,8 +33,6 @@ NOTHING: Final = {
     "s7commplus_1511_opc_all_types.pcap": "S7comm-plus",
     "crafted/plus-answers.pcapng": "S7comm-plus",
     "crafted/plus-plant.pcapng": "S7comm-plus",
-    "s7plus/s7commplus.pcapng": "S7comm-plus",
-    "s7plus/s7commplus-tls.pcapng": "S7comm-plus in TLS",
     "cotp_unknown_payload_rst.pcapng": "not S7comm",
     "mms_header_in_own_segment.pcap": "MMS",
     "mms_one_sided_read_request.pcap": "MMS",

@@ -14,7 +14,7 @@ from dissect.playback.server import Server
 from dissect.source.pcapng_writer import PcapngWriter
 from dissect.testing.talk import Talk, answer, data, pdu, read, refused, szl, userdata, words
 from tests.findings.events import bsend
-from tests.findings.events import userdata as userdata_pdu
+from tests.transactions.talk import userdata as userdata_pdu
 
 FOLDER = Path(__file__).resolve().parent.parent.parent.parent / "captures"
 ALL = Permissions(write=True, control=True)
