@@ -28,7 +28,6 @@ from tests.playback.client.support import ALL, CAPTURES, HASTY, NAMES, changed, 
 NOTHING: Final = {
     "refused-port.pcapng": "no connection was made",
     "crafted/false-starts.pcapng": "it only looks like S7comm",
-    "crafted/look-alikes.pcapng": "it only looks like S7comm",
     "crafted/netlink.pcapng": "S7comm in IBH-NetLink",
     "s7commplus_1511_opc_all_types.pcap": "S7comm-plus",
     "crafted/plus-answers.pcapng": "S7comm-plus",
@@ -42,6 +41,7 @@ NOTHING: Final = {
 WITHHELD: Final = {
     "crafted/coverage-userdata.pcapng": {CLIENT_PUSH, FOLLOWS_WITHHELD, DOWNLOAD},
     "crafted/negotiation.pcapng": {"its 241 bytes do not fit the PDU length of 240 that was granted"},
+    "crafted/look-alikes.pcapng": {DIGESTS},
     "crafted/netlink-faults.pcapng": {NOT_S7},
     "s7comm_and_s7commplus_sll.pcap": {DIGESTS},
 }
