@@ -91,6 +91,10 @@ EXAMPLES: Final = {
         "s7dissect anonymize trace.pcapng -o shared.pcapng --key plant.key",
     ),
     "alerts test": ("s7dissect alerts test alerts.toml", "s7dissect alerts test /etc/s7dissect/alerts.toml"),
+    "evidence export": (
+        "s7dissect evidence export /var/lib/s7dissect -o incident --time 2026-11-29T04:00..2026-11-29T04:05",
+        "s7dissect evidence export /var/lib/s7dissect -o night --time ..2026-11-29T06:00",
+    ),
     "evidence verify": (
         "s7dissect evidence verify /var/lib/s7dissect",
         "s7dissect evidence verify /var/lib/s7dissect --head 5f2c1d3b",

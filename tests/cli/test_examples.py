@@ -72,7 +72,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     evidence = RingBuffer(here / "evidence", RingLimits(octets=1000))
     companion = RingCompanion(evidence, about={"host": "probe"})
     companion.begin(Pipeline(Observer()))
-    companion.packet(1, bytes(60), 60, 1, "eth0")
+    companion.packet(1_795_924_860_000_000_000, bytes(60), 60, 1, "eth0")
     companion.close()
     (here / "bin").mkdir()
     program = here / "bin" / "s7dissect"
