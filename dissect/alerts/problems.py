@@ -14,10 +14,12 @@ REPORT: Final = "report"
 DROPS: Final = "drops"
 #: The interface is down.
 INTERFACE: Final = "interface"
+#: The metrics cannot be fetched.
+METRICS: Final = "metrics"
 #: Something failed for good, and goes on no longer.
 STOPPED: Final = "stopped"
 
 #: No problem: the hash of the latest entry of the manifest, for whoever keeps it elsewhere.
 HEAD: Final = "head"
 
-KINDS: Final = (EVIDENCE, EXPORT, REPORT, DROPS, INTERFACE, STOPPED)
+KINDS: Final = (EVIDENCE, EXPORT, REPORT, DROPS, INTERFACE, METRICS, STOPPED)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, Final, Self
 
@@ -12,7 +13,7 @@ if TYPE_CHECKING:
     from dissect.live.session import Session
     from dissect.metrics.address import Address
     from dissect.metrics.counters import Metrics
-    from dissect.metrics.server import Server
+    from dissect.metrics.keeper import MetricsKeeper
 
 
 def metrics_address(ctx: click.Context, param: click.Parameter, text: str | None) -> Address | None:
@@ -40,52 +41,58 @@ allow_remote_option: Final[Callable[[Any], Any]] = click.option(
 )
 
 
-def listen(metrics: Metrics, address: Address, allow_remote: bool) -> Server:
-    """Listen, or end the command with one line that says why not. Call it before anything is captured."""
-    from dissect.metrics.address import AddressError
-    from dissect.metrics.server import MissingLibraryError, serve
-
-    try:
-        return serve(metrics, address, allow_remote, start=False)
-    except (AddressError, MissingLibraryError) as why:
-        raise click.ClickException(str(why)) from None
-
-
 class Scrape:
     """Metrics for as long as a ``with`` lasts: counted by a companion of the session, handed out where ``address`` says.
 
     It listens from the beginning, and answers from `start` on: before that this process has no other thread, so that it can
-    still give up its rights. Without an address there is nothing, and it costs nothing.
+    still give up its rights. Where nobody sits at a terminal, an address that is taken does not end it: that is reported, and
+    tried again. Without an address there is nothing, and it costs nothing.
     """
 
     def __init__(self, address: Address | None, allow_remote: bool) -> None:
         if allow_remote and address is None:
             raise click.UsageError("--allow-remote needs --metrics HOST:PORT, the address that others may reach.")
         self._metrics: Metrics | None = None
-        self._server: Server | None = None
+        self._keeper: MetricsKeeper | None = None
         if address is not None:
-            from dissect.metrics.counters import Metrics
+            self._listen(address, allow_remote)
 
-            self._metrics = Metrics()
-            self._server = listen(self._metrics, address, allow_remote)
-            click.echo(f"s7dissect: metrics at {self._server.url}", err=True)
+    def _listen(self, address: Address, allow_remote: bool) -> None:
+        """Listen, or end the command with one line that says why not."""
+        from dissect.metrics.address import AddressError
+        from dissect.metrics.counters import Metrics
+        from dissect.metrics.keeper import MetricsKeeper
+        from dissect.metrics.server import MissingLibraryError, door_of
+
+        self._metrics = Metrics()
+        try:
+            self._keeper = MetricsKeeper(door_of(self._metrics, address, allow_remote))
+        except (AddressError, MissingLibraryError) as why:
+            raise click.ClickException(str(why)) from None
+        try:
+            click.echo(f"s7dissect: metrics at {self._keeper.open().url}", err=True)
+        except AddressError as why:
+            if sys.stderr.isatty():
+                raise click.ClickException(str(why)) from None
+            click.echo(f"s7dissect: {why}; it will be tried again", err=True)
+            self._keeper.missed(str(why))
 
     def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *_: object) -> None:
-        if self._server is not None:
-            self._server.close()
+        if self._keeper is not None:
+            self._keeper.close()
 
     def start(self) -> None:
         """Answer those who ask. May be called twice."""
-        if self._server is not None:
-            self._server.start()
+        if self._keeper is not None:
+            self._keeper.start()
 
     @property
     def companions(self) -> list[Companion]:
         """What goes along with the session."""
-        return [self._metrics] if self._metrics is not None else []
+        return [one for one in (self._metrics, self._keeper) if one is not None]
 
     def watch(self, session: Session) -> None:
         """Take the events that wait in ``session``, too."""

@@ -181,14 +181,21 @@ class Server:
     def __init__(self, listener: _Listener, host: str) -> None:
         self._listener = listener
         self.address = Address(host, int(listener.server_address[1]))
-        self._thread = threading.Thread(
-            target=listener.serve_forever, kwargs={"poll_interval": _POLL_S}, name="s7dissect-metrics", daemon=True
-        )
+        self._thread = threading.Thread(target=self._serve, name="s7dissect-metrics", daemon=True)
 
     def start(self) -> None:
         """Begin to answer, in a thread; clients that connected before are answered, too. May be called twice."""
         if self._thread.ident is None:
             self._thread.start()
+
+    def _serve(self) -> None:
+        with suppress(OSError, ValueError):  # the socket is gone: whoever looks after it sees that it ended
+            self._listener.serve_forever(poll_interval=_POLL_S)
+
+    @property
+    def alive(self) -> bool:
+        """False when it has ended, by itself or by `close`."""
+        return self._thread.ident is None or self._thread.is_alive()
 
     @property
     def url(self) -> str:
@@ -204,6 +211,40 @@ class Server:
         self._listener.server_close()
 
 
+class Door:
+    """Where metrics are served: opened as often as need be. ``target`` is what the address meant at first."""
+
+    def __init__(self, metrics: Metrics, address: Address, target: Target) -> None:
+        from dissect.metrics.exposition import Exposition
+
+        self._address = address
+        self._target = target
+        self._text = Text(Exposition(metrics))
+
+    def open(self) -> Server:
+        """Listen; `Server.start` answers. Raises `AddressError`."""
+        try:
+            listener = _Listener(self._target, self._text)
+        except OSError as why:
+            raise AddressError(
+                f"{self._address}: {why.strerror or why}: choose a different port or address with --metrics"
+            ) from None
+        return Server(listener, str(self._target.address[0]))
+
+
+def door_of(metrics: Metrics, address: Address | str, allow_remote: bool = False) -> Door:
+    """Return where to serve ``metrics``, without listening there yet. Raises what `serve` raises for a wrong address."""
+    try:
+        import prometheus_client  # noqa: F401 - is it there?
+    except ModuleNotFoundError as missing:
+        if missing.name is None or missing.name.partition(".")[0] != "prometheus_client":
+            raise
+        raise MissingLibraryError from None
+    if isinstance(address, str):
+        address = parse_address(address)
+    return Door(metrics, address, resolve(address, allow_remote))
+
+
 def serve(
     metrics: Metrics, address: Address | str = "127.0.0.1:9102", allow_remote: bool = False, *, start: bool = True
 ) -> Server:
@@ -213,22 +254,7 @@ def serve(
     cannot be used, or that others can reach when ``allow_remote`` does not say so, and `MissingLibraryError`. Without ``start``
     it only listens until `Server.start` is called.
     """
-    try:
-        from dissect.metrics.exposition import Exposition
-    except ModuleNotFoundError as missing:
-        if missing.name is None or missing.name.partition(".")[0] != "prometheus_client":
-            raise
-        raise MissingLibraryError from None
-    if isinstance(address, str):
-        address = parse_address(address)
-    target = resolve(address, allow_remote)
-    try:
-        listener = _Listener(target, Text(Exposition(metrics)))
-    except OSError as why:
-        raise AddressError(
-            f"{address}: {why.strerror or why}: choose a different port or address with --metrics"
-        ) from None
-    server = Server(listener, str(target.address[0]))
+    server = door_of(metrics, address, allow_remote).open()
     if start:
         server.start()
     return server

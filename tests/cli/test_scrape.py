@@ -73,14 +73,26 @@ def test_an_address_that_others_reach(capfdbinary: pytest.CaptureFixture[bytes])
 
 
 def test_a_port_that_is_taken_ends_it_before_anything_is_read(
-    capfdbinary: pytest.CaptureFixture[bytes], tmp_path: Path
+    capfdbinary: pytest.CaptureFixture[bytes], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
     with socket.create_server(("127.0.0.1", 0)) as other:
         address = f"127.0.0.1:{other.getsockname()[1]}"
         ran = run(capfdbinary, "monitor", "--plain", "--metrics", address, tmp_path / "nothing.pcapng")
     assert (ran.code, ran.out) == (2, "")
     assert "in use: choose a different port or address with --metrics" in ran.err
     assert "nothing.pcapng" not in ran.err
+
+
+def test_a_port_that_is_taken_does_not_end_a_probe_without_a_terminal(
+    capfdbinary: pytest.CaptureFixture[bytes],
+) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as other:
+        address = f"127.0.0.1:{other.getsockname()[1]}"
+        ran = run(capfdbinary, "monitor", "--plain", "--metrics", address, CAPTURE)
+    assert ran.code == 0
+    assert ran.out
+    assert "choose a different port or address with --metrics; it will be tried again" in ran.err
 
 
 def test_nothing_is_loaded_without_it() -> None:
@@ -98,7 +110,8 @@ def test_a_scrape_knows_the_queue_of_its_session() -> None:
     from dissect.metrics.counters import Metrics
 
     with Scrape(Address("127.0.0.1", 0), False) as scrape:
-        (metrics,) = scrape.companions
+        metrics, keeper = scrape.companions
+        assert keeper.name == "the metrics server"
         assert isinstance(metrics, Metrics)
         session = Session(lambda: open_capture(str(CAPTURE)), companions=scrape.companions, max_events=1)
         scrape.watch(session)

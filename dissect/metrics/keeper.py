@@ -1,0 +1,80 @@
+"""Keeps the server of the metrics up: what cannot listen, or ends, is reported and tried again after 1, 2, 4 … 60 s."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from typing import Final
+
+from dissect.alerts.problems import METRICS
+from dissect.live.problems import Recovery
+from dissect.live.run import Companion
+from dissect.metrics.address import AddressError
+from dissect.metrics.server import Door, Server
+from dissect.report import words
+from dissect.source.live.reader import Drops
+
+_ENDED: Final = "its thread ended"
+
+
+class MetricsKeeper(Companion):
+    """Goes along with a run and looks after the server behind ``door``, which the run may have opened already."""
+
+    name = "the metrics server"
+
+    def __init__(self, door: Door, clock: Callable[[], float] = time.monotonic) -> None:
+        super().__init__()
+        self.recovery = Recovery(clock)
+        self._door = door
+        self._server: Server | None = None
+        self._why = ""
+        self._begun = False
+
+    def open(self) -> Server:
+        """Listen. Raises `AddressError`."""
+        self._server = self._door.open()
+        return self._server
+
+    def start(self) -> None:
+        """Answer from now on; what cannot be opened now is tried again. Call it when there may be threads."""
+        self._begun = True
+        if self._server is not None:
+            self._server.start()
+
+    def missed(self, why: str) -> None:
+        """Note that it could not listen at the beginning."""
+        self._why = why
+        self.recovery.failed()
+
+    def tick(self, now_ns: int, drops: Drops) -> None:
+        """See whether it still answers; try again what failed."""
+        if not self._begun:
+            return
+        if self._server is not None and not self._server.alive:
+            self._server.close()
+            self._server = None
+            self._fail(_ENDED)
+        elif self._server is None and self._why:
+            self._tell()
+        if self._server is None and self.recovery.due:
+            try:
+                self.open().start()
+            except AddressError as error:
+                self._fail(str(error))
+            else:
+                lasted = words.duration(int(self.recovery.worked() * 1e9))
+                self.problems.tell(METRICS, f"{self.name} answers again after {lasted}", True)
+
+    def _fail(self, why: str) -> None:
+        if self.recovery.failed():
+            self._why = why
+            self._tell()
+
+    def _tell(self) -> None:
+        self.problems.tell(METRICS, f"{self.name} does not answer: {self._why}; it will be tried again")
+        self._why = ""
+
+    def close(self) -> None:
+        """Stop listening."""
+        if self._server is not None:
+            self._server.close()
