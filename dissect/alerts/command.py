@@ -116,14 +116,17 @@ def filled(argument: str, alert: Alert) -> str:
 
 def command_of(table: Table, name: str, timeout: float, parallel: int, trial: bool = False) -> Command:
     """Return the action of a table; raises `DictionaryError`. For a ``trial`` the program need not be there."""
+    # Not a word of it is printed: an argument may be a token.
+    if not isinstance(table.content.get("command"), list):
+        raise table.fail("command", 'must be a list of texts, ["PROGRAM", "ARGUMENT"]; no shell is used')
     arguments = table.items("command")
     if not 1 <= len(arguments) <= _MAX_ARGUMENTS:
         raise table.fail(
             "command", f'must be a list of 1 to {_MAX_ARGUMENTS} texts, ["PROGRAM", "ARGUMENT"]; no shell is used'
         )
-    for argument in arguments:
+    for number, argument in enumerate(arguments, 1):
         if not isinstance(argument, str) or "\0" in argument:
-            raise table.fail("command", f"{shown(argument)} is not a string")
+            raise table.fail("command", f"entry {number} is not a text")
         for placeholder in _PLACEHOLDER.findall(argument):
             if placeholder not in PLACEHOLDERS:
                 known = ", ".join([f"{{{one}}}" for one in PLACEHOLDERS])

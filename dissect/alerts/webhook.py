@@ -91,6 +91,8 @@ def webhook_of(
     table: Table, name: str, hosts: frozenset[str], timeout: float, parallel: int, trial: bool = False
 ) -> Webhook:
     """Return the action of a table; raises `DictionaryError`. For a ``trial``, the secrets need not be there."""
+    if not isinstance(table.content.get("webhook"), str):  # whatever stands there may hold a token: it is not printed
+        raise table.fail("webhook", 'must be a text such as "http://127.0.0.1:8080/alerts"')
     written = table.text("webhook")
     url = written if trial else filled(table, "webhook", written)
     try:

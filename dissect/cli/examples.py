@@ -92,8 +92,8 @@ EXAMPLES: Final = {
     ),
     "alerts test": ("s7dissect alerts test alerts.toml", "s7dissect alerts test /etc/s7dissect/alerts.toml"),
     "evidence export": (
-        "s7dissect evidence export /var/lib/s7dissect -o incident --time 2026-11-29T04:00..2026-11-29T04:05",
-        "s7dissect evidence export /var/lib/s7dissect -o night --time ..2026-11-29T06:00",
+        "s7dissect evidence export /var/lib/s7dissect -o out --time 2026-11-29T04:01",
+        "s7dissect evidence export /var/lib/s7dissect -o day --time 2026-11-29",
     ),
     "evidence verify": (
         "s7dissect evidence verify /var/lib/s7dissect",

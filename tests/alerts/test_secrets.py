@@ -109,6 +109,30 @@ def test_a_trial_needs_no_secret(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
+    "action",
+    [
+        f'webhook = ["http://127.0.0.1/?token={SECRET}"]',
+        f'webhook = {{ url = "http://127.0.0.1/{SECRET}" }}',
+        f'webhook = "ftp://127.0.0.1/{SECRET}"',
+        f'webhook = "http://user:{SECRET}@127.0.0.1/"',
+        f'webhook = "http://127.0.0.1/"\nheaders = ["{SECRET}"]',
+        f'webhook = "http://127.0.0.1/"\nheaders = {{ A = ["{SECRET}"] }}',
+        f'webhook = "http://127.0.0.1/"\nheaders = {{ A = "{SECRET}\u00e4" }}',
+        f'command = "curl -H {SECRET}"',
+        f'command = ["true", {{ A = "{SECRET}" }}]',
+        f'command = ["true", "{SECRET}{{nonsense}}"]',
+        f'command = {{ program = "{SECRET}" }}',
+    ],
+)
+def test_a_value_of_a_wrong_type_is_not_printed(action: str, tmp_path: Path) -> None:
+    path = rules(tmp_path, action)
+    with pytest.raises(RuleError) as raised:
+        load_rules(path)
+    assert SECRET not in str(raised.value)
+    assert "[[action]]" in str(raised.value)
+
+
+@pytest.mark.parametrize(
     ("url", "shown"),
     [
         ("https://alerts.example/s7?token=x#y", "https://alerts.example"),
