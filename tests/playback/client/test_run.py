@@ -257,9 +257,9 @@ def test_the_recorded_times_are_kept_when_asked_for(pipelined: bool) -> None:
     assert spent >= 0.02 * (times[-1] - times[0])
 
 
-#: Recordings that have no answer which could be another one.
 #: In these only S7comm-plus is asked; what is changed here are PDUs of S7comm (S7comm-plus: test_plus.py).
 PLUS_ONLY: Final = {"crafted/look-alikes.pcapng"}
+#: Recordings that have no answer which could be another one.
 MUTE: Final = PLUS_ONLY | {
     "crafted/cotp-refused.pcapng",
     "crafted/holes-unacknowledged.pcapng",
