@@ -16,7 +16,7 @@ DOCS: Final = ROOT / "docs"
 PLANT: Final = ROOT / "captures" / "crafted" / "plus-plant.pcapng"
 #: What is shown of the page, and how much smaller.
 WIDTH: Final = 1280
-HEIGHT: Final = 2180
+HEIGHT: Final = 2400
 SCALE: Final = 0.7
 
 

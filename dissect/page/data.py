@@ -12,7 +12,7 @@ from dissect.page.bins import WIDTHS, cells_of, lower_end
 from dissect.page.cards import cards
 from dissect.page.gaps import Gap
 from dissect.page.gathered import BANDS, Gathered, Span
-from dissect.page.rows import OUTCOME_NAMES, Station, station_of
+from dissect.page.rows import OUTCOME_NAMES, Station, selecting, station_of
 from dissect.page.tables import Tables, functions_of
 from dissect.page.tag_steps import TagSteps
 from dissect.page.verdict import by_weight
@@ -184,6 +184,7 @@ class Data:
         shown: list[dict[str, Any]] = []
         clients: set[Station] = set()
         servers: set[Station] = set()
+        listed = self._of.listed_pairs
         for (client, server, vlan), pair in pairs:
             if len(clients | {(client, vlan)}) > _HOSTS or len(servers | {(server, vlan)}) > _HOSTS:
                 continue
@@ -204,6 +205,9 @@ class Data:
                     "worst": pair.worst,
                 }
             )
+            if (client, server, vlan) not in listed:  # the link would lead nowhere
+                where = f"{selecting('client', (client, vlan))} and server == {server}"
+                shown[-1] |= self._of.rows.how(f"transactions -Y '{where}'")
         return {"pairs": shown, "total": len(pairs), "not_told_apart": self._of.talks.not_told_apart}
 
     def _lanes(self) -> dict[str, Any]:

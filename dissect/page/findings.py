@@ -26,7 +26,7 @@ def findings_of(gathered: Gathered) -> list[dict[str, Any]]:
     for finding in gathered.analysis.findings:
         details.setdefault(finding.slug, []).append(finding)
     told = []
-    listed = {row["cells"][0] for row in gathered.connections.rows()}
+    listed = {row["cells"][0] for row, _ in gathered.connections.rows()}
     facts = facts_of(gathered.analysis, gathered.rows.clock)
     for rule in by_weight(gathered.analysis):
         times = times_of(rule.slug, counts[rule.slug], facts.ledger)

@@ -144,7 +144,8 @@ class Gathered(Observer):
         self._gaps = Samples(MAX_GAPS, counted=False)
         self.modes: list[Mode] = []
         self.modes_not_drawn = 0
-        #: Rows of operations, each with its `Span`; those of blocks, of failed transactions and of connections.
+        #: Rows of operations, each with its `Span`; those of blocks and of failed transactions; those of connections, each
+        #: with client, server and VLAN.
         self.operations = Samples(MAX_OPERATIONS)
         self.blocks = Samples(MAX_BLOCKS)
         self.failed = Samples(MAX_FAILED)
@@ -223,8 +224,10 @@ class Gathered(Observer):
             number = self.blocks.total + 1
             if self.blocks.wants(begin, mixed(number)):
                 self.blocks.add(begin, mixed(number), self.rows.block(block, operation, number))
+        if operation.kind == CONNECT:
+            return
         rank = mixed(operation.number)
-        if operation.kind == CONNECT or not self.operations.wants(begin, rank):
+        if not self.operations.wants(begin, rank):
             return
         span = Span(
             begin,
@@ -291,6 +294,11 @@ class Gathered(Observer):
     def gaps_not_drawn(self) -> int:
         """How many gaps there are besides `gaps`."""
         return self._gaps.total - len(self._gaps)
+
+    @property
+    def listed_pairs(self) -> set[tuple[str, str, int]]:
+        """The pairs of client and server, and their VLAN, that have a row in the table of connections."""
+        return {key for _, key in self.connections.rows()}
 
     @property
     def spans(self) -> list[Span]:
@@ -430,4 +438,5 @@ class Gathered(Observer):
             int(connection.number),
         )
         if self.connections.wants(rank):
-            self.connections.add(rank, self.rows.connection(connection, worst))
+            key = (str(connection.client.host), str(connection.server.host), int(connection.tcp.vlan))
+            self.connections.add(rank, (self.rows.connection(connection, worst), key))

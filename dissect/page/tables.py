@@ -131,7 +131,7 @@ class Tables:
             ("PDUs", NUMBER), ("answered", NUMBER), ("with errors", NUMBER), ("no answer", NUMBER), ("still open", RARE),
             ("bytes", SIZE), ("end", TEXT), ("gravest finding", TEXT),
         ]  # fmt: skip
-        rows = [{**row, "until": self._seconds(row["until"])} for row in of.connections.rows()]
+        rows = [{**row, "until": self._seconds(row["until"])} for row, _ in of.connections.rows()]
         table = self._table("connections", "Connections", columns, rows, of.connections.total)
         table["all"] = "sql 'SELECT * FROM connections'"
         if of.connections.total > len(rows):

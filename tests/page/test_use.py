@@ -233,6 +233,21 @@ def test_above_sixty_pairs_there_is_a_matrix_and_names_keep_their_ends(browser: 
     assert browser.count("#plot-lanes, #plot-tags") == 0
 
 
+def test_a_pair_without_a_row_has_a_command_to_copy(
+    browser: Browser, long: tuple[Path, Path, dict[str, Any]], capfdbinary: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of two pairs the page lists the connections of one."""
+    capture, path, _ = long
+    monkeypatch.chdir(capture.parent)
+    browser.open(path)
+    assert browser.count("#plot-talks a.hit") == browser.count("#plot-talks g.stop[role=button]") == 1
+    browser.run("navigator.clipboard.writeText = async (text) => { window.copied = text; };")
+    browser.click("#plot-talks g.stop")
+    command = browser.run("return window.copied")
+    ran = run(capfdbinary, *shlex.split(command)[1:], "-T", "jsonl")
+    assert (ran.code, len(ran.out.splitlines())) == (0, 300)
+
+
 def axe() -> str:
     """Return axe-core."""
     return (tools() / "node_modules" / "axe-core" / "axe.min.js").read_text(encoding="utf-8")

@@ -12,8 +12,15 @@ function pairSaid(pair) {
     pair.errors ? `${integer(pair.errors)} with errors` : "", pair.missed ? `${integer(pair.missed)} without answer` : "", `gravest finding: ${pair.worst || "none"}`,
   ].filter(Boolean).join("\n");
 }
-/** @param {Pair} pair @param {number} side @param {Child[]} children */
+/** A link to the connections of a pair; where the page has none of them, the command that shows them is copied.
+ * @param {Pair} pair @param {number} side @param {Child[]} children */
 function pairLink(pair, side, ...children) {
+  const text = command(sessions[side], { show: pair.show || "" });
+  if (text) {
+    const said = `${pairSaid(pair)}\nNot in the table of this page: Enter or a click copies the command\n${text}`;
+    const act = async () => { tip.textContent = `${(await copy(text)) ? "Copied" : "Copying is not permitted"}: ${text}`; tip.hidden = false; };
+    return svg("g", { class: "stop", role: "button", "data-tip": said, "aria-label": spoken(said), onclick: act, onkeydown: (event) => { if (event.key === "Enter") void act(); } }, ...children);
+  }
   const found = lead(`#${prefixes[side]}table-connections`, pairSaid(pair), ...children);
   found.addEventListener("click", () => lists.get(`${prefixes[side]}connections`)?.search(pair.search));
   return found;

@@ -7,28 +7,30 @@ function command(session, how, more_ = "") {
   const { options, bare, without, all, files } = session.command;
   return `s7dissect ${how.show}${more_}${without.includes(how.show.split(" ")[0]) ? bare : options} ${how.in === undefined ? all : files[how.in] || all}`;
 }
-/** @param {string} text @param {HTMLButtonElement} button */
-async function copy(text, button) {
-  let copied = true;
+/** @param {string} text @returns {Promise<boolean>} whether it was permitted */
+async function copy(text) {
   try {
     await navigator.clipboard.writeText(text);
+    return true;
   } catch {  // not permitted in a frame: the older way
     const area = html("textarea", { "aria-hidden": "true", class: "aside" });
     area.value = text;
     document.body.append(area);
+    const focused = document.activeElement;
     area.select();
-    copied = document.execCommand("copy");
+    const copied = document.execCommand("copy");
     area.remove();
-    button.focus();
+    if (focused instanceof HTMLElement || focused instanceof SVGElement) focused.focus();
+    return copied;
   }
-  const before_ = button.textContent;
-  button.textContent = copied ? "Copied" : "Not permitted";
-  setTimeout(() => { button.textContent = before_; }, 1500);
 }
 /** @param {() => string} text @param {string} label what is copied @param {string} [shown] */
 function copier(text, label, shown = "Copy") {
   const button = html("button", { type: "button", class: "copy", text: shown, "aria-label": label });
-  button.addEventListener("click", () => { void copy(text(), button); });
+  button.addEventListener("click", async () => {
+    button.textContent = (await copy(text())) ? "Copied" : "Not permitted";
+    setTimeout(() => { button.textContent = shown; }, 1500);
+  });
   return button;
 }
 /** A command or filter, with a button that copies it. @param {string} text @param {string} [before_] what it is */

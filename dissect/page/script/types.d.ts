@@ -28,6 +28,8 @@ interface Poll {
 interface Pair {
   client: string; server: string; search: string; connections: number; pdus: number; octets: number; errors: number;
   missed: number; worst: string;
+  /** Only where no connection of the pair has a row: the command that shows them. */
+  show?: string;
 }
 type LaneSpan = [begin: number, end: number, kind: string, key: string, what: string];
 interface Lane { host: string; spans: LaneSpan[]; modes: [number, string, number][] }
