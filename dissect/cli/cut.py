@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from dissect.cli.main import EXIT_INTERRUPTED
-from dissect.cli.options.completing import connections
+from dissect.cli.options.completing import connections, findings
 from dissect.cli.options.reading import reading_options
 from dissect.cli.options.select import read_time, time_option, where_option
 from dissect.cli.reading import Reading
@@ -72,6 +72,7 @@ def _numbers(name: str, what: str) -> Callable[[Any], Any]:
     "findings",
     multiple=True,
     callback=_findings,
+    shell_complete=findings,
     metavar="WHAT",
     help="Packets of a finding: its slug, a pattern ('security.*'), a severity (or worse), or its number as "
     "analyze -T json gives it.",

@@ -11,6 +11,7 @@ import click
 from dissect.cli.formats import format_option, write_outcome
 from dissect.cli.golden import load
 from dissect.cli.main import EXIT_GATE, EXIT_INTERRUPTED, EXIT_OK, EXIT_USAGE
+from dissect.cli.options.completing import from_table
 from dissect.cli.options.reading import reading_options
 from dissect.cli.reading import Reading
 from dissect.golden.comparison import differences
@@ -41,6 +42,7 @@ _IGNORABLE = "\n".join(
 @click.option(
     "--ignore",
     multiple=True,
+    shell_complete=from_table(lambda: KINDS),
     metavar="WHAT",
     help="Ignore this kind of difference: a name from the list below, or NAME:PATTERN with * and ?, such as 'values:DB10.*'; "
     "comma-separated or repeated.",

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, Final
 import click
 
 from dissect.cli.main import EXIT_DAMAGED, EXIT_GATE, EXIT_OK
+from dissect.cli.options.completing import findings
 from dissect.findings.catalogue import CATALOGUE, SEVERITIES
 from dissect.report.slugs import slugs_of
 
@@ -32,6 +33,7 @@ fail_on_option: Final[Callable[[Any], Any]] = click.option(
     "fail_on",
     multiple=True,
     callback=_slugs,
+    shell_complete=findings,
     metavar="WHAT",
     help="Exit with code 1 on a finding that matches WHAT: a severity (note, warning or error, or worse), a slug such as "
     "transaction.slow, or a pattern such as 'session.*'. A finding that another one explains does not count. Repeatable.",

@@ -8,6 +8,7 @@ from pathlib import Path
 import click
 
 from dissect.cli.main import EXIT_DAMAGED, EXIT_OK
+from dissect.cli.options.completing import from_table
 from dissect.cli.options.reading import reading_options
 from dissect.cli.reading import Reading
 from dissect.cli.run import complain, write
@@ -47,6 +48,7 @@ def choices(known: Iterable[str]) -> Callable[[click.Context, click.Parameter, s
     default="",
     metavar="WHAT",
     callback=choices(EXTRAS),
+    shell_complete=from_table(lambda: dict.fromkeys(EXTRAS, "")),
     help=f"Also include details that vary between recordings, comma-separated: {', '.join(EXTRAS)}.",
 )
 @reading_options("transaction", "connection", checksums=False)

@@ -9,6 +9,7 @@ from typing import Any, Final
 import click
 
 from dissect.cli.main import EXIT_OK
+from dissect.cli.options.completing import from_table
 from dissect.cli.run import write
 from dissect.config.hints import close_names
 
@@ -20,17 +21,25 @@ _URN: Final = "urn:s7dissect:schema:"
 _Schema = dict[str, Any]
 
 
+def _names() -> list[str]:
+    return sorted([path.name.removesuffix(_SUFFIX) for path in FOLDER.glob(f"*{_SUFFIX}")])
+
+
+def _titles() -> dict[str, str]:
+    return {name: _load(name)["title"] for name in _names()}
+
+
 @click.command("schema", epilog="Exit code: 0 success, 2 wrong use, 5 the output could not be written.")
-@click.argument("name", required=False, metavar="[NAME]")
+@click.argument("name", required=False, metavar="[NAME]", shell_complete=from_table(_titles))
 def command(name: str | None) -> int:
     """List the JSON Schemas of the machine-readable outputs, or write the one called NAME.
 
     NAME is a name from the list, or the value of "schema" in an output (s7dissect.analysis/1). The schema is self-contained.
     """
-    names = sorted([path.name.removesuffix(_SUFFIX) for path in FOLDER.glob(f"*{_SUFFIX}")])
+    names = _names()
     if name is None:
         width = max(map(len, names))
-        write([f"{each.ljust(width)}  {_load(each)['title']}" for each in names])
+        write([f"{each.ljust(width)}  {title}" for each, title in _titles().items()])
         return EXIT_OK
     found = [each for each in names if name in {each, _id(each)}]
     if not found:

@@ -273,6 +273,15 @@ def test_the_fields_are_listed(capfdbinary: Capture) -> None:
         ("export|--only|val", "values"),
         (f"transactions|{ERRORS}|--connection|", "1"),
         (f"cut|{ERRORS}|--connection|", "1"),
+        (f"sql|talkers|{ERRORS}|--connection|", "1"),
+        (f"values|{ERRORS}|DB1.DBB0|--connection|", "1"),
+        (f"diff|{ERRORS}|{ERRORS}|--connection|", "1"),
+        ("analyze|--fail-on|transaction.sl", "transaction.slow"),
+        ("analyze|--fail-on|wa", "warning"),
+        ("cut|--finding|security.plc_sto", "security.plc_stop"),
+        ("schema|anal", "analysis"),
+        ("golden|--with|time,ref", "time,refs"),
+        ("diff|--ignore|val", "values"),
     ],
 )
 def test_the_shell_completes_names_and_connections(line: str, offered: str) -> None:
@@ -282,6 +291,10 @@ def test_the_shell_completes_names_and_connections(line: str, offered: str) -> N
 def test_no_connection_is_offered_of_what_is_no_capture() -> None:
     assert completed(f"s7dissect|transactions|{Path(__file__)}|--connection|") == [""]
     assert completed("s7dissect|transactions|missing.pcap|--connection|") == [""]
+
+
+def test_each_capture_of_diff_has_connections_of_its_own() -> None:
+    assert completed(f"s7dissect|diff|{ERRORS}|{ERRORS}|--connection|") == ["1"]
 
 
 def completed(line: str) -> list[str]:

@@ -20,14 +20,30 @@ Completer = Callable[[click.Context, click.Parameter, str], "list[CompletionItem
 
 
 def from_table(table: Callable[[], Mapping[str, str]]) -> Completer:
-    """Return what completes the names of a table, each with what it is."""
+    """Return what completes the names of a table, each with what it is; of several with commas between, the last."""
 
     def complete(_ctx: click.Context, _param: click.Parameter, incomplete: str) -> list[CompletionItem]:
         from click.shell_completion import CompletionItem
 
-        return [CompletionItem(name, help=said) for name, said in table().items() if name.startswith(incomplete)]
+        before, comma, last = incomplete.rpartition(",")
+        return [
+            CompletionItem(f"{before}{comma}{name}", help=said)
+            for name, said in table().items()
+            if name.startswith(last)
+        ]
 
     return complete
+
+
+def _findings() -> Mapping[str, str]:
+    from dissect.findings.catalogue import CATALOGUE, SEVERITIES
+
+    severities = dict.fromkeys(SEVERITIES, "findings of this severity, or a worse one")
+    return {**severities, **{slug: rule.sentence for slug, rule in CATALOGUE.items()}}
+
+
+#: Completes slugs of findings, and severities.
+findings: Final = from_table(_findings)
 
 
 def connections(ctx: click.Context, _param: click.Parameter, incomplete: str) -> list[CompletionItem]:
@@ -37,8 +53,10 @@ def connections(ctx: click.Context, _param: click.Parameter, incomplete: str) ->
     from click.shell_completion import CompletionItem
 
     # Where the value of an option is missing, click leaves arguments as they were typed.
-    files = [Path(name) for name in ctx.params.get("files") or ctx.args]
+    words = ctx.params.get("files") or ctx.args
     try:
+        files = [path for path in map(Path, words) if path.is_file()]  # others are an SQL query, or an address
+        files = files[:1] if ctx.command.name == "diff" else files  # connections of the second have numbers of their own
         if not files or sum([path.stat().st_size for path in files]) > _LARGEST:
             return []
         from dissect.session import analyze
