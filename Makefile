@@ -2,6 +2,7 @@
 # make test    everything that has to hold, the engine both compiled and interpreted
 # make docs    the documentation as a web site with an API reference, in build/docs
 #
+# make browser the analyzer in one HTML file that needs no installation, in build/browser (docs/browser.md)
 # make wheels  the files of a release for this machine, each built and tried (docs/release.md)
 #
 # What is installed is a wheel in .venv, built from this tree. A run of pytest from there tests the tree itself, interpreted,
@@ -33,7 +34,8 @@ ONCE := $(wildcard tests/source/test_live_*.py tests/source/test_growing.py test
 # What the tests of each part share (imports, asserts rewritten, captures) is made once for each process, and a worker of xdist
 # collects every test there is. So these parts, about equally long, take a process each, and make keeps JOBS of them running.
 # Those that take longest begin; what none of the others names is in the rest.
-INSTALLED := program scd rest cli layers oracle captures
+INSTALLED := browser program scd rest cli layers oracle captures
+installed-browser := tests/browser
 installed-oracle := tests/oracle tests/golden tests/tls
 installed-cli := tests/cli
 installed-scd := tests/scd tests/properties tests/anonymize
@@ -61,7 +63,7 @@ export VENV
 # what it imports.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo test checks docs wheels container-steps lint types test-installed test-interpreted environment test-environment format coverage fuzz fuzz-installed properties record clean
+.PHONY: demo test checks docs browser wheels container-steps lint types test-installed test-interpreted environment test-environment format coverage fuzz fuzz-installed properties record clean
 # Only what `checks` starts goes side by side.
 ifndef BESIDE
 .NOTPARALLEL:
@@ -77,6 +79,11 @@ checks:
 	@answers=$$(mktemp -d); trap 'rm -rf "$$answers"' EXIT; \
 	S7DISSECT_TSHARK_ANSWERS=$$answers $(MAKE) --no-print-directory --keep-going --output-sync=target -j $(JOBS) BESIDE=yes \
 		types test-interpreted test-installed container-steps
+
+# The analyzer as one page; packages of npm and PyPI are kept beside the environment.
+browser: environment
+	@mkdir -p build/browser
+	$(BIN)/s7dissect browser -o build/browser/s7dissect.html --packages $(VENV)/browser --force
 
 wheels:
 	scripts/wheels.sh

@@ -65,6 +65,7 @@ ORDER: Final = (
     "layers",
     "oracle",
     "testing",
+    "browser",
     "cli",
 )
 #: Rooms that show the package to somebody; only they may ask the package itself for its version or its public names.
@@ -323,6 +324,7 @@ OWN_CONTENT: Final = {
     "dissect.report.kept": "what the same process packed",
     "dissect.variables.summary": "lines that our writer made a moment ago",
     "dissect.cli.separate_export": "rows that our own processes sent",
+    "dissect.browser.parts": "our own list of packages",
     "dissect.cli.schema": "the schemas of the package",
     "dissect.export.sqlite": "only writes a new file",
     "dissect.index.store": "catches DATABASE_ERRORS",

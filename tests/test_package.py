@@ -145,7 +145,10 @@ def test_wheel_holds_the_package_and_nothing_else(wheel: Path) -> None:
     assert {name for name in names if name.endswith(".py")} == sources()
     assert "dissect/py.typed" in names
     schemas = {path.relative_to(ROOT).as_posix() for path in (ROOT / "dissect" / "schema").iterdir()}
-    assert {name for name in names if name.endswith(".json")} == schemas
+    assert {name for name in names if name.endswith(".json")} == schemas | {"dissect/browser/lock.json"}
+    assert {name for name in names if name.startswith("dissect/browser/")} == {
+        path.relative_to(ROOT).as_posix() for path in (ROOT / "dissect" / "browser").glob("*.*")
+    }
     pages = {f"dissect/help/{path.name}" for path in (ROOT / "docs").glob("*.md")}
     assert {name for name in names if name.endswith(".md")} == pages
     release = f"s7dissect-{dissect.__version__}"

@@ -50,6 +50,7 @@ HEADINGS: Final = {
         "evidence": "Compare evidence with its manifest.",
         "anonymize": "Replace addresses, names and values for sharing.",
         "export": "Tables and logs for other tools: Parquet, SQL, Zeek …",
+        "browser": "Write the analyzer as one HTML file: no installation.",
     },
     "Compare": {
         "baseline": "Learn what is normal, or report what is not.",

@@ -61,3 +61,15 @@ def _names() -> dict[str, str]:
         if name:
             names[digits[: int(bits) // 4] if bits else digits] = name
     return names
+
+
+def listed() -> str:
+    """Return the list in its own form with one name for each prefix, for where Scapy itself is not."""
+    from scapy.libs.manuf import DATA
+
+    rows = []
+    for line in DATA.splitlines():
+        prefix, _, rest = line.partition("\t")
+        short, _, long = rest.partition("\t")
+        rows.append(f"{prefix}\t\t{long.strip(' ,') or short.strip(' ,')}")
+    return "\n".join(rows)

@@ -197,6 +197,12 @@ def policy(style: str, script: str) -> str:
     return f"default-src 'none'; script-src '{_hash(script)}'; style-src '{_hash(style)}'; base-uri 'none'; form-action 'none'"
 
 
+def shipped_policy() -> str:
+    """Return the policy of the pages that this version makes, for a page that shows them in itself."""
+    _, style, script = _parts()
+    return policy(style, script)
+
+
 def _hash(text: str) -> str:
     return f"sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()}"
 

@@ -1,0 +1,1 @@
+"""The whole analyzer as one HTML file: what goes in, how it is put together, and what runs inside it."""

@@ -1,0 +1,151 @@
+"""What the tests of the browser edition share: the page, made once, and a browser that has opened it."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import sys
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+import pytest
+
+from dissect import __version__
+from dissect.browser.contents import Contents
+from dissect.browser.page import made
+from dissect.browser.parts import Parts, PartsError
+from tests.report.schemas import ROOT
+
+if TYPE_CHECKING:
+    from selenium.webdriver.chrome.webdriver import WebDriver
+
+OWN: Final = ROOT / "captures"
+#: Where the packages of npm and PyPI are kept: beside the environment, so that they are fetched once.
+PACKAGES: Final = Path(os.environ.get("S7DISSECT_BROWSER_PACKAGES", Path(sys.prefix) / "browser"))
+#: Seconds that a page may take for one step on a machine that does much else.
+PATIENCE: Final = 120
+#: Runs command lines in the page, one after the other: what each wrote, and its exit code.
+_RUN: Final = """
+const done = arguments[arguments.length - 1];
+(async () => {
+  const told = [];
+  for (const argv of arguments[0]) {
+    const result = await engine.run(argv);
+    engine.known.clear();
+    told.push([result.code, await result.out.text(), result.errors]);
+  }
+  return told;
+})().then(done, (error) => done(String(error)));
+"""
+
+
+def captures() -> list[Path]:
+    """Return all captures of the project."""
+    return sorted([path for path in OWN.rglob("*") if path.suffix in {".pcap", ".pcapng", ".gz"}])
+
+
+def make_page(folder: Path) -> Path:
+    """Write the page. Without the packages and without their registries the tests are skipped."""
+    parts = Parts(PACKAGES)
+    try:
+        parts.fetch()
+    except PartsError as error:
+        pytest.skip(f"the packages of the browser edition: {error}")
+    path = folder / "s7dissect.html"
+    path.write_bytes(made(Contents(parts), __version__))
+    return path
+
+
+class Opened:
+    """The page in Chromium."""
+
+    def __init__(self, driver: WebDriver, page: Path) -> None:
+        self.driver = driver
+        self.page = page
+
+    def open(self, fragment: str = "") -> None:
+        """Open the page anew and wait until Python is there."""
+        self.driver.get("about:blank")
+        self.driver.get_log("browser")
+        self.driver.get_log("performance")
+        self.driver.get(self.page.as_uri() + fragment)
+        self.until("document.documentElement.dataset.ready === 'yes'")
+
+    def script(self, script: str, *arguments: object) -> Any:
+        """Return what a script returns."""
+        return self.driver.execute_script(script, *arguments)
+
+    def until(self, condition: str) -> None:
+        """Wait until an expression is true."""
+        end = time.monotonic() + PATIENCE
+        while not self.script(f"return {condition}"):
+            assert time.monotonic() < end, (condition, self.texts("#state"), self.console())
+            time.sleep(0.05)
+
+    def choose(self, *files: Path) -> None:
+        """Choose files as a person does, in the place of those before."""
+        self.script("held = []; select('files', '', ''); changed()")
+        field = self.driver.find_element("id", "choose")
+        field.send_keys("\n".join(map(str, files)))
+        self.until(f"document.documentElement.dataset.files === '{len(files)}'")
+
+    def select(self, tab: str, row: str = "", where: str = "") -> None:
+        """Go to a tab and wait until all that it asks is there."""
+        self.script("select(arguments[0], arguments[1], arguments[2])", tab, row, where)
+        self.drawn()
+
+    def drawn(self) -> None:
+        """Wait until the view is drawn."""
+        self.until("document.getElementById('panel')?.dataset.drawn === 'yes' && !engine.waiting.size")
+
+    def run(self, lines: Sequence[Sequence[str]]) -> list[tuple[int, str, str]]:
+        """Run command lines in the page; return exit code, output and errors of each."""
+        told = self.driver.execute_async_script(_RUN, [list(line) for line in lines])
+        assert isinstance(told, list), told
+        return [(code, out, errors) for code, out, errors in told]
+
+    def texts(self, selector: str) -> list[str]:
+        """Return the text of each element."""
+        found: list[str] = self.script(
+            "return [...document.querySelectorAll(arguments[0])].map((one) => one.textContent)", selector
+        )
+        return found
+
+    def count(self, selector: str) -> int:
+        """Return how many elements there are."""
+        return len(self.texts(selector))
+
+    def click(self, selector: str) -> None:
+        """Click on an element."""
+        self.script("document.querySelector(arguments[0]).click()", selector)
+
+    def console(self) -> list[str]:
+        """Return what the console holds: errors of scripts, violations of the policy."""
+        return [str(entry["message"]) for entry in self.driver.get_log("browser")]
+
+    def requests(self) -> list[str]:
+        """Return the addresses that were asked for since the page was opened."""
+        told = [json.loads(entry["message"])["message"] for entry in self.driver.get_log("performance")]
+        return [one["params"]["request"]["url"] for one in told if one["method"] == "Network.requestWillBeSent"]
+
+
+def start_chromium() -> WebDriver:
+    """Start Chromium, for which every name of a host leads nowhere."""
+    chromium, driver = shutil.which("chromium"), shutil.which("chromedriver")
+    if chromium is None or driver is None:
+        pytest.skip("chromium or its driver is not installed (scripts/install-tools.sh)")
+    from selenium import webdriver
+    from selenium.webdriver.chrome.service import Service
+
+    options = webdriver.ChromeOptions()
+    options.binary_location = chromium
+    for argument in ("--headless=new", "--no-sandbox", "--disable-dev-shm-usage", "--disable-gpu", "--hide-scrollbars"):
+        options.add_argument(argument)
+    options.add_argument("--host-resolver-rules=MAP * ~NOTFOUND")
+    options.set_capability("goog:loggingPrefs", {"browser": "ALL", "performance": "ALL"})
+    started = webdriver.Chrome(options=options, service=Service(driver))
+    started.set_script_timeout(PATIENCE)
+    return started

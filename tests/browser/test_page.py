@@ -1,0 +1,321 @@
+"""The page in Chromium: it asks the network for nothing, and says what the command line says."""
+
+from __future__ import annotations
+
+import io
+import os
+import re
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+import pytest
+
+from dissect.cli.main import run as run_here
+from tests.browser.support import OWN, Opened, captures
+from tests.page.support import NAUGHTY, naughty_packets
+from tests.promises import hostile
+from tests.report.support import saved
+
+PLANT = OWN / "crafted" / "plus-plant.pcapng"
+
+
+def here(folder: Path, argv: Sequence[str]) -> tuple[int, str, str]:
+    """Run a command line in this process and in this folder."""
+    out, errors = io.BytesIO(), io.BytesIO()
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(folder)
+        streams = [io.TextIOWrapper(one, encoding="utf-8", write_through=True) for one in (out, errors)]
+        patch.setattr(sys, "stdout", streams[0])
+        patch.setattr(sys, "stderr", streams[1])
+        code = run_here(list(argv))
+        for stream in streams:
+            stream.detach()
+    return code, out.getvalue().decode(), errors.getvalue().decode()
+
+
+def test_it_asks_for_nothing(opened: Opened) -> None:
+    opened.open()
+    opened.choose(PLANT)
+    for tab in ("report", "findings", "transactions", "values", "operations", "devices", "blocks", "save", "help"):
+        opened.select(tab)
+    opened.until("document.querySelector('article.manual h1')")
+    asked = opened.requests()
+    assert [address for address in asked if not address.startswith(("file:", "blob:"))] == []
+    assert [address for address in asked if address.startswith("file:")] == [opened.page.as_uri()]
+    assert opened.console() == []
+
+
+@pytest.mark.parametrize(
+    "attempt",
+    [
+        "fetch('http://127.0.0.1:9/').catch(() => 0)",
+        "new Image().src = 'http://127.0.0.1:9/x.png'",
+        "new WebSocket('ws://127.0.0.1:9/')",
+        "navigator.sendBeacon('http://127.0.0.1:9/', 'x')",
+        "document.head.append(Object.assign(document.createElement('script'), {src: 'http://127.0.0.1:9/x.js'}))",
+        "document.head.append(Object.assign(document.createElement('link'), {rel: 'stylesheet', href: 'http://127.0.0.1:9/x.css'}))",
+        "document.body.append(Object.assign(document.createElement('iframe'), {src: 'http://127.0.0.1:9/'}))",
+        "document.body.setAttribute('onclick', 'window.hacked = 1'); document.body.click()",
+    ],
+)
+def test_its_policy_forbids_every_connection(opened: Opened, attempt: str) -> None:
+    opened.console()
+    opened.script(
+        f"""window.refused = [];
+        addEventListener('securitypolicyviolation', (event) => refused.push(event.violatedDirective));
+        try {{ {attempt} }} catch {{}}"""
+    )
+    opened.until("refused.length")
+    assert opened.script("return window.hacked") is None
+    opened.console()
+
+
+def test_all_captures_give_what_the_command_line_gives(opened: Opened) -> None:
+    """Byte for byte: the summary as JSON and the transactions as lines, exit codes and complaints."""
+    files = captures()
+    assert len(files) == len({path.name for path in files}) > 100
+    opened.choose(*files)
+    forms = (["analyze", "-T", "json"], ["transactions", "-T", "jsonl"])
+    lines = [[*form, path.name] for path in files for form in forms]
+    told = opened.run(lines)
+    folders = [path.parent for path in files for _ in forms]
+    with pytest.MonkeyPatch.context() as patch:
+        # Certificates are read with a package that is compiled, and not there.
+        for name in [name for name in sys.modules if name.partition(".")[0] == "cryptography"]:
+            patch.delitem(sys.modules, name)
+        patch.setitem(sys.modules, "cryptography", None)
+        expected = [here(folder, line) for folder, line in zip(folders, lines, strict=True)]
+    different = [line for line, one, other in zip(lines, told, expected, strict=True) if one != other]
+    assert different == []
+    assert sum([len(out) for _, out, _ in told]) > 500_000
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        ["devices", "-T", "json", "plus-plant.pcapng"],
+        ["values", "-T", "csv", "plus-plant.pcapng", 'DB1."level"'],
+        ["transactions", "-Y", "latency > 8ms and function == 'GetMultiVariables'", "plus-plant.pcapng"],
+        ["transactions", "-Y", "latencey > 8ms", "plus-plant.pcapng"],
+        ["operations", "-T", "jsonl", "plus-plant.pcapng"],
+        ["golden", "plus-plant.pcapng"],
+        ["show", "-V", "--frame", "8", "plus-plant.pcapng"],
+        ["report", "-o", "-", "plus-plant.pcapng"],
+        ["analyze", "--", "no such file"],
+        ["fields"],
+    ],
+)
+def test_other_commands_too(opened: Opened, line: list[str]) -> None:
+    if opened.texts("#state")[0].partition(" ·")[0] != PLANT.name:
+        opened.choose(PLANT)
+    (told,) = opened.run([line])
+    assert told == here(PLANT.parent, line)
+
+
+def test_files_that_commands_write_are_those_of_the_command_line(opened: Opened, tmp_path: Path) -> None:
+    opened.choose(PLANT)
+    line = ["cut", "plus-plant.pcapng", "-o", "part.pcapng", "--time", "1..2"]
+    octets = opened.driver.execute_async_script(
+        """const done = arguments[1];
+        engine.run(arguments[0]).then(async ({ files: [file] }) =>
+          done([file.name, [...new Uint8Array(await file.data.arrayBuffer())]]));""",
+        line,
+    )
+    assert here(PLANT.parent, [*line[:3], str(tmp_path / "part.pcapng"), *line[4:]])[0] == 0
+    assert octets == ["part.pcapng", list((tmp_path / "part.pcapng").read_bytes())]
+    (left,) = opened.run([["analyze", "part.pcapng"]])
+    assert (left[0], "no such file" in left[2]) == (2, True)
+
+
+def test_rows_are_chosen_linked_and_taken_apart(opened: Opened) -> None:
+    opened.choose(PLANT)
+    opened.select("transactions")
+    assert opened.texts(".pager .quiet")[0] == "rows 1 to 24 of 24"
+    opened.click("tr[data-key='2']")
+    opened.until("document.querySelectorAll('.dump').length === 2")
+    assert opened.script("return location.hash") == "#transactions/2"
+    assert opened.texts(".detail .command code") == ["s7dissect show -V --frame 8 --frame 9 plus-plant.pcapng"]
+    opened.script(
+        "[...document.querySelectorAll('.field')].find((one) => one.textContent.includes('protocol_id')).focus()"
+    )
+    assert opened.texts(".dump b.lit") == ["72"]
+    _, shown, _ = here(PLANT.parent, ["show", "-V", "--frame", "8", "--frame", "9", PLANT.name])
+    assert [
+        text for text in opened.texts(".field span:last-child") if " ".join(text.split()) not in " ".join(shown.split())
+    ] == []
+    fields = re.findall(r"^ +\d+(?:-\d+)? {2}(?![0-9a-f]{2} |\d{4}-)\S", shown, re.MULTILINE)
+    assert opened.count(".field") == len(fields) > 70
+    opened.open("#transactions/17")
+    opened.driver.find_element("id", "choose").send_keys(str(PLANT))
+    opened.until("document.querySelector('tr[aria-selected=true]')?.dataset.key === '17'")
+    opened.until("document.querySelector('.dump')")
+
+
+def test_rows_are_walked_by_keyboard(opened: Opened) -> None:
+    from selenium.webdriver.common.keys import Keys
+
+    opened.choose(PLANT)
+    opened.select("transactions")
+    opened.script("document.querySelector('tr[data-key]').focus()")
+    for key in (Keys.ARROW_DOWN, Keys.ARROW_DOWN, Keys.ENTER):
+        opened.driver.switch_to.active_element.send_keys(key)
+    opened.until("document.querySelector('.dump')")
+    assert opened.script("return location.hash") == "#transactions/3"
+    opened.script("document.querySelector('[role=tab][aria-selected=true]').focus()")
+    opened.driver.switch_to.active_element.send_keys(Keys.ARROW_RIGHT)
+    assert opened.script("return document.activeElement.textContent") == "Values"
+    opened.drawn()
+    assert opened.script("return document.querySelectorAll('#tabs [tabindex=\"0\"]').length") == 1
+
+
+def test_an_expression_selects_and_its_errors_are_those_of_the_command_line(opened: Opened) -> None:
+    opened.choose(PLANT)
+    opened.select("transactions", "", "latency > 8ms and host == 192.0.2.30")
+    assert (
+        opened.script("return decodeURIComponent(location.hash)")
+        == "#transactions?latency > 8ms and host == 192.0.2.30"
+    )
+    assert opened.texts(".command code")[0].endswith("-Y 'latency > 8ms and host == 192.0.2.30' plus-plant.pcapng")
+    _, rows, _ = here(PLANT.parent, ["transactions", "-Y", "latency > 8ms and host == 192.0.2.30", PLANT.name])
+    assert opened.count("tr[data-key]") == len(rows.splitlines()) > 5
+    opened.select("transactions", "", "latencey > 8ms")
+    (said,) = opened.texts("[role=alert]")
+    _, _, errors = here(PLANT.parent, ["transactions", "-Y", "latencey > 8ms", PLANT.name])
+    assert said in errors.replace("\n", "")
+    assert "latency" in said
+    opened.script(
+        """const box = document.getElementById('where'); box.value = 'host == 1.2.3.4 and request_f';
+        box.dispatchEvent(new Event('input'))"""
+    )
+    opened.until("document.querySelector('#fields option')")
+    assert opened.script("return [...document.querySelectorAll('#fields option')].map((one) => one.value)") == [
+        "host == 1.2.3.4 and request_frame"
+    ]
+
+
+def test_rows_are_read_in_pages(opened: Opened, tmp_path: Path) -> None:
+    from tests.properties.packets import MS
+    from tests.report.support import WORD, begun, read
+
+    talk = begun()
+    for ref in range(1, 350):
+        read(talk, ref, WORD, ref.to_bytes(2, "big"))
+    opened.choose(saved(tmp_path / "many.pcapng", talk.packets(step_ns=MS)))
+    opened.select("transactions")
+    assert opened.texts(".pager .quiet")[0] == "rows 1 to 100 of 350"
+    keys = []
+    for _ in range(4):
+        keys += opened.script(
+            "return [...document.querySelectorAll('tr[data-key]')].map((one) => Number(one.dataset.key))"
+        )
+        before = opened.texts(".pager .quiet")
+        if not opened.script("return document.querySelector('[aria-label=\"Next rows\"]').disabled"):
+            opened.click("[aria-label='Next rows']")
+            opened.until(f"document.querySelector('.pager .quiet').textContent !== {before[0]!r}")
+    assert keys == list(range(1, 351))
+    opened.select("transactions", "207")
+    opened.until("document.querySelector('tr[aria-selected=true]')?.dataset.key === '207'")
+
+
+def test_values_are_plotted_as_they_are_listed(opened: Opened) -> None:
+    opened.choose(PLANT)
+    opened.select("values")
+    opened.click("tr[data-key]")
+    opened.drawn()
+    opened.until("document.querySelector('figure svg path.line')")
+    _, rows, _ = here(PLANT.parent, ["values", PLANT.name, 'DB1."level"'])
+    assert opened.count("figure circle.point") == len(rows.splitlines()) == 5
+    assert (
+        opened.script("return document.querySelector('figure svg').getAttribute('aria-label')")
+        == 'DB1."level": 5 values, from 42.5 to 45.5'
+    )
+
+
+def test_the_report_is_the_one_of_the_command_in_a_frame_without_origin(opened: Opened) -> None:
+    opened.choose(PLANT)
+    opened.select("report")
+    frame = opened.driver.find_element("css selector", "iframe.report")
+    assert frame.get_attribute("sandbox") == "allow-scripts allow-downloads"
+    opened.driver.switch_to.frame(frame)
+    try:
+        opened.until("document.documentElement.dataset.ready === 'yes'")
+        assert opened.count("#plot-rates rect.bar") > 0
+        opened.click("a[href='#tables']")
+        assert opened.script("return location.hash") == "#tables"
+        assert (
+            opened.script("try { return parent.document.title } catch (error) { return error.name }") == "SecurityError"
+        )
+    finally:
+        opened.driver.switch_to.default_content()
+
+
+def test_reading_can_be_cancelled(opened: Opened, tmp_path: Path) -> None:
+    opened.choose(PLANT)
+    opened.script(
+        """window.ended = '';
+        engine.run(['report', '-o', '-', 'plus-plant.pcapng']).catch((error) => { ended = error.message });
+        document.getElementById('cancel').click()"""
+    )
+    opened.until("ended === 'cancelled'")
+    opened.until("document.documentElement.dataset.ready === 'yes'")
+    assert opened.run([["analyze", PLANT.name]])[0][0] == 0
+
+
+def test_too_much_is_refused_before_it_is_read(opened: Opened) -> None:
+    opened.script(
+        """const big = new File(["x"], "big.pcap"); Object.defineProperty(big, "size", {value: 900e6});
+        held = [{name: "big.pcap", file: big, role: "capture", used: true}]; changed()"""
+    )
+    (said,) = opened.texts("#panel [role=alert]")
+    assert said.startswith("900 MB of captures would need up to ")
+    assert opened.script("return document.querySelector('[data-tab=report]').disabled")
+    opened.script("held[0].file = new File([new Uint8Array(2e6)], 'big.pcap'); changed()")
+    assert opened.texts("#memory")[0].startswith("Reading 2.0 MB takes up to ")
+
+
+def test_hostile_names_and_texts_change_nothing(opened: Opened, tmp_path: Path) -> None:
+    names = [name.replace("/", "_").replace("\0", "_")[:80] + ".pcapng" for name in NAUGHTY]
+    first = saved(tmp_path / "first.pcapng", naughty_packets())
+    files = [first, hostile.write(tmp_path / "second.pcapng")]
+    for name in names:
+        os.link(first, tmp_path / name)
+    opened.choose(*files)
+    opened.driver.execute_async_script(
+        """const done = arguments[1]; const one = held[0].file;
+        held = []; add(arguments[0].map((name) => new File([one], name))).then(() => done());""",
+        names,
+    )
+    assert opened.texts("table.files td:nth-child(2)") == names
+    told = opened.run([["analyze", f"./{name}" if name.startswith("-") else name] for name in names])
+    expected = [here(tmp_path, ["analyze", name]) for name in names]
+    assert told == expected
+    opened.choose(*files)
+    tags = set(opened.script("return [...document.querySelectorAll('main *')].map((one) => one.localName)"))
+    for tab in ("findings", "transactions", "values", "operations", "devices", "blocks", "save"):
+        opened.select(tab)
+        assert opened.script("return window.hacked") is None
+        tags |= set(opened.script("return [...document.querySelectorAll('main *')].map((one) => one.localName)"))
+    assert tags & {"script", "img", "svg", "iframe", "style", "base", "meta", "link"} == set()
+    assert opened.console() == []
+
+
+def test_it_fits_a_phone(opened: Opened) -> None:
+    opened.choose(PLANT)
+    for width in (390, 1024, 1600):
+        size = {"width": width, "height": 900, "deviceScaleFactor": 1, "mobile": False}
+        opened.driver.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)
+        for tab in (
+            "files",
+            "report",
+            "findings",
+            "transactions",
+            "values",
+            "operations",
+            "devices",
+            "blocks",
+            "save",
+            "command",
+        ):
+            opened.select(tab)
+            assert opened.script("return document.documentElement.scrollWidth - innerWidth") <= 0, (width, tab)
