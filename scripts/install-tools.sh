@@ -3,6 +3,7 @@
 #
 #   tshark                         reads the same captures
 #   chromium, chromedriver         open the HTML report
+#   firefox-esr                    opens the analyzer in one file
 #   groff                          renders the manual pages as man does
 #   valgrind                       counts the instructions of the engine
 #   sshd, nginx                    serve captures; none is started as a service, a test starts its own on loopback and ends it
@@ -18,6 +19,7 @@ needs() { # PROGRAM PACKAGE...
 needs tshark tshark
 needs chromium chromium
 needs chromedriver chromium-driver
+needs firefox-esr firefox-esr
 needs groff groff-base
 needs valgrind valgrind
 needs sshd openssh-server

@@ -1,4 +1,4 @@
-"""What goes into the browser edition: Python for browsers, packages that it needs, and this package as far as it is of use there.
+"""What goes into the browser edition: Python for browsers, packages that it needs, and what of this package is of use there.
 
 The same input gives the same bytes: files are in the order of their names, and nothing has a time.
 """
@@ -28,11 +28,11 @@ _ROOMS_LEFT_OUT: Final = frozenset(
 _INSIDE: Final = frozenset(("__init__.py", "bridge.py"))
 #: Modules of the standard library that nothing here imports: tools for developers, servers, protocols of mail and news.
 _UNUSED: Final = """
-    _pyio.py _pyrepl/* asyncio/__main__.py asyncio/tools.py bdb.py cProfile.py compileall.py concurrent/interpreters/* doctest.py
-    encodings/mac_*.py ensurepip/* ftplib.py http/server.py idlelib/* imaplib.py mailbox.py modulefinder.py multiprocessing/*
-    optparse.py pdb.py pickletools.py plistlib.py poplib.py profile.py profiling/* pstats.py py_compile.py pyclbr.py pydoc.py
-    pydoc_data/* smtplib.py socketserver.py statistics.py symtable.py sysconfig/__main__.py tabnanny.py trace.py turtle.py
-    unittest/* venv/* wsgiref/* xml/sax/* xmlrpc/* zipapp.py
+    _pyio.py _pyrepl/* asyncio/__main__.py asyncio/tools.py bdb.py cProfile.py compileall.py concurrent/interpreters/*
+    doctest.py encodings/mac_*.py ensurepip/* ftplib.py http/server.py idlelib/* imaplib.py mailbox.py modulefinder.py
+    multiprocessing/* optparse.py pdb.py pickletools.py plistlib.py poplib.py profile.py profiling/* pstats.py
+    py_compile.py pyclbr.py pydoc.py pydoc_data/* smtplib.py socketserver.py statistics.py symtable.py
+    sysconfig/__main__.py tabnanny.py trace.py turtle.py unittest/* venv/* wsgiref/* xml/sax/* xmlrpc/* zipapp.py
 """
 #: Of wheels: what only a build or a type checker reads, and what is compiled for another machine.
 _UNREAD: Final = "*.pyi *.c *.h */py.typed *linux-gnu.so *.dist-info/RECORD *.dist-info/WHEEL"
