@@ -8,8 +8,12 @@ import shutil
 import subprocess
 import sys
 import tempfile
+import time
 from pathlib import Path
-from typing import Final
+from typing import TYPE_CHECKING, Final
+
+if TYPE_CHECKING:
+    from selenium import webdriver
 
 ROOT: Final = Path(__file__).resolve().parents[1]
 DOCS: Final = ROOT / "docs"
@@ -20,7 +24,7 @@ HEIGHT: Final = 2400
 SCALE: Final = 0.7
 
 
-def report(target: Path) -> None:
+def started() -> webdriver.Chrome:
     from selenium import webdriver
     from selenium.webdriver.chrome.service import Service
 
@@ -31,6 +35,10 @@ def report(target: Path) -> None:
     options.binary_location = chromium
     for argument in ("--headless=new", "--no-sandbox", "--disable-dev-shm-usage", "--disable-gpu", "--hide-scrollbars"):
         options.add_argument(argument)
+    return webdriver.Chrome(options=options, service=Service(driver))
+
+
+def report(target: Path) -> None:
     with tempfile.TemporaryDirectory() as folder:
         page = Path(folder, "report.html")
         plots = ["--plot", 'DB1."level"', "--plot", 'DB1."setpoint"']
@@ -39,14 +47,47 @@ def report(target: Path) -> None:
             cwd=ROOT,
             check=True,
         )
-        browser = webdriver.Chrome(options=options, service=Service(driver))
+        chromium = started()
         try:
             size = {"width": WIDTH, "height": HEIGHT, "deviceScaleFactor": SCALE, "mobile": False}
-            browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)
-            browser.get(page.as_uri())
-            browser.save_screenshot(str(target))
+            chromium.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)
+            chromium.get(page.as_uri())
+            chromium.save_screenshot(str(target))
         finally:
-            browser.quit()
+            chromium.quit()
+
+
+def browser(target: Path) -> None:
+    """The analyzer in one file, with a transaction taken apart; what it is made of is kept beside the environment."""
+    from dissect import __version__
+    from dissect.browser.contents import Contents
+    from dissect.browser.page import made
+    from dissect.browser.parts import Parts
+
+    parts = Parts(Path(sys.prefix, "browser"))
+    parts.fetch()
+    with tempfile.TemporaryDirectory() as folder:
+        page = Path(folder, "s7dissect.html")
+        page.write_bytes(made(Contents(parts), __version__))
+        chromium = started()
+        try:
+            size = {"width": WIDTH, "height": 1000, "deviceScaleFactor": SCALE, "mobile": False}
+            chromium.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)
+            chromium.get(page.as_uri() + "#transactions/12")
+            chromium.find_element("id", "choose").send_keys(str(PLANT))
+            until(chromium, "document.querySelectorAll('.dump').length === 2")
+            chromium.execute_script("document.querySelectorAll('.field')[9].focus(); scrollTo(0, 90)")
+            chromium.save_screenshot(str(target))
+        finally:
+            chromium.quit()
+
+
+def until(driver: webdriver.Chrome, condition: str) -> None:
+    end = time.monotonic() + 120
+    while not driver.execute_script(f"return {condition}"):
+        if time.monotonic() > end:
+            sys.exit(f"pictures: {condition} did not come true")
+        time.sleep(0.1)
 
 
 def screens(target: Path) -> None:
@@ -75,3 +116,4 @@ def screens(target: Path) -> None:
 if __name__ == "__main__":
     report(DOCS / "report.png")
     screens(DOCS / "monitor.svg")
+    browser(DOCS / "browser.png")

@@ -2,8 +2,8 @@
 // The page: files, tabs, and what each tab shows.
 "use strict";
 
-/** What Python and the analyzer take before a capture, and what a byte of captures may add at most: measured, see docs/browser.md. */
-const MEMORY = { base: 150e6, factor: 2.2, most: 1.5e9, largest: 500e6 };
+/** What the page takes before a capture, what a byte of captures may add at most (rows that are kept), and where it refuses. */
+const MEMORY = { base: 300e6, factor: 3.2, most: 2e9 };
 
 /** @type {Held[]} */
 let held = [];
@@ -228,6 +228,7 @@ function drawValues(place, names) {
   const argv = [...argvOf(desk, "values", ["-T", "jsonl"]), ...names];
   return shown(place, desk, argv, async (result) => {
     const lines = new Lines(result);
+    /** @type {any[]} */
     const rows = [];
     for (let page = 0; page < Math.min(lines.pages, 2000); page += 1) for (const line of await lines.page(page)) rows.push(JSON.parse(line));
     const first = rows[0]?.time;
@@ -247,8 +248,9 @@ function drawValues(place, names) {
 function blocksTab(place) {
   const body = h("div", {});
   const list = (/** @type {string[]} */ options) => shown(body, desk, argvOf(desk, "blocks", options), async (result) => (result.out.size ? h("pre", { class: options.includes("--code") ? "" : "wrapped" }, await result.out.text()) : null));
+  /** @type {[string, string[]][]} */
   const choice = [["List", []], ["Code (STL)", ["--code", "STL"]], ["Code (AWL)", ["--code", "AWL"]], ["References", ["--references"]], ["What changed", ["--diff"]]];
-  place.append(h("p", { class: "choice" }, ...choice.map(([title, options]) => h("button", { type: "button", click: () => list(/** @type {string[]} */ (options)) }, title))), h("p", { class: "quiet" }, "“What changed” compares the first version of each block with the latest; with two captures, the first capture with the second."), body);
+  place.append(h("p", { class: "choice" }, ...choice.map(([title, options]) => h("button", { type: "button", click: () => list(options) }, title))), h("p", { class: "quiet" }, "“What changed” compares the first version of each block with the latest; with two captures, the first capture with the second."), body);
   return list([]);
 }
 
@@ -275,7 +277,7 @@ function saveTab(place) {
   place.append(whereField(desk, (text) => select("save", "", text)), told, h("div", { class: "scroll" }, h("table", {}, h("tbody", {}, ...rows.map(([title, name, command, options]) => {
     const argv = argvOf(desk, command, options[0] === "-o" && command !== "report" ? ["-o", asFile(name), "--force"] : options);
     const button = h("button", { type: "button", click: () => keep(told, argv, name) }, "Save");
-    return h("tr", {}, h("td", {}, title), h("td", {}, button), h("td", {}, commandLine(argv)));
+    return h("tr", {}, h("td", {}, title), h("td", { class: "short" }, button), h("td", { class: "text" }, commandLine(argv)));
   })))));
 }
 

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Final
 
 from dissect.browser.parts import Part, Parts, engine, wheels
-from dissect.inventory import vendors
+from dissect.facts.vendors import listed
 
 _PACKAGE: Final = Path(__file__).resolve().parent.parent
 #: Files of the package, and rooms without use in a browser: no line to listen on, no Wireshark, no Scapy, no processes.
@@ -70,7 +70,7 @@ class Contents:
             held.update({name: octets for name, octets in wheel.items() if not _is_any(name, _UNREAD)})
         # In the place of Scapy, which has this list of Wireshark's among much else: the list alone.
         held["scapy/__init__.py"] = held["scapy/libs/__init__.py"] = b""
-        held["scapy/libs/manuf.py"] = f"DATA = {vendors.listed()!r}\n".encode()
+        held["scapy/libs/manuf.py"] = f"DATA = {listed()!r}\n".encode()
         return held
 
 

@@ -16,7 +16,7 @@ from dissect.page.rendering import shipped_policy
 #: The most that the page may have, so that it can be mailed.
 MAX_OCTETS: Final = 12_000_000
 #: The scripts of the page in the order in which they are put together.
-_SCRIPTS: Final = ("kit.js", "plot.js", "views.js", "app.js")
+SCRIPTS: Final = ("kit.js", "plot.js", "views.js", "app.js")
 #: What Pyodide wants to know of its own packages, of which there are none here.
 _LOCK: Final = {
     "info": {"abi_version": "2026_0", "arch": "wasm32", "platform": "emscripten_5_0_3", "python": "3.14.2"},
@@ -34,7 +34,7 @@ def made(contents: Contents, version: str) -> bytes:
     folder = files("dissect.browser")
     names = ("shell.css", "worker.js", "frame.js", "shell.html")
     style, worker, inner, shell = [folder.joinpath(name).read_text(encoding="utf-8") for name in names]
-    script = "\n".join([folder.joinpath(name).read_text(encoding="utf-8") for name in _SCRIPTS])
+    script = "\n".join([folder.joinpath(name).read_text(encoding="utf-8") for name in SCRIPTS])
     values = {
         "policy": policy(style, script, inner),
         "style": style,

@@ -93,7 +93,7 @@ async function rowsTable(lines, heads, cells, choose, page = 0, several = false)
     for (const button of pager.querySelectorAll("button")) button.disabled = button.dataset.to === "-" ? at === 0 : at === lines.pages - 1;
   };
   const row = (/** @type {string[]} */ texts, /** @type {boolean} */ first) => {
-    const one = h("tr", choose ? { tabindex: first ? "0" : "-1", "data-key": texts[0] } : {}, ...texts.map((text, index) => h("td", { "data-head": heads[index] }, text)));
+    const one = h("tr", choose ? { tabindex: first ? "0" : "-1", "data-key": texts[0] } : {}, ...texts.map((text, index) => h("td", { "data-head": heads[index], class: /^(\S{0,40}|.{0,24})$/.test(text) ? "short" : "text" }, text)));
     if (choose) {
       one.addEventListener("click", () => { focus(one); mark(one, texts); });
       one.addEventListener("keydown", (/** @type {KeyboardEvent} */ event) => key(event, one, texts));
@@ -198,7 +198,7 @@ function rowsView(desk, place, command, options) {
     const cells = (/** @type {string} */ line) => line.split("\t").map((text, at) => (columns[at][0] === "time" ? timeText(text) : ["latency", "duration"].includes(columns[at][0]) ? durationText(text) : text));
     const choose = (/** @type {string[]} */ texts) => {
       desk.setRow(texts[0]);
-      detail.replaceChildren(h("h3", {}, `${command === "transactions" ? "Transaction" : "Operation"} ${texts[0]}`), h("dl", {}, ...texts.flatMap((text, at) => (text && at ? [h("dt", {}, heads[at]), h("dd", {}, text)] : []))));
+      detail.replaceChildren(h("h3", {}, `${command === "transactions" ? "Transaction" : "Operation"} ${texts[0]}: ${texts[command === "transactions" ? 7 : 6]}`), h("p", {}, texts[command === "transactions" ? 8 : 7]));
       const packets = h("div", {});
       detail.append(packets);
       detail.scrollIntoView({ block: "nearest" });
