@@ -33,6 +33,10 @@ EXAMPLES: Final = {
         "s7dissect report --plot DB10.DBW0 ring_*.pcapng -o report.html",
         "s7dissect report --diff old.pcapng new.pcapng -o change.html",
     ),
+    "browser": (
+        "s7dissect browser -o s7dissect.html",
+        "s7dissect browser --verify s7dissect.html",
+    ),
     "blocks": (
         "s7dissect blocks trace.pcapng",
         "s7dissect blocks trace.pcapng -o blocks --tags plc_tags.xlsx",

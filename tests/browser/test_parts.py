@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import hashlib
 import re
 import shutil
@@ -50,6 +51,19 @@ def test_a_page_that_was_changed_is_told(
     assert run_command(capfdbinary, "browser", "--verify", tmp_path / "none.html").err.endswith(
         "No such file or directory\n"
     )
+
+
+def test_a_page_for_which_there_is_no_room_is_told(
+    page: Path, tmp_path: Path, capfdbinary: pytest.CaptureFixture[bytes], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(output: str, octets: bytes) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device", output)
+
+    monkeypatch.setattr("dissect.browser.page.made", lambda *_: b"page")
+    monkeypatch.setattr("dissect.cli.browser.save", full)
+    told = run_command(capfdbinary, "browser", "-o", tmp_path / "page.html", "--packages", PACKAGES)
+    assert (told.code, told.out) == (5, "")
+    assert "No space left on device" in told.err
 
 
 def test_every_package_is_listed_with_its_licence(page: Path) -> None:

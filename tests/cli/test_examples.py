@@ -28,9 +28,9 @@ from tests.report.schemas import ROOT
 from tests.tags.support import example_files
 
 CAPTURE: Final = ROOT / "captures" / "transfer.pcapng"
-#: Its examples need a cluster: tests/cluster/test_cluster.py has one, and runs them.
-WITH_A_CLUSTER: Final = "cluster-check"
-ALL: Final = [(command, line) for command, lines in EXAMPLES.items() if command != WITH_A_CLUSTER for line in lines]
+#: Their examples need a cluster, or packages of npm and PyPI: tests/cluster/test_cluster.py and tests/browser have them.
+WITH_MORE: Final = ("cluster-check", "browser")
+ALL: Final = [(command, line) for command, lines in EXAMPLES.items() if command not in WITH_MORE for line in lines]
 #: Examples that may end with 1: what they are for is a finding, a difference or something new.
 ONE: Final = (
     "analyze --fail-on",

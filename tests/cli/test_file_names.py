@@ -97,6 +97,7 @@ replay MISSING --to 127.0.0.1:1
 replay NONSENSE --to 127.0.0.1:1
 replay GOOD --to WORD
 replay GOOD --to 127.0.0.1:1 -w NOWHERE
+browser --verify MISSING
 scd check MISSING
 scd check NONSENSE
 scd compile MISSING -o OUT
