@@ -73,10 +73,10 @@ class Tables:
             self._table("failed", "Failed transactions", transactions, failed, of.failed.total)
             | {
                 "note": "Failed: answered with errors, or without the answer that was due.",
-                **self._then("transactions -Y failed", of.failed.total > len(failed), of.failed.counts),
+                **self._then("transactions", "failed", of.failed.total > len(failed), of.failed.counts),
             },
             self._table("slowest", "Slowest transactions", transactions, slowest, timed(of))
-            | self._then("transactions -Y 'latency >= 0s'", timed(of) > len(slowest), of.answer_times),
+            | self._then("transactions", "latency >= 0s", timed(of) > len(slowest), of.answer_times),
             self._connections(),
             self._table(
                 "operations",
@@ -88,7 +88,7 @@ class Tables:
                 operations,
                 of.operations.total,
             )
-            | self._then("operations -Y 'kind != connect'", of.operations.total > len(operations), of.operations.counts),
+            | self._then("operations", "kind != connect", of.operations.total > len(operations), of.operations.counts),
             self._table(
                 "blocks",
                 "Downloaded and uploaded blocks",
@@ -100,16 +100,24 @@ class Tables:
                 of.blocks.rows(),
                 of.blocks.total,
             )
-            | self._then("blocks", of.blocks.total > len(of.blocks), of.blocks.counts),
+            | self._then("blocks", "", of.blocks.total > len(of.blocks), of.blocks.counts),
             self._devices(),
             self._functions(),
             self._requests(),
             self._variables(),
         ]  # fmt: skip
 
-    def _then(self, command: str, left_out: bool, counts: Bins | None) -> dict[str, Any]:
-        """Return the command that lists all rows of a table, and, where rows are left out, how many there are by time."""
-        found: dict[str, Any] = {"all": command}
+    def _then(self, command: str, where: str, left_out: bool, counts: Bins | None) -> dict[str, Any]:
+        """Return the command that lists all rows of a table, and, where rows are left out, how many there are by time.
+
+        The report may be of a selection; the command is empty where it could not repeat that.
+        """
+        part = self._of.analysis.part
+        if part is not None:
+            where = f"({part.where}) and {where}" if where else part.where
+            if self._of.rows.clock.local or printable(where) != where:  # its times are those of a zone
+                command = ""
+        found: dict[str, Any] = {"all": f"{command} -Y {quote(where)}" if command and where else command}
         if left_out and counts is not None:
             found["counts"] = self._counts(counts)
         return found
@@ -133,7 +141,7 @@ class Tables:
         ]  # fmt: skip
         rows = [{**row, "until": self._seconds(row["until"])} for row, _ in of.connections.rows()]
         table = self._table("connections", "Connections", columns, rows, of.connections.total)
-        table["all"] = "sql 'SELECT * FROM connections'"
+        table["all"] = "sql 'SELECT * FROM connections'" if of.analysis.part is None else ""
         if of.connections.total > len(rows):
             table["note"] = "The gravest findings come first, then most failed requests, then most bytes."
             table["counts"] = self._counts(of.opened)

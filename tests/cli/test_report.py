@@ -10,6 +10,7 @@ import signal
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -154,6 +155,24 @@ def test_a_selection_says_what_it_is_of(capfdbinary: Capture, tmp_path: Path) ->
     page = out.read_text(encoding="utf-8")
     assert "selected by failed" in page
     assert sum([sum(one[1:]) for one in session_of(page)["rates"]["bins"]]) == 1
+
+
+def test_the_command_that_lists_all_lists_what_was_selected(
+    capfdbinary: Capture, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    simple(tmp_path / "a.pcapng", 8)
+    tables: dict[str, Any] = {}
+    for options in ((), ("-Y", "pdu_ref > 3 or failed", "--connection", "1")):
+        assert run(capfdbinary, "report", "a.pcapng", *options, "-o", "o.html", "--force").code == 0
+        session = session_of((tmp_path / "o.html").read_text(encoding="utf-8"))
+        tables = {table["name"]: table for table in session["tables"]}
+        for name in ("failed", "slowest"):
+            command = command_of(session, {"show": tables[name]["all"]})
+            ran = run(capfdbinary, *shlex.split(command)[1:], "-T", "jsonl")
+            assert (ran.code, len(ran.out.splitlines())) == (0, tables[name]["total"]), command
+    assert tables["connections"]["all"] == ""
+    assert tables["slowest"]["total"] < 9
 
 
 def test_two_sessions_and_what_changed(capfdbinary: Capture, tmp_path: Path) -> None:
