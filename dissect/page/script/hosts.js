@@ -36,7 +36,7 @@ function talksOf(session, side) {
     const severities = [["error", "error"], ["warning", "warning"], ["ok", "no finding, or a note"]];
     const hidden = session.talks.total - pairs.length;
     const said = matrix ? "Clients in rows, servers in columns. Size: bytes; colour: the gravest finding." : "Width: bytes; colour: the gravest finding. A host that is both client and server stands on both sides.";
-    return [root, legend(severities.filter(([severity]) => pairs.some((pair) => worstOf(pair) === severity))), note(`${said}${hidden > 0 ? ` ${counted(hidden, "pair")} with less traffic not drawn.` : ""}`)];
+    return [root, legend(severities.filter(([severity]) => pairs.some((pair) => worstOf(pair) === severity))), note(`${said}${hidden > 0 ? ` ${counted(hidden, "pair with less traffic is", "pairs with less traffic are")} not drawn.` : ""}`)];
   };
 }
 /** @param {number} width @param {number} side @param {Pair[]} pairs @param {string[]} clients @param {string[]} servers */
@@ -106,7 +106,7 @@ function lanesOf(session, side) {
       for (const one of lane.spans) {
         const [begin, end, kind, key, what] = one;
         if (!inside(begin, end)) continue;
-        const from = Math.max(left, x(begin)), to = Math.min(right, x(end));
+        const from = Math.min(right - 4, Math.max(left, x(begin))), to = Math.min(right, x(end));
         root.append(hit(prefixes[side], key, `${what}\n${moment(session, begin)}, ${duration((end - begin) * 1e9)}`, svg("rect", { class: `span ${kind}`, x: at(from), y: y + 10 * track(one), width: at(Math.max(4, to - from)), height: 9 })));
       }
       for (const [seconds, text, frame] of lane.modes) {
@@ -123,7 +123,7 @@ function lanesOf(session, side) {
     const said = [
       lanes.some((lane) => lane.modes.length) ? "Triangles: the PLC reports its operating mode." : "",
       session.lanes.not_drawn ? `${integer(session.lanes.not_drawn)} more are not drawn.` : "",
-      session.lanes.total > lanes.length ? `${counted(session.lanes.total - lanes.length, "more PLC")}.` : "",
+      session.lanes.total > lanes.length ? `${counted(session.lanes.total - lanes.length, "more PLC is", "more PLCs are")} not drawn.` : "",
     ];
     return [root, legend([...groups.map(([names, text]) => /** @type {[string, string]} */ ([`span ${names[0]}`, text])), ...gapLegend(session.gaps)]), note(said.filter(Boolean).join(" "))];
   };
