@@ -123,8 +123,8 @@ class Spread:
         self.buckets: dict[int, int] = {}
         self._kept: array[int] = array("q")
 
-    def add(self, ns: int) -> None:
-        """Take one duration."""
+    def add(self, ns: int, number: int = -1) -> None:
+        """Take one duration; ``number`` is its bucket, if that is known already."""
         if self.count < _EXACT:
             self._kept.append(ns)
         if not self.count or ns < self.smallest:
@@ -134,7 +134,8 @@ class Spread:
         self.count += 1
         self.sum += ns
         self.squares += ns * ns
-        number = bucket(ns)
+        if number < 0:
+            number = bucket(ns)
         self.buckets[number] = self.buckets.get(number, 0) + 1
 
     @property

@@ -18,7 +18,7 @@ from dissect.inventory.collector import Inventory
 from dissect.page.bins import Bins, Spread, bucket
 from dissect.page.gaps import Gap, Heard, between, idle
 from dissect.page.numbers import counted
-from dissect.page.plcs import Plcs
+from dissect.page.plcs import Plc, Plcs
 from dissect.page.polls import Requests
 from dissect.page.rows import ERROR, MISSED, Rows, Station, octets_of, outcome_of, station_of, time_of
 from dissect.page.samples import Ranked, Samples, mixed
@@ -89,14 +89,15 @@ class SpreadOf:
     ``times`` is the distribution of answer times, ``latencies`` has the quantiles that `analyze` reports, too. ``still_open``
     are requests whose answer was not due yet when the capture ended, ``not_captured`` those whose answer may be what the
     capture lacks, ``likely`` pairs that are only likely, which are in no answer time, ``orphans`` answers without a request,
-    ``alone`` pushes and requests that want no answer.
+    ``alone`` pushes and requests that want no answer. ``plc`` has the answers of the PLC, None where there was no room.
     """
 
     __slots__ = (
-        "alone", "errors", "latencies", "likely", "missed", "not_captured", "orphans", "still_open", "times", "total",
+        "alone", "errors", "latencies", "likely", "missed", "not_captured", "orphans", "plc", "still_open", "times", "total",
     )  # fmt: skip
 
-    def __init__(self) -> None:
+    def __init__(self, plc: Plc | None) -> None:
+        self.plc = plc
         self.times = Spread()
         self.latencies = Latencies()
         self.total = 0
@@ -197,15 +198,16 @@ class Gathered(Observer):
         outcome = outcome_of(transaction)
         self.rates.add(now, outcome)
         latency = transaction.latency_ns
+        host = station_of(transaction.connection, 1 - transaction.asked_by)
+        number = bucket(latency) if latency is not None else 0
+        spread = self._spread(transaction, latency, number, host)
         if latency is not None:
-            self.answer_times.add(now, bucket(latency) // (32 // BANDS))
-            self._keep_slow(latency, now, transaction)
-        self._spread(transaction, latency)
+            self.answer_times.add(now, number // (32 // BANDS))
+            self._keep_slow(latency, number, now, transaction, spread.plc if spread is not None else self.plcs.of(host))
         if outcome in {ERROR, MISSED}:
             self._failure(transaction, now)
         userdata = transaction.parameters.userdata
         if userdata is not None and userdata.group == GROUP_MODE:
-            host = station_of(transaction.connection, 1 - transaction.asked_by)
             text = transaction.function_name.rpartition(": ")[2]
             self._mode(now, host, text, int(transaction.response_frame or transaction.request_frame))
         self.requests.take(transaction)
@@ -360,19 +362,20 @@ class Gathered(Observer):
         if self._gaps.wants(gap.end_ns, rank):
             self._gaps.add(gap.end_ns, rank, gap)
 
-    def _spread(self, transaction: Transaction, latency: int | None) -> None:
-        key = (station_of(transaction.connection, 1 - transaction.asked_by), transaction.function_name)
+    def _spread(self, transaction: Transaction, latency: int | None, number: int, host: Station) -> SpreadOf | None:
+        """Count a transaction with its answer time, which is in bucket ``number``; return where, None if nowhere."""
+        key = (host, transaction.function_name)
         spread = self.spreads.get(key)
         if spread is None:
             if len(self.spreads) >= MAX_SPREADS:
                 self.spreads_not_told_apart += 1
                 if len(self.further) < MAX_FURTHER:
                     self.further.add(key)
-                return
-            spread = self.spreads.setdefault(key, SpreadOf())
+                return None
+            spread = self.spreads.setdefault(key, SpreadOf(self.plcs.of(host)))
         spread.total += 1
         if latency is not None:
-            spread.times.add(latency)
+            spread.times.add(latency, number)
             spread.latencies.add(latency)
         elif transaction.is_likely:
             spread.likely += 1
@@ -390,6 +393,7 @@ class Gathered(Observer):
             spread.orphans += 1
         elif outcome == PUSH:
             spread.alone += 1
+        return spread
 
     def _failure(self, transaction: Transaction, now: int) -> None:
         if transaction._outcome == PUSH:
@@ -405,11 +409,10 @@ class Gathered(Observer):
         else:
             self.modes.append(Mode(now, host, text, frame))
 
-    def _keep_slow(self, latency: int, now: int, transaction: Transaction) -> None:
+    def _keep_slow(self, latency: int, bucket_: int, now: int, transaction: Transaction, plc: Plc | None) -> None:
         """Keep one of the slowest transactions: of all, of its part of the time, of its PLC."""
-        plc = self.plcs.of(station_of(transaction.connection, 1 - transaction.asked_by))
         then = self._slow_then.wants(now, -latency)
-        there = plc is not None and plc.answered(now, latency)
+        there = plc is not None and plc.answered(now, latency, bucket_)
         if not then and not there and latency <= self._slow_floor:
             return
         row = self.rows.transaction(transaction)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import heapq
 from typing import Any, Final
 
-from dissect.page.bins import Bins, bucket
+from dissect.page.bins import Bins
 from dissect.page.rows import Station
 
 #: Greatest number of PLCs whose answer times are kept over time.
@@ -27,9 +27,9 @@ class Plc:
         self.times = Bins(_BINS)
         self._slowest: list[tuple[int, int, dict[str, Any]]] = []
 
-    def answered(self, now: int, latency: int) -> bool:
-        """Count an answer; return whether it is one of the slowest, so that its row has to be given to `slow`."""
-        self.times.add(now, bucket(latency) // BAND)
+    def answered(self, now: int, latency: int, number: int) -> bool:
+        """Count an answer in bucket ``number``; return whether it is one of the slowest: its row has to be given to `slow`."""
+        self.times.add(now, number // BAND)
         return len(self._slowest) < _SLOWEST or latency > self._slowest[0][0]
 
     def slow(self, latency: int, order: int, row: dict[str, Any]) -> None:
