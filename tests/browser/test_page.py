@@ -35,7 +35,7 @@ def here(folder: Path, argv: Sequence[str]) -> tuple[int, str, str]:
 
 
 def test_it_asks_for_nothing(opened: Opened) -> None:
-    opened.open()
+    """Since it was opened."""
     opened.choose(PLANT)
     for tab in ("report", "findings", "transactions", "values", "operations", "devices", "blocks", "save", "help"):
         opened.select(tab)
@@ -126,6 +126,41 @@ def test_files_that_commands_write_are_those_of_the_command_line(opened: Opened,
     assert octets == ["part.pcapng", list((tmp_path / "part.pcapng").read_bytes())]
     (left,) = opened.run([["analyze", "part.pcapng"]])
     assert (left[0], "no such file" in left[2]) == (2, True)
+
+
+def test_files_beside_the_captures_are_known_for_what_they_are(opened: Opened, tmp_path: Path) -> None:
+    keys = tmp_path / "session.keys"
+    keys.write_text(f"CLIENT_RANDOM {'0' * 64} {'1' * 96}\n")
+    names = ["plant.pcapng", "plant.toml", "plant.bind.toml"]
+    opened.choose(*[OWN / "scd" / name for name in names], OWN / "tags" / "valve.csv", OWN / "tags" / "valve.db", keys)
+    roles = opened.script("return held.map((one) => one.role)")
+    assert roles == ["capture", "scd", "bind", "tags", "tags", "keys"]
+    assert "use the installed s7dissect to decrypt TLS" in opened.texts("#panel [role=alert]")[0]
+    opened.script("held.forEach((one) => { one.used = one.name.startsWith('plant') }); changed()")
+    opened.select("transactions")
+    (line,) = opened.texts(".command code")
+    assert line.endswith(" --scd plant.toml --bind plant.bind.toml plant.pcapng")
+    argv = ["transactions", "-T", "csv", "--scd", names[1], "--bind", names[2], names[0]]
+    (told,) = opened.run([argv])
+    assert told == here(OWN / "scd", argv)
+    opened.script("held.at(-1).used = true; changed()")
+    opened.select("transactions")
+    assert "--tls-keys needs the package cryptography" in opened.texts("[role=alert]")[0]
+
+
+def test_several_captures_are_read_as_one_or_one_at_a_time(opened: Opened) -> None:
+    names = ["item-errors.pcapng", "blocks.pcapng"]
+    opened.choose(*[OWN / name for name in names])
+    opened.select("devices")
+    assert opened.texts(".command code") == [f"s7dissect devices {' '.join(names)}"]
+    assert opened.texts("pre")[0] == here(OWN, ["devices", *names])[1]
+    opened.select("files")
+    together = "//label[contains(., 'Read all captures as one')]/input"
+    opened.driver.find_element("xpath", together).click()
+    assert opened.script("return held.filter((one) => one.used).map((one) => one.name)") == names[:1]
+    opened.driver.find_element("css selector", f"[aria-label='Use {names[1]}']").click()
+    assert opened.script("return held.filter((one) => one.used).map((one) => one.name)") == names[1:]
+    opened.driver.find_element("xpath", together).click()
 
 
 def test_rows_are_chosen_linked_and_taken_apart(opened: Opened) -> None:
