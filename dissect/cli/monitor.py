@@ -77,11 +77,13 @@ def _seconds(ctx: click.Context, param: click.Parameter, value: str | None) -> i
     return int(number * 1e9)
 
 
-def _one(ctx: click.Context, param: click.Parameter, values: tuple[str, ...]) -> str | None:
-    """Return the interface: of several, which the capture programs take, all but the last would go unseen."""
-    if len(values) > 1:
-        raise click.BadParameter("only one interface can be watched: start a monitor for each.", ctx, param)
-    return values[0] if values else None
+def _each_once(ctx: click.Context, param: click.Parameter, values: tuple[str, ...]) -> str | tuple[str, ...] | None:
+    """Return the interface, or all of several."""
+    if len(set(values)) < len(values):
+        raise click.BadParameter("name each interface once.", ctx, param)
+    if len(values) > 1 and "-" in values:
+        raise click.BadParameter("standard input is watched alone.", ctx, param)
+    return values if len(values) > 1 else values[0] if values else None
 
 
 @click.command("monitor", epilog=_EXIT_CODES)
@@ -91,9 +93,9 @@ def _one(ctx: click.Context, param: click.Parameter, values: tuple[str, ...]) ->
     "--interface",
     "interface",
     multiple=True,
-    callback=_one,
+    callback=_each_once,
     metavar="NAME",
-    help="Interface to watch (see `s7dissect interfaces`).",
+    help="Interface to watch (see `s7dissect interfaces`); repeatable, then each line names its own.",
 )
 @click.option(
     "-f", "--filter", "expression", default="", metavar="FILTER", help="Capture filter, for example 'tcp port 102'."
@@ -149,7 +151,7 @@ def _one(ctx: click.Context, param: click.Parameter, values: tuple[str, ...]) ->
 @beside_options
 def command(
     file: str | None,
-    interface: str | None,
+    interface: str | tuple[str, ...] | None,
     expression: str,
     engine: str,
     user: str,
@@ -190,6 +192,7 @@ def command(
     if on_screens and topics:
         raise click.UsageError("--only is for lines, and the screens show everything: add --plain, or leave it out.")
     opener = _opener(file, interface, expression, (engine, user, buffer_mib), beside, on_screens)
+    name = _name(file, interface)
     with Scrape(metrics, allow_remote) as scrape:
         session = Session(
             lambda: _opened(opener, scrape),
@@ -197,12 +200,12 @@ def command(
                 slow_ns, decoder=decoder, overdue_ns=overdue_ns, checksums=checksums, tls_keys=tls_keys, naming=naming
             ),
             companions=[
-                *beside.companions(interface or ("stdin" if file == "-" else file or "")),
+                *beside.companions(name),
                 *scrape.companions,
                 *_watchdog(),
             ],
             limits=Limits(duration_ns, packets or 0),
-            name=interface or ("stdin" if file == "-" else file or ""),
+            name=name,
             # The screens, and an expression, look at all that happens.
             kinds=kinds_of(() if on_screens or chosen.where is not None else topics),
         )
@@ -215,9 +218,16 @@ def command(
     return gate(session.run, fail_on, code)
 
 
+def _name(file: str | None, interface: str | tuple[str, ...] | None) -> str:
+    """Return how the source is called."""
+    if isinstance(interface, tuple):
+        return ", ".join(interface)
+    return interface or ("stdin" if file == "-" else file or "")
+
+
 def _opener(
     file: str | None,
-    interface: str | None,
+    interface: str | tuple[str, ...] | None,
     expression: str,
     how: tuple[str, str, int | None],
     beside: Beside,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Final
 
 import click
@@ -47,16 +48,23 @@ def _relinquish(beside: Beside | None, become: User | None, on_screens: bool) ->
 
 
 def open_interface(
-    interface: str, expression: str, engine: str, user: str, beside: Beside | None, on_screens: bool, buffer_mib: int
+    interface: str | Sequence[str],
+    expression: str,
+    engine: str,
+    user: str,
+    beside: Beside | None,
+    on_screens: bool,
+    buffer_mib: int,
 ) -> LiveReader:
-    """Open an interface and give up all rights, as far as the engine allows that; ``beside`` goes on writing without them.
+    """Open an interface, or several, and give up all rights, as far as the engine allows that; ``beside`` goes on without them.
 
     Root reads by the ring where it can: whoever started a dumpcap as root must stay root to end it.
     """
     from dissect.source.live import privileges
-    from dissect.source.live.opening import open_live
+    from dissect.source.live.opening import open_all
     from dissect.source.live.reader import LiveError
 
+    names = [interface] if isinstance(interface, str) else list(interface)
     root = privileges.is_root()
     keeps = user == _ROOT
     become = privileges.heir(user) if root and not keeps else None
@@ -64,14 +72,14 @@ def open_interface(
     remedy = "--engine ring drops all privileges"
     if become is not None and engine == "auto":
         try:
-            reader = open_live(interface, expression, "ring", buffer_mib=buffer_mib)
+            reader = open_all(names, expression, "ring", buffer_mib=buffer_mib)
         except LiveError as why:  # dumpcap may, or says why nobody can
             if user:
                 remedies = why.advice or (f"-Z {user} needs the ring; -Z root keeps all privileges",)
                 raise LiveError(str(why), remedies) from None
             remedy = f"the ring, which drops all privileges, cannot be used: {why}"
     if reader is None:
-        reader = open_live(interface, expression, engine, buffer_mib=buffer_mib)
+        reader = open_all(names, expression, engine, buffer_mib=buffer_mib)
     if keeps or reader.engine != "ring":
         if root and not keeps:
             _say(printable(f"{reader.engine} and the dissection run as root; {remedy}"))

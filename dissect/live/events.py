@@ -33,9 +33,10 @@ class Event:
     """An event: its ``kind``, the object ``what`` that it is about, and its time by the clock of the capture.
 
     An open connection may change after the event; ``facts`` has the values of a connection for JSON at the time of the event.
+    ``interface`` is where it was captured, of several interfaces; else empty.
     """
 
-    __slots__ = ("facts", "kind", "time_ns", "what")
+    __slots__ = ("facts", "interface", "kind", "time_ns", "what")
 
     def __init__(
         self,
@@ -48,6 +49,19 @@ class Event:
         self.time_ns = time_ns
         self.what = what
         self.facts = facts
+        self.interface = ""
+
+    @property
+    def connection(self) -> int:
+        """The number of the connection that it is about, 0 for none."""
+        what = self.what
+        if isinstance(what, Connection):
+            return int(what.number)
+        if isinstance(what, Transaction | Operation):
+            return int(what.connection.number)
+        if isinstance(what, tuple):
+            return int(what[1].number)
+        return int(what.connection) if isinstance(what, Finding | Fact) else 0
 
     def __repr__(self) -> str:
         return f"Event({self.kind!r}, {self.time_ns}, {self.what!r})"
@@ -71,6 +85,10 @@ class Collector(Observer):
         self.unanswered: i64 = 0
         self.with_errors: i64 = 0
         self.now_ns: Callable[[], int] = lambda: 0  # time by the clock of the capture, for ends without a packet
+        #: Of several interfaces, the one that captured the packet at hand.
+        self.interface: Callable[[], str] | None = None
+        self._interfaces: dict[int, str] = {}  # by the numbers of connections that are open
+        self._over: list[int] = []
         self._describe = describe
         self._kinds: frozenset[str] = frozenset(kinds)
         self._shows_transactions: bool = TRANSACTION in kinds
@@ -78,16 +96,30 @@ class Collector(Observer):
     def connection_opened(self, connection: Connection) -> None:
         """Count a connection."""
         self.opened += 1
+        if self.interface is not None:
+            self._interfaces[int(connection.number)] = self.interface()
         if OPENED in self._kinds:
             self.fresh.append(Event(OPENED, connection.tcp.last_ns, connection, self._describe(connection)))
 
     def connection_closed(self, connection: Connection) -> None:
         """Count a connection that is over."""
         self.closed += 1
+        self._over.append(int(connection.number))
         if CLOSED in self._kinds:
             ending = connection.ending
             time_ns = ending.time_ns if ending is not None else self.now_ns()
             self.fresh.append(Event(CLOSED, time_ns, connection, self._describe(connection)))
+
+    def taken(self) -> list[Event]:
+        """Return the events since the last call, each with its interface where there are several."""
+        fresh, self.fresh = self.fresh, []
+        if self.interface is not None:
+            for event in fresh:
+                event.interface = self._interfaces.get(event.connection, "")
+            for number in self._over:
+                self._interfaces.pop(number, None)
+        self._over.clear()
+        return fresh
 
     def transaction(self, transaction: Transaction) -> None:
         """Count a transaction."""

@@ -63,7 +63,11 @@ class PlainLines:
         return []
 
     def line(self, event: Event) -> str:
-        """Return the line of an event of any kind."""
+        """Return the line of an event of any kind; where there are several interfaces it begins with its own."""
+        line = self._line(event)
+        return f"{printable(event.interface)}  {line}" if event.interface else line
+
+    def _line(self, event: Event) -> str:
         what = event.what
         if isinstance(what, Transaction):
             return transaction_line(what, self._clock, self._places)

@@ -24,6 +24,7 @@ from dissect.findings.bounds import COUNTED
 from dissect.findings.reporter import Finding
 from dissect.live.problems import Problem, Problems, WriterState
 from dissect.source.live.reader import Drops, LiveReader
+from dissect.source.live.several import SeveralReader
 from dissect.source.packet import PacketSink, Reader, SourceFile
 from dissect.stations.facts import Fact
 from dissect.transactions.connection import Connection
@@ -143,6 +144,7 @@ class Fanout(Observer):
 
 
 _SECOND: Final = 1_000_000_000
+_NO_DROPS: Final = Drops(None, None)
 #: How often the source is asked for lost packets, and companions get a tick, by the clock of this machine.
 _DROPS_EVERY_NS: Final = _SECOND
 _TICK_NS: Final = 50_000_000
@@ -263,7 +265,8 @@ class LiveRun:
         self._clock = clock
         self.pipeline = Pipeline(self._fanout if companions else observer, options)
         self.file = SourceFile(name, 1)
-        self.drops: Drops = self._live.drops if self._live is not None else Drops(None, None)
+        self.drops: Drops = self._live.drops if self._live is not None else _NO_DROPS
+        self._drops_of = self._live.drops_of if self._live is not None else {}
         self.failures: list[str] = []
         self.ended = False
         self.stop_asked = False
@@ -434,19 +437,34 @@ class LiveRun:
     def _look_at_drops(self) -> None:
         if self._live is None:
             return
-        before, self.drops = self.drops, self._live.drops
+        before, self._drops_of, self.drops = self._drops_of, self._live.drops_of, self._live.drops
         self.problems.down_seconds = self._live.down_seconds
         for text, over in self._live.take_outages():
             self.problems.tell(INTERFACE, text, over)
         told = [
-            f"{lost - (known or 0)} by the {who} ({lost} in all)"
-            for who, lost, known in zip(("kernel", "interface"), self.drops, before, strict=True)
+            f"{lost - (known or 0)} by the {who}{self._on(name)} ({lost} in all)"
+            for name, drops in self._drops_of.items()
+            for who, lost, known in zip(("kernel", "interface"), drops, before.get(name, _NO_DROPS), strict=True)
             if lost is not None and lost > (known or 0)
         ]
         if told:
             self.problems.tell(DROPS, f"packets were lost: {', '.join(told)}", shown=False)  # the finding is shown
             self.pipeline.note_dropped(", ".join(told))
             self.pipeline.exchange.report_findings()
+
+    def _on(self, name: str) -> str:
+        """Return how a sentence names one of several interfaces."""
+        return f" on {name}" if len(self._drops_of) > 1 else ""
+
+    @property
+    def interfaces(self) -> list[str]:
+        """The interfaces, where they are several."""
+        return self._source.names if isinstance(self._source, SeveralReader) else []
+
+    @property
+    def interface(self) -> str:
+        """The interface that captured the packet at hand, empty where that is not known."""
+        return self._source.interface
 
     # ---- the end ----------------------------------------------------------------------------------------------------
 

@@ -126,6 +126,8 @@ class Session:
             name=self._name,
         )
         self._collector.now_ns = lambda: int(run.pipeline.now_ns)
+        if run.interfaces:
+            self._collector.interface = lambda: run.interface
         self._run = run
         if self._stop_asked:
             run.stop()
@@ -201,14 +203,13 @@ class Session:
             self._changed.notify_all()
 
     def _hand_over(self, run: LiveRun) -> None:
-        fresh = self._collector.fresh
+        fresh = self._collector.taken()
         fresh += [Event(PROBLEM, run.now_ns, problem.text) for problem in run.problems.take()]
         for note in run.notes[self._notes_told :]:
             fresh.append(Event(PROBLEM, run.now_ns, note))
             self._notes_told += 1
         if not fresh:
             return
-        self._collector.fresh = []
         with self._changed:
             if len(self._events) + len(fresh) <= self._max_events:
                 self._events.extend(fresh)

@@ -122,7 +122,8 @@ def test_a_damaged_file_is_told(capfdbinary: pytest.CaptureFixture[bytes], tmp_p
         (["file", "-f", "tcp"], "need an interface (-i)"),
         (["file", "-Z", "root"], "need an interface (-i)"),
         (["-i", "lo", "-Z", "nobody", "--engine", "dumpcap"], "-Z USER needs --engine ring: "),
-        (["-i", "lo", "-i", "eth0"], "only one interface can be watched: start a monitor for each."),
+        (["-i", "lo", "-i", "lo"], "name each interface once."),
+        (["-i", "lo", "-i", "-"], "standard input is watched alone."),
         (["-i", "lo", "--duration", "0"], "expected more than 0 and at most 1000000000 seconds, got '0'."),
         (["-i", "lo", "--duration", "x"], "expected seconds, got 'x'"),
         (

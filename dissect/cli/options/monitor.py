@@ -479,6 +479,8 @@ def beside_options(command: Callable[..., int]) -> Callable[..., int]:
         if export is None and was_given("export_ns"):
             raise click.UsageError("--export-every needs --export, the folder that tables are written to.")
         source = options.get("interface") or options.get("file") or "live"
+        if not isinstance(source, str):  # several interfaces
+            source = ", ".join(source)
         tables = LiveExport(export, export_ns, source) if export is not None else None
         capture_filter = options.get("expression") or ""
         about = {"source": source, "filter": capture_filter} if manifest else None

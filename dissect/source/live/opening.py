@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Final, NamedTuple
 
 from dissect.source.live import BUFFER_MIB, MAX_BUFFER_MIB, advice, dumpcap, ring
 from dissect.source.live.interfaces import NetworkInterface, ask, list_interfaces
 from dissect.source.live.pipe import open_stdin
 from dissect.source.live.reader import WAIT_MS, LiveError, LiveReader, UnavailableError
+from dissect.source.live.several import SeveralReader
 
 #: Ways to capture, the preferred one first.
 ENGINES: Final = ("dumpcap", "ring")
@@ -58,6 +60,22 @@ def open_live(
         if engine != "auto" or known is None or ring.trouble() is not None:
             raise
     return _open_ring(interface, known, expression, wait_ms, buffer_mib, promiscuous)
+
+
+def open_all(interfaces: Sequence[str], expression: str, engine: str, *, buffer_mib: int = BUFFER_MIB) -> LiveReader:
+    """Return a reader of one interface, or of all of several. `LiveError` when one of them cannot be opened."""
+    if len(interfaces) == 1:
+        return open_live(interfaces[0], expression, engine, buffer_mib=buffer_mib)
+    readers: list[LiveReader] = []
+    try:
+        for name in interfaces:  # one by one: those that are open are closed when another one cannot be opened
+            reader = open_live(name, expression, engine, buffer_mib=buffer_mib)
+            readers.append(reader)
+    except BaseException:
+        for reader in readers:
+            reader.close()
+        raise
+    return SeveralReader(readers)
 
 
 def engine_states() -> list[EngineState]:

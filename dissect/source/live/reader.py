@@ -89,5 +89,10 @@ class LiveReader(Reader):
         """What was lost so far. May be read at any time, even after the end."""
         return Drops(None, None)
 
+    @property
+    def drops_of(self) -> dict[str, Drops]:
+        """What was lost so far, by interface."""
+        return {self.interface: self.drops}
+
     def stop(self) -> None:
         """End the source: `step` delivers what it still has, then returns False. Call it any time, also in a signal handler."""
