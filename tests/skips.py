@@ -30,6 +30,7 @@ REASONS: Final = (
     "dumpcap cannot capture here",
     "(ring|dumpcap) cannot capture here",
     "no network namespace",
+    "no file capabilities here",
     "ip (link|addr)",
     "there can be no line here",
     "no IPv6 ",

@@ -61,10 +61,20 @@ def framed(octets: bytes) -> bytes:
         data += b"\x70\0\x0e\x51\4\0\0\0\0\0\1"
     data += body
     digest = b"\x20" + bytes(32) if version == 3 else b""
-    cuts = [data[at : at + _FRAME] for at in range(0, len(data), _FRAME)]
+    cuts = _cut(data, octets)
     head = bytes((0x72, version))
     frames = b"".join([head + len(digest + cut).to_bytes(2, "big") + digest + cut for cut in cuts])
     return frames + head + b"\0\0"
+
+
+def _cut(data: bytes, octets: bytes) -> list[bytes]:
+    """Cut data into frames: of the usual size, and where the highest bit of the second octet is set at any other place too."""
+    places = set(range(_FRAME, len(data), _FRAME))
+    if octets[1] & 0x80 and len(octets) > 4 and data:
+        step = octets[2] or 1
+        places.update(range(octets[3] % len(data), len(data), step))
+    ends = sorted({*places, len(data)} - {0})
+    return [data[begin:end] for begin, end in zip([0, *ends], ends, strict=False)]
 
 
 def written(function: int, opcode: int, version: int, body: bytes) -> bytes:

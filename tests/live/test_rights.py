@@ -30,6 +30,14 @@ library.capset((ctypes.c_uint32 * 2)(0x20080522, 0), (ctypes.c_uint32 * 6)(1 << 
 library.prctl(47, 2, 13, 0, 0)
 os.execv(sys.executable, [sys.executable, "-m", "dissect", *sys.argv[1:]])
 """
+#: Becomes nobody without any right, and runs the command by a Python whose file has the capability.
+NOBODY = """
+import os, sys
+os.setgroups([])
+os.setresgid(65534, 65534, 65534)
+os.setresuid(65534, 65534, 65534)
+os.execv(sys.argv[1], [sys.argv[1], "-m", "dissect", *sys.argv[2:]])
+"""
 #: Shows a Python in a folder that only root may enter to everybody, in a mount namespace of its own.
 SHOWN = """
 home=$1; top=/$(echo "$home" | cut -d/ -f2); spare=$2; shift 2
@@ -47,9 +55,17 @@ OPTIONS = {
     "report": ["--report", "OUT"],
     "alerts": ["--alerts", "RULES"],
     "metrics": ["--metrics", "127.0.0.1:0"],
+    "baseline": ["--alerts", "RULES", "--baseline", "PLANT"],
+    "several interfaces": ["-i", "lo"],
+    "one file": ["-w", "OUT/one.pcapng"],
+    "days": ["-w", "OUT", "-b", "filesize:10", "-b", "days:1", "-b", "total:100"],
     "all": ["-w", "OUT", "-b", "filesize:10", "--manifest", "--export", "parquet:OUT/t", "--report", "OUT/r", "--alerts",
             "RULES", "--metrics", "127.0.0.1:0"],
 }  # fmt: skip
+
+
+#: What is tried by a Python with a capability: the rest of its rights is that of a user with an ambient one.
+WITH_FILE = ("plain", "export", "several interfaces", "all")
 
 
 @pytest.fixture
@@ -69,18 +85,59 @@ def _shown(folder: Path) -> list[str]:
     return ["unshare", "--mount", "sh", "-c", SHOWN, "sh", str(home), str(folder / "spare")]
 
 
+def _capable(folder: Path) -> Path:
+    """Return a copy of this Python whose file has CAP_NET_RAW."""
+    setcap = shutil.which("setcap", path=f"{os.environ['PATH']}:/usr/sbin:/sbin")
+    if setcap is None:
+        pytest.skip("setcap (libcap2-bin) is not installed")
+    home = folder / "python"
+    (home / "bin").mkdir(parents=True)
+    python = home / "bin" / "python"
+    shutil.copyfile(Path(sys.executable).resolve(), python)
+    python.chmod(0o755)
+    # As in a virtual environment: the library of the one that it was copied from.
+    where = Path(sys.base_prefix).resolve() / "bin"
+    (home / "pyvenv.cfg").write_text(f"home = {where}\ninclude-system-site-packages = false\n")
+    made = subprocess.run([setcap, "cap_net_raw+ep", str(python)], capture_output=True, text=True, check=False)
+    if made.returncode:
+        pytest.skip(f"no file capabilities here: {made.stderr.strip()}")
+    return python
+
+
 @needs_ring
 @needs_root
-@pytest.mark.parametrize("who", ["root", "ambient"])
-@pytest.mark.parametrize("options", OPTIONS)
+@pytest.mark.parametrize(
+    ("options", "who"),
+    [
+        *[(options, who) for options in OPTIONS for who in ("root", "ambient")],
+        *[(options, "file") for options in WITH_FILE],
+    ],
+)
 def test_an_option_works_with_these_rights(options: str, who: str, folder: Path) -> None:
     (folder / "rules.toml").write_text(RULES, encoding="utf-8")
     out = folder / "out"
     out.mkdir()
     out.chmod(0o777)
-    words = [word.replace("OUT", str(out)).replace("RULES", str(folder / "rules.toml")) for word in OPTIONS[options]]
-    arguments = ["monitor", "--plain", "-i", "vb", "--engine", "ring", "--duration", "1", *words]
-    begin = [sys.executable, "-m", "dissect"] if who == "root" else [*_shown(folder), sys.executable, "-c", AMBIENT]
+    plant = folder / "plant.toml"
+    if "PLANT" in OPTIONS[options]:
+        from dissect.cli.main import main
+
+        with pytest.raises(SystemExit) as made:
+            main(["baseline", str(ROOT / "captures" / "nodes7-poll.pcapng"), "-o", str(plant)])
+        assert made.value.code == 0
+        plant.chmod(0o644)
+    places = {"OUT": str(out), "RULES": str(folder / "rules.toml"), "PLANT": str(plant)}
+    words = list(OPTIONS[options])
+    for name, place in places.items():
+        words = [word.replace(name, place) for word in words]
+    arguments = ["monitor", "--plain", "-i", "vb", "--engine", "ring", "--duration", "0.5", *words]
+    begin = [sys.executable, "-m", "dissect"]
+    library = [str(ROOT)]
+    if who == "ambient":
+        begin = [*_shown(folder), sys.executable, "-c", AMBIENT]
+    elif who == "file":
+        begin = [*_shown(folder), sys.executable, "-c", NOBODY, str(_capable(folder))]
+        library += [path for path in sys.path if path.endswith("site-packages")]
 
     def task() -> None:
         ran = subprocess.run(
@@ -90,7 +147,12 @@ def test_an_option_works_with_these_rights(options: str, who: str, folder: Path)
             text=True,
             check=False,
             timeout=60,
-            env={**os.environ, "PYTHONPATH": str(ROOT), "HOME": str(folder), "XDG_STATE_HOME": str(folder)},
+            env={
+                **os.environ,
+                "PYTHONPATH": os.pathsep.join(library),
+                "HOME": str(folder),
+                "XDG_STATE_HOME": str(folder),
+            },
         )
         if ran.returncode == 77:
             pytest.skip("nobody may not read this Python, and it cannot be shown: mounting is not allowed here")

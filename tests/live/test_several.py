@@ -32,6 +32,17 @@ def frames(number: int) -> list[bytes]:
     return [packet.octets for packet in talk.close(0).close(1).packets()]
 
 
+def wait_for_both() -> None:
+    """Wait until both interfaces are watched: they are promiscuous then."""
+    end = time.monotonic() + 60
+    while time.monotonic() < end:
+        told = subprocess.run(["ip", "-d", "link"], capture_output=True, text=True, check=True).stdout
+        if told.count("promiscuity 1") == len(NAMES):
+            return
+        time.sleep(0.1)
+    raise AssertionError("the monitor opened no interface")
+
+
 def watch(arguments: list[str], folder: Path) -> tuple[int, str, str]:
     """Run the command on two networks, on each of which a connection passes at the same time."""
     for words in ("link add vc type veth peer name vd", "link set vc up", "link set vd up"):
@@ -57,14 +68,16 @@ def watch(arguments: list[str], folder: Path) -> tuple[int, str, str]:
     pipe = subprocess.PIPE
     environment = {**os.environ, "PYTHONPATH": str(ROOT), "XDG_STATE_HOME": str(folder)}
     with subprocess.Popen(
-        [*command, "--duration", "6", *arguments], cwd=folder, stdout=pipe, stderr=pipe, text=True, env=environment
+        [*command, *arguments], cwd=folder, stdout=pipe, stderr=pipe, text=True, env=environment
     ) as process:
-        time.sleep(3)
+        wait_for_both()
         with sender("va") as first, sender("vc") as second:
             for one, other in zip(frames(1), frames(2), strict=True):
                 first.send(one)
                 second.send(other)
                 time.sleep(0.002)
+            time.sleep(1)  # what is held is given out
+            process.terminate()
             out, err = process.communicate(timeout=60)
     return process.returncode, out, err
 
@@ -74,7 +87,7 @@ def watch(arguments: list[str], folder: Path) -> tuple[int, str, str]:
 def test_each_line_and_packet_names_its_interface(tmp_path: Path) -> None:
     def task() -> None:
         code, out, err = watch(["-T", "jsonl", "-w", "ring", "-b", "filesize:1000", "--manifest"], tmp_path)
-        assert code == 0, err
+        assert code == 130, err  # it was ended by a signal
         objects = [json.loads(line) for line in out.splitlines()]
         about = [one for one in objects if one.get("event") not in {"summary", "problem", "device"}]
         assert {one["interface"] for one in about} == {*NAMES}
@@ -89,7 +102,7 @@ def test_each_line_and_packet_names_its_interface(tmp_path: Path) -> None:
         reader = open_capture(str(path))
 
         class Named(Sink):
-            def frame(self, *packet: object) -> None:  # type: ignore[override]
+            def frame(self, *packet: object) -> None:
                 sources[reader.interface] += 1
 
         while reader.step(Named()):
@@ -107,7 +120,7 @@ def test_each_line_and_packet_names_its_interface(tmp_path: Path) -> None:
 def test_lines_of_text_begin_with_their_interface(tmp_path: Path) -> None:
     def task() -> None:
         code, out, err = watch(["--plain", "--only", "connections,transactions"], tmp_path)
-        assert code == 0, err
+        assert code == 130, err  # it was ended by a signal
         lines = out.splitlines()
         assert len(lines) == 2 * (2 + 21)
         assert Counter(line.partition("  ")[0] for line in lines) == {"vb": 23, "vd": 23}
