@@ -7,9 +7,17 @@ takes 120 µs for each new one. An `OrderedDict` keeps its first entry at hand.
 from __future__ import annotations
 
 import ast
-from collections.abc import Iterator
+import time
+from collections.abc import Callable, Iterator, Sized
 from typing import Final
 
+import pytest
+
+from dissect.alerts.alert import Alert
+from dissect.alerts.cooldown import MAX_REMEMBERED, Cooldown
+from dissect.alerts.rules import PROBLEM, Rule
+from dissect.recording.selection import MAX_CONNECTIONS, ContextBook
+from dissect.tcp.ip import MAX_DATAGRAMS, FragmentStore
 from tests.conftest import ROOT
 
 #: Dicts that hold so few that stepping over all of them costs nothing to speak of: at most 512 entries.
@@ -73,3 +81,47 @@ def test_such_a_place_is_found() -> None:
     tree = ast.parse("self._a: dict[int, int] = {}\nself._b: OrderedDict[int, int] = OrderedDict()\n"
                      "del self._a[next(iter(self._a))]\ndel self._b[next(iter(self._b))]\n")  # fmt: skip
     assert (list(first_keys(tree)), ordered(tree)) == (["_a", "_b"], {"_b"})
+
+
+def context_book(count: int) -> Sized:
+    book = ContextBook()
+    for number in range(count):
+        book.opened(number, number)
+    return book._known
+
+
+def fragments(count: int) -> Sized:
+    store = FragmentStore()
+    for number in range(count):
+        store.add(number.to_bytes(16, "big"), 0, True, b"12345678", 1)
+    return store._datagrams
+
+
+def states_of_pairs(count: int) -> Sized:
+    cooldown = Cooldown(lambda _: None)
+    rule = Rule("r", PROBLEM)
+    for number in range(count):
+        cooldown.event(rule, number, number, lambda _: Alert(rule, 1, "note", None, "x", {}))
+    return cooldown._told
+
+
+@pytest.mark.parametrize(
+    ("fill", "bound"),
+    [
+        (context_book, MAX_CONNECTIONS),
+        (fragments, MAX_DATAGRAMS),
+        (states_of_pairs, MAX_REMEMBERED),
+    ],
+)
+def test_twice_the_bound_takes_twice_the_time_and_no_more_room(fill: Callable[[int], Sized], bound: int) -> None:
+    """In a plain dict whose first entries are deleted, the second half takes some hundred times as long as the first."""
+    few = min([_seconds(lambda: fill(bound // 2)) for _ in range(3)])
+    begun = time.process_time()
+    assert len(fill(2 * bound)) <= bound
+    assert time.process_time() - begun < 16 * few + 0.2  # it is four times as many; the rest is for other processes
+
+
+def _seconds(work: Callable[[], object]) -> float:
+    begun = time.process_time()
+    work()
+    return time.process_time() - begun

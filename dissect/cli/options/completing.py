@@ -56,7 +56,9 @@ def connections(ctx: click.Context, _param: click.Parameter, incomplete: str) ->
     words = ctx.params.get("files") or ctx.args
     try:
         files = [path for path in map(Path, words) if path.is_file()]  # others are an SQL query, or an address
-        files = files[:1] if ctx.command.name == "diff" else files  # connections of the second have numbers of their own
+        files = (
+            files[:1] if ctx.command.name == "diff" else files
+        )  # connections of the second have numbers of their own
         if not files or sum([path.stat().st_size for path in files]) > _LARGEST:
             return []
         from dissect.session import analyze
