@@ -248,6 +248,43 @@ def test_a_pair_without_a_row_has_a_command_to_copy(
     assert (ran.code, len(ran.out.splitlines())) == (0, 300)
 
 
+@pytest.mark.parametrize("made", ["srcdoc", "blob"])
+def test_a_frame_shows_it_as_a_window_does(
+    browser: Browser, long: tuple[Path, Path, dict[str, Any]], tmp_path: Path, made: str
+) -> None:
+    """Another page may embed it unchanged, in a frame that may run scripts and nothing else."""
+    _, path, data = long
+    around = tmp_path / "around.html"
+    around.write_text(
+        "<!DOCTYPE html><title>around</title><iframe sandbox='allow-scripts' width=1000 height=700></iframe>",
+        encoding="utf-8",
+    )
+    browser.driver.get("about:blank")
+    browser.driver.get_log("browser")
+    browser.driver.get(around.as_uri())
+    load = """const [page, made, done] = arguments, frame = document.querySelector('iframe');
+        const blob = new Blob([page], {type: 'text/html'});
+        frame.onload = () => done();
+        if (made === 'srcdoc') frame.srcdoc = page; else frame.src = URL.createObjectURL(blob);"""
+    browser.driver.execute_async_script(load, path.read_text(encoding="utf-8"), made)
+    browser.driver.switch_to.frame(0)
+    try:
+        assert browser.run("return document.documentElement.dataset.ready") == "yes"
+        assert browser.count("#plot-rates rect.bar") > 20
+        browser.click("#plcs td a")
+        (polls,) = [one for one in data["tables"] if one["name"] == "polls"]
+        found = """const done = arguments[0];
+            const look = () => (document.querySelector('tr.found') ? done(1) : setTimeout(look, 20)); look();"""
+        assert browser.driver.execute_async_script(found) == 1
+        assert browser.run("return document.querySelector('tr.found').id") in {row["key"] for row in polls["rows"]}
+        browser.click("nav a[href='#completeness']")
+        assert browser.run("return document.documentElement.dataset.ready") == "yes"
+    finally:
+        browser.driver.switch_to.default_content()
+    assert browser.run("return document.title") == "around"
+    assert browser.console() == []
+
+
 def axe() -> str:
     """Return axe-core."""
     return (tools() / "node_modules" / "axe-core" / "axe.min.js").read_text(encoding="utf-8")

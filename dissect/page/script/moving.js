@@ -7,8 +7,18 @@ sessions.forEach((session, side) => {
   if (!several) session.points.forEach((point) => onPlot.add(prefixes[side] + point[2]));
   session.lanes.lanes.forEach((lane) => lane.spans.forEach((one) => onPlot.add(prefixes[side] + one[3])));
 });
-function follow() {
-  const id = decodeURIComponent(location.hash.slice(1));
+/** In a frame that is made of text or of a blob, links within the page lead elsewhere or nowhere: the script goes there itself. */
+const framed = ["about:", "blob:"].includes(location.protocol);
+/** What a link within the page names. @param {string} hash */
+function named(hash) {
+  try {
+    return decodeURIComponent(hash.slice(1));
+  } catch {
+    return "";
+  }
+}
+/** Shows what a link within the page leads to. @param {string} id */
+function follow(id) {
   document.querySelectorAll(".found").forEach((one) => one.classList.remove("found"));
   if (!id) return;
   const name = rowsByKey.get(id);
@@ -28,12 +38,15 @@ function follow() {
     target.classList.add("found");
     if (target instanceof SVGElement) target.focus({ preventScroll: true });
     target.scrollIntoView({ block: "center" });
-  } else if (target.tagName === "DETAILS" || target.classList.contains("table")) target.scrollIntoView();
+  } else if (framed || target.tagName === "DETAILS" || target.classList.contains("table")) target.scrollIntoView();
 }
-addEventListener("hashchange", follow);
+addEventListener("hashchange", () => follow(named(location.hash)));
 document.addEventListener("click", (event) => {
   const link = event.target instanceof Element && event.target.closest("a[href^='#']");
-  if (link && link.getAttribute("href") === location.hash) follow();
+  const to = link ? link.getAttribute("href") || "" : "";
+  if (!to || (!framed && to !== location.hash)) return;
+  if (framed) event.preventDefault();
+  follow(named(to));
 });
 
 const range = html("span", { class: "quiet", role: "status" });

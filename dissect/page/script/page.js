@@ -51,5 +51,5 @@ addEventListener("beforeprint", () => {
 });
 addEventListener("afterprint", () => { for (const one of folded.splice(0)) one.open = false; });
 look();
-follow();
+follow(named(location.hash));
 document.documentElement.dataset.ready = "yes";
