@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import click
 
 from dissect.cli.formats import format_option, write_outcome
+from dissect.cli.look import clock
 from dissect.cli.main import EXIT_OK
 from dissect.cli.options.completing import from_table
 from dissect.cli.options.reading import reading_options
@@ -78,7 +79,7 @@ def _query(text: str, allow_files: bool) -> tuple[Query, str]:
     from dissect.export.sql import Query
 
     try:
-        found = named(text)
+        found = named(text, clock().local)
     except ValueError as error:
         raise click.UsageError(f"{str(error)[:1].upper()}{str(error)[1:]}.") from None
     if found is not None:

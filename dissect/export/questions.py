@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shlex
 from collections.abc import Callable
-from datetime import datetime
+from datetime import UTC, datetime
 from typing import Final, NamedTuple
 from zoneinfo import ZoneInfo
 
@@ -165,7 +165,12 @@ WHERE i.operation = 'write' AND {_TOUCHES}
 ORDER BY i.ts_ns, i.transaction, i.item""",  # noqa: S608 - our own tables
         (
             Parameter("address", "address or tag, such as DB10.DBW4", ""),
-            Parameter("time", "a time in UTC, such as 2026-11-28 14:03", "", datetime.fromisoformat),
+            Parameter(
+                "time",
+                "a time, such as 2026-11-28 14:03, in UTC or with a zone",
+                "",
+                datetime.fromisoformat,
+            ),
         ),
     ),
     Question(
@@ -313,10 +318,11 @@ ORDER BY bytes DESC, client_host, server_host""",
 QUESTIONS: Final[dict[str, Question]] = {question.name: question for question in _ALL}
 
 
-def named(text: str) -> tuple[Question, dict[str, str]] | None:
+def named(text: str, local: bool = False) -> tuple[Question, dict[str, str]] | None:
     """Return the question that a text names, and the words behind the name by their names; None if it names none.
 
-    Raises ValueError, with a sentence, for words that the question does not take.
+    A time that names no zone is in UTC or, where ``local``, in that of this machine. Raises ValueError, with a sentence, for
+    words that the question does not take.
     """
     first = text.split(maxsplit=1)[0] if text.strip() else ""
     question = QUESTIONS.get(first)
@@ -337,7 +343,17 @@ def named(text: str) -> tuple[Question, dict[str, str]] | None:
                 raise ValueError(message) from None
     if name == "who" and not given:
         raise ValueError("the question who takes an address or tag, such as 'who DB10.DBW4'")
+    if given.get("time"):
+        given["time"] = _in_utc(given["time"], local)
     return question, {**given, **_place(given.get("address", ""))}
+
+
+def _in_utc(text: str, local: bool) -> str:
+    """Return a time as the tables have it."""
+    moment = datetime.fromisoformat(text)
+    if moment.tzinfo is None and not local:
+        return text
+    return moment.astimezone(UTC).replace(tzinfo=None).isoformat(" ")
 
 
 def _place(address: str) -> dict[str, str]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import time
 from collections import Counter, defaultdict
 from collections.abc import Iterator
 from itertools import pairwise
@@ -216,6 +217,8 @@ def test_words_behind_a_name(capfdbinary: Capture) -> None:
     assert len(ask(capfdbinary, "off-shift UTC 2 22", path)) == len(ask(capfdbinary, "off-shift", path))
     assert ask(capfdbinary, "who DB2.DBD16 '2026-11-21 01:31'", path) != []
     assert ask(capfdbinary, "who DB2.DBD16 '2026-11-21 01:35'", path) == []
+    assert ask(capfdbinary, "who DB2.DBD16 2026-11-21T10:31+09:00", path) != []
+    assert ask(capfdbinary, "who DB2.DBD16 2026-11-21T01:31+09:00", path) == []
     for part in ("db2.dbb18", "DB2.DBX19.7", "DB2.DBW14 x3", "DB2.DBD16", "DB2"):  # that REAL is 16 to 19
         assert "DB2.DBD16" in [row["address"] for row in ask(capfdbinary, f"who '{part}'", path)], part
     for other in ("DB2.DBB20", "DB2.DBX15.7", "DB3.DBD16", "MD16", "DB2.DBW14"):
@@ -226,6 +229,23 @@ def test_words_behind_a_name(capfdbinary: Capture) -> None:
     assert named("select 1") is None
 
 
+def test_a_time_behind_a_name_is_local_where_times_are(capfdbinary: Capture, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("TZ", "Asia/Tokyo")
+    time.tzset()
+    try:
+        path = CAPTURES / "item-errors.pcapng"
+        for moment, options, found in (
+            ("10:31", ["--local-time"], True),
+            ("01:31", ["--local-time"], False),
+            ("01:31", [], True),
+        ):
+            ran = run(capfdbinary, "sql", "-T", "jsonl", f"who DB2.DBD16 '2026-11-21 {moment}'", path, *options)
+            assert (ran.code, bool(ran.out)) == (0, found), (moment, options)
+    finally:
+        monkeypatch.undo()
+        time.tzset()
+
+
 @pytest.mark.parametrize(
     ("question", "said"),
     [
@@ -233,7 +253,7 @@ def test_words_behind_a_name(capfdbinary: Capture) -> None:
         ("off-shift Mars", "takes time zone by its name"),
         ("off-shift UTC 25", "takes hour"),
         ("who", "takes an address or tag"),
-        ("who DB1.DBB0 yesterday", "takes a time in UTC"),
+        ("who DB1.DBB0 yesterday", "takes a time, such as"),
         ("who 'DB1", "No closing quotation"),
     ],
 )
