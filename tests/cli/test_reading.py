@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import ast
 import json
 from typing import Final
 
 import pytest
 
 import dissect
+from dissect.cli.main import COMMANDS
 from tests.cases import each
 from tests.cli.support import run
 from tests.report.schemas import ROOT
@@ -34,3 +36,24 @@ def test_the_library_selects_blocks_as_the_command_does(capfdbinary: Capture, wh
     assert len(found) == len(told)
     if where == "time in {..+10s}":
         assert len(found) == 4
+
+
+#: How captures are read: what a command whose options make a `Reading` leaves to that.
+OF_READING: Final = frozenset(
+    ("check_jobs", "current", "drive", "indexed_option", "may_match", "separate_options", "separately")
+)
+
+
+def test_no_command_knows_how_captures_are_read() -> None:
+    """Of those that get a `Reading`, which are all that select from captures, none asks or says it once more."""
+    reading = set()
+    for name in COMMANDS:
+        tree = ast.parse((ROOT / "dissect" / "cli" / f"{name.replace('-', '_')}.py").read_text(encoding="utf-8"))
+        names = {node.id for node in ast.walk(tree) if isinstance(node, ast.Name)}
+        if "reading_options" in names:
+            reading.add(name)
+            assert names.isdisjoint(OF_READING), (name, names & OF_READING)
+    assert reading >= {
+        "analyze", "transactions", "values", "operations", "blocks", "devices", "show", "report", "sql", "open", "cut",
+        "export", "baseline", "golden", "diff", "verify",
+    }  # fmt: skip
