@@ -8,9 +8,8 @@ from __future__ import annotations
 from collections import OrderedDict
 from collections.abc import Callable
 from functools import cached_property
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
-from dissect.engine.pipeline import Pipeline
 from dissect.findings.reporter import Finding
 from dissect.s7.message import Pdu, parse_pdu
 from dissect.s7plus.hiding import shown_half
@@ -21,6 +20,9 @@ from dissect.select.items import ItemFacts, ItemReader
 from dissect.tcp.stream import Endpoint
 from dissect.transactions.connection import Connection
 from dissect.transactions.payloads import ScdMessage
+
+if TYPE_CHECKING:
+    from dissect.engine.pipeline import Pipeline
 
 # Kinds of things that can be selected; `dissect.select.fields` says which fields each has.
 TRANSACTION: Final = "transaction"
