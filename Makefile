@@ -63,7 +63,7 @@ export VENV
 # what it imports.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo test checks docs browser wheels container-steps lint types test-installed test-interpreted environment test-environment format coverage fuzz fuzz-installed properties record clean
+.PHONY: demo test checks docs browser browser-sample wheels container-steps lint types test-installed test-interpreted environment test-environment format coverage fuzz fuzz-installed properties record clean
 # Only what `checks` starts goes side by side.
 ifndef BESIDE
 .NOTPARALLEL:
@@ -84,6 +84,10 @@ checks:
 browser: environment
 	@mkdir -p build/browser
 	$(BIN)/s7dissect browser -o build/browser/s7dissect.html --packages $(VENV)/browser --force
+
+# The page against the command line, byte for byte, on the captures of S7DISSECT_CORPUS.
+browser-sample: test-environment
+	PYTHONPATH=$(CURDIR) $(BIN)/python -m tests.browser.sample $${S7DISSECT_CORPUS:?names no folder of captures}
 
 wheels:
 	scripts/wheels.sh
