@@ -133,3 +133,20 @@ def test_a_time_that_is_lost_while_polling_goes_on_is_a_band(tmp_path: Path) -> 
     found = gathered_of([saved(tmp_path / "a.pcapng", [*packets[:before], *late])]).gaps
     assert found
     assert not any([gap.idle for gap in found])
+
+
+def test_an_idle_time_with_acknowledgements_only_is_no_band(tmp_path: Path) -> None:
+    """An answer is missing; then nothing but acknowledgements for ten minutes, until a message shows the gap."""
+    talk = begun()
+    for ref in range(1, 20):
+        read(talk, ref, WORD)
+    talk.skip(1, 27)
+    quiet = len(talk.packets())
+    for _ in range(60):
+        talk.ack(0)
+    read(talk, 21, WORD)
+    packets = talk.packets(step_ns=10 * MS)
+    waits = [(number + 1) * 10 * SECOND for number in range(len(packets) - quiet)]
+    late = [one._replace(time_ns=one.time_ns + wait) for one, wait in zip(packets[quiet:], waits, strict=True)]
+    found = gathered_of([saved(tmp_path / "a.pcapng", [*packets[:quiet], *late])]).gaps
+    assert [(gap.idle, gap.end_ns - gap.begin_ns > 9 * SECOND) for gap in found] == [(True, True)]
