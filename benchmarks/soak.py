@@ -29,7 +29,7 @@ from benchmarks.generate import parse_count
 from benchmarks.measure import CommandFailedError, machine
 from benchmarks.soak_line import FAR, NoLineError, enter, wait_for_watcher
 from benchmarks.soak_trials import SenderProcess, attempt, delays_ms, search
-from benchmarks.soak_watchers import MONITORS, NAMES, Watch, Watcher, cpu_s, monitor, monitor_call, other
+from benchmarks.soak_watchers import MONITORS, NAMES, Watch, Watcher, cpu_s, everything, monitor, monitor_call, other
 from benchmarks.tables import columns, piped
 
 if TYPE_CHECKING:
@@ -66,10 +66,12 @@ class Bench:
         self.work = work
         self.figures: dict[str, Any] = {"build": self.build}
         self.kept = True
+        self.everything = False  # the monitor writes and serves all it can
 
     def own(self, engine: str, only: str = "findings") -> Watcher:
         """Return our monitor as a watcher."""
-        return monitor(self.call, self.environment, self.build, engine, FAR, only)
+        beside = everything(self.work) if self.everything else []
+        return monitor(self.call, self.environment, self.build, engine, FAR, only, beside)
 
     def verdict(self, kept: bool) -> str:
         """Return what the table says of a promise, and remember a broken one."""
@@ -281,6 +283,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         try:
             enter()
             bench = Bench(options.python, options.path, file, Path(folder))
+            bench.everything = options.everything
             try:
                 offered = bench.sender.send(-1, 2.0)["rate"]
                 say(f"the sender can offer {offered:,.0f} packets/s while nobody watches")
@@ -325,6 +328,7 @@ def _options(arguments: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument("--hold", type=float, default=60.0, help="seconds at the promised rates (default 60)")
     parser.add_argument("--hold-rate", type=hold_rate, nargs="+", default=[], metavar="NAME=RATE",
                         help="hold these instead of the rates promised, such as ring=250k dumpcap=150k")  # fmt: skip
+    parser.add_argument("--everything", action="store_true", help="with evidence, tables, pages, alerts and metrics")
     parser.add_argument("--busy", type=int, default=0, metavar="N", help="busy loops beside what is held (default 0)")
     parser.add_argument("--runs", type=int, default=3, help="searches for each watcher (default 3)")
     parser.add_argument("--most", type=parse_count, default=400_000, metavar="N", help="no rate above this (400k)")

@@ -92,15 +92,33 @@ def monitor_call(python: str, path: str, directory: Path) -> tuple[list[str], di
 
 
 def monitor(
-    call: Sequence[str], environment: dict[str, str], build: str, engine: str, interface: str, only: str
+    call: Sequence[str],
+    environment: dict[str, str],
+    build: str,
+    engine: str,
+    interface: str,
+    only: str,
+    beside: Sequence[str] = (),
 ) -> Watcher:
-    """Return our monitor by ``engine`` as a watcher that writes lines of ``only``."""
+    """Return our monitor by ``engine`` as a watcher that writes lines of ``only``; ``beside`` are further options."""
     if engine == "dumpcap" and shutil.which("dumpcap") is None:
         raise MissingError("no dumpcap (of Wireshark) here")
-    words = ["monitor", "-i", interface, "-f", FILTER, "--engine", engine, "-T", "jsonl", "--only", only]
+    words = ["monitor", "-i", interface, "-f", FILTER, "--engine", engine, "-T", "jsonl", "--only", only, *beside]
     watcher = Watcher(engine, f"s7dissect monitor, {engine}, {build}", [*call, *words], 60_000, 1.0, own=True)
     watcher.environment = environment
     return watcher
+
+
+def everything(folder: Path) -> list[str]:
+    """Return the options that let a monitor write and serve all it can: evidence, tables, pages, alerts, metrics."""
+    rules = folder / "everything.toml"
+    rules.write_text(
+        '[[rule]]\nname = "p"\nwhen = "problem"\n[[rule]]\nname = "f"\nwhen = "finding"\nfinding = "warning"\n'
+    )
+    out = folder / "everything"
+    bounds = ["-w", str(out), "-b", "filesize:100000", "-b", "files:4", "--manifest"]
+    tables = ["--export", f"parquet:{out}/tables", "--report", f"{out}/pages"]
+    return [*bounds, *tables, "--alerts", str(rules), "--metrics", "127.0.0.1:0"]
 
 
 def other(name: str, interface: str) -> Watcher:

@@ -142,6 +142,35 @@ def test_the_probe_runs_under_the_filter_of_its_unit(folder: Path) -> None:
     in_namespace(task)
 
 
+#: What a user may add to the command of the unit.
+OPTIONS = {
+    "export": ["--export", "parquet:STATE/tables"],
+    "several interfaces and bounds": ["-i", "lo", "-b", "days:30", "-b", "total:100000", "--keep-free", "1K"],
+    "all": ["--keep-around", "error", "1s", "--export", "parquet:STATE/tables", "--report", "STATE/pages", "--alerts",
+            "STATE/rules.toml", "-i", "lo"],
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("options", OPTIONS)
+def test_what_may_be_added_runs_under_it_as_well(options: str, folder: Path) -> None:
+    assert missing() == ""
+    pytest.importorskip("prometheus_client")
+    (folder / "rules.toml").write_text('[[rule]]\nname = "r"\nwhen = "problem"\n')
+    words = " ".join([word.replace("STATE", str(folder)) for word in OPTIONS[options]])
+    unit = service()
+    unit["ExecStart"] = [f"{unit['ExecStart'][0]} {words} --duration 1"]
+
+    def task() -> None:
+        with started(unit, folder) as process:
+            out, err = process.communicate(timeout=_WAIT_S)
+        assert (process.returncode, "Traceback" in err) == (0, False), err
+        assert json.loads(out.splitlines()[-1])["event"] == "summary"
+        assert "PROBLEM" not in out
+        assert "switched off" not in err
+
+    in_namespace(task)
+
+
 def test_the_filter_is_a_real_one(folder: Path) -> None:
     """Without the line that gives `capset` back the probe cannot give up its rights, which is how the unit was."""
     assert missing() == ""
