@@ -110,13 +110,16 @@ def monitor(
 
 
 def everything(folder: Path) -> list[str]:
-    """Return the options that let a monitor write and serve all it can: evidence, tables, pages, alerts, metrics."""
+    """Return the options that let a monitor write and serve all it can: evidence, tables, pages, alerts, metrics.
+
+    It keeps its rights: the folder is that of the trial, which nobody else may enter.
+    """
     rules = folder / "everything.toml"
     rules.write_text(
         '[[rule]]\nname = "p"\nwhen = "problem"\n[[rule]]\nname = "f"\nwhen = "finding"\nfinding = "warning"\n'
     )
     out = folder / "everything"
-    bounds = ["-w", str(out), "-b", "filesize:100000", "-b", "files:4", "--manifest"]
+    bounds = ["-Z", "root", "-w", str(out), "-b", "filesize:100000", "-b", "files:4", "--manifest"]
     tables = ["--export", f"parquet:{out}/tables", "--report", f"{out}/pages"]
     return [*bounds, *tables, "--alerts", str(rules), "--metrics", "127.0.0.1:0"]
 
@@ -193,7 +196,9 @@ class Watch:
         return told
 
     def close(self) -> str:
-        """Release it, end it if it runs, and return the last of what it said on stderr."""
+        """Release it, end it if it runs, and return the last of what it said on stderr. May be called twice."""
+        if self._said.closed:
+            return ""
         self._kill()
         self._thread.join(10)
         if self._child.stdout is not None:
