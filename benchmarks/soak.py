@@ -141,7 +141,10 @@ def hold(bench: Bench, names: Sequence[str], seconds: float, rates: dict[str, in
     for name in names:
         if name in MONITORS:
             watcher = bench.own(name)
-            trial = attempt(watcher, bench.sender, rates.get(name, HOLD[name]), seconds, bench.work)
+            # With everything on it also writes a page and its tables when it ends.
+            patience = 20.0 if bench.everything else 1.0
+            rate = rates.get(name, HOLD[name])
+            trial = attempt(watcher, bench.sender, rate, seconds, bench.work, patience=patience)
             bench.figures.setdefault("hold", {})[name] = trial.as_dict()
             dropped = "?" if trial.kernel is None else f"{trial.kernel:,}"
             lines.append(

@@ -451,3 +451,25 @@ def test_a_dumpcap_that_never_begins(monkeypatch: pytest.MonkeyPatch, tmp_path: 
     monkeypatch.setattr("dissect.source.live.dumpcap._START_S", 0.2)
     with pytest.raises(LiveError, match="lo: dumpcap did not start within 0 s: busy"):
         open_live("lo", engine="dumpcap")
+
+
+@needs_ring
+def test_packets_that_the_ring_holds_when_it_is_closed_are_counted_as_lost() -> None:
+    def task() -> None:
+        reader = open_live("vb", "udp", "ring")
+        sink = Sink()
+        with sender("va") as out:
+            for number in range(10):
+                out.send(udp(bytes([number])))
+            assert len(until(reader, sink, 10)) == 10
+            for number in range(500):
+                out.send(udp(number.to_bytes(2, "big") * 100))
+        reader.stop()
+        time.sleep(0.3)  # the kernel gives the last block back
+        assert reader.drops.kernel == 0
+        reader.close()
+        assert reader.drops.kernel == 500
+        reader.close()
+        assert reader.drops.kernel == 500
+
+    in_namespace(task)

@@ -120,6 +120,17 @@ def test_what_is_held_has_a_bound() -> None:
     assert several._size <= MAX_HELD
 
 
+def test_what_is_held_when_it_is_closed_is_lost_and_counted() -> None:
+    several = SeveralReader([Fake("a", [[1, 2, 3]]), Fake("b", [[4]])], lambda: 0)
+    sink = Sink()
+    sink.reader = several
+    several.step(sink)
+    assert (sink.got, several.drops) == ([], Drops(0, 0))
+    several.close()
+    several.close()
+    assert several.drops == Drops(4, 0)
+
+
 def test_an_interface_that_ends_does_not_end_the_others() -> None:
     gone, stays = Fake("a", [[1], None]), Fake("b", [[2], [3], [4], None])
     gone.damage = "the interface a is gone"

@@ -136,9 +136,21 @@ class RingReader(LiveReader):
         """Release the ring. May be called twice."""
         if not self._closed:
             self._count()
+            self._last = Drops(self._dropped + self._left(), self._last.interface)
             self._closed = True
             self._ring.close()
             self._socket.close()
+
+    def _left(self) -> int:
+        """Return how many packets the ring holds that were not read: whoever closes it early loses them."""
+        count = 0
+        for ahead in range(self._blocks):
+            at = (self._next + ahead) % self._blocks * BLOCK_SIZE + STATUS_AT
+            status, packets, _, _ = BLOCK.unpack_from(self._ring, at)
+            if not status & _STATUS_USER:
+                break
+            count += packets
+        return count // 2 if self._skip_outgoing else count  # loopback shows each packet twice
 
     def _wait(self) -> bool:
         """Wait for a block; return False when no more will come."""

@@ -54,7 +54,7 @@ class SeveralReader(LiveReader):
         self._size = 0
         self._count = 0
         self._hold_ns = max([HOLD_NS.get(reader.engine, 0) for reader in readers])
-        self._told: set[int] = set()
+        self._left = 0  # packets that were held when it was closed
         for reader in readers:
             reader.wait_ms = max(reader.wait_ms // len(readers), 1)
 
@@ -107,7 +107,7 @@ class SeveralReader(LiveReader):
             sum([one for one in column if one is not None]) if None not in column else None
             for column in zip(*[reader.drops for reader in self.readers], strict=True)
         ]
-        return Drops(kernel, interface)
+        return Drops(kernel + self._left if kernel is not None else None, interface)
 
     @property
     def drops_of(self) -> dict[str, Drops]:
@@ -133,6 +133,8 @@ class SeveralReader(LiveReader):
             reader.stop()
 
     def close(self) -> None:
-        """Release all of them."""
+        """Release all of them; packets that are held now were not delivered."""
+        self._left += len(self._held)
+        self._held.clear()
         for reader in self.readers:
             reader.close()
