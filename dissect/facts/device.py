@@ -17,6 +17,7 @@ from dissect.facts.fact import (
     RECORDS,
     TEXT,
     TIME,
+    VLANS,
     WORD,
     WORDS,
     Fact,
@@ -27,10 +28,6 @@ from dissect.stations import facts
 from dissect.tcp.link import vlan_ids, vlan_text
 from dissect.wire.text import encodable
 
-_VLANS: Final = {
-    "type": "array",
-    "items": {"type": "integer", "minimum": 0, "maximum": 4095, "description": "A VLAN id."},
-}
 _SURE: Final = ("stated", "behaviour", "tsap")
 _ROLES: Final = ("CPU", "engineering", "OPC", "panel", "S7 server")
 
@@ -109,7 +106,7 @@ MODULE: Final = by_name(_MODULE)
 _DEVICE: Final[tuple[Fact[Any], ...]] = (
     Fact("address", WORD, "IP address.", lambda of: of.address),
     Fact("vlan", COUNTS, "VLAN ids of its network, the outer tag first; the same address in another VLAN is another station.",
-         lambda of: vlan_ids(of.vlan), column="vlans", shape=_VLANS),
+         lambda of: vlan_ids(of.vlan), column="vlans", shape=VLANS),
     Fact("role", CODE, "What it is, by the heaviest evidence.", lambda of: of.role, codes=(*_ROLES, "unknown")),
     Fact("certainty", CODE, "How sure that is: `stated` it says so itself, `behaviour` it does what only such devices do,"
          " `tsap` its TSAP is one of such a device, null for an unknown role.", lambda of: of.certainty or None, null=True,
@@ -202,7 +199,7 @@ AREA: Final = by_name(_AREA)
 _TALK: Final[tuple[Fact[Any], ...]] = (
     Fact("client", TEXT, "Address of the client.", lambda of: of.client),
     Fact("server", TEXT, "Address of the server.", lambda of: of.server),
-    Fact("vlan", COUNTS, "The VLAN ids of their network, the outer tag first.", lambda of: vlan_ids(of.vlan), shape=_VLANS),
+    Fact("vlan", COUNTS, "The VLAN ids of their network, the outer tag first.", lambda of: vlan_ids(of.vlan), shape=VLANS),
     Fact("connections", COUNT, "Connections between them; 0 where the server of others asks on their connection.",
          lambda of: of.connections),
     Fact("protocols", WORDS, "What these speak, as `protocol` of a connection in the analysis.",

@@ -41,6 +41,13 @@ KINDS: Final = (
 )  # fmt: skip
 
 
+#: The JSON Schema of the VLAN ids of a network.
+VLANS: Final = {
+    "type": "array",
+    "items": {"type": "integer", "minimum": 0, "maximum": 4095, "description": "A VLAN id."},
+}
+
+
 class Located(Protocol):
     """What tells in which file a packet is; ``several`` says whether outputs name files."""
 

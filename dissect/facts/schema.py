@@ -35,7 +35,7 @@ from dissect.facts.finding import FINDING
 from dissect.facts.operation import OPERATION
 from dissect.facts.pdu import PDU
 from dissect.facts.transaction import TRANSACTION
-from dissect.facts.value import VALUE
+from dissect.facts.value import VALUE, VARIABLE
 from dissect.facts.written import files_of
 
 MADE: Final = "$made"
@@ -50,6 +50,7 @@ TABLES: Final[Mapping[str, Mapping[str, Fact[Any]]]] = {
     "talk": TALK,
     "transaction": TRANSACTION,
     "value": VALUE,
+    "variable": VARIABLE,
     "pdu": PDU,
 }
 

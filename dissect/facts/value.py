@@ -1,25 +1,31 @@
-"""The facts of a value (`dissect.variables.model.ValueRow`). Its writers are compiled; tests hold them to this table."""
+"""The facts of a value, whose writers are compiled and held to this table by tests, and of a variable over all its values."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any, Final
 
 from dissect.facts.fact import (
     BYTES,
     CODE,
     COUNT,
+    COUNTS,
+    DURATION,
     END,
     FILE,
     FLAG,
     FRAME,
     JSON,
     REAL,
+    RECORDS,
     TEXT,
     TIME,
+    VLANS,
     WORD,
     Fact,
     by_name,
 )
+from dissect.tcp.link import vlan_ids
 from dissect.transactions.transaction import DOUBT_TEXTS, LIKELY
 from dissect.wire.text import encodable
 
@@ -71,3 +77,63 @@ _ROWS: Final[tuple[Fact[Any], ...]] = (
 )  # fmt: skip
 #: The facts of a value by their names, in the order of their keys in JSON.
 VALUE: Final = by_name(_ROWS)
+
+
+def _of(name: str, nothing: Any, counts: str = "") -> Callable[[Any], Any]:
+    """Return a getter of a statistic of a variable; ``nothing`` without statistics, or where its number ``counts`` is 0."""
+
+    def got(of: Any) -> Any:
+        found = of.statistics
+        return nothing if found is None or (counts and not getattr(found, counts)) else getattr(found, name)
+
+    return got
+
+
+_CLIENT: Final[tuple[Fact[Any], ...]] = (
+    Fact("client", TEXT, "Address of the host.", lambda of: of[0]),
+    Fact("count", COUNT, "How many values.", lambda of: int(of[1].count), least=1),
+    Fact("period_ns", DURATION, "Mean time between two of them, null for fewer.", lambda of: of[1].period_ns, null=True),
+    Fact("jitter_ns", DURATION, "Standard deviation of that time, null for fewer than three values.",
+         lambda of: of[1].jitter_ns, null=True),
+)  # fmt: skip
+#: The facts of a client of a variable: its address and the pace of its values.
+CLIENT: Final = by_name(_CLIENT)
+
+_VARIABLE: Final[tuple[Fact[Any], ...]] = (
+    Fact("plc", END, "The end that has the variable.", lambda of: of.plc),
+    Fact("vlan", COUNTS, "The VLAN ids of its network, the outer tag first; the same address in another VLAN is another PLC.",
+         lambda of: vlan_ids(of.vlan), shape=VLANS),
+    Fact("address", TEXT, "Where it begins, as in a value.", lambda of: of.address),
+    Fact("tag", TEXT, "Its name, null where nobody knows one.", lambda of: of.tag or None, null=True),
+    Fact("type", TEXT, "Its type, as in a value.", lambda of: of.type or None, null=True),
+    Fact("unit", TEXT, "Its unit, null for none.", lambda of: of.unit or None, null=True),
+    Fact("count", COUNT, "Values: reads, writes and pushes that were not refused.", _of("count", 0)),
+    Fact("changes", COUNT, "How many of them were different from the one before.", _of("changes", 0)),
+    Fact("distinct", COUNT, "Distinct values, counted up to 20.", _of("distinct_count", 0)),
+    Fact("distinct_more", FLAG, "True if there were more.", _of("more_distinct", False)),
+    Fact("first_time", TIME, "Time of the first value, null without one.", _of("first_ns", None, "count"), null=True),
+    Fact("first", JSON, "The first value.", None, shape=_VALUE),
+    Fact("last_time", TIME, "Time of the last value, null without one.", _of("last_ns", None, "count"), null=True),
+    Fact("last", JSON, "The last value.", None, shape=_VALUE),
+    Fact("min", REAL, "The least number, of a truth value 0 or 1; null without numbers.",
+         _of("least", None, "numbers"), null=True),
+    Fact("max", REAL, "The greatest number.", _of("most", None, "numbers"), null=True),
+    Fact("mean", REAL, "The mean of all numbers, whatever time lies between them.", _of("mean", None), null=True),
+    Fact("period_ns", DURATION, "Mean time between two values for the client that reads most often, or without readers writes"
+         " most often; null without two values.", lambda of: getattr(_of("pace", None)(of), "period_ns", None), null=True),
+    Fact("jitter_ns", DURATION, "Standard deviation of that time, null without three values.",
+         lambda of: getattr(_of("pace", None)(of), "jitter_ns", None), null=True),
+    Fact("readers", RECORDS, "Hosts that read it or were sent it, 8 at most.",
+         lambda of: list(_of("readers", {})(of).items()), records=CLIENT),
+    Fact("writers", RECORDS, "Hosts that wrote it, 8 at most.",
+         lambda of: list(_of("writers", {})(of).items()), records=CLIENT),
+    Fact("other_clients", COUNT, "Values of further hosts.", _of("others", 0)),
+    Fact("refused_reads", COUNT, "Reads that the PLC refused.", lambda of: int(of.refused_reads)),
+    Fact("refused_writes", COUNT, "Writes that the PLC refused; they are no values.", lambda of: int(of.refused_writes)),
+    Fact("unconfirmed_writes", COUNT, "Writes of which the capture does not show what became; they are no values either.",
+         lambda of: int(of.unconfirmed)),
+    Fact("likely", COUNT, "Only where there are any: values and refusals of pairs that are only likely (`certainty` of a"
+         " transaction). No other key counts them.", lambda of: int(of.likely) or None, rare=True, least=1),
+)  # fmt: skip
+#: The facts of a variable (`dissect.variables.model.Variable`) over all its values, in the order of their keys in JSON.
+VARIABLE: Final = by_name(_VARIABLE)

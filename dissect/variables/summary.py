@@ -7,15 +7,17 @@ import math
 from collections.abc import Iterable, Sequence
 from typing import Any, Final
 
+from dissect.facts.value import VARIABLE
+from dissect.facts.written import written
 from dissect.report import words
 from dissect.report.styled import DIM, HEADING, PLAIN, Line
 from dissect.report.words import Places
-from dissect.tcp.link import vlan_ids, within
+from dissect.tcp.link import within
 from dissect.variables.collector import Collector
 from dissect.variables.model import Variable
 from dissect.variables.statistics import MAX_DISTINCT, Pace, Statistics
 from dissect.variables.writers import any_text, place_text, shown, value_cell
-from dissect.wire.text import Clock, cell, duration_text, encodable, printable
+from dissect.wire.text import Clock, cell, duration_text, printable
 
 VARIABLE_SCHEMA: Final = "s7dissect.variable/1"
 #: Levels of a sparkline, from low to high.
@@ -24,11 +26,7 @@ _COLUMN: Final = 36
 #: Digits of a mean, and most digits if it needs more; a double has no more than `_EXACT`.
 _DIGITS: Final = 9
 _EXACT: Final = 17
-CSV_COLUMNS: Final = (
-    "plc", "address", "tag", "type", "unit", "count", "changes", "distinct", "distinct_more", "first_time", "first",
-    "last_time", "last", "min", "max", "mean", "period_ns", "jitter_ns", "readers", "writers", "other_clients",
-    "refused_reads", "refused_writes", "unconfirmed_writes", "likely",
-)  # fmt: skip
+CSV_COLUMNS: Final = tuple([key for key in VARIABLE if key != "vlan"])
 
 
 class Summary:
@@ -183,49 +181,13 @@ def json_lines(summary: Summary) -> list[str]:
 def variable_json(variable: Variable, clock: Clock) -> dict[str, Any]:
     """Return the summary of a variable as values for JSON (docs/json.md)."""
     found = _statistics(variable)
-    counted = found.count > 0
-    pace = found.pace
-    return {
-        "schema": VARIABLE_SCHEMA,
-        "plc": str(variable.plc),
-        "vlan": vlan_ids(variable.vlan),
-        "address": encodable(variable.address),
-        "tag": encodable(variable.tag) or None,
-        "type": encodable(variable.type) or None,
-        "unit": encodable(variable.unit) or None,
-        "count": int(found.count),
-        "changes": int(found.changes),
-        "distinct": found.distinct_count,
-        "distinct_more": found.more_distinct,
-        "first_time": clock.iso(found.first_ns) if counted else None,
-        "first": _json(found.first),
-        "last_time": clock.iso(found.last_ns) if counted else None,
-        "last": _json(found.last),
-        "min": found.least if found.numbers else None,
-        "max": found.most if found.numbers else None,
-        "mean": found.mean,
-        "period_ns": pace.period_ns if pace is not None else None,
-        "jitter_ns": pace.jitter_ns if pace is not None else None,
-        "readers": _clients_json(found.readers),
-        "writers": _clients_json(found.writers),
-        "other_clients": int(found.others),
-        "refused_reads": int(variable.refused_reads),
-        "refused_writes": int(variable.refused_writes),
-        "unconfirmed_writes": int(variable.unconfirmed),
-        **({"likely": int(variable.likely)} if variable.likely else {}),
-    }
+    owned = {"first": _json(found.first), "last": _json(found.last)}
+    return {"schema": VARIABLE_SCHEMA, **written(VARIABLE, variable, Places([], False), clock, owned)}
 
 
 def _json(value: object) -> object:
     """Return a value for JSON; None for octets that have no value."""
     return None if isinstance(value, bytes) else json.loads(any_text(value))
-
-
-def _clients_json(clients: dict[str, Pace]) -> list[dict[str, object]]:
-    return [
-        {"client": host, "count": int(pace.count), "period_ns": pace.period_ns, "jitter_ns": pace.jitter_ns}
-        for host, pace in clients.items()
-    ]
 
 
 def csv_rows(summary: Summary) -> Iterable[list[str]]:

@@ -34,6 +34,7 @@ from dissect.facts.pdu import ASKED
 from dissect.facts.schema import MADE as MADE_OF
 from dissect.facts.schema import TABLES, filled
 from dissect.facts.transaction import ITEM
+from dissect.facts.value import CLIENT
 from dissect.facts.written import files_of
 from tests.cases import each
 from tests.report.schemas import NAMES, load
@@ -45,6 +46,7 @@ RECORDS: Final[Mapping[str, Mapping[str, Fact[Any]]]] = {
     "counted": COUNTED,
     "item": ITEM,
     "asked": ASKED,
+    "client": CLIENT,
     "area": AREA,
     "mac": MAC,
     "module": MODULE,
@@ -73,6 +75,7 @@ WRITERS: Final = {
     ("dissect/export/rows.py", "finding_counts"): set[str](),
     ("dissect/inventory/contract.py", "device_as_dict"): {"blocks"},
     ("dissect/inventory/contract.py", "talk_as_dict"): set[str](),
+    ("dissect/variables/summary.py", "variable_json"): {"schema", "first", "last"},
     ("dissect/export/rows.py", "device"): set[str](),
     ("dissect/export/rows.py", "finding"): {"client_host", "server_host"},
 }
