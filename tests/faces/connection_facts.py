@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from typing import Any, Final
 
-from tests.faces.cells import Cell, Fact, Rows, ecs_end, ends, none, told, zero
+from dissect.monitor.lists import _ENDED as ENDED
+from tests.faces.cells import Cell, Fact, Rows, ecs_end, ends, mapped, none, told, zero
 from tests.faces.kinds import COUNT, COUNTS, DURATION, END, FLAG, TIME, UNTOLD, WORD
 from tests.faces.records import Record, end
 
@@ -25,6 +26,20 @@ def _all_unanswered(value: Any, record: Record) -> int:
 
 def _both_ports(value: Any, record: Record) -> str | None:
     return ",".join(sorted([str(one) for one in (value, record["server_port"]) if one is not None])) or None
+
+
+def _number(value: Any, _: Record) -> int:
+    return int(value)
+
+
+def _missed(value: Any, record: Record) -> int:
+    """Return how many answers are missing that were due."""
+    return int(value - record["still_open"] - record.get("answers_not_captured", 0))
+
+
+def _of_state(value: Any, _: Record) -> Any:
+    """Return how a connection ended by the word of the screens, which a refusal takes the place of."""
+    return {"refused": UNTOLD, **{word: how for how, word in ENDED.items()}}.get(value, value)
 
 
 # A row for a fact, with as many cells on a line as fit.
@@ -86,22 +101,29 @@ _detailed("count", COUNT, tables="count", json="count", ecs="count", stix="count
 # ---- connections ----------------------------------------------------------------------------------------------------
 
 _connection = Rows("connection")
-_connection("number", COUNT, json="number", tables="connection", where="connection", text="number",
+_connection("number", COUNT, pytest="number", screens=Cell("#", _number),
+            json="number", tables="connection", where="connection", text="number",
             ecs="s7dissect.connection")
 _connection("client", END, json="client", tables=ends("client_host", "client_port"), where="client", text="client",
-            ecs=ecs_end("client"))
+            ecs=ecs_end("client"),
+            pytest="client")
 _connection("server", END, json="server", tables=ends("server_host", "server_port"), where="server", text="server",
-            ecs=ecs_end("server"))
+            ecs=ecs_end("server"),
+            pytest="server")
 _connection("client_known", FLAG, json="client_known", tables="client_known", text="known")
-_connection("transport", WORD, json="transport", tables="transport", text="transport", ecs="network.transport")
+_connection("transport", WORD, json="transport", tables="transport", text="transport", ecs="network.transport",
+            pytest=mapped("carrier", {"ibh": "tcp"}))
 _connection("vlan", COUNTS, json="vlan", tables="vlans", where=Cell("vlan", lambda value, _: value or []))
-_connection("protocol", WORD, json="protocol", tables="protocol", where="protocol", ecs="network.protocol")
+_connection("protocol", WORD, json="protocol", tables="protocol", where="protocol", ecs="network.protocol",
+            pytest=none("protocol", ""))
 _connection("start", WORD, json="start", tables="start")
 _connection("first_frame", COUNT, json="first_frame", tables="first_frame",
-            where=Cell("frame", lambda value, _: value.split(",")[0]))
+            where=Cell("frame", lambda value, _: value.split(",")[0]),
+            pytest="first_frame")
 _connection("last_frame", COUNT, json="last_frame", tables="last_frame",
             where=Cell("frame", lambda value, _: value.split(",")[-1]))
-_connection("first_time", TIME, json="first_time", tables="ts_ns", where="time", ecs="event.start")
+_connection("first_time", TIME, pytest=Cell("first_ns", lambda value, _: value),
+            json="first_time", tables="ts_ns", where="time", ecs="event.start")
 _connection("last_time", TIME, json="last_time", tables="end_ns", ecs="event.end")
 _connection("duration", DURATION, tables=Cell("end_ns", lambda value, record: value - record["ts_ns"]), where="duration_ns",
             ecs=told("event.duration"))
@@ -119,29 +141,37 @@ _connection("calling_tsap", WORD, json="calling_tsap.text", tables="tsap_calling
 _connection("called_tsap", WORD, json="called_tsap.text", tables="tsap_called", where="called_tsap", text="called")
 _connection("rack", COUNT, json="called_tsap.rack", tables="rack", where="rack", text=told("rack"))
 _connection("slot", COUNT, json="called_tsap.slot", tables="slot", where="slot", text=told("slot"))
-_connection("tpdu_size", COUNT, json="tpdu_size", tables="tpdu_size", text=told("tpdu_size"))
+_connection("tpdu_size", COUNT, json="tpdu_size", tables="tpdu_size", text=told("tpdu_size"),
+            pytest=none("tpdu_size", 0))
 _connection("pdu_length", COUNT, json="setup_granted.pdu_length", tables="pdu_length", where="pdu_length", text="pdu_length")
 _connection("amq_calling", COUNT, json="setup_granted.max_amq_calling", tables="max_amq_calling")
 _connection("amq_called", COUNT, json="setup_granted.max_amq_called", tables="max_amq_called")
 _connection("asked_pdu_length", COUNT, json="setup_asked.pdu_length",
             text=Cell("asked", lambda value, _: value or UNTOLD))
 _connection("pdus", COUNT, json="pdus", tables="pdus", where="pdus", text="pdus", ecs="s7dissect.pdus")
-_connection("answered", COUNT, json="answered", tables="answered", text="answered")
+_connection("answered", COUNT, json="answered", tables="answered", text="answered",
+            pytest="answered", screens=Cell("answered", _number))
 _connection("unanswered", COUNT, json="unanswered", tables="unanswered",
-            text=Cell("missed", lambda value, record: value + record["still_open"] + record["not_captured"]))
+            text=Cell("missed", lambda value, record: value + record["still_open"] + record["not_captured"]),
+            pytest="unanswered")
+_connection("missed", COUNT, json=Cell("unanswered", _missed), text="missed", screens=Cell("no answer", _number))
 _connection("still_open", COUNT, json="still_open", text="still_open")
 _connection("not_captured", COUNT, json=zero("answers_not_captured"), text="not_captured")
-_connection("orphans", COUNT, json="orphan_answers", tables="orphans", text="orphans")
-_connection("unsolicited", COUNT, json="unsolicited", tables="unsolicited", text="unsolicited")
+_connection("orphans", COUNT, json="orphan_answers", tables="orphans", text="orphans",
+            pytest="orphan_answer")
+_connection("unsolicited", COUNT, pytest="unsolicited", json="unsolicited", tables="unsolicited", text="unsolicited")
 _connection("one_way", COUNT, json="one_way", text="one_way")
 _connection("behind_malformed", COUNT, json=zero("behind_malformed"), text="behind")
-_connection("with_errors", COUNT, json="with_errors", tables="with_errors", text="errors")
+_connection("with_errors", COUNT, json="with_errors", tables="with_errors", text="errors",
+            screens=Cell("errors", _number))
 _connection("refused", WORD, json="refused", text="refused")
 _connection("ended", WORD, ending="ending.how", json="ended", tables="ended", where="ended", ecs="event.reason",
-            text=Cell("how", None, lambda value, told: told == ("replaced" if value == "reused" else value)))
+            text=Cell("how", None, lambda value, told: told == ("replaced" if value == "reused" else value)),
+            pytest=Cell("ended", lambda value, _: value or "open"), screens=Cell("state", _of_state))
 _connection("ended_by", END, ending="ending.by", json="ended_by", tables=Cell("ended_by", _role_of_hosts),
             text=Cell("role", _role))
-_connection("ended_by_role", WORD, ending="ending.role", tables="ended_by", text="role")
+_connection("ended_by_role", WORD, ending="ending.role", tables="ended_by", text="role",
+            pytest=none("ended_by", ""))
 _connection("ended_frame", COUNT, ending="ending.frame", json="ended_frame",
             text=Cell("end_frame", lambda value, record: value if record["how"] in {"fin", "reset"} else UNTOLD))
 _connection("open_at_end", COUNT, json="open_at_end", tables="open_at_end")

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import re
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from decimal import Decimal
 from pathlib import Path
@@ -21,9 +22,16 @@ from dissect.export.forms import FORMS, Export, Request
 from dissect.export.tables import TABLES, Table
 from dissect.export.transaction_rows import Row
 from dissect.findings.reporter import Finding
+from dissect.golden.model import GoldenError
+from dissect.golden.reading import read_session
 from dissect.inventory.collector import Inventory
 from dissect.inventory.outcome import Devices
+from dissect.live.events import CLOSED, OPENED
+from dissect.live.events import TRANSACTION as LIVE_TRANSACTION
+from dissect.live.events import Collector as Live
 from dissect.live.run import Fanout
+from dissect.monitor import rows
+from dissect.monitor.model import Model
 from dissect.report.analysis import Analysis
 from dissect.report.contract import analysis_as_dict
 from dissect.report.formats import FORMATS, OPERATIONS, PDUS, TRANSACTIONS, VALUES
@@ -37,6 +45,7 @@ from dissect.select.fields import FIELDS
 from dissect.select.things import CONNECTION, FINDING, MESSAGE, OPERATION, TRANSACTION, Context, Found
 from dissect.session import Run
 from dissect.transactions.connection import Connection
+from dissect.transactions.transaction import OUTCOMES
 from dissect.variables.collector import Collector
 from dissect.variables.writers import ValueWriter
 
@@ -45,6 +54,8 @@ CAPTURES: Final = Path(__file__).resolve().parents[2] / "captures"
 DOCUMENTS: Final = ("ecs", "stix", "zeek-json", "zeek")
 #: So much of a long capture is read: those beyond it poll for hours.
 MOST_BYTES: Final = 160_000
+#: Columns of a terminal in which every column of the screens has room.
+_WIDE: Final = 200
 
 
 class Told(NamedTuple):
@@ -52,7 +63,8 @@ class Told(NamedTuple):
 
     ``lines`` are those of an output, by what they are of and format; ``rows`` those of the tables, by name of table and column;
     ``documents`` the objects of each file of an export, by form and name of the file; ``things`` are the fields that
-    ``-Y`` finds in findings and connections.
+    ``-Y`` finds in findings and connections. ``goldens`` are the connections as ``where`` of the pytest plugin selects them,
+    ``screens`` the rows of `monitor`, by column.
     """
 
     name: str
@@ -60,6 +72,8 @@ class Told(NamedTuple):
     rows: dict[str, list[dict[str, Any]]]
     documents: dict[str, list[dict[str, Any]]]
     things: dict[str, list[dict[str, str]]]
+    goldens: list[dict[str, Any]]
+    screens: list[dict[str, str]]
 
 
 class Kept(Sink):
@@ -187,11 +201,12 @@ def begun(path: Path, folder: Path) -> Path:
 def read(path: Path, folder: Path) -> Told:
     """Read a capture once for all faces; ``folder`` is empty and takes the files of exports."""
     witness, analysis, inventory, collector = _Witness(), Analysis(), Inventory(), Collector()
+    live = Live(lambda _connection: {}, (OPENED, CLOSED, LIVE_TRANSACTION), scd=False)
     writers = _Writers(witness)
     kept = Kept()
     feed = TableFeed(TABLES.values(), kept)
     exports = {form: _export(form, folder, path) for form in DOCUMENTS}
-    observers = [witness, analysis, inventory, collector, *writers.feeds, feed]
+    observers = [witness, analysis, inventory, collector, live, *writers.feeds, feed]
     fanout = Fanout([*observers, *[export.observer for export in exports.values()]], _failed)
     fanout.own_book = analysis.own_book
     run = Run([path], fanout, options_of(path))
@@ -216,7 +231,35 @@ def read(path: Path, folder: Path) -> Told:
         ("devices", "json"): ["".join(texts(json_outcome(devices)))],
         ("devices", "csv"): texts(FORMATS["csv"].lines("devices", devices)),
     }
-    return Told(path.name, lines, kept.rows, _documents(folder), witness.things)
+    screens = _screens(live, run.pipeline.now_ns)
+    return Told(path.name, lines, kept.rows, _documents(folder), witness.things, _goldens(path), screens)
+
+
+def _goldens(path: Path) -> list[dict[str, Any]]:
+    """Return the connections that the pytest plugin compares: all, chosen by an expression."""
+    try:
+        session = read_session(path, decoder=options_of(path).decoder, where="connection >= 1")
+    except GoldenError:  # too long for a golden
+        return []
+    found = []
+    for link in session.links:
+        outcomes = Counter([one.outcome for one in link.transactions])
+        row: dict[str, Any] = {name: outcomes[name] for name in OUTCOMES[1:]}
+        row |= {name: getattr(link, name) for name in ("carrier", "protocol", "ended", "ended_by", "tpdu_size")}
+        row["client"], row["server"] = link.addresses
+        if link.span is not None:
+            row |= {name: getattr(link.span, name) for name in ("number", "first_frame", "first_ns")}
+        found.append(row)
+    return found
+
+
+def _screens(live: Live, now_ns: int) -> list[dict[str, str]]:
+    """Return the rows of the list of connections of `monitor`, wide enough for all columns."""
+    model = Model()
+    model.take(live.fresh)
+    columns = rows._columns(_WIDE)
+    look = rows.Look(rows.sparks())
+    return [{column.head: column.cell(one, look)[0] for column, _ in columns} for one in model.connections(now_ns)]
 
 
 def _export(form: str, folder: Path, path: Path) -> Export:

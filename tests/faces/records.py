@@ -313,6 +313,12 @@ def end(host: str | None, port: int | None) -> str | None:
     return f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
 
 
+def _listed_connections(told: Told) -> Iterable[tuple[Hashable, Record]]:
+    """Yield the connections of the screens; a number without a value is a full stop there."""
+    for row in told.screens:
+        yield (int(row["#"]),), {name: "0" if text == "." else text for name, text in row.items()}
+
+
 _COUNTS: Final = "zeek-json.s7comm_finding_count"
 #: By kind of record its faces; where several have a fact, the first is the one that the others are compared with.
 FACES: Final[dict[str, tuple[Face, ...]]] = {
@@ -351,6 +357,8 @@ FACES: Final[dict[str, tuple[Face, ...]]] = {
         Face("-Y", "fields", lambda told: _by(told.things[CONNECTION], "connection")),
         Face("text", "people", lambda told: _by(people.connections(_report(told)), "number"), False),
         Face("ecs", "json", lambda told: _by(told.documents["ecs.connections"], "s7dissect.connection")),
+        Face("pytest", "json", lambda told: _by(told.goldens, "number"), False),
+        Face("screens", "people", _listed_connections, False),
     ),
     "transaction": (
         Face("link", "tables", lambda told: _links(told, _by_face("transaction", "tables", told)), False),

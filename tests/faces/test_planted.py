@@ -236,6 +236,8 @@ WRITTEN: Final[dict[tuple[str, str, str], Callable[[Told], None]]] = {
     ("connection", "pdu_length", "text"): in_lines("analysis", "text", r"PDU length 480,", "PDU length 240,"),
     ("connection", "answered", "tables"): in_rows("connections", "answered", 9),
     ("connection", "pdus", "ecs"): in_document("ecs.connections", _set("s7dissect", "pdus", to=99)),
+    ("connection", "ended", "pytest"): lambda one: one.goldens[0].update(ended="reset"),
+    ("connection", "answered", "screens"): lambda one: one.screens[0].update(answered="99"),
     ("connection", "called_tsap", "-Y"): in_fields("connection", "called_tsap", "02.00"),
     ("transaction", "outcome", "text"): in_lines("transactions", "text", r"Read Var  ", "Read Var  push  "),
     ("transaction", "latency", "text"): in_lines("transactions", "text", r"52 µs", "54 µs"),
