@@ -7,6 +7,7 @@ import re
 import shutil
 import signal
 import subprocess
+import sys
 import threading
 from contextlib import suppress
 from typing import Final
@@ -91,7 +92,7 @@ def _kill_group(process: subprocess.Popen[bytes]) -> None:
     """Kill a program and what it started (its process group), unless it has ended: its group may then be another's."""
     if process.poll() is not None:
         return
-    if not hasattr(os, "killpg"):
+    if sys.platform == "win32":
         process.kill()
         return
     with suppress(OSError):

@@ -15,12 +15,8 @@ from typing import IO, Final, NamedTuple
 
 from dissect.alerts.waiting import Waiting
 from dissect.findings.catalogue import SEVERITIES
+from dissect.wire import locks
 from dissect.wire.saving import PART, save
-
-try:
-    import fcntl
-except ImportError:  # not on Windows
-    fcntl = None  # type: ignore[assignment]
 
 #: Greatest number of alerts that are kept, and of their octets.
 MAX_ALERTS: Final = 4096
@@ -97,12 +93,11 @@ class Spool:
             except OSError as error:
                 self._note(error)
                 return
-            if fcntl is not None:
-                try:
-                    fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-                except OSError:
-                    lock.close()
-                    continue
+            try:
+                locks.lock(lock.fileno())
+            except OSError:
+                lock.close()
+                continue
             self.folder, self._lock, self.trouble = folder, lock, ""
             self._take_over()
             return

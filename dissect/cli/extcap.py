@@ -9,7 +9,6 @@ from __future__ import annotations
 import os
 import select
 import shlex
-import shutil
 import subprocess
 import sys
 from contextlib import contextmanager
@@ -27,6 +26,7 @@ from dissect.cli.options.tags import tag_options
 from dissect.cli.options.tls import tls_option
 from dissect.cli.run import complain, slow_option, write
 from dissect.source.live import BUFFER_MIB
+from dissect.source.wireshark import find_program
 from dissect.wire.saving import save
 from dissect.wire.text import printable
 
@@ -146,7 +146,7 @@ def command(
 def _write_options(interface: str, reload_option: str | None) -> None:
     from dissect.source.live.interfaces import list_interfaces
 
-    found = list_interfaces(shutil.which("dumpcap") or "") if interface == sentences.LIVE else []
+    found = list_interfaces(find_program("dumpcap")) if interface == sentences.LIVE else []
     lines = list(sentences.option_sentences(interface, found))
     write([line for line in lines if line.startswith("value")] if reload_option else lines)
 
@@ -243,7 +243,7 @@ def _live(interface: str | None, expression: str, writer: PcapngWriter, options:
 
 def _is_closed(writer: PcapngWriter) -> bool:
     """Return whether the reader of the pipe is gone, which on a silent line no write would show."""
-    if not hasattr(select, "poll") or writer.closed:
+    if sys.platform == "win32" or writer.closed:
         return writer.closed
     poll = select.poll()
     poll.register(writer.fileno(), 0)
@@ -308,8 +308,8 @@ def _is_extcap_folder(place: Path) -> bool:
 
 def _extcap_folder() -> Path:
     """Return Wireshark's personal extcap folder, which differs by version and system, so tshark is asked."""
-    program = shutil.which("tshark") or shutil.which("wireshark")
-    if program is None:
+    program = find_program("tshark") or find_program("wireshark")
+    if not program:
         raise click.UsageError(
             "tshark was not found, which knows the folder: give it as --install DIR (Wireshark: Help, About, Folders, "
             "Personal Extcap path)."

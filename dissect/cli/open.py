@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import shutil
 import subprocess
 import sys
 import tempfile
@@ -20,6 +19,7 @@ from dissect.cli.options.select import where_option
 from dissect.cli.reading import Reading
 from dissect.cli.run import Signals, complain
 from dissect.cli.second_pass import around_option, check_files, name_of, read_again, read_first, tell_cut, written_whole
+from dissect.source.wireshark import find_program
 from dissect.wire.text import printable
 
 if TYPE_CHECKING:
@@ -31,12 +31,6 @@ if TYPE_CHECKING:
 _EXIT_CODES: Final = (
     "Exit code: 0 success, 2 wrong use, an unreadable or unwritable file, nothing to show, or no Wireshark, 3 a damaged or "
     "truncated file (what could be read was shown), 5 the output could not be written (disk full), 130 interrupted."
-)
-
-#: Where Wireshark is when it is not on the path: macOS and Windows install it so.
-_USUAL: Final = (
-    "/Applications/Wireshark.app/Contents/MacOS/Wireshark",
-    r"C:\Program Files\Wireshark\Wireshark.exe",
 )
 
 
@@ -88,7 +82,7 @@ def command(
         raise click.UsageError("--around needs -Y: all packets are shown.")
     files = reading.files
     check_files(files, output or "-", force)
-    program = _program()
+    program = find_program("wireshark")
     if program is None and output is None:
         raise click.ClickException(
             "Wireshark was not found here; -o OUT writes the file to open it elsewhere, with wireshark -r OUT -g PACKET."
@@ -106,16 +100,10 @@ def command(
         if output is not None:
             tell_cut(cutter, output)
         number = _target(cutter, choice, frame.start if frame is not None else None)
-        if program is None:
+        if not program:
             click.echo(f"s7dissect: open it with: wireshark -r {name_of(path)} -g {number}", err=True)
             return code
         return _show(program, path, number) or code
-
-
-def _program() -> str | None:
-    """Return the path of Wireshark, None when it is not installed."""
-    found = shutil.which("wireshark")
-    return found or next((path for path in _USUAL if os.access(path, os.X_OK)), None)
 
 
 @contextmanager

@@ -38,7 +38,10 @@ _GROWS: Final = 10
 #: Lines that are joined and written together; many more cost fresh memory each time.
 PIECE: Final = 64
 #: Pieces that the system writes without having them in one, 0 where it cannot.
-_GATHERED: Final = os.sysconf("SC_IOV_MAX") if hasattr(os, "sysconf") and hasattr(os, "writev") else 0
+if sys.platform == "win32":
+    _GATHERED = 0
+else:
+    _GATHERED = os.sysconf("SC_IOV_MAX")
 
 #: What stands in names that are patterns, ranges of days, or of another machine.
 _NOT_PLAIN: Final = ("://", "*", "?", "[", "{")
@@ -142,7 +145,7 @@ def write_pieces(pieces: list[bytes]) -> None:
     """Write what was made of lines, of which no piece has to end where a line ends, without putting it together first."""
     out = sys.stdout.buffer
     written = 0
-    if len(pieces) <= _GATHERED:
+    if sys.platform != "win32" and len(pieces) <= _GATHERED:
         try:
             descriptor = out.fileno()
         except OSError:  # it is no file

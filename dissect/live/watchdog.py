@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 import socket
+import sys
 import time
 from collections.abc import Callable
 from contextlib import suppress
@@ -27,7 +28,7 @@ _STATUS_S: Final = 10.0
 def of_environment(clock: Callable[[], float] = time.monotonic) -> Watchdog | None:
     """Return the heartbeat that systemd asks for, None where this is no service that may notify."""
     address = os.environ.get("NOTIFY_SOCKET", "")
-    if not address.startswith(("/", "@")) or not hasattr(socket, "AF_UNIX"):
+    if not address.startswith(("/", "@")):
         return None
     given = os.environ.get("WATCHDOG_USEC", "")
     mine = os.environ.get("WATCHDOG_PID", str(os.getpid())) == str(os.getpid())
@@ -71,6 +72,8 @@ class Watchdog(Companion):
 
     def _send(self, lines: list[str]) -> None:
         """Send a message; whoever does not take it is left alone: the next one says the same."""
+        if sys.platform == "win32":  # which has no systemd
+            return
         with suppress(OSError), socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as channel:
             channel.setblocking(False)
             channel.sendto("\n".join(lines).encode("ascii"), self._address)

@@ -55,7 +55,7 @@ class _Message(msgspec.Struct, array_like=True):
 
 def possible() -> bool:
     """Return whether this system has fork."""
-    return hasattr(os, "fork")
+    return sys.platform != "win32"
 
 
 class RelayProcess:
@@ -86,6 +86,8 @@ class RelayProcess:
 
     def start(self) -> None:
         """Begin to relay."""
+        if sys.platform == "win32":
+            raise NotImplementedError  # `possible` said so
         with warnings.catch_warnings():
             # Python warns of fork if there are threads. The command has none yet; tests have only their own peers.
             warnings.simplefilter("ignore", DeprecationWarning)

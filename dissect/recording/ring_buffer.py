@@ -30,12 +30,8 @@ from dissect.recording.comments import MARK
 from dissect.recording.names import PART, SUFFIX
 from dissect.source.packet import PacketSink
 from dissect.source.pcapng_writer import PcapngWriter, section_mark
+from dissect.wire import locks
 from dissect.wire.text import Clock
-
-try:
-    import fcntl
-except ImportError:  # not on Windows, where an open file cannot be removed anyway
-    fcntl = None  # type: ignore[assignment]
 
 #: Octets read from the beginning of a file, enough for its section header.
 _HEAD: Final = 4096
@@ -79,11 +75,11 @@ def earlier_files(directory: Path, name: str) -> list[EarlierFile]:
 
 
 def lock(descriptor: int) -> None:
-    """Lock a file that is being written until it is closed; does nothing on systems without locks."""
-    if fcntl is not None:
+    """Lock a file that is being written until it is closed; not on Windows, where an open file cannot be removed anyway."""
+    if not locks.MANDATORY:
         # If this file system has no locks, unfinished files are recognised only by their name and comment.
         with suppress(OSError):
-            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            locks.lock(descriptor)
 
 
 def _status(path: Path, mark: str) -> os.stat_result | None:
@@ -97,8 +93,7 @@ def _status(path: Path, mark: str) -> os.stat_result | None:
         status = os.fstat(descriptor)
         if not stat.S_ISREG(status.st_mode) or section_mark(os.read(descriptor, _HEAD)) != mark:
             return None
-        if fcntl is not None:
-            fcntl.flock(descriptor, fcntl.LOCK_SH | fcntl.LOCK_NB)
+        locks.lock(descriptor, shared=True)
     except OSError:
         return None
     else:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import sys
 from collections.abc import Callable
 from typing import Any, Final
 
@@ -19,10 +20,9 @@ _INDEXED: Final = "dissect.cli.options.jobs.indexed"
 
 def processors() -> int:
     """Return how many processors this process may use."""
-    try:
+    if sys.platform == "linux":
         return len(os.sched_getaffinity(0))
-    except AttributeError:  # not on macOS and Windows
-        return os.cpu_count() or 1
+    return os.cpu_count() or 1
 
 
 def _jobs(ctx: click.Context, param: click.Parameter, value: str) -> int:

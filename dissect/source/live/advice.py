@@ -81,6 +81,8 @@ def find_unusable(program: str) -> str:
 
 def _gate_group(program: str) -> str:
     """Return the group whose members may run ``program``, where other users may not; empty when there is no such group."""
+    if sys.platform == "win32":
+        return ""
     try:
         status = Path(program).stat()
         import grp
@@ -92,6 +94,8 @@ def _gate_group(program: str) -> str:
 
 
 def _is_member(group: str) -> bool:
+    if sys.platform == "win32":
+        return False
     try:
         import grp
 

@@ -8,17 +8,18 @@ dropped by the kernel are not known; those lost by the interface can be read at 
 from __future__ import annotations
 
 import os
-import shutil
 import signal
 import subprocess
+import sys
 import time
 from contextlib import suppress
-from typing import Final
+from typing import Any, Final
 
+from dissect.source import wireshark
 from dissect.source.live import advice
 from dissect.source.live.advice import shown
 from dissect.source.live.interfaces import ask, find_interface
-from dissect.source.live.pipe import PipeReader, PipeSource
+from dissect.source.live.pipe import PipeReader, PipeSource, read_pipe
 from dissect.source.live.reader import Drops, LiveError, UnavailableError
 from dissect.source.packet import PacketSink
 from dissect.source.pcapng import PcapngReader
@@ -34,13 +35,21 @@ _END_S: Final = 2.0
 _MAX_SAID: Final = 8192
 #: The size of the pipe in octets, the most that an unprivileged process may set, so that dumpcap need not wait.
 _PIPE_SIZE: Final = 1 << 20
+# dumpcap gets a group of its own, so that Ctrl-C does not reach it: this process ends it, in the way that it listens to.
+_APART: dict[str, Any]
+if sys.platform == "win32":
+    _APART = {"creationflags": subprocess.CREATE_NEW_PROCESS_GROUP}
+    _END = signal.CTRL_BREAK_EVENT
+else:
+    _APART = {"process_group": 0}
+    _END = signal.SIGTERM
 #: Beginnings of lines of stderr that are not errors.
 _CHATTER: Final = ("Capturing on ", "File: ", "Packets captured: ", "Packets received/dropped ", "Packets: ")
 
 
 def find_program() -> str:
     """Return the path of dumpcap; `UnavailableError` when there is none, or none that this user may run."""
-    path = shutil.which(PROGRAM)
+    path = wireshark.find_program(PROGRAM)
     if path:
         return path
     unusable = advice.find_unusable(PROGRAM)
@@ -64,7 +73,8 @@ def _widen(descriptor: int) -> None:
     with suppress(ImportError, AttributeError, OSError):
         import fcntl
 
-        fcntl.fcntl(descriptor, fcntl.F_SETPIPE_SZ, _PIPE_SIZE)
+        if sys.platform == "linux":
+            fcntl.fcntl(descriptor, fcntl.F_SETPIPE_SZ, _PIPE_SIZE)
 
 
 class DumpcapReader(PipeReader):
@@ -75,11 +85,10 @@ class DumpcapReader(PipeReader):
         errors = child.stderr
         assert pipe is not None
         assert errors is not None
-        os.set_blocking(errors.fileno(), False)
         _widen(pipe.fileno())
         super().__init__(PipeSource(pipe.fileno(), owned=False), interface, PROGRAM, wait_ms)
         self._child = child
-        self._errors = errors.fileno()
+        self._errors = read_pipe(errors.fileno())
         self._said = b""
         self._asked_at: float | None = None
         described = find_interface(interface)
@@ -136,7 +145,7 @@ class DumpcapReader(PipeReader):
         if self._asked_at is None:
             self._asked_at = time.monotonic()
         if self._child.poll() is None:
-            self._child.send_signal(signal.SIGTERM)
+            self._child.send_signal(_END)
 
     def close(self) -> None:
         """End dumpcap, by force if it does not end when asked, and release the pipe. May be called twice."""
@@ -177,9 +186,8 @@ class DumpcapReader(PipeReader):
         """Read dumpcap's stderr, and keep the end of it."""
         if self._child.stderr is None or self._child.stderr.closed:
             return
-        with suppress(BlockingIOError):
-            while piece := os.read(self._errors, _MAX_SAID):
-                self._said = (self._said + piece)[-_MAX_SAID:]
+        while piece := self._errors.read(_MAX_SAID, 0):
+            self._said = (self._said + piece)[-_MAX_SAID:]
 
 
 def open_dumpcap(
@@ -200,7 +208,7 @@ def open_dumpcap(
             stderr=subprocess.PIPE,
             env={**os.environ, "LC_ALL": "C"},
             bufsize=0,
-            process_group=0,  # so that Ctrl-C does not reach dumpcap: this process ends it
+            **_APART,
         )
     except OSError as error:
         raise LiveError(f"{program}: cannot be started: {error.strerror}") from None

@@ -54,6 +54,10 @@ LINK_TYPES: Final = {1: (LINKTYPE_ETHERNET, "Ethernet"), 772: (LINKTYPE_ETHERNET
 _OTHER_KINDS: Final = {280: "CAN", 512: "PPP", 778: "GRE", 801: "802.11", 802: "802.11", 803: "802.11", 824: "netlink"}
 
 
+#: How the names begin that dumpcap has for interfaces on Windows.
+_WINDOWS_DEVICE: Final = "\\Device\\NPF_"
+
+
 class NetworkInterface(NamedTuple):
     """One interface. ``state`` is ``up``, ``down``, ``no carrier`` or empty (not known); ``link_type`` a LINKTYPE number or -1.
 
@@ -101,6 +105,8 @@ def _from_kernel() -> list[NetworkInterface]:
 
 def _dump(kind: int, size: int) -> Iterator[tuple[int, bytes]]:
     """Request all objects of a kind; yield type and body of each message of the answer."""
+    if sys.platform != "linux":
+        return
     with socket.socket(socket.AF_NETLINK, socket.SOCK_RAW, socket.NETLINK_ROUTE) as asking:
         asking.settimeout(5)
         asking.send(_HEADER.pack(_HEADER.size + size, kind, _REQUEST | _DUMP, 1, 0) + bytes(size))
@@ -174,6 +180,8 @@ def _from_dumpcap(program: str) -> list[NetworkInterface]:
         number, dot, name = fields[0].partition(". ")
         if not dot or not number.isdigit() or len(fields) < 6:
             continue
+        if name.startswith(_WINDOWS_DEVICE):  # nobody types that, and dumpcap takes the name that Windows shows
+            name = fields[2] or name
         addresses = tuple(address for address in fields[4].split(",") if address)
         loopback = fields[5] == "loopback"
         found.append(NetworkInterface(name, int(number), "", loopback, -1, "", "", 0, addresses, None))

@@ -120,11 +120,12 @@ def _find(name: str) -> NetworkInterface | None:
 
 
 def _special(program: str) -> list[str]:
-    """Return the names of all interfaces that dumpcap lists."""
+    """Return the names of all interfaces that dumpcap lists, and what Windows calls them: dumpcap takes either."""
     if not program:
         return []
     lines = ask(program, "-D", "-M").stdout.decode("utf-8", "backslashreplace").splitlines()
-    return [line.split("\t")[0].partition(". ")[2] for line in lines]
+    fields = [line.split("\t") for line in lines]
+    return [name for row in fields for name in (row[0].partition(". ")[2], *row[2:3]) if name]
 
 
 def _open_ring(

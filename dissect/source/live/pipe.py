@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import os
+import queue
 import select
 import sys
+import threading
 import time
-from typing import Final
+from typing import Final, Protocol
 
 from dissect.source.files import find_reader
 from dissect.source.live.reader import LiveError, LiveReader
@@ -16,8 +18,83 @@ from dissect.source.pcapng import PCAPNG_MAGIC
 
 #: How many octets show what a capture is.
 _HEAD: Final = 12
+#: How many pieces a thread reads ahead.
+_AHEAD: Final = 4
 #: How long a stopped reader goes on reading what is already in the pipe, in seconds.
 _STOP_S: Final = 0.2
+
+
+class PipeOctets(Protocol):
+    """Reads a pipe with a limit of time."""
+
+    def read(self, size: int, wait_s: float | None) -> bytes | None:
+        """Return up to ``size`` octets, none at the end, None when none came within ``wait_s`` seconds. Raises OSError."""
+
+
+if sys.platform != "win32":
+
+    class _Polled:
+        def __init__(self, descriptor: int) -> None:
+            self._descriptor = descriptor
+            self._poll = select.poll()
+            self._poll.register(descriptor, select.POLLIN)
+
+        def read(self, size: int, wait_s: float | None) -> bytes | None:
+            """As `PipeOctets.read`."""
+            if wait_s is not None and not self._poll.poll(wait_s * 1000):
+                return None
+            try:
+                return os.read(self._descriptor, size)
+            except BlockingIOError:
+                return None
+
+
+class PipeThread:
+    """Reads a pipe ahead in a thread: on Windows nothing else can wait for one with a limit of time."""
+
+    def __init__(self, descriptor: int) -> None:
+        self._descriptor = descriptor
+        self._pieces: queue.Queue[bytes | OSError] = queue.Queue(_AHEAD)
+        self._thread = threading.Thread(target=self._fill, name="s7dissect-pipe", daemon=True)
+        self._rest = b""
+        self._ended = False
+
+    def read(self, size: int, wait_s: float | None) -> bytes | None:
+        """As `PipeOctets.read`."""
+        if self._ended:
+            return b""
+        if not self._rest:
+            if self._thread.ident is None:
+                self._thread.start()
+            try:
+                piece = self._pieces.get(wait_s is None or wait_s > 0, wait_s)
+            except queue.Empty:
+                return None
+            if isinstance(piece, OSError):
+                self._ended = True
+                raise piece
+            self._ended = not piece
+            self._rest = piece
+        piece, self._rest = self._rest[:size], self._rest[size:]
+        return piece
+
+    def _fill(self) -> None:
+        while True:
+            try:
+                piece = os.read(self._descriptor, CHUNK)
+            except OSError as error:
+                self._pieces.put(error)
+                return
+            self._pieces.put(piece)
+            if not piece:
+                return
+
+
+def read_pipe(descriptor: int) -> PipeOctets:
+    """Return what reads the pipe ``descriptor`` on this system."""
+    if sys.platform != "win32":
+        return _Polled(descriptor)
+    return PipeThread(descriptor)
 
 
 class StillNothingError(Exception):
@@ -38,8 +115,7 @@ class PipeSource:
         self._owned = owned
         self._head = b""
         self._taken = 0
-        self._poll = select.poll()
-        self._poll.register(descriptor, select.POLLIN)
+        self._pipe = read_pipe(descriptor)
 
     def gather_head(self) -> bool:
         """Read enough octets to recognise the capture, or up to the end of the pipe; return False when time is up before."""
@@ -75,16 +151,12 @@ class PipeSource:
         if self.damage or self._descriptor < 0:
             return b""
         try:
-            if self.deadline is not None:
-                left = max(self.deadline - time.monotonic(), 0.0)
-                if not self._poll.poll(left * 1000):
-                    raise StillNothingError
-            piece = os.read(self._descriptor, size)
-        except BlockingIOError:
-            raise StillNothingError from None
+            piece = self._pipe.read(size, None if self.deadline is None else max(self.deadline - time.monotonic(), 0.0))
         except OSError as error:
             self.damage = f"{READING_FAILED} {self._taken}: {error.strerror or error}"
             return b""
+        if piece is None:
+            raise StillNothingError
         self._taken += len(piece)
         return piece
 

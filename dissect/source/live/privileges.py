@@ -10,6 +10,7 @@ from __future__ import annotations
 import ctypes
 import os
 import re
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Final, NamedTuple
@@ -45,6 +46,8 @@ def is_root() -> bool:
 
 def heir(name: str = "") -> User:
     """Return the user that root becomes: ``name``, else the one who called sudo, else nobody. `LiveError` for a wrong name."""
+    if sys.platform == "win32":
+        raise LiveError("Windows has no user to become (-Z)")
     import pwd
 
     if name:
@@ -76,6 +79,8 @@ def missing(directory: str) -> list[Path]:
 
 def give(made: Sequence[Path], user: User) -> None:
     """Make ``user`` the owner of folders and files that this process has made."""
+    if sys.platform == "win32":
+        return
     for path in made:
         handle = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK)
         try:
@@ -97,6 +102,8 @@ def relinquish(user: User | None) -> None:
 
     Programs started later gain no privileges either (no_new_privs). A caller that catches the error must end the process.
     """
+    if sys.platform != "linux":  # as the ring is, which this is for
+        raise LiveError("privileges can be dropped only on Linux")
     try:
         if user is not None:
             if user.name:
@@ -118,6 +125,8 @@ def relinquish(user: User | None) -> None:
 
 def rights_left() -> str:
     """Return which privileges a thread of this process still has, according to the kernel; empty when none has any."""
+    if sys.platform != "linux":
+        return ""
     if 0 in os.getresuid():
         return "those of root"
     for status in sorted(Path("/proc/self/task").glob("*/status")):

@@ -15,6 +15,7 @@ import mmap
 import select
 import socket
 import struct
+import sys
 import time
 from contextlib import suppress
 from typing import Final
@@ -53,6 +54,8 @@ _RETIRE_MS: Final = 20
 _STATUS_USER: Final = 1
 _GIVE_BACK: Final = struct.pack("=I", 0)
 
+_NEEDS: Final = "the ring needs Linux"
+
 
 def trouble() -> LiveError | None:
     """Return why no ring can be opened here, None when one can be."""
@@ -64,14 +67,29 @@ def trouble() -> LiveError | None:
 
 
 def _new_socket() -> socket.socket:
-    if not hasattr(socket, "AF_PACKET"):
-        raise UnavailableError("the ring needs Linux", advice.dumpcap_missing()[:1])
+    if sys.platform != "linux":
+        raise UnavailableError(_NEEDS, advice.dumpcap_missing()[:1])
     try:
         return socket.socket(socket.AF_PACKET, socket.SOCK_RAW, 0)
     except PermissionError:
         raise UnavailableError("the ring: no permission to capture", advice.ring_permission()) from None
     except OSError as error:
         raise LiveError(f"the ring: the system refuses a packet socket: {error.strerror}") from None
+
+
+def _mapped(packets: socket.socket, blocks: int) -> mmap.mmap:
+    if sys.platform == "win32":
+        raise UnavailableError(_NEEDS)
+    return mmap.mmap(packets.fileno(), blocks * BLOCK_SIZE, mmap.MAP_SHARED)
+
+
+def _reports_error(packets: socket.socket, wait_ms: int) -> bool:
+    """Wait up to ``wait_ms`` for packets; return whether the socket reports an error instead."""
+    if sys.platform == "win32":
+        return True
+    poll = select.poll()
+    poll.register(packets.fileno(), select.POLLIN)
+    return any([events & ~select.POLLIN for _descriptor, events in poll.poll(wait_ms)])
 
 
 class RingReader(LiveReader):
@@ -83,11 +101,9 @@ class RingReader(LiveReader):
         self._index = interface.number
         self._link_type = interface.link_type
         self._skip_outgoing = interface.loopback
-        self._ring = mmap.mmap(packets.fileno(), blocks * BLOCK_SIZE, mmap.MAP_SHARED)
+        self._ring = _mapped(packets, blocks)
         self._blocks = blocks
         self._next = 0
-        self._poll = select.poll()
-        self._poll.register(packets.fileno(), select.POLLIN)
         self._stop_at: float | None = None
         self._closed = False
         self._dropped = 0
@@ -160,10 +176,7 @@ class RingReader(LiveReader):
             if left <= 0:
                 return False
             wait_ms = min(wait_ms, int(left * 1000) + 1)
-        for _descriptor, events in self._poll.poll(wait_ms):
-            if events & ~select.POLLIN:
-                return self._disturbed()
-        return True
+        return self._disturbed() if _reports_error(self._socket, wait_ms) else True
 
     def _disturbed(self) -> bool:
         """The socket reports an error: return True if the interface just went down, and may come back; else end."""
