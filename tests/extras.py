@@ -12,7 +12,7 @@ from typing import Final
 
 ROOT: Final = Path(__file__).resolve().parents[1]
 #: Extras for developers, which no page of a user needs.
-_OURS: Final = frozenset(("docs", "fuzz", "test"))
+_OURS: Final = frozenset(("all", "docs", "fuzz", "test"))
 
 #: Runs in the process of the example, in front of it.
 _HIDE: Final = """

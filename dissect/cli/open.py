@@ -83,7 +83,7 @@ def command(
     files = reading.files
     check_files(files, output or "-", force)
     program = find_program("wireshark")
-    if program is None and output is None:
+    if not program and output is None:
         raise click.ClickException(
             "Wireshark was not found here; -o OUT writes the file to open it elsewhere, with wireshark -r OUT -g PACKET."
         )

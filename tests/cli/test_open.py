@@ -54,7 +54,7 @@ class Fake:
 def wireshark(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Fake:
     (tmp_path / "tmp").mkdir()
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path / "tmp"))
-    monkeypatch.setattr("dissect.cli.open._USUAL", ())
+    monkeypatch.setattr("dissect.source.wireshark._USUAL", ())
     return Fake(tmp_path, monkeypatch)
 
 

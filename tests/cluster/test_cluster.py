@@ -329,7 +329,10 @@ def test_verify(capfdbinary: Capture, site: Site) -> None:
 
 
 def test_a_worker_that_may_not_read_what_another_may(capfdbinary: Capture, site: Site) -> None:
-    """Worker a has no key: it is named with the file, worker b reads it; after three files a is given no more."""
+    """Worker a has no key: it is named with the file, worker b reads it; after three files a is given no more.
+
+    That it cannot read one is known when b has read it: until then a slow machine lets a try another.
+    """
     files = [
         f"{site.sftp}/{name}" for name in ("szl.pcapng", "clock.pcapng", "szl.pcapng", "clock.pcapng", "szl.pcapng")
     ]
@@ -337,11 +340,11 @@ def test_a_worker_that_may_not_read_what_another_may(capfdbinary: Capture, site:
     assert ran.code == 3
     assert [file["packets"] for file in json.loads(ran.out)["files"]] == [42, 20, 42, 20, 42]
     refused = [line for line in ran.err.splitlines() if "access refused" in line]
-    assert 0 < len(refused) <= 3
+    assert refused
     for line in refused:
         assert line.startswith(f"s7dissect: {site.sftp}/")
         assert re.search(r"\w\.pcapng: access refused \(.*\).*; another worker read it \(worker a on \S+\)$", line)
-    assert ("worker a on" in ran.err and "gets no more files" in ran.err) == (len(refused) == 3)
+    assert ("worker a on" in ran.err and "gets no more files" in ran.err) == (len(refused) >= 3)
 
 
 def test_rows_and_tables(capfdbinary: Capture, site: Site, tmp_path: Path) -> None:

@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dissect.source.live import interfaces
+from dissect.source.live import interfaces, opening
 from dissect.source.live.interfaces import NetworkInterface, find_interface, list_interfaces
 from tests.source.live_support import in_namespace
 
@@ -101,6 +101,20 @@ def test_without_rtnetlink_dumpcap_is_asked(monkeypatch: pytest.MonkeyPatch, tmp
         NetworkInterface("utun0", 4, "", False, -1, "", "", 0, (), None),
     ]
     assert list_interfaces() == []
+
+
+def test_windows_names_are_those_that_it_shows(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.delattr(socket, "AF_NETLINK")
+    device = r"\Device\NPF_{0BADC0DE-0000-4000-8000-000000000001}"
+    (tmp_path / "listed").write_text(
+        f"1. {device}\tIntel(R) Ethernet\tEthernet 2\t0\t192.168.0.9\tnetwork\n"
+        f"2. {device}x\t\t\t0\t\tnetwork\n"
+        "3. \\Device\\NPF_Loopback\tAdapter for loopback\tAdapter for loopback\t0\t127.0.0.1\tloopback\n",
+        encoding="utf-8",
+    )
+    program = stub(tmp_path, f'[ "$*" = "-D -M" ] && cat {tmp_path}/listed')
+    assert [one.name for one in list_interfaces(program)] == ["Ethernet 2", f"{device}x", "Adapter for loopback"]
+    assert {device, "Ethernet 2", f"{device}x", "Adapter for loopback"} <= set(opening._special(program))
 
 
 def test_a_program_that_cannot_be_started_is_no_answer(tmp_path: Path) -> None:

@@ -22,6 +22,10 @@ _AS_ROOT: Final = (
 
 def dumpcap_missing() -> tuple[str, ...]:
     """Return how to get dumpcap."""
+    if sys.platform == "win32":
+        return ("install Wireshark with Npcap, which its installer offers",)
+    if sys.platform == "darwin":
+        return ("install Wireshark with ChmodBPF, which comes with it",)
     return (
         "install it: sudo apt install wireshark-common (Debian, Ubuntu), sudo dnf install wireshark-cli (Fedora, RHEL)",
         "or read the interface without it: --engine ring, as root or with CAP_NET_RAW",
@@ -30,6 +34,8 @@ def dumpcap_missing() -> tuple[str, ...]:
 
 def dumpcap_permission(program: str) -> tuple[str, ...]:
     """Return how to allow this user to capture with the dumpcap at ``program``."""
+    if sys.platform == "win32":
+        return ("start the console as administrator, or install Npcap without restricting it to administrators",)
     if sys.platform == "darwin":
         return ("install ChmodBPF, which comes with Wireshark, and log in again",)
     if _is_root():

@@ -163,6 +163,7 @@ class DumpcapReader(PipeReader):
             self._child.kill()
             self._child.wait()
         self._listen()
+        self._errors.close()
         if self._child.stderr is not None:
             self._child.stderr.close()
         self._settle(drops)

@@ -30,6 +30,9 @@ class PipeOctets(Protocol):
     def read(self, size: int, wait_s: float | None) -> bytes | None:
         """Return up to ``size`` octets, none at the end, None when none came within ``wait_s`` seconds. Raises OSError."""
 
+    def close(self) -> None:
+        """Read no more. The descriptor stays its owner's. May be called twice."""
+
 
 if sys.platform != "win32":
 
@@ -48,12 +51,17 @@ if sys.platform != "win32":
             except BlockingIOError:
                 return None
 
+        def close(self) -> None:
+            """As `PipeOctets.close`."""
+
 
 class PipeThread:
     """Reads a pipe ahead in a thread: on Windows nothing else can wait for one with a limit of time."""
 
     def __init__(self, descriptor: int) -> None:
-        self._descriptor = descriptor
+        # One of its own: once the other is closed, its number may be that of another file while the thread still waits.
+        self._descriptor = os.dup(descriptor)
+        self._closed = False
         self._pieces: queue.Queue[bytes | OSError] = queue.Queue(_AHEAD)
         self._thread = threading.Thread(target=self._fill, name="s7dissect-pipe", daemon=True)
         self._rest = b""
@@ -78,16 +86,31 @@ class PipeThread:
         piece, self._rest = self._rest[:size], self._rest[size:]
         return piece
 
+    def close(self) -> None:
+        """As `PipeOctets.close`. A thread that waits for octets ends when some come, or the pipe ends."""
+        if not self._closed and self._thread.ident is None:
+            os.close(self._descriptor)
+        self._closed = True
+
     def _fill(self) -> None:
-        while True:
+        piece: bytes | OSError = b""
+        more = True
+        while more and not self._closed:
             try:
                 piece = os.read(self._descriptor, CHUNK)
+                more = bool(piece)
             except OSError as error:
-                self._pieces.put(error)
-                return
-            self._pieces.put(piece)
-            if not piece:
-                return
+                piece, more = error, False
+            self._put(piece)
+        os.close(self._descriptor)
+
+    def _put(self, piece: bytes | OSError) -> None:
+        while not self._closed:
+            try:
+                self._pieces.put(piece, timeout=_STOP_S)
+            except queue.Full:
+                continue
+            return
 
 
 def read_pipe(descriptor: int) -> PipeOctets:
@@ -143,6 +166,7 @@ class PipeSource:
 
     def close(self) -> None:
         """Release the descriptor. May be called twice."""
+        self._pipe.close()
         if self._owned and self._descriptor >= 0:
             os.close(self._descriptor)
         self._descriptor = -1

@@ -55,6 +55,7 @@ _STATUS_USER: Final = 1
 _GIVE_BACK: Final = struct.pack("=I", 0)
 
 _NEEDS: Final = "the ring needs Linux"
+_INSTEAD: Final = ("let dumpcap capture: --engine dumpcap",)
 
 
 def trouble() -> LiveError | None:
@@ -68,7 +69,7 @@ def trouble() -> LiveError | None:
 
 def _new_socket() -> socket.socket:
     if sys.platform != "linux":
-        raise UnavailableError(_NEEDS, advice.dumpcap_missing()[:1])
+        raise UnavailableError(_NEEDS, _INSTEAD)
     try:
         return socket.socket(socket.AF_PACKET, socket.SOCK_RAW, 0)
     except PermissionError:
@@ -213,6 +214,8 @@ def open_ring(
     interface: NetworkInterface, expression: str, wait_ms: int, *, buffer_mib: int, promiscuous: bool
 ) -> RingReader:
     """Open a ring on ``interface``; `LiveError` with advice when that is not allowed or the filter is not usable."""
+    if sys.platform != "linux":  # where nobody knows the link type either
+        raise UnavailableError(_NEEDS, _INSTEAD)
     if interface.link_type < 0:
         raise LiveError(
             f"{interface.name}: the ring reads Ethernet and raw IP, not {interface.link_name}; let dumpcap capture"
