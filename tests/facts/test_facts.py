@@ -172,3 +172,26 @@ def test_json_has_the_keys_of_the_table_in_its_order(paths: tuple[Path, ...]) ->
             for fact in [fact for fact in facts.values() if fact.key]:
                 assert fact.rare or fact.key in record
                 assert not fact.codes or record[fact.key] in {*fact.codes, None}
+
+
+#: The functions that make columns and tables, all of facts.
+MAKERS: Final = {("Column", "_time"), ("Column", "_columns"), ("Table", "_of_facts")}
+
+
+def test_no_column_is_made_but_of_a_fact() -> None:
+    found = set()
+    for path in sorted((ROOT / "dissect").rglob("*.py")):
+        text = path.read_text(encoding="utf-8")
+        if path.name != "tables.py" and "dissect.export.tables import" not in text:
+            continue
+        for function in [node for node in ast.walk(ast.parse(text)) if isinstance(node, ast.FunctionDef | ast.Module)]:
+            name = function.name if isinstance(function, ast.FunctionDef) else ""
+            inner = (
+                function.body
+                if name
+                else [one for one in function.body if not isinstance(one, ast.FunctionDef | ast.ClassDef)]
+            )
+            calls = [node for part in inner for node in ast.walk(part) if isinstance(node, ast.Call)]
+            made = {node.func.id for node in calls if isinstance(node.func, ast.Name)} & {"Column", "Table"}
+            found |= {(one, name) for one in made}
+    assert found == MAKERS
