@@ -151,11 +151,10 @@ function use(one, used) {
 
 /** @param {HTMLElement} place */
 function reportTab(place) {
-  return shown(place, desk, argvOf(desk, "report", ["-o", "-"]), async (result) => {
+  return shown(place, desk, argvOf(desk, "report", ["-o", "-"]), (result) => {
     if (!result.out.size) return null;
-    const page = (await result.out.text()).replace("<head>", () => `<head><script>${at("frame").textContent}<\/script>`);
     // It has no origin and cannot reach this page.
-    const frame = h("iframe", { title: "Report", class: "report", sandbox: "allow-scripts allow-downloads", src: URL.createObjectURL(new Blob([page], { type: "text/html" })) });
+    const frame = h("iframe", { title: "Report", class: "report", sandbox: "allow-scripts allow-downloads", src: URL.createObjectURL(new Blob([result.out], { type: "text/html" })) });
     return h("div", {}, h("p", {}, h("button", { type: "button", click: () => save("report.html", new Blob([result.out], { type: "text/html" })) }, "Save the report")), frame);
   });
 }

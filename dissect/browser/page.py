@@ -32,15 +32,14 @@ class TooLargeError(Exception):
 def made(contents: Contents, version: str) -> bytes:
     """Return the page. `TooLargeError` if it became larger than it may be."""
     folder = files("dissect.browser")
-    names = ("shell.css", "worker.js", "frame.js", "shell.html")
-    style, worker, inner, shell = [folder.joinpath(name).read_text(encoding="utf-8") for name in names]
+    names = ("shell.css", "worker.js", "shell.html")
+    style, worker, shell = [folder.joinpath(name).read_text(encoding="utf-8") for name in names]
     script = "\n".join([folder.joinpath(name).read_text(encoding="utf-8") for name in SCRIPTS])
     values = {
-        "policy": policy(style, script, inner),
+        "policy": policy(style, script),
         "style": style,
         "script": script,
         "worker": worker,
-        "frame": inner,
         "version": html.escape(version),
         "lock": json.dumps(_LOCK),
         "licences": _licences(contents),
@@ -52,11 +51,11 @@ def made(contents: Contents, version: str) -> bytes:
     return page
 
 
-def policy(style: str, script: str, inner: str) -> str:
-    """Return the Content-Security-Policy: these scripts and this style, those of the report, a worker; no connection."""
+def policy(style: str, script: str) -> str:
+    """Return the Content-Security-Policy: this script and style, those of the report, a worker; no connection."""
     report = shipped_policy()
     styles = [_hash(style), *re.findall(r"style-src ('sha256-[^']+')", report)]
-    scripts = [_hash(script), _hash(inner), *re.findall(r"script-src ('sha256-[^']+')", report)]
+    scripts = [_hash(script), *re.findall(r"script-src ('sha256-[^']+')", report)]
     return "; ".join(
         [
             "default-src 'none'",
