@@ -28,7 +28,7 @@ _EXIT_CODES: Final = (
 @click.option(
     "--packages",
     "folder",
-    type=click.Path(path_type=Path),
+    type=click.Path(readable=False, path_type=Path),
     metavar="DIR",
     help="Keep the packages of npm and PyPI here; what is there already is not fetched.",
 )
