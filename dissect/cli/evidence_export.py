@@ -2,17 +2,23 @@
 
 from __future__ import annotations
 
+import errno
+import os
 import sys
 import time
 from pathlib import Path
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import click
 
 from dissect.cli.main import EXIT_OK
 from dissect.cli.options.given import was_given
 from dissect.cli.options.select import read_time, time_option
+from dissect.wire.saving import SavingFolder
 from dissect.wire.text import Clock, printable, reason
+
+if TYPE_CHECKING:
+    from dissect.recording.incident import Chosen
 
 _EXIT_FOUND: Final = 1
 _SECOND: Final = 1_000_000_000
@@ -56,28 +62,17 @@ def export_command(directory: str, output: str, window: str | None, alert: str |
     if alert is None and was_given("around_s"):
         raise click.UsageError("--around needs --alert.")
     begin_ns, end_ns = _range(window, alert, around_s)
-    place, out = Path(directory), Path(output)
+    place = Path(directory)
     try:
         chosen = incident.choose(place, begin_ns, end_ns)
         if not chosen.files:
             raise click.ClickException(
                 f"{printable(directory)}: no file in a manifest holds that time; nothing was written."
             )
-        out.mkdir(mode=0o750)
-        incident.copy_into(chosen, out)
-    except OSError as error:
-        raise click.ClickException(reason(error)) from None
-    made = _made(out, [out / path.name for path in chosen.files], begin_ns, end_ns)
-    clock = Clock()
-    facts: dict[str, Any] = {
-        "source": str(place.resolve()),
-        "from": clock.iso(begin_ns),
-        "to": clock.iso(end_ns),
-        "files": [path.name for path in chosen.files],
-        "problems": chosen.problems,
-    }
-    try:
-        head = incident.account(out, clock.iso(time.time_ns()), made, **facts)
+        if os.path.lexists(output):
+            raise FileExistsError(errno.EEXIST, os.strerror(errno.EEXIST), output)
+        with SavingFolder(output) as saving:
+            head = _write(Path(saving.path), chosen, place, begin_ns, end_ns)
     except OSError as error:
         raise click.ClickException(reason(error)) from None
     for problem in chosen.problems:
@@ -87,6 +82,24 @@ def export_command(directory: str, output: str, window: str | None, alert: str |
         f"s7dissect: {count} file{'s' if count > 1 else ''} exported to {printable(output)}; head {head}", err=True
     )
     return _EXIT_FOUND if chosen.problems else EXIT_OK
+
+
+def _write(out: Path, chosen: Chosen, place: Path, begin_ns: int, end_ns: int) -> str:
+    """Fill the folder ``out``; return the hash of the last entry about it. Raises OSError."""
+    from dissect.recording import incident
+
+    out.chmod(0o750)
+    incident.copy_into(chosen, out)
+    made = _made(out, [out / path.name for path in chosen.files], begin_ns, end_ns)
+    clock = Clock()
+    facts: dict[str, Any] = {
+        "source": str(place.resolve()),
+        "from": clock.iso(begin_ns),
+        "to": clock.iso(end_ns),
+        "files": [path.name for path in chosen.files],
+        "problems": chosen.problems,
+    }
+    return incident.account(out, clock.iso(time.time_ns()), made, **facts)
 
 
 def _range(window: str | None, alert: str | None, around_s: int) -> tuple[int, int]:
@@ -106,7 +119,7 @@ def _range(window: str | None, alert: str | None, around_s: int) -> tuple[int, i
 
 
 def _told(alert: str) -> tuple[str, str]:
-    """Return when what an alert tells began, and its time. Raises ValueError for what is no alert."""
+    """Return when the events of an alert began, and the time of the alert. Raises ValueError for an invalid alert."""
     from dissect.config.hostile import ContentError, read_json
 
     try:
@@ -119,7 +132,7 @@ def _told(alert: str) -> tuple[str, str]:
     said = [told.get(key) for key in ("since", "time")] if isinstance(told, dict) else [None, None]
     since, at = [one if isinstance(one, str) else "" for one in said]
     if not at:
-        raise ValueError("it is no alert: it has no time")
+        raise ValueError("invalid alert: it has no time")
     return since or at, at
 
 

@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+import errno
 import json
+import os
 import shutil
 from collections.abc import Callable
 from pathlib import Path
 from subprocess import CompletedProcess
+from typing import Any
 
 import pytest
 
 import dissect
 from dissect.engine.observer import Observer
 from dissect.engine.pipeline import Options
-from dissect.recording import manifest
+from dissect.recording import incident, manifest
 from dissect.recording.manifest import ENDING, Manifest, verified
 from dissect.session import Run
 from dissect.wire.text import Clock
@@ -155,7 +158,7 @@ def test_a_changed_export_shows(how: str, tmp_path: Path, s7dissect: Command) ->
         (["--time", "2026-11-21..2026-11-22", "--around", "5"], "--around needs --alert"),
         (["--time", "2001-01-01..2001-01-02"], "no file in a manifest holds that time"),
         (["--alert", "no.json"], "No such file"),
-        (["--alert", "bad.json"], "it is no alert"),
+        (["--alert", "bad.json"], "invalid alert: it has no time"),
         (["--alert", "deep.json"], "Invalid value for '--alert'"),
     ],
 )
@@ -181,3 +184,23 @@ def test_a_folder_that_exists_is_left_alone(tmp_path: Path, s7dissect: Command) 
     assert done.returncode == 2
     assert b"exists" in done.stderr
     assert list((tmp_path / "out").iterdir()) == []
+
+
+@pytest.mark.parametrize("step", ["copy_into", "account"])
+def test_what_fails_halfway_leaves_nothing(
+    step: str, tmp_path: Path, s7dissect: Command, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A full disk after the first files were written: no folder that would look like an incident."""
+    evidence(tmp_path / "ring")
+    whole = getattr(incident, step)
+
+    def full(*given: Any, **named: Any) -> None:
+        whole(*given, **named)
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(incident, step, full)
+    out = tmp_path / "out"
+    done = s7dissect("evidence", "export", tmp_path / "ring", "-o", out, "--time", "2026-11-20..2026-11-22")
+    assert done.returncode == 2
+    assert b"No space left" in done.stderr
+    assert [path.name for path in tmp_path.iterdir()] == ["ring"]
