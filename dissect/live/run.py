@@ -23,7 +23,7 @@ from dissect.engine.pipeline import Options, Pipeline
 from dissect.findings.bounds import COUNTED
 from dissect.findings.reporter import Finding
 from dissect.live.problems import Problem, Problems, WriterState
-from dissect.source.live.reader import Drops, LiveReader
+from dissect.source.live.reader import Drops, LiveReader, in_all
 from dissect.source.live.several import SeveralReader
 from dissect.source.packet import PacketSink, Reader, SourceFile
 from dissect.stations.facts import Fact
@@ -437,7 +437,8 @@ class LiveRun:
     def _look_at_drops(self) -> None:
         if self._live is None:
             return
-        before, self._drops_of, self.drops = self._drops_of, self._live.drops_of, self._live.drops
+        before, self._drops_of = self._drops_of, self._live.drops_of
+        self.drops = in_all(self._drops_of.values())
         self.problems.down_seconds = self._live.down_seconds
         for text, over in self._live.take_outages():
             self.problems.tell(INTERFACE, text, over)

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import time
 from collections import deque
+from itertools import count
 from random import Random
+
+import pytest
 
 from dissect.engine.observer import Observer
 from dissect.findings.reporter import Finding
@@ -18,8 +22,8 @@ SECOND = 1_000_000_000
 class Fake(LiveReader):
     """Gives the packets of each step; None ends it."""
 
-    def __init__(self, name: str, steps: list[list[int] | None], size: int = 60) -> None:
-        super().__init__(name, "ring", 50)
+    def __init__(self, name: str, steps: list[list[int] | None], size: int = 60, wait_ms: int = 0) -> None:
+        super().__init__(name, "ring", wait_ms)
         self.steps = deque(steps)
         self.size = size
         self.lost = Drops(0, 0)
@@ -106,7 +110,7 @@ def test_what_is_held_is_given_out_in_time_and_at_the_end() -> None:
     reader.stop()
     reader.close()
     assert (one.stopped, two.stopped, one.closed, two.closed) == (True, True, True, True)
-    assert (one.wait_ms, reader.names) == (25, ["a", "b"])
+    assert (one.wait_ms, reader.names) == (0, ["a", "b"])
 
 
 def test_what_is_held_has_a_bound() -> None:
@@ -129,6 +133,50 @@ def test_what_is_held_when_it_is_closed_is_lost_and_counted() -> None:
     several.close()
     several.close()
     assert several.drops == Drops(4, 0)
+    assert several.drops_of == {"a": Drops(3, 0), "b": Drops(1, 0)}
+
+
+def test_what_is_held_at_the_end_of_a_run_is_told() -> None:
+    told = Told()
+    run = LiveRun(SeveralReader([Fake("a", [[1, 2, 3]]), Fake("b", [[4]])], lambda: 0), told, clock=lambda: 0)
+    run.step()
+    run.finish()
+    assert told.details == ["3 by the kernel on a (3 in all), 1 by the kernel on b (1 in all)"]
+    assert (run.drops, run.problems.counts["drops"]) == (Drops(4, 0), 1)
+
+
+def test_clocks_of_packets_keep_none_back() -> None:
+    """Set back by an hour, or ahead of ours on one interface: everything is given out when it was held long enough."""
+    hour, hold = 3600 * SECOND, HOLD_NS["ring"]
+    before, after = [hour + one for one in range(4)], [[one] for one in range(10)]
+    ahead = [[2 * hour + one] for one in range(10)]
+    several = SeveralReader(
+        [Fake("a", [before, *after]), Fake("b", [[], *ahead])], iter([at * hold // 2 for at in range(20)]).__next__
+    )
+    sink = Sink()
+    sink.reader = several
+    for step in range(11):
+        several.step(sink)
+        given = {time_ns for time_ns, *_ in sink.got}
+        assert given >= set(before) or step < 2
+        assert given >= {time_ns for times in (*after[: step - 2], *ahead[: step - 2]) for time_ns in times} or step < 3
+
+
+def test_a_silent_interface_keeps_no_busy_one_waiting(monkeypatch: pytest.MonkeyPatch) -> None:
+    """None of them waits by itself, and all rest only when none has anything."""
+    rests: list[float] = []
+    monkeypatch.setattr(time, "sleep", rests.append)
+    monkeypatch.setattr(time, "monotonic", lambda: len(rests) * 0.02)
+    busy, silent = Fake("a", [[one] for one in range(100)], wait_ms=50), Fake("b", [[]] * 200, wait_ms=50)
+    several = SeveralReader([busy, silent], lambda: 0)
+    sink = Sink()
+    sink.reader = several
+    for _ in range(100):
+        several.step(sink)
+    assert (rests, several.packets) == ([], 100)
+    busy.steps.extend([[]] * 20)
+    several.step(sink)
+    assert len(rests) == 3  # of 20 ms each here, until 50 ms are over
 
 
 def test_an_interface_that_ends_does_not_end_the_others() -> None:
@@ -152,17 +200,18 @@ class Told(Observer):
 
 
 def test_losses_are_told_of_each_interface() -> None:
-    steps: list[list[int] | None] = [[1], [2], [3], None]
+    steps: list[list[int] | None] = [[1], [2], [], None]
     one, two = Fake("eth0", list(steps)), Fake("eth1", list(steps))
     now = [0]
     told = Told()
-    run = LiveRun(SeveralReader([one, two], lambda: 10 * SECOND), told, clock=lambda: now[0])
+    run = LiveRun(SeveralReader([one, two], count(0, SECOND).__next__), told, clock=lambda: now[0])
     two.lost = Drops(7, None)
     now[0] += 2 * SECOND
     run.step()
     one.lost = Drops(2, 1)
     now[0] += 2 * SECOND
     run.step()
+    run.step()  # what was held comes out
     two.lost = Drops(9, None)
     run.finish()
     assert told.details == [

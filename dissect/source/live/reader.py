@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections import deque
+from collections.abc import Iterable
 from typing import Final, NamedTuple
 
 from dissect.source.packet import CaptureError, Reader
@@ -35,6 +36,16 @@ class LiveError(CaptureError):
 
 class UnavailableError(LiveError):
     """An engine is missing or may not capture; another engine might."""
+
+
+def in_all(drops: Iterable[Drops]) -> Drops:
+    """Return the sum; a count is not known as long as one of its parts is not."""
+    kernel: int | None = 0
+    interface: int | None = 0
+    for one in drops:
+        kernel = None if kernel is None or one.kernel is None else kernel + one.kernel
+        interface = None if interface is None or one.interface is None else interface + one.interface
+    return Drops(kernel, interface)
 
 
 class LiveReader(Reader):

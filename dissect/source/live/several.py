@@ -1,28 +1,34 @@
 """Several interfaces as one source: each packet with the interface that captured it, in the order of their times.
 
-Packets of two interfaces come in pieces, each piece in its order. So what came is held for `HOLD_NS`, in which the pieces of
-the others come, and given out by time; what comes later than that keeps its place behind. An interface that ends does not end
-the others.
+Packets of two interfaces come in pieces, each piece in its order. So what came is held for `HOLD_NS` from its arrival, in
+which the pieces of the others come, and given out by time; what comes later than that keeps its place behind. Clocks of
+packets, which may be wrong or set back, decide only about the order. An interface that ends does not end the others, and a
+silent one does not keep a busy one waiting.
 """
 
 from __future__ import annotations
 
 import heapq
 import time
+from collections import Counter, deque
 from collections.abc import Callable, Sequence
 from typing import Final
 
 from mypy_extensions import i64
 
-from dissect.source.live.reader import Drops, LiveReader
+from dissect.source.live.reader import Drops, LiveReader, in_all
 from dissect.source.packet import PacketSink
 
 #: How long packets are held: the ring gives a block after 50 ms at most, dumpcap what it has after a quarter of a second.
 HOLD_NS: Final = {"ring": 150_000_000, "dumpcap": 500_000_000}
 #: Octets of packets that are held at most; beyond, the oldest are given out at once.
 MAX_HELD: Final = 64 << 20
+#: How long all rest when none has anything, in seconds.
+_REST_S: Final = 0.01
 #: What a held packet costs beside its octets.
 _COST: Final = 200
+#: Arrivals that are remembered at most: as many as packets can be held.
+_MAX_ARRIVALS: Final = MAX_HELD // _COST
 
 #: A packet: time, order of arrival, reader, octets, length on the wire, link type.
 _Held = tuple[int, int, LiveReader, bytes, int, int]
@@ -42,7 +48,7 @@ class _Shelf(PacketSink):
 class SeveralReader(LiveReader):
     """Reads ``readers``, each of an interface; ``interface`` is that of the packet being delivered."""
 
-    def __init__(self, readers: Sequence[LiveReader], clock: Callable[[], int] = time.time_ns) -> None:
+    def __init__(self, readers: Sequence[LiveReader], clock: Callable[[], int] = time.monotonic_ns) -> None:
         super().__init__(
             readers[0].interface, "+".join(sorted({reader.engine for reader in readers})), readers[0].wait_ms
         )
@@ -51,12 +57,14 @@ class SeveralReader(LiveReader):
         self._shelves = {id(reader): _Shelf(self, reader) for reader in readers}
         self._going = list(readers)
         self._held: list[_Held] = []
+        self._arrivals: deque[tuple[int, int, int]] = deque()  # when, time and order of each that may still be held
+        self._now = 0
         self._size = 0
         self._count = 0
         self._hold_ns = max([HOLD_NS.get(reader.engine, 0) for reader in readers])
-        self._left = 0  # packets that were held when it was closed
+        self._left: Counter[str] = Counter()  # packets of each interface that were held when it was closed
         for reader in readers:
-            reader.wait_ms = max(reader.wait_ms // len(readers), 1)
+            reader.wait_ms = 0
 
     @property
     def names(self) -> list[str]:
@@ -67,19 +75,28 @@ class SeveralReader(LiveReader):
         """Take a packet."""
         self._count += 1
         self._size += len(octets) + _COST
+        self._arrivals.append((self._now, time_ns, self._count))
         heapq.heappush(self._held, (time_ns, self._count, reader, octets, wire_length, link_type))
 
     def step(self, sink: PacketSink) -> bool:
         """Read some of each interface, and deliver what was held long enough; return False when all have ended."""
-        begun = self._clock()
+        until = time.monotonic() + self.wait_ms / 1000
+        while not self._look() and self._going and time.monotonic() < until:
+            time.sleep(_REST_S)
+        self.packets = sum([int(reader.packets) for reader in self.readers])
+        self.octets = sum([int(reader.octets) for reader in self.readers])
+        self._deliver(sink)
+        return bool(self._going)
+
+    def _look(self) -> bool:
+        """Take a piece of each interface that has one; return whether packets came."""
+        self._now = self._clock()
+        before = self._count
         for reader in list(self._going):
             if not reader.step(self._shelves[id(reader)]):
                 self._going.remove(reader)
                 self._ended(reader)
-        self.packets = sum([int(reader.packets) for reader in self.readers])
-        self.octets = sum([int(reader.octets) for reader in self.readers])
-        self._deliver(sink, begun - self._hold_ns if self._going else None)
-        return bool(self._going)
+        return self._count > before
 
     def _ended(self, reader: LiveReader) -> None:
         """Note that an interface has ended while others go on; when it was the last one, that is the end."""
@@ -90,29 +107,38 @@ class SeveralReader(LiveReader):
         self.rejected += reader.rejected
         self.damage = self.damage or reader.damage
 
-    def _deliver(self, sink: PacketSink, until_ns: int | None) -> None:
-        """Give out packets up to a time (None: all), and more where too much is held."""
-        while self._held and (until_ns is None or self._held[0][0] <= until_ns or self._size > MAX_HELD):
-            time_ns, _, reader, octets, wire_length, link_type = heapq.heappop(self._held)
-            self._size -= len(octets) + _COST
-            self.interface = reader.interface
-            sink.frame(time_ns, octets, 0, len(octets), wire_length, link_type)
+    def _deliver(self, sink: PacketSink) -> None:
+        """Give out what was held long enough, with all of earlier times; more where too much is held, and all at the end."""
+        due = self._now - self._hold_ns
+        while self._arrivals and (self._arrivals[0][0] <= due or len(self._arrivals) > _MAX_ARRIVALS):
+            _, time_ns, count = self._arrivals.popleft()
+            while self._held and self._held[0][:2] <= (time_ns, count):
+                self._give(sink)
+        while self._held and (self._size > MAX_HELD or not self._going):
+            self._give(sink)
+
+    def _give(self, sink: PacketSink) -> None:
+        time_ns, _, reader, octets, wire_length, link_type = heapq.heappop(self._held)
+        self._size -= len(octets) + _COST
+        self.interface = reader.interface
+        sink.frame(time_ns, octets, 0, len(octets), wire_length, link_type)
 
     # ---- what all of them are ---------------------------------------------------------------------------------------
 
     @property
     def drops(self) -> Drops:
         """What was lost on all of them; not known as long as one does not know it."""
-        kernel, interface = [
-            sum([one for one in column if one is not None]) if None not in column else None
-            for column in zip(*[reader.drops for reader in self.readers], strict=True)
-        ]
-        return Drops(kernel + self._left if kernel is not None else None, interface)
+        return in_all(self.drops_of.values())
 
     @property
     def drops_of(self) -> dict[str, Drops]:
         """What was lost on each."""
-        return {reader.interface: reader.drops for reader in self.readers}
+        found = {}
+        for reader in self.readers:
+            kernel, interface = reader.drops
+            left = self._left[reader.interface]
+            found[reader.interface] = Drops(kernel + left if kernel is not None else None, interface)
+        return found
 
     @property
     def down_seconds(self) -> float:
@@ -134,7 +160,7 @@ class SeveralReader(LiveReader):
 
     def close(self) -> None:
         """Release all of them; packets that are held now were not delivered."""
-        self._left += len(self._held)
+        self._left.update([reader.interface for _, _, reader, *_ in self._held])
         self._held.clear()
         for reader in self.readers:
             reader.close()
