@@ -1,9 +1,13 @@
 // @ts-check
 // The page: files, tabs, and what each tab shows.
-"use strict";
 
 /** What the page takes before a capture, what a byte of captures may add at most (rows that are kept), and where it refuses. */
 const MEMORY = { base: 300e6, factor: 3.2, most: 2e9 };
+
+/** A plot is drawn of so many pages of values. */
+const MOST_PAGES = 2000;
+
+/** @typedef {{plc: string, address: string}} Variable */
 
 /** @type {Held[]} */
 let held = [];
@@ -48,7 +52,7 @@ function heard(message) {
   else if (message.kind === "cancelled") { ready = false; document.documentElement.dataset.ready = "no"; at("work").hidden = true; at("state").textContent = "starting again …"; }
   else if (message.kind === "fatal" && !message.id) { at("state").textContent = `This browser cannot run it: ${message.text}`; at("work").hidden = true; }
   else if (message.memory) at("state").dataset.memory = message.memory;
-  if (["done", "markup", "fatal"].includes(message.kind) && !engine.waiting.size) idle();
+  if (message.id && ["done", "markup", "fatal"].includes(message.kind) && !engine.waiting.size) idle();
 }
 
 function idle() {
@@ -174,7 +178,7 @@ function findingsTab(place) {
       const details = about(slug);
       const one = details[0] || { severity: "note", sentence: slug, advice: "" };
       const shownRows = details.slice(0, 20).map((/** @type {any} */ detail) => h("li", {}, detail.detail || detail.sentence, " ", detail.frames.length > 0 && h("button", { type: "button", class: "small", click: () => { showPackets(desk, packets, detail.frames.map(String)); packets.scrollIntoView(); } }, `packet ${detail.frames.join(", ")}`)));
-      return h("details", { class: "finding", ...(grave(slug) === 0 ? { open: true } : {}) }, h("summary", {}, h("span", { class: `badge ${one.severity}` }, one.severity), ` ${one.sentence} `, h("span", { class: "quiet" }, `${slug}, ${grouped(facts.events)} ×`)),
+      return h("details", { class: "finding", ...(grave(slug) === 0 ? { open: true } : {}) }, h("summary", {}, h("span", { class: `badge ${one.severity}` }, one.severity), ` ${one.sentence} `, h("span", { class: "quiet" }, `${slug}, ${integer(facts.events)} ×`)),
         one.advice && h("p", {}, one.advice), h("p", { class: "quiet" }, `First ${timeText(facts.first_time ?? "")} (packet ${facts.first_frame}), last ${timeText(facts.last_time ?? "")} (packet ${facts.last_frame}), ${facts.pairs.map((/** @type {any} */ pair) => `${pair.client} → ${pair.server}`).slice(0, 8).join("; ")}`),
         h("ul", {}, ...shownRows), details.length > 20 && h("p", { class: "quiet" }, `and ${counted(details.length - 20, "more detail")}`));
     });
@@ -201,7 +205,8 @@ function operationsTab(place) {
 
 /** @param {HTMLElement} place */
 function valuesTab(place) {
-  const chosen = new Set();
+  /** @type {Map<string, Variable>} */
+  const chosen = new Map();
   const list = h("div", {});
   const drawn = h("div", {});
   place.append(whereField(desk, (text) => select("values", "", text)), list, drawn);
@@ -213,33 +218,36 @@ function valuesTab(place) {
       const one = JSON.parse(line);
       return [one.plc, one.address, one.tag ?? "", one.type ?? "", one.count, one.changes, one.min ?? "", one.max ?? "", one.last ?? ""].map((cell) => (typeof cell === "object" ? JSON.stringify(cell) : String(cell)));
     }, (cells) => {
-      const name = cells[1];
-      if (!chosen.delete(name)) chosen.add(name);
-      return drawValues(drawn, [...chosen].slice(0, 6));
+      const [plc, address] = cells;
+      const name = `${plc} ${address}`;
+      if (!chosen.delete(name)) chosen.set(name, { plc, address });
+      return drawValues(drawn, [...chosen.values()].slice(0, 6));
     }, 0, true);
     return h("div", {}, h("p", { class: "quiet" }, "Choose up to six variables to plot them and to list their values."), table.root);
   });
 }
 
-/** @param {HTMLElement} place @param {string[]} names */
-function drawValues(place, names) {
-  if (!names.length) { place.replaceChildren(); return Promise.resolve(); }
-  const argv = [...argvOf(desk, "values", ["-T", "jsonl"]), ...names];
+/** @param {HTMLElement} place @param {Variable[]} variables */
+function drawValues(place, variables) {
+  if (!variables.length) { place.replaceChildren(); return Promise.resolve(); }
+  const argv = [...argvOf(desk, "values", ["-T", "jsonl"]), ...new Set(variables.map(({ address }) => address))];
   return shown(place, desk, argv, async (result) => {
     const lines = new Lines(result);
     /** @type {any[]} */
     const rows = [];
-    for (let page = 0; page < Math.min(lines.pages, 2000); page += 1) for (const line of await lines.page(page)) rows.push(JSON.parse(line));
+    for (let page = 0; page < Math.min(lines.pages, MOST_PAGES); page += 1) for (const line of await lines.page(page)) rows.push(JSON.parse(line));
     const first = rows[0]?.time;
     if (!first) return h("p", {}, "No values.");
     const span = after(rows[rows.length - 1].time, first);
-    const plots = names.map((name) => stepPlot(name, rows.filter((one) => one.address === name || one.tag === name), first, span));
+    const severalPlcs = new Set(rows.map(({ plc }) => plc)).size > 1;
+    const plots = variables.map(({ plc, address }) => stepPlot(severalPlcs ? `${plc} ${address}` : address, rows.filter((one) => one.plc === plc && one.address === address), first, span));
+    const left = rows.length < lines.count && h("p", { class: "told", role: "status" }, `The plots show the first ${counted(rows.length, "value")} of ${integer(lines.count)}; an expression above selects others.`);
     const heads = ["Time", "Packet", "PLC", "How", "Address", "Type", "Value", "Before"];
     const table = await rowsTable(lines, heads, (line) => {
       const one = JSON.parse(line);
       return [timeText(one.time), one.frame, one.plc, one.how, one.address, one.type ?? "", one.value_text ?? JSON.stringify(one.value), one.previous === null ? "" : JSON.stringify(one.previous)].map(String);
     });
-    return h("div", {}, h("div", { class: "plots" }, ...plots), table.root);
+    return h("div", {}, left, h("div", { class: "plots" }, ...plots), table.root);
   });
 }
 

@@ -1,6 +1,5 @@
 // @ts-check
 // What every view uses: elements, words, and the worker with its queue of command lines.
-"use strict";
 
 /**
  * @typedef {{name: string, file: Blob, role: string, used: boolean}} Held
@@ -25,25 +24,6 @@ function bytesText(octets) {
   if (octets < 1e3) return `${octets} bytes`;
   const [size, unit] = octets < 1e6 ? [octets / 1e3, "KB"] : octets < 1e9 ? [octets / 1e6, "MB"] : [octets / 1e9, "GB"];
   return `${size < 10 ? size.toFixed(1) : Math.round(size)} ${unit}`;
-}
-
-/** @param {number} number */
-function grouped(number) {
-  return String(number).replace(/\B(?=(\d{3})+$)/g, ",");
-}
-
-/** @param {number} number @param {string} one */
-function counted(number, one) {
-  return `${grouped(number)} ${one}${number === 1 ? "" : "s"}`;
-}
-
-/** @param {string} ns */
-function durationText(ns) {
-  const number = Number(ns);
-  if (ns === "" || Number.isNaN(number)) return "";
-  if (number < 999500) return `${Math.round(number / 1e3)} µs`;
-  if (number < 999.5e6) return `${(number / 1e6).toPrecision(3)} ms`;
-  return `${(number / 1e9).toFixed(2)} s`;
 }
 
 /** @param {string} time as JSON has it */
@@ -100,23 +80,20 @@ function complaints(result) {
 
 /** The file in pages of a hundred lines, read only where somebody looks. */
 class Lines {
-  /** @param {Result} result @param {number} head lines before the first row */
-  constructor(result, head = 0) {
+  /** @param {Result} result */
+  constructor(result) {
     this.result = result;
-    this.head = head;
-    this.count = Math.max(0, result.lines - head);
+    this.count = result.lines;
     this.pages = Math.max(1, Math.ceil(this.count / 100));
   }
 
   /** @param {number} page @returns {Promise<string[]>} */
   async page(page) {
     const { marks, out } = this.result;
-    const first = page * 100 + this.head;
-    const from = Math.floor(first / 100);
-    const text = await out.slice(marks[from], marks[from + (this.head ? 2 : 1)] ?? out.size).text();
+    const text = await out.slice(marks[page], marks[page + 1] ?? out.size).text();
     const lines = text.split("\n");
     if (lines[lines.length - 1] === "") lines.pop();
-    return lines.slice(first % 100, (first % 100) + 100);
+    return lines;
   }
 }
 

@@ -17,6 +17,8 @@ from dissect.page.rendering import shipped_policy
 MAX_OCTETS: Final = 12_000_000
 #: The scripts of the page in the order in which they are put together.
 SCRIPTS: Final = ("kit.js", "plot.js", "views.js", "app.js")
+#: One of the report's, put before them: numbers read alike in both.
+SHARED: Final = "script/numbers.js"
 #: What Pyodide wants to know of its own packages, of which there are none here.
 _LOCK: Final = {
     "info": {"abi_version": "2026_0", "arch": "wasm32", "platform": "emscripten_5_0_3", "python": "3.14.2"},
@@ -34,7 +36,8 @@ def made(contents: Contents, version: str) -> bytes:
     folder = files("dissect.browser")
     names = ("shell.css", "worker.js", "shell.html")
     style, worker, shell = [folder.joinpath(name).read_text(encoding="utf-8") for name in names]
-    script = "\n".join([folder.joinpath(name).read_text(encoding="utf-8") for name in SCRIPTS])
+    parts = [files("dissect.page").joinpath(SHARED), *[folder.joinpath(name) for name in SCRIPTS]]
+    script = "\n".join(['"use strict";', *[part.read_text(encoding="utf-8") for part in parts]])
     values = {
         "policy": policy(style, script),
         "style": style,

@@ -1,6 +1,5 @@
 // @ts-check
 // Values over time, as steps.
-"use strict";
 
 const PLOT = { width: 1000, height: 190, left: 70, right: 12, top: 10, bottom: 26 };
 /** A plot has no more steps than this: of more, the extremes in each column. */

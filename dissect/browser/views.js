@@ -1,6 +1,5 @@
 // @ts-check
 // The views: each is a command of s7dissect, and the page of what it says.
-"use strict";
 
 /** What each kind of file is to a command. */
 const ROLES = {
@@ -89,7 +88,7 @@ async function rowsTable(lines, heads, cells, choose, page = 0, several = false)
     at = Math.min(Math.max(to, 0), lines.pages - 1);
     const read = await lines.page(at);
     body.replaceChildren(...read.map((line, index) => row(cells(line), index === 0)));
-    told.textContent = lines.count ? `rows ${grouped(at * 100 + 1)} to ${grouped(at * 100 + read.length)} of ${grouped(lines.count)}` : "no rows";
+    told.textContent = lines.count ? `rows ${integer(at * 100 + 1)} to ${integer(at * 100 + read.length)} of ${integer(lines.count)}` : "no rows";
     for (const button of pager.querySelectorAll("button")) button.disabled = button.dataset.to === "-" ? at === 0 : at === lines.pages - 1;
   };
   const row = (/** @type {string[]} */ texts, /** @type {boolean} */ first) => {
@@ -195,7 +194,7 @@ function rowsView(desk, place, command, options) {
   return shown(place, desk, argv, async (result) => {
     const lines = new Lines(result);
     const detail = h("div", { class: "detail", tabindex: "-1" });
-    const cells = (/** @type {string} */ line) => line.split("\t").map((text, at) => (columns[at][0] === "time" ? timeText(text) : ["latency", "duration"].includes(columns[at][0]) ? durationText(text) : text));
+    const cells = (/** @type {string} */ line) => line.split("\t").map((text, at) => (columns[at][0] === "time" ? timeText(text) : ["latency", "duration"].includes(columns[at][0]) ? (text && duration(Number(text))) : text));
     const choose = (/** @type {string[]} */ texts) => {
       desk.setRow(texts[0]);
       detail.replaceChildren(h("h3", {}, `${command === "transactions" ? "Transaction" : "Operation"} ${texts[0]}: ${texts[command === "transactions" ? 7 : 6]}`), h("p", {}, texts[command === "transactions" ? 8 : 7]));

@@ -76,8 +76,9 @@ async function start(pieces, lock) {
   for (const name of names) delete parts[name];
   python.runPython(`
 import os, sys, tarfile
+place = next(path for path in sys.path if path.endswith("site-packages"))
 with tarfile.open("/tmp/packages", "r:xz") as archive:
-    archive.extractall("/lib/python3.14/site-packages", filter="data")
+    archive.extractall(place, filter="data")
 os.unlink("/tmp/packages")
 sys.dont_write_bytecode = True
 from dissect.browser.bridge import Bridge, markup

@@ -27,7 +27,7 @@ from dissect.wire.text import Clock, printable
 NEEDS: Final = "reports need jinja2: pip install 's7dissect[report]'"
 #: The parts of the script in the order in which they run, as one function: none of their names is seen outside.
 SCRIPT: Final = (
-    "elements", "words", "scales", "figures", "times", "rows", "hosts", "cards", "tags", "tables", "moving", "page",
+    "elements", "numbers", "words", "scales", "figures", "times", "rows", "hosts", "cards", "tags", "tables", "moving", "page",
 )  # fmt: skip
 #: Greatest number of differences of two sessions that are listed.
 MAX_DIFFERENCES: Final = 200

@@ -7,7 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from tests.browser.support import Opened, make_page, start_chromium
+from tests.browser.support import NOWHERE, Opened, make_page
+from tests.page.browser import start_chromium
 
 
 @pytest.fixture(scope="session")
@@ -17,7 +18,7 @@ def page(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="session")
 def opened(page: Path) -> Iterator[Opened]:
-    driver = start_chromium()
+    driver = start_chromium(NOWHERE)
     try:
         one = Opened(driver, page)
         one.open()

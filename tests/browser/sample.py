@@ -7,8 +7,9 @@ import tempfile
 from pathlib import Path
 from typing import Final
 
-from tests.browser.support import Opened, make_page, start_chromium
+from tests.browser.support import NOWHERE, Opened, make_page
 from tests.browser.test_page import here
+from tests.page.browser import start_chromium
 
 #: What is compared of each capture, and how many captures the page holds at a time.
 FORMS: Final = (
@@ -30,7 +31,7 @@ def main(folder: Path) -> int:
     }
     files = [path for path in found.values() if 0 < path.stat().st_size <= LARGEST]
     different = 0
-    driver = start_chromium()
+    driver = start_chromium(NOWHERE)
     try:
         with tempfile.TemporaryDirectory() as made:
             opened = Opened(driver, make_page(Path(made)))

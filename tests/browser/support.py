@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import json
 import os
-import shutil
 import sys
 import time
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Final
 
 import pytest
 
@@ -17,6 +15,7 @@ from dissect import __version__
 from dissect.browser.contents import Contents
 from dissect.browser.page import made
 from dissect.browser.parts import Parts, PartsError
+from tests.page.browser import Driven
 from tests.report.schemas import ROOT
 
 if TYPE_CHECKING:
@@ -27,6 +26,8 @@ OWN: Final = ROOT / "captures"
 PACKAGES: Final = Path(os.environ.get("S7DISSECT_BROWSER_PACKAGES", Path(sys.prefix) / "browser"))
 #: Seconds that a page may take for one step on a machine that does much else.
 PATIENCE: Final = 120
+#: An argument for Chromium: every name of a host leads nowhere.
+NOWHERE: Final = "--host-resolver-rules=MAP * ~NOTFOUND"
 #: Runs command lines in the page, one after the other: what each wrote, and its exit code.
 _RUN: Final = """
 const done = arguments[arguments.length - 1];
@@ -59,11 +60,12 @@ def make_page(folder: Path) -> Path:
     return path
 
 
-class Opened:
+class Opened(Driven):
     """The page in Chromium."""
 
     def __init__(self, driver: WebDriver, page: Path) -> None:
-        self.driver = driver
+        super().__init__(driver)
+        driver.set_script_timeout(PATIENCE)
         self.page = page
 
     def open(self, fragment: str = "") -> None:
@@ -73,10 +75,6 @@ class Opened:
         self.driver.get_log("performance")
         self.driver.get(self.page.as_uri() + fragment)
         self.until("document.documentElement.dataset.ready === 'yes'")
-
-    def script(self, script: str, *arguments: object) -> Any:
-        """Return what a script returns."""
-        return self.driver.execute_script(script, *arguments)
 
     def until(self, condition: str) -> None:
         """Wait until an expression is true."""
@@ -107,45 +105,6 @@ class Opened:
         assert isinstance(told, list), told
         return [(code, out, errors) for code, out, errors in told]
 
-    def texts(self, selector: str) -> list[str]:
-        """Return the text of each element."""
-        found: list[str] = self.script(
-            "return [...document.querySelectorAll(arguments[0])].map((one) => one.textContent)", selector
-        )
-        return found
-
-    def count(self, selector: str) -> int:
-        """Return how many elements there are."""
-        return len(self.texts(selector))
-
     def click(self, selector: str) -> None:
         """Click on an element."""
         self.script("document.querySelector(arguments[0]).click()", selector)
-
-    def console(self) -> list[str]:
-        """Return what the console holds: errors of scripts, violations of the policy."""
-        return [str(entry["message"]) for entry in self.driver.get_log("browser")]
-
-    def requests(self) -> list[str]:
-        """Return the addresses that were asked for since the page was opened."""
-        told = [json.loads(entry["message"])["message"] for entry in self.driver.get_log("performance")]
-        return [one["params"]["request"]["url"] for one in told if one["method"] == "Network.requestWillBeSent"]
-
-
-def start_chromium() -> WebDriver:
-    """Start Chromium, for which every name of a host leads nowhere."""
-    chromium, driver = shutil.which("chromium"), shutil.which("chromedriver")
-    if chromium is None or driver is None:
-        pytest.skip("chromium or its driver is not installed (scripts/install-tools.sh)")
-    from selenium import webdriver
-    from selenium.webdriver.chrome.service import Service
-
-    options = webdriver.ChromeOptions()
-    options.binary_location = chromium
-    for argument in ("--headless=new", "--no-sandbox", "--disable-dev-shm-usage", "--disable-gpu", "--hide-scrollbars"):
-        options.add_argument(argument)
-    options.add_argument("--host-resolver-rules=MAP * ~NOTFOUND")
-    options.set_capability("goog:loggingPrefs", {"browser": "ALL", "performance": "ALL"})
-    started = webdriver.Chrome(options=options, service=Service(driver))
-    started.set_script_timeout(PATIENCE)
-    return started

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import json
 import os
 import re
 import sys
@@ -12,6 +13,7 @@ from pathlib import Path
 import pytest
 
 from dissect.cli.main import run as run_here
+from dissect.wire.text import duration_text
 from tests.browser.support import OWN, Opened, captures
 from tests.page.support import NAUGHTY, naughty_packets
 from tests.promises import hostile
@@ -267,6 +269,56 @@ def test_values_are_plotted_as_they_are_listed(opened: Opened) -> None:
         opened.script("return document.querySelector('figure svg').getAttribute('aria-label')")
         == 'DB1."level": 5 values, from 42.5 to 45.5'
     )
+
+
+def test_values_of_two_plcs_with_the_same_address_are_two(opened: Opened) -> None:
+    capture = OWN / "crafted" / "other-ports.pcapng"
+    _, told, _ = here(OWN / "crafted", ["values", "--summary", "-T", "jsonl", capture.name])
+    variables = [json.loads(line) for line in told.splitlines()]
+    assert len({one["address"] for one in variables}) < len(variables)
+    opened.choose(capture)
+    opened.select("values")
+    for at in (1, 2):
+        opened.script("document.querySelectorAll('tr[data-key]')[arguments[0]].click()", at - 1)
+        opened.drawn()
+        opened.until(f"document.querySelectorAll('figure').length === {at}")
+    labels = opened.script(
+        "return [...document.querySelectorAll('figure svg')].map((one) => one.getAttribute('aria-label'))"
+    )
+    for one, label in zip(variables, labels, strict=False):
+        assert label.startswith(f"{one['plc']} {one['address']}: {one['count']} value")
+
+
+def test_more_values_than_a_plot_has_are_told(opened: Opened) -> None:
+    opened.choose(PLANT)
+    opened.script("engine.known.clear()")
+    opened.select("values")
+    opened.script(
+        """const page = Lines.prototype.page;
+        Lines.prototype.page = async function (at) { return (await page.call(this, at)).slice(0, 2); };
+        window.restore = () => { Lines.prototype.page = page; };"""
+    )
+    try:
+        opened.click("tr[data-key]")
+        opened.drawn()
+        opened.until("document.querySelector('#panel .told[role=status]')")
+        assert opened.texts("#panel .told[role=status]") == [
+            "The plots show the first 2 values of 5; an expression above selects others."
+        ]
+    finally:
+        opened.script("restore()")
+
+
+def test_durations_read_as_on_the_command_line(opened: Opened) -> None:
+    for ns in (0, 42, 4200, 12_345, 999_499, 999_500, 12_345_678, 99_500_000, 999_500_000, 7 * 10**11, 10**15):
+        assert opened.script("return duration(arguments[0])", ns) == duration_text(ns)
+
+
+def test_a_browser_that_cannot_run_it_says_so(opened: Opened) -> None:
+    opened.choose(PLANT)
+    opened.script("heard({ kind: 'fatal', id: 0, text: 'no WebAssembly' })")
+    assert opened.texts("#state") == ["This browser cannot run it: no WebAssembly"]
+    opened.script("idle()")
 
 
 def test_the_report_is_the_one_of_the_command_in_a_frame_without_origin(opened: Opened) -> None:

@@ -15,11 +15,39 @@ if TYPE_CHECKING:
     from selenium.webdriver.chrome.webdriver import WebDriver
 
 
-class Browser:
-    """Chromium, with what a test of a page asks of it."""
+class Driven:
+    """Chromium, with what tests of any page ask of it."""
 
     def __init__(self, driver: WebDriver) -> None:
         self.driver = driver
+
+    def script(self, script: str, *arguments: object) -> Any:
+        """Return what a script returns."""
+        return self.driver.execute_script(script, *arguments)
+
+    def count(self, selector: str) -> int:
+        """Return how many elements there are."""
+        return int(self.script("return document.querySelectorAll(arguments[0]).length", selector))
+
+    def texts(self, selector: str) -> list[str]:
+        """Return the text of each element."""
+        found: list[str] = self.script(
+            "return [...document.querySelectorAll(arguments[0])].map((one) => one.textContent)", selector
+        )
+        return found
+
+    def console(self) -> list[str]:
+        """Return what the console holds: errors of scripts, violations of the policy."""
+        return [str(entry["message"]) for entry in self.driver.get_log("browser")]
+
+    def requests(self) -> list[str]:
+        """Return the addresses that were asked for since the page was opened."""
+        told = [json.loads(entry["message"])["message"] for entry in self.driver.get_log("performance")]
+        return [one["params"]["request"]["url"] for one in told if one["method"] == "Network.requestWillBeSent"]
+
+
+class Browser(Driven):
+    """Chromium, with what a test of a report asks of it."""
 
     def open(self, page: Path, width: int = 1280, fragment: str = "") -> None:
         """Open a page from the disk, in a window of this width."""
@@ -31,46 +59,25 @@ class Browser:
         self.driver.get_log("browser")
         self.driver.get_log("performance")
         self.driver.get(page.as_uri() + fragment)
-        assert self.run("return document.documentElement.dataset.ready") == "yes", self.console()
+        assert self.script("return document.documentElement.dataset.ready") == "yes", self.console()
 
     def run(self, script: str, *arguments: object) -> Any:
         """Return what a script returns."""
-        return self.driver.execute_script(script, *arguments)
-
-    def count(self, selector: str) -> int:
-        """Return how many elements there are."""
-        return int(self.run("return document.querySelectorAll(arguments[0]).length", selector))
-
-    def texts(self, selector: str) -> list[str]:
-        """Return the text of each element."""
-        found: list[str] = self.run(
-            "return [...document.querySelectorAll(arguments[0])].map((one) => one.textContent)", selector
-        )
-        return found
+        return self.script(script, *arguments)
 
     def click(self, selector: str) -> None:
         """Click on an element."""
-        self.run(
+        self.script(
             "document.querySelector(arguments[0]).dispatchEvent(new MouseEvent('click', {bubbles: true}))", selector
         )
 
-    def console(self) -> list[str]:
-        """Return what the console holds: errors of scripts, violations of the policy."""
-        return [str(entry["message"]) for entry in self.driver.get_log("browser")]
-
-    def requests(self) -> list[str]:
-        """Return the addresses that were asked for since the page was opened."""
-        told = [json.loads(entry["message"])["message"] for entry in self.driver.get_log("performance")]
-        return [one["params"]["request"]["url"] for one in told if one["method"] == "Network.requestWillBeSent"]
-
     def overflow(self) -> int:
         """Return by how much the page is wider than its window."""
-        return int(self.run("return document.documentElement.scrollWidth - innerWidth"))
+        return int(self.script("return document.documentElement.scrollWidth - innerWidth"))
 
 
-@contextmanager
-def started() -> Iterator[Browser]:
-    """Start Chromium, and end it; the test is skipped where it is not installed."""
+def start_chromium(*more: str) -> WebDriver:
+    """Start Chromium with ``more`` arguments; the test is skipped where it is not installed."""
     chromium, driver = shutil.which("chromium"), shutil.which("chromedriver")
     if chromium is None or driver is None:
         pytest.skip("chromium or its driver is not installed (scripts/install-tools.sh)")
@@ -79,10 +86,17 @@ def started() -> Iterator[Browser]:
 
     options = webdriver.ChromeOptions()
     options.binary_location = chromium
-    for argument in ("--headless=new", "--no-sandbox", "--disable-dev-shm-usage", "--disable-gpu", "--hide-scrollbars"):
+    usual = ("--headless=new", "--no-sandbox", "--disable-dev-shm-usage", "--disable-gpu", "--hide-scrollbars")
+    for argument in (*usual, *more):
         options.add_argument(argument)
     options.set_capability("goog:loggingPrefs", {"browser": "ALL", "performance": "ALL"})
-    running = webdriver.Chrome(options=options, service=Service(driver))
+    return webdriver.Chrome(options=options, service=Service(driver))
+
+
+@contextmanager
+def started() -> Iterator[Browser]:
+    """Start Chromium, and end it."""
+    running = start_chromium()
     running.execute_cdp_cmd("Browser.setDownloadBehavior", {"behavior": "deny"})  # nothing into the home folder
     try:
         yield Browser(running)
