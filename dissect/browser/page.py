@@ -11,6 +11,7 @@ from importlib.resources import files
 from typing import Final
 
 from dissect.browser.contents import Contents
+from dissect.browser.parts import info
 from dissect.page.rendering import shipped_policy
 
 #: The most that the page may have, so that it can be mailed.
@@ -19,11 +20,6 @@ MAX_OCTETS: Final = 12_000_000
 SCRIPTS: Final = ("kit.js", "plot.js", "views.js", "app.js")
 #: One of the report's, put before them: numbers read alike in both.
 SHARED: Final = "script/numbers.js"
-#: What Pyodide wants to know of its own packages, of which there are none here.
-_LOCK: Final = {
-    "info": {"abi_version": "2026_0", "arch": "wasm32", "platform": "emscripten_5_0_3", "python": "3.14.2"},
-    "packages": {},
-}
 _WIDTH: Final = 32_768
 
 
@@ -44,7 +40,7 @@ def made(contents: Contents, version: str) -> bytes:
         "script": script,
         "worker": worker,
         "version": html.escape(version),
-        "lock": json.dumps(_LOCK),
+        "lock": json.dumps({"info": info(), "packages": {}}),  # of Pyodide's own packages there are none here
         "licences": _licences(contents),
         "pieces": "".join([_element(name, octets) for name, octets in contents.pieces().items()]),
     }

@@ -47,6 +47,12 @@ def _lock() -> dict[str, Any]:
     return locked
 
 
+def info() -> dict[str, str]:
+    """Return what Pyodide says of the Python in it: version, ABI, platform."""
+    told: dict[str, str] = _lock()["info"]
+    return told
+
+
 def engine() -> Part:
     """Return the package of npm with Python for browsers."""
     row = _lock()["npm"]
@@ -98,7 +104,7 @@ class Parts:
             wanted = Path(folder, "wheels.txt")
             rows = [f"{part.name}=={part.version} --hash=sha256:{part.digest.partition('-')[2]}" for part in missing]
             wanted.write_text("\n".join([*rows, ""]), encoding="utf-8")
-            python = _lock()["python"]
+            python = info()["python"].rpartition(".")[0]
             abi = f"cp{python.replace('.', '')}"
             command = [sys.executable, "-m", "pip", "download", "--quiet", "--disable-pip-version-check", "--no-deps"]
             command += ["--only-binary=:all:", "--python-version", python, "--implementation", "cp", "--abi", abi]

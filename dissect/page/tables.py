@@ -10,7 +10,7 @@ from dissect.page.bins import Bins
 from dissect.page.gathered import Gathered, SpreadOf
 from dissect.page.rows import Station, host_filter, selecting, station_of
 from dissect.select.getters import function_names
-from dissect.wire.text import printable, shortened
+from dissect.wire.text import printable, shortened, some
 
 #: Greatest number of rows.
 _VARIABLES: Final = 1000
@@ -280,8 +280,7 @@ class Tables:
                     variable.written,
                     variable.refused,
                     variable.why,
-                    ", ".join([self._of.rows.host(client) for client in sorted(variable.clients)[:3]])
-                    + (f" and {len(variable.clients) - 3} more" if len(variable.clients) > 3 else ""),
+                    some([self._of.rows.host(client) for client in sorted(variable.clients)], 3),
                 ],
                 **self._of.rows.how(
                     f"transactions -Y '{selecting('server', host)} and address == \"{address}\"'"

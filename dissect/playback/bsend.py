@@ -24,9 +24,9 @@ def is_bsend(pdu: Pdu, type_: int) -> bool:
     return (head.type, head.group, head.subfunction) == (type_, GROUP_PBC, BSEND)
 
 
-def answered_piece(answer: bytes, piece: bytes) -> bytes:
+def answered_piece(answer: bytes, piece: Pdu) -> bytes:
     """Return the answer to a piece with the number of the BSEND; what is no such answer as it is."""
-    asked = parse_pdu(piece).parameters.userdata
+    asked = piece.parameters.userdata
     if asked is None or not is_bsend(parse_pdu(answer), RESPONSE):
         return answer
     return _numbered(answer, asked.sequence or answer[SEQUENCE] or _FIRST)

@@ -47,7 +47,7 @@ function drawSpreads(width) {
     const said = `${text(row)}\nmedian ${duration(row.median)}, 95 % within ${duration(row.p95)}, longest ${duration(row.max)}` + (row.errors ? `\n${integer(row.errors)} with errors` : "") + (row.missed ? `\n${integer(row.missed)} without answer` : "");
     const group = lead(`#${prefixes[row.side]}${row.key}`, said);
     for (const [from, to, count] of row.bands) {
-      const shade = 1 + Math.min(4, Math.floor((4.99 * Math.log(count + 1)) / Math.log(most + 1)));
+      const shade = 1 + shadeOf(count, most);
       const high = 4 + 12 * (count / most);
       group.append(svg("rect", { class: `heat h${shade} s${row.side}`, x: at(x(from)), width: at(Math.max(2, x(to) - x(from))), y: at(y - high / 2), height: at(high) }));
     }

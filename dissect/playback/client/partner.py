@@ -44,7 +44,7 @@ class Sends:
             return b""
         found = left.popleft()
         self._came.add(id(found))
-        return answered_piece(found.response, request)
+        return answered_piece(found.response, parse_pdu(request))
 
     def came(self, transaction: Transaction) -> bool:
         """Tell whether the PLC has sent what it sent when this was recorded."""

@@ -156,7 +156,7 @@ class Player:
 
     def _recorded_answer(self, found: Step, asked: Pdu) -> bytes:
         answer = with_reference(found.answer, asked.octets[PDU_REF])
-        return answer if self.script.numbered else answered_piece(answer, asked.octets)
+        return answer if self.script.numbered else answered_piece(answer, asked)
 
     def _find(self, keys: tuple[bytes, bytes, bytes]) -> tuple[Step | None, int, bool]:
         """Return the recorded request that is played, how like it is (`LEVELS`) and whether it is of this connection."""

@@ -11,6 +11,7 @@ from dissect.playback.server.player import CYCLE, Reply, Stage
 from dissect.playback.server.plus import plus_keys, refuse_plus, renewed, wants_answer
 from dissect.playback.server.plus_items import ItemAnswer, Key, put_together
 from dissect.s7plus.message import PlusPdu
+from dissect.wire.text import some
 
 #: The number of items among the books of turns.
 _ITEM: Final = -1
@@ -40,8 +41,7 @@ class PlusPlayer:
         together = put_together(asked, self._item)
         if together is not None:
             missing = together.missing
-            more = f" and {len(missing) - 5} more" if len(missing) > 5 else ""
-            lacking = f"not recorded: {', '.join(missing[:5])}{more}" if missing else ""
+            lacking = f"not recorded: {some(missing, 5)}" if missing else ""
             how = "unmatched" if missing else "items"
             return Reply(together.octets, how, together.latency_ns, lacking=lacking)
         lacking = "no similar request was recorded" + near_plus(asked, self._books[1].requests)

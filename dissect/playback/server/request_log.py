@@ -15,6 +15,7 @@ from dissect.playback.server.plus import plus_name
 from dissect.playback.server.plus_player import PlusPlayer
 from dissect.s7.message import Pdu
 from dissect.s7plus.message import PlusPdu
+from dissect.wire.text import some
 
 #: Requests that are remembered, and of them those that nothing like was recorded of; all are counted.
 MAX_REQUESTS: Final = 10_000
@@ -48,9 +49,7 @@ class Request(NamedTuple):
     @property
     def subject(self) -> str:
         """Function and up to five addresses; text from the wire, not escaped."""
-        shown = ", ".join(self.addresses[:5])
-        more = f" and {len(self.addresses) - 5} more" if len(self.addresses) > 5 else ""
-        return f"{self.function} {shown}{more}".rstrip()
+        return f"{self.function} {some(list(self.addresses), 5)}".rstrip()
 
     def __str__(self) -> str:
         lacking = f": {self.lacking}" if self.lacking else ""
