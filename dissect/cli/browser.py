@@ -11,6 +11,7 @@ import click
 
 from dissect.cli.main import EXIT_GATE, EXIT_OK
 from dissect.cli.run import write
+from dissect.cli.second_pass import check_out
 from dissect.wire.saving import save
 from dissect.wire.text import printable, reason
 
@@ -47,8 +48,11 @@ def command(output: str | None, verified: str | None, folder: Path | None, force
 
     if (output is None) == (verified is None):
         raise click.UsageError("give either -o OUT or --verify FILE.")
-    if output is not None and Path(output).exists() and not force:
-        raise click.ClickException(f"{printable(output)} exists; --force overwrites it.")
+    if output is not None:
+        try:
+            check_out((), output, force)
+        except OSError as error:
+            raise click.ClickException(f"{printable(output)}: {reason(error)}") from None
     told = None if verified is None else _read(verified)
     with tempfile.TemporaryDirectory() as kept:
         parts = Parts(Path(kept) if folder is None else folder)

@@ -42,7 +42,7 @@ _IGNORABLE = "\n".join(
 @click.option(
     "--ignore",
     multiple=True,
-    shell_complete=from_table(lambda: KINDS),
+    shell_complete=from_table(lambda: KINDS, several=True),
     metavar="WHAT",
     help="Ignore this kind of difference: a name from the list below, or NAME:PATTERN with * and ?, such as 'values:DB10.*'; "
     "comma-separated or repeated.",

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import errno
-import os
+import contextlib
+import shutil
 import sys
 import time
 from pathlib import Path
@@ -11,11 +11,10 @@ from typing import TYPE_CHECKING, Any, Final
 
 import click
 
-from dissect.cli.main import EXIT_OK
+from dissect.cli.main import EXIT_INTERRUPTED, EXIT_OK
 from dissect.cli.options.given import was_given
 from dissect.cli.options.select import read_time, time_option
-from dissect.wire.saving import SavingFolder
-from dissect.wire.text import Clock, printable, reason
+from dissect.wire.text import Clock, count, printable, reason
 
 if TYPE_CHECKING:
     from dissect.recording.incident import Chosen
@@ -28,7 +27,7 @@ _MOST: Final = 1 << 20
 @click.command(
     "export",
     epilog="Exit code: 0 exported, 1 exported, but a file of that time is missing, changed, or in no entry, 2 wrong use, or "
-    "nothing of that time.",
+    "nothing of that time, 130 interrupted (nothing is left).",
 )
 @click.argument("directory", type=click.Path(readable=False), metavar="DIR")
 @click.option("-o", "--output", required=True, metavar="OUT", help="Folder to make; it must not exist.")
@@ -62,44 +61,43 @@ def export_command(directory: str, output: str, window: str | None, alert: str |
     if alert is None and was_given("around_s"):
         raise click.UsageError("--around needs --alert.")
     begin_ns, end_ns = _range(window, alert, around_s)
-    place = Path(directory)
+    place, out = Path(directory), Path(output)
     try:
         chosen = incident.choose(place, begin_ns, end_ns)
         if not chosen.files:
             raise click.ClickException(
                 f"{printable(directory)}: no file in a manifest holds that time; nothing was written."
             )
-        if os.path.lexists(output):
-            raise FileExistsError(errno.EEXIST, os.strerror(errno.EEXIST), output)
-        with SavingFolder(output) as saving:
-            head = _write(Path(saving.path), chosen, place, begin_ns, end_ns)
+        out.mkdir(mode=0o750)
+        head = _filled(out, chosen, place, begin_ns, end_ns)
     except OSError as error:
         raise click.ClickException(reason(error)) from None
     for problem in chosen.problems:
         click.echo(f"s7dissect: {printable(problem)}", err=True)
-    count = len(chosen.files)
-    click.echo(
-        f"s7dissect: {count} file{'s' if count > 1 else ''} exported to {printable(output)}; head {head}", err=True
-    )
+    said = f"{count(len(chosen.files), 'file')} exported to {printable(output)}"
+    click.echo(f"s7dissect: {said}; head {head}", err=True)
     return _EXIT_FOUND if chosen.problems else EXIT_OK
 
 
-def _write(out: Path, chosen: Chosen, place: Path, begin_ns: int, end_ns: int) -> str:
-    """Fill the folder ``out``; return the hash of the last entry about it. Raises OSError."""
+def _filled(out: Path, chosen: Chosen, place: Path, begin_ns: int, end_ns: int) -> str:
+    """Fill the folder ``out`` and return the hash of the last entry about it; remove it where that fails. Raises OSError."""
     from dissect.recording import incident
 
-    out.chmod(0o750)
-    incident.copy_into(chosen, out)
-    made = _made(out, [out / path.name for path in chosen.files], begin_ns, end_ns)
-    clock = Clock()
-    facts: dict[str, Any] = {
-        "source": str(place.resolve()),
-        "from": clock.iso(begin_ns),
-        "to": clock.iso(end_ns),
-        "files": [path.name for path in chosen.files],
-        "problems": chosen.problems,
-    }
-    return incident.account(out, clock.iso(time.time_ns()), made, **facts)
+    try:
+        incident.copy_into(chosen, out)
+        made = _made(out, [out / path.name for path in chosen.files], begin_ns, end_ns)
+        clock = Clock()
+        facts: dict[str, Any] = {
+            "source": str(place.resolve()),
+            "from": clock.iso(begin_ns),
+            "to": clock.iso(end_ns),
+            "files": [path.name for path in chosen.files],
+            "problems": chosen.problems,
+        }
+        return incident.account(out, clock.iso(time.time_ns()), made, **facts)
+    except BaseException:
+        shutil.rmtree(out, ignore_errors=True)
+        raise
 
 
 def _range(window: str | None, alert: str | None, around_s: int) -> tuple[int, int]:
@@ -123,8 +121,7 @@ def _told(alert: str) -> tuple[str, str]:
     from dissect.config.hostile import ContentError, read_json
 
     try:
-        content = sys.stdin.buffer.read(_MOST) if alert == "-" else _content(Path(alert))
-        told = read_json(content)
+        told = read_json(_content(alert))
     except OSError as error:
         raise ValueError(reason(error)) from None
     except ContentError as error:
@@ -136,9 +133,12 @@ def _told(alert: str) -> tuple[str, str]:
     return since or at, at
 
 
-def _content(path: Path) -> bytes:
-    with path.open("rb") as file:
-        return file.read(_MOST)
+def _content(alert: str) -> bytes:
+    with contextlib.nullcontext(sys.stdin.buffer) if alert == "-" else Path(alert).open("rb") as file:
+        content = file.read(_MOST + 1)
+    if len(content) > _MOST:
+        raise ValueError(f"invalid alert: it has more than {_MOST >> 20} MiB")
+    return content
 
 
 def _made(out: Path, files: list[Path], begin_ns: int, end_ns: int) -> list[Path]:
@@ -151,14 +151,17 @@ def _made(out: Path, files: list[Path], begin_ns: int, end_ns: int) -> list[Path
     context = click.get_current_context()
     window = f"{clock.iso(begin_ns)}..{clock.iso(end_ns)}"
     names = [str(path) for path in files]
-    try:
-        cut.main([*names, "-o", str(packets), "--time", window], "cut", standalone_mode=False, parent=context)
-    except click.ClickException as error:
-        click.echo(f"s7dissect: {error.format_message()}", err=True)
-        return []
-    try:
-        report.main([str(packets), "-o", str(page)], "report", standalone_mode=False, parent=context)
-    except click.ClickException as error:  # without the library that makes pages
-        click.echo(f"s7dissect: no report: {error.format_message()}", err=True)
-        return [packets]
-    return [packets, page]
+    made = []
+    for command, path, given in (
+        (cut, packets, [*names, "-o", str(packets), "--time", window]),
+        (report, page, [str(packets), "-o", str(page)]),
+    ):
+        try:
+            code = command.main(given, command.name, standalone_mode=False, parent=context)
+        except click.ClickException as error:  # no packet of that time, or no library that makes pages
+            click.echo(f"s7dissect: no {path.name}: {error.format_message()}", err=True)
+            break
+        if code == EXIT_INTERRUPTED:
+            raise click.exceptions.Exit(code)
+        made.append(path)
+    return made

@@ -134,7 +134,7 @@ def _exported(
         counts = apart(reading, target, only, place)
         _go_on(reading)
         if reading.chosen.where is not None and not any(counts.values()):
-            complain_nothing("", reading.chosen)
+            complain_nothing(f"row of {', '.join(only)}" if only else "", reading.chosen)
         return counts, 0
     names = [encodable(name) for name in reading.files]
     if remote:

@@ -48,7 +48,7 @@ def choices(known: Iterable[str]) -> Callable[[click.Context, click.Parameter, s
     default="",
     metavar="WHAT",
     callback=choices(EXTRAS),
-    shell_complete=from_table(lambda: dict.fromkeys(EXTRAS, "")),
+    shell_complete=from_table(lambda: dict.fromkeys(EXTRAS, ""), several=True),
     help=f"Also include details that vary between recordings, comma-separated: {', '.join(EXTRAS)}.",
 )
 @reading_options("transaction", "connection", checksums=False)

@@ -101,6 +101,7 @@ class Reading:
         self._counts: Any = {}
         self._shown: Shown | None = None
         self._rows, self._noun = 0, ""
+        self._part: Part | None = None  # of files that stand for themselves
 
     @property
     def separate(self) -> bool:
@@ -253,6 +254,7 @@ class Reading:
         self.apart(lambda done: adder.add(part_of_done(done, nothing)))
         adder.finish()
         self._counts = adder.found.finding_counts
+        self._part = adder.found.part
         return adder.found
 
     def rows(self, rows: Rows, noun: str) -> Total:
@@ -317,10 +319,11 @@ class Reading:
             complain_nothing(self._noun, self.chosen, narrowed)
 
     def match(self) -> None:
-        """Say on stderr where a selection matches nothing of what was read as one capture."""
-        if self._reading is not None and self._reading.sieve is not None and self._reading.sieve.nothing:
-            if not self.chosen.impossible:
-                complain_nothing("", self.chosen)
+        """Say on stderr where a selection matches nothing of what was read."""
+        sieve = self._reading.sieve if self._reading is not None else None
+        nothing = sieve.nothing if sieve is not None else self._part is not None and not self._part.passed
+        if nothing and not self.chosen.impossible:
+            complain_nothing("", self.chosen)
 
     def gated(self) -> int:
         """Return the exit code of the command; say on stderr why the gate of --fail-on failed."""

@@ -344,7 +344,10 @@ def named(text: str, local: bool = False) -> tuple[Question, dict[str, str]] | N
     if name == "who" and not given:
         raise ValueError("the question who takes an address or tag, such as 'who DB10.DBW4'")
     if given.get("time"):
-        given["time"] = _in_utc(given["time"], local)
+        try:
+            given["time"] = _in_utc(given["time"], local)
+        except OverflowError:
+            raise ValueError(f"no calendar has the time {given['time']!r} in UTC") from None
     return question, {**given, **_place(given.get("address", ""))}
 
 

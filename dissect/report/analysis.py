@@ -150,7 +150,8 @@ class Shared:
 class Part:
     """The part of a capture that an analysis covers, where option -Y selects one: the expression, and how much it left out.
 
-    ``transactions``, ``operations``, ``findings`` and ``connections`` count what was read but not selected. ``not_read`` counts
+    ``passed`` counts all that was selected. ``transactions``, ``operations``, ``findings`` and ``connections`` count what was
+    read but not selected. ``not_read`` counts
     connections of which nothing was read, because their addresses or numbers ruled them out. ``findings_not_judged`` counts
     findings that had no detail kept by which they could be selected. ``finding_counts`` are the selected findings, by slug,
     ``explained_counts`` those of them that others explain, as `Reporter.explained`. ``ledger`` has the facts of the selected.
@@ -165,12 +166,14 @@ class Part:
         "ledger",
         "not_read",
         "operations",
+        "passed",
         "transactions",
         "where",
     )
 
     def __init__(self, where: str) -> None:
         self.where: str = where
+        self.passed: i64 = 0
         self.transactions: i64 = 0
         self.operations: i64 = 0
         self.findings: i64 = 0
@@ -187,6 +190,7 @@ class Part:
         self.operations += other.operations
         self.findings += other.findings
         self.findings_not_judged += other.findings_not_judged
+        self.passed += other.passed
         self.connections += other.connections
         self.not_read += other.not_read
         self.ledger.merge(other.ledger)

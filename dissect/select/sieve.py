@@ -95,6 +95,7 @@ class Sieve(Observer):
     def part(self, pipeline: Pipeline) -> Part:
         """Return the `Part` for an analysis: how much was selected and left out. Call it after ``pipeline`` has finished."""
         part = Part(self._where.text)
+        part.passed = self.messages + sum(self.passed.values())
         part.transactions = self.left_out[TRANSACTION]
         part.operations = self.left_out[OPERATION]
         part.connections = self.left_out[CONNECTION]

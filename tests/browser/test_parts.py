@@ -75,6 +75,18 @@ def test_a_page_for_which_there_is_no_room_is_told(
     assert "No space left on device" in told.err
 
 
+def test_a_place_that_cannot_be_written_is_told_before_anything_is_fetched(
+    tmp_path: Path, capfdbinary: pytest.CaptureFixture[bytes], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(Parts, "fetch", lambda _: pytest.fail("it fetches"))
+    told = run_command(capfdbinary, "browser", "-o", tmp_path / "none" / "page.html")
+    assert (told.code, told.out) == (2, "")
+    assert "No such file or directory" in told.err
+    (tmp_path / "page.html").write_bytes(b"here")
+    told = run_command(capfdbinary, "browser", "-o", tmp_path / "page.html")
+    assert (told.code, "--force overwrites it" in told.err) == (2, True)
+
+
 def test_every_package_is_listed_with_its_licence(page: Path) -> None:
     text = page.read_text(encoding="utf-8")
     for part in [engine(), *wheels()]:

@@ -50,6 +50,8 @@ cut FILE -o OUT
 #: The same where each file stands for itself: there no connection has a number.
 APART: Final = """
 analyze FILE OTHER
+analyze --brief FILE OTHER
+analyze --per-file FILE OTHER
 transactions FILE OTHER
 values FILE OTHER
 devices FILE OTHER
@@ -116,6 +118,18 @@ def test_so_it_is_of_files_that_stand_for_themselves(
     assert NOTHING.search(ran.err) or NOTHING.search(ran.out), (ran.err, ran.out)
     ran = called(capfdbinary, tmp_path, call, "--separate", "--connection", "1")
     assert (ran.code, "the field connection counts over all files" in ran.err) == (EXIT_USAGE, True)
+
+
+@each("options", [(), ("--separate",)])
+def test_what_matches_and_has_no_row_in_a_table_matches(
+    capfdbinary: Capture, tmp_path: Path, options: tuple[str, ...]
+) -> None:
+    ran = called(
+        capfdbinary, tmp_path, "export FILE OTHER --only values -o csv:OUT", *options, "-Y", "function == 0xf0"
+    )
+    assert ran.code == EXIT_OK
+    assert "nothing matches" not in ran.err
+    assert ("no row of values matches function == 0xf0" in ran.err) == bool(options)
 
 
 @each("call", ["show --frame 99 FILE", "cut --transaction 99 FILE -o OUT", "cut --finding 99 FILE -o OUT"])

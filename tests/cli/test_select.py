@@ -288,6 +288,15 @@ def test_the_shell_completes_names_and_connections(line: str, offered: str) -> N
     assert offered in completed(f"s7dissect|{line}")
 
 
+@pytest.mark.parametrize(
+    "line",
+    ["export|--only|items,val", "analyze|--fail-on|error,transaction.sl", "cut|--finding|warning,security.plc_sto", "sql|a,t",
+     "schema|a,anal", "help|a,sca"],
+)  # fmt: skip
+def test_nothing_is_offered_behind_a_comma_where_it_would_be_refused(line: str) -> None:
+    assert completed(f"s7dissect|{line}") in ([], [""])
+
+
 def test_no_connection_is_offered_of_what_is_no_capture() -> None:
     assert completed(f"s7dissect|transactions|{Path(__file__)}|--connection|") == [""]
     assert completed("s7dissect|transactions|missing.pcap|--connection|") == [""]

@@ -254,6 +254,8 @@ def test_a_time_behind_a_name_is_local_where_times_are(capfdbinary: Capture, mon
         ("off-shift UTC 25", "takes hour"),
         ("who", "takes an address or tag"),
         ("who DB1.DBB0 yesterday", "takes a time, such as"),
+        ("who DB1.DBB0 0001-01-01T00:00+05:00", "No calendar has the time"),
+        ("who DB1.DBB0 9999-12-31T23:59-05:00", "No calendar has the time"),
         ("who 'DB1", "No closing quotation"),
     ],
 )

@@ -40,6 +40,8 @@ LEFT: Final = {
 }
 #: The facts of items that tags and refusals of a whole request change, so that an item alone does not tell them.
 ITEM_ALONE: Final = {"name", "refused"}
+#: The facts of items that the table has in cells.
+ITEM_CELLS: Final = {column.source for column in ITEMS.stored}
 
 
 class _Kept(Sink):
@@ -143,7 +145,7 @@ def tell(facts: Mapping[str, Fact[Any]], records: Iterable[object], lines: list[
 
 
 @pytest.mark.parametrize(
-    "planted", [TRANSACTION["latency_ns"], VALUE["frame"], TRANSACTION["begin_time"], ITEM["byte"]]
+    "planted", [TRANSACTION["latency_ns"], VALUE["frame"], TRANSACTION["begin_time"], ITEM["byte"], ITEM["count"]]
 )
 def test_a_planted_difference_is_found(planted: Fact[Any], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(planted, "get", lambda _of: 17)
@@ -171,7 +173,9 @@ def compare(*paths: Path) -> None:
         has_keys(PDU, line, read.places.several)
         for item in line.get("items", ()):
             assert set(item) == set(ASKED)
-    told = [fact for fact in ITEM.values() if fact.key == "" and fact.get is not None and fact.name not in ITEM_ALONE]
+    told = [
+        fact for name, fact in ITEM.items() if fact.get is not None and name in ITEM_CELLS and name not in ITEM_ALONE
+    ]
     items = [item for some in seen.items for item in some]
     for item, row in zip(items, read.rows["items"], strict=True):
         cells = by_name(ITEMS, row)

@@ -148,6 +148,7 @@ ELSEWHERE: Final = {
     ("evidence export", "0"): "tests/recording/test_incident.py::test_an_incident_is_exported_and_proves_itself",
     ("evidence export", "1"): "tests/recording/test_incident.py::test_what_is_not_whole_is_told",
     ("evidence export", "2"): "tests/recording/test_incident.py::test_wrong_use_is_refused",
+    ("evidence export", "130"): "tests/recording/test_incident.py::test_what_is_interrupted_leaves_nothing",
     ("proxy", "0"): "tests/cli/test_proxy.py::test_what_passes_is_told_and_written",
     ("proxy", "1"): "tests/cli/test_proxy.py::test_findings_fail_the_command_when_asked_to",
     ("proxy", "2"): "tests/cli/test_proxy.py::test_wrong_use_is_told",

@@ -204,3 +204,31 @@ def test_what_fails_halfway_leaves_nothing(
     assert done.returncode == 2
     assert b"No space left" in done.stderr
     assert [path.name for path in tmp_path.iterdir()] == ["ring"]
+
+
+@pytest.mark.parametrize("command", ["cut", "report"])
+def test_what_is_interrupted_leaves_nothing(
+    command: str, tmp_path: Path, s7dissect: Command, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    evidence(tmp_path / "ring")
+    monkeypatch.setattr(f"dissect.cli.{command}.command.main", lambda *_, **__: 130)
+    done = s7dissect(
+        "evidence", "export", tmp_path / "ring", "-o", tmp_path / "out", "--time", "2026-11-20..2026-11-22"
+    )
+    assert done.returncode == 130
+    assert [path.name for path in tmp_path.iterdir()] == ["ring"]
+
+
+def test_it_names_what_it_made(tmp_path: Path, s7dissect: Command) -> None:
+    evidence(tmp_path / "ring")
+    out = tmp_path / "out"
+    done = s7dissect("evidence", "export", tmp_path / "ring", "-o", out, "--time", "2026-11-20..2026-11-22")
+    assert f"packets written to {out}/incident.pcapng" in done.stderr.decode()
+
+
+def test_an_alert_that_is_too_long_is_told(tmp_path: Path, s7dissect: Command) -> None:
+    evidence(tmp_path / "ring")
+    alert = tmp_path / "alert.json"
+    alert.write_text(json.dumps({"time": "2026-11-21T01:31:20Z", "text": "x" * (1 << 20)}))
+    done = s7dissect("evidence", "export", tmp_path / "ring", "-o", tmp_path / "out", "--alert", alert)
+    assert (done.returncode, b"more than 1 MiB" in done.stderr) == (2, True)

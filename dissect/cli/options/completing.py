@@ -19,13 +19,13 @@ _MOST: Final = 50
 Completer = Callable[[click.Context, click.Parameter, str], "list[CompletionItem]"]
 
 
-def from_table(table: Callable[[], Mapping[str, str]]) -> Completer:
-    """Return what completes the names of a table, each with what it is; of several with commas between, the last."""
+def from_table(table: Callable[[], Mapping[str, str]], several: bool = False) -> Completer:
+    """Return what completes the names of a table, each with what it is; of ``several`` with commas between, the last."""
 
     def complete(_ctx: click.Context, _param: click.Parameter, incomplete: str) -> list[CompletionItem]:
         from click.shell_completion import CompletionItem
 
-        before, comma, last = incomplete.rpartition(",")
+        before, comma, last = incomplete.rpartition(",") if several else ("", "", incomplete)
         return [
             CompletionItem(f"{before}{comma}{name}", help=said)
             for name, said in table().items()
