@@ -121,7 +121,7 @@ def test_for_programs(capfdbinary: pytest.CaptureFixture[bytes], differing: Path
 def test_through_pyshark(capfdbinary: pytest.CaptureFixture[bytes], capture: Path) -> None:
     direct = run(capfdbinary, "verify", "-T", "json", capture)
     other = run(capfdbinary, "verify", "-T", "json", "--pyshark", capture)
-    assert (direct.code, other.code) == (0, 0)
+    assert (direct.code, other.code) == (0, 0), other.err
     assert held_to_the_schema(direct) == held_to_the_schema(other)
 
 
