@@ -22,6 +22,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from benchmarks.generate import generate
+from benchmarks.links import KINDS, twin
 from benchmarks.multiply import multiply
 from benchmarks.tables import columns
 
@@ -30,7 +31,17 @@ if TYPE_CHECKING:
 
 RECORDED: Final = Path(__file__).with_name("instructions.json")
 #: More than this over the recorded number is too much: for a packet, and for a start, on which other packages have a say.
-MOST: Final = {"analyze": 1.05, "transactions": 1.05, "s7plus": 1.05, "start": 1.10}
+MOST: Final = {"analyze": 1.05, "transactions": 1.05, "s7plus": 1.05, "plain": 1.05, "start": 1.10}
+#: A packet of ``analyze`` over another link (of `benchmarks.links`) may take so many times what one of ``plain`` takes.
+MOST_OF_LINKS: Final = {
+    "vlan": 1.35,
+    "qinq": 1.42,
+    "ipv6": 1.38,
+    "cooked": 1.30,
+    "cooked_2": 1.30,
+    "raw": 1.25,
+    "pcapng": 1.20,
+}
 #: Python itself may differ by so much from the one that was recorded.
 SAME: Final = 0.02
 #: Packets of the capture that is read, and how often they are there in the longer one.
@@ -144,7 +155,7 @@ def measure(folder: Path) -> dict[str, int]:
 
     What the first packets cost (modules that are imported when they are needed, requests that are parsed for the first time)
     belongs to the start: it is what the same capture takes once, and a packet what its copies take, between other hosts.
-    ``s7plus`` is ``analyze`` for a packet of S7comm-plus.
+    ``s7plus`` is ``analyze`` for a packet of S7comm-plus; by the name of a link, it is ``analyze`` for the same packets there.
     """
     made, once, often, less, more = (str(folder / f"{name}.pcap") for name in ("made", "once", "often", "less", "more"))
     generate(Path(made), PACKETS)
@@ -157,6 +168,10 @@ def measure(folder: Path) -> dict[str, int]:
         calls |= {f"{name} once": [*arguments, once], f"{name} often": [*arguments, often]}
         _ran([sys.executable, "-m", "dissect", *arguments, once])  # so that the bytecode of all modules is there
     calls |= {"s7plus once": ["analyze", less], "s7plus often": ["analyze", more]}
+    for kind in KINDS:
+        few, many = folder / f"{kind}.once", folder / f"{kind}.often"
+        packets[kind] = -twin(Path(once), kind, few) + twin(Path(often), kind, many)
+        calls |= {f"{kind} once": ["analyze", str(few)], f"{kind} often": ["analyze", str(many)]}
     counted = copies(calls, folder)
     told = {name: (counted[f"{name} often"] - counted[f"{name} once"]) // count for name, count in packets.items()}
     return {**told, "start": counted["start"] - counted["python"]}
@@ -174,12 +189,20 @@ def too_many(now: dict[str, int], before: dict[str, int]) -> list[str]:
         f"{name}: {now[name]} instructions, recorded are {before[name]}, at most {most:.2f} times that is allowed"
         for name, most in MOST.items()
         if now[name] > before[name] * most
+    ] + [
+        f"{name}: {now[name]} instructions, {now['plain']} over plain Ethernet, at most {most:.2f} times that is allowed"
+        for name, most in MOST_OF_LINKS.items()
+        if now[name] > now["plain"] * most
     ]
+
+
+def _times(now: dict[str, int], name: str) -> str:
+    return f"{now[name] / now['plain']:.2f}" if name in MOST_OF_LINKS else ""
 
 
 def _record(now: dict[str, int]) -> None:
     known = json.loads(RECORDED.read_text(encoding="ascii")) if RECORDED.exists() else {}
-    known[combination()] = now
+    known[combination()] = {name: now[name] for name in (*MOST, "interpreter")}
     RECORDED.write_text(json.dumps(known, indent=1, sort_keys=True) + "\n", encoding="ascii")
 
 
@@ -197,9 +220,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     with tempfile.TemporaryDirectory() as folder:
         now = {**measure(Path(folder)), "interpreter": interpreter()}
     before = recorded()
-    rows = [(name, str(count), str(before.get(name, "-"))) for name, count in now.items()]
+    rows = [(name, str(now[name]), str(before.get(name, "-")), _times(now, name)) for name in now]
     print(combination())
-    print(columns(["", "instructions", "recorded"], rows))
+    print(columns(["", "instructions", "recorded", "of plain"], rows))
     if options.record:
         _record(now)
         return 0

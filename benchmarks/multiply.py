@@ -115,24 +115,25 @@ class Multiplier:
         for at in (plan.addresses, plan.addresses + size):
             octets[at : at + size] = self.address(frame[at : at + size], copy)
         end = plan.addresses + 2 * size
-        difference = _words(octets[plan.addresses : end]) - _words(frame[plan.addresses : end])
+        difference = words(octets[plan.addresses : end]) - words(frame[plan.addresses : end])
         if size == 4:
-            _adjust(octets, plan.ip + 10, difference)
+            adjust(octets, plan.ip + 10, difference)
         at = plan.payload
         if at >= 0:
             ports = int.from_bytes(frame[at : at + 2], "big"), int.from_bytes(frame[at + 2 : at + 4], "big")
             new = self.port(ports, copy)
             octets[at : at + 4] = (new[0] << 16 | new[1]).to_bytes(4, "big")
             place = at + _CHECKSUM_AT[plan.protocol]
-            _adjust(octets, place, difference + sum(new) - sum(ports), optional=plan.protocol == _UDP)
+            adjust(octets, place, difference + sum(new) - sum(ports), optional=plan.protocol == _UDP)
         return bytes(octets)
 
 
-def _words(octets: bytes | bytearray) -> int:
+def words(octets: bytes | bytearray) -> int:
+    """Return the sum of the 16-bit words of ``octets``, modulo 65535 (RFC 1071)."""
     return int.from_bytes(octets, "big") % 0xFFFF
 
 
-def _adjust(octets: bytearray, at: int, difference: int, *, optional: bool = False) -> None:
+def adjust(octets: bytearray, at: int, difference: int, *, optional: bool = False) -> None:
     """Change the checksum at ``at`` for words that grew by ``difference``; an ``optional`` one of zero was not computed."""
     if at + 2 > len(octets):
         return

@@ -8,7 +8,18 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks.instructions import MOST, RECORDED, SAME, combination, interpreter, measure, recorded, too_many
+from benchmarks.instructions import (
+    MOST,
+    MOST_OF_LINKS,
+    RECORDED,
+    SAME,
+    combination,
+    interpreter,
+    measure,
+    recorded,
+    too_many,
+)
+from benchmarks.links import KINDS
 from dissect.wire.build import COMPILED
 
 
@@ -32,12 +43,23 @@ def test_what_is_recorded_has_every_number() -> None:
         assert all(count > 0 for count in numbers.values())
 
 
+def test_every_link_is_held_to_plain_ethernet() -> None:
+    assert {"plain", *MOST_OF_LINKS} == set(KINDS)
+
+
 def test_more_than_allowed_is_reported() -> None:
-    before = {"analyze": 1000, "transactions": 2000, "s7plus": 1000, "start": 3000}
-    assert too_many({"analyze": 1050, "transactions": 1, "s7plus": 1050, "start": 3300}, before) == []
-    assert too_many({"analyze": 1051, "transactions": 2101, "s7plus": 1051, "start": 3301}, before) == [
+    before = {"analyze": 1000, "transactions": 2000, "s7plus": 1000, "plain": 1000, "start": 3000}
+    links = {name: int(1000 * most) for name, most in MOST_OF_LINKS.items()}
+    few = {"analyze": 1050, "transactions": 1, "s7plus": 1050, "plain": 1000, "start": 3300}
+    assert too_many({**few, **links}, before) == []
+    many = {"analyze": 1051, "transactions": 2101, "s7plus": 1051, "plain": 1051, "start": 3301}
+    assert too_many({**many, **links}, before) == [
         "analyze: 1051 instructions, recorded are 1000, at most 1.05 times that is allowed",
         "transactions: 2101 instructions, recorded are 2000, at most 1.05 times that is allowed",
         "s7plus: 1051 instructions, recorded are 1000, at most 1.05 times that is allowed",
+        "plain: 1051 instructions, recorded are 1000, at most 1.05 times that is allowed",
         "start: 3301 instructions, recorded are 3000, at most 1.10 times that is allowed",
     ]
+    for name, count in links.items():
+        (sentence,) = too_many({**few, **links, name: count + 10}, before)
+        assert sentence.startswith(f"{name}: {count + 10} instructions, 1000 over plain Ethernet")
