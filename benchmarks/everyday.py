@@ -106,7 +106,7 @@ def rows(made: dict[str, Path], small: Path) -> list[Row]:
         ("values", ("values",), 4),
         ("golden", ("golden", "-o", "{out}"), 5),
         ("anonymize", ("anonymize", "-o", "{out}"), 6),
-        ("cut", ("cut", "-Y", "function == write", "-o", "{out}"), 3),
+        ("cut", ("cut", "-Y", "function == read", "-o", "{out}"), 3),
         ("show", ("show",), 3),
         ("report", ("report", "-o", "{out}"), 3),
     ):
