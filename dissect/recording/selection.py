@@ -8,7 +8,7 @@ what is needed to understand a message: the beginning of its connection, the neg
 from __future__ import annotations
 
 from collections import OrderedDict
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection
 from typing import Final
 
 from mypy_extensions import i64
@@ -20,19 +20,17 @@ from dissect.ibh.packet import parse_packet
 from dissect.ibh.tables import KIND_CONFIRM, KIND_CONNECT, KIND_DISCONNECT, KIND_GO_AHEAD, KIND_SERVICE
 from dissect.iso.tables import CC, CR, DC, DR
 from dissect.recording.comments import finding_comment
-from dissect.recording.spans import Span, SpanBook
+from dissect.recording.places import Places, Stretch, parsed
+from dissect.recording.spans import Span, SpanBook, TimedSpan
 from dissect.recording.subscriptions import Asked, SubscriptionBook
 from dissect.report.contract import by_weight
 from dissect.s7.tables import SETUP_COMMUNICATION as _SETUP
-from dissect.tcp import ip, link
+from dissect.tcp import ip
 from dissect.tcp.connection import TcpConnection
-from dissect.tcp.stream import FIN, RST, SYN
-from dissect.tcp.tunnel import Inner
 from dissect.transactions.connection import Connection
 from dissect.transactions.side import Side
 from dissect.transactions.table import keys_of, reverse_key
 from dissect.transactions.transaction import PUSH, Transaction
-from dissect.wire.octets import u16, u32
 
 #: Greatest number of connections that are remembered, and of packets of each that opened or closed it above TCP.
 MAX_CONNECTIONS: Final = 16_384
@@ -83,9 +81,6 @@ class ContextBook:
 #: TPDUs that open and close a transport connection, and IBH-NetLink packets that do.
 _OPENING: Final = frozenset((CR, CC, DR, DC))
 _OPENING_IBH: Final = frozenset((KIND_CONNECT, KIND_CONFIRM, KIND_DISCONNECT, KIND_GO_AHEAD, KIND_SERVICE))
-#: The octet of the TCP header with the flags, and the flags that open and close a connection.
-_FLAGS_AT: Final = 13
-_MARKS: Final = SYN | FIN | RST
 #: Retransmissions of a transaction's octets are searched for so long before its request and after its answer.
 AGAIN_NS: Final = 10_000_000_000
 
@@ -112,29 +107,6 @@ class Wanted:
     def everything(self) -> bool:
         """Whether nothing in particular is wanted."""
         return not (self.connections or self.transactions or self.findings or self.slugs)
-
-
-class Stretch:
-    """A connection in the capture: ``key`` of one direction, TCP or UDP, from packet ``first`` to packet ``last``."""
-
-    __slots__ = ("first", "key", "last", "protocol")
-
-    def __init__(self, key: bytes, protocol: int, first: int, last: int) -> None:
-        self.key = key
-        self.protocol = protocol
-        self.first = first
-        self.last = last
-
-
-class TimedSpan:
-    """The range of a PDU, and the times between which its octets are searched for."""
-
-    __slots__ = ("from_ns", "span", "to_ns")
-
-    def __init__(self, span: Span, from_ns: int, to_ns: int) -> None:
-        self.span = span
-        self.from_ns = from_ns
-        self.to_ns = to_ns
 
 
 class Selection(Observer):
@@ -282,17 +254,21 @@ class Selection(Observer):
                 text = finding_comment(finding)
                 for frame in sorted(set(finding.frames)):
                     comments.setdefault(int(frame), []).append(text)
-        stretches = [_stretch(connection) for connection in self._connections.values()]
-        times = (from_ns, to_ns)
         same = self._same.found
-        choice = Choice(self._wanted.everything, frozenset(frames), stretches, self._spans, times, comments, same)
+        places = Places(frozenset(frames), same)
+        places.add_connections([_stretch(connection) for connection in self._connections.values()])
+        places.add_spans(self._spans)
+        choice = Choice(self._wanted.everything, places, (from_ns, to_ns), comments)
         marked = [_stretch(connection, frame) for connection, frame in self._unanswered]
         if self._context is not None:
             for number in self._around:
                 self._around_frames.update(self._context.of(number).frames)
             marked = [_stretch(connection) for connection in self._around.values()]
         if marked:
-            choice.surround(frozenset(self._around_frames), marked, self._around_spans)
+            around = Places(frozenset(self._around_frames), same)
+            around.mark(marked)
+            around.add_spans(self._around_spans)
+            choice.surround(around)
         return choice
 
 
@@ -328,156 +304,41 @@ class Choice:
     """
 
     def __init__(
-        self,
-        everything: bool,
-        frames: frozenset[int],
-        stretches: Sequence[Stretch],
-        spans: Sequence[TimedSpan],
-        times: tuple[int, int],
-        comments: dict[int, list[str]],
-        same: Mapping[bytes, bytes],
+        self, everything: bool, wanted: Places, times: tuple[int, int], comments: dict[int, list[str]]
     ) -> None:
-        self._same = same
         self.comments = comments
         self.context = 0
-        self._narrow: Callable[[int, int, bytes, int, int, int], bool] | None = None
-        self._around: Choice | None = None
-        self._marked: dict[bytes, list[Stretch]] = {}  # connections whose SYN, FIN and RST packets are wanted
         self._everything = everything
-        self._frames = frames
+        self._wanted = wanted
+        self._around: Places | None = None
         self._from_ns, self._to_ns = times
-        self._stretches: dict[bytes, list[Stretch]] = {}
-        self._spans: dict[bytes, list[TimedSpan]] = {}
-        self._hosts: dict[bytes, list[Stretch]] = {}  # by addresses only, for IP fragments, which have no ports
-        for stretch in stretches:
-            for key in self._keys(stretch):
-                self._stretches.setdefault(key, []).append(stretch)
-                self._hosts.setdefault(_addresses(key), []).append(stretch)
-        self._span_hosts: dict[bytes, list[TimedSpan]] = {}
-        self._first = min([one.first for one in stretches], default=1)
-        self._last = max([one.last for one in stretches], default=0)
-        self._begin = min([one.from_ns for one in spans], default=1)
-        self._end = max([one.to_ns for one in spans], default=0)
-        for timed in spans:
-            self._spans.setdefault(same.get(timed.span.key, timed.span.key), []).append(timed)
-            self._span_hosts.setdefault(_addresses(timed.span.key), []).append(timed)
+        self._narrow: Callable[[int, int, bytes, int, int, int], bool] | None = None
 
     def narrow(self, test: Callable[[int, int, bytes, int, int, int], bool]) -> None:
         """Want only packets for which ``test``, called with the arguments of `takes`, returns True, too."""
         self._narrow = test
 
-    def surround(self, frames: frozenset[int], marked: Sequence[Stretch], spans: Sequence[TimedSpan]) -> None:
-        """Also want these packets, and those that open or close the TCP connections ``marked``."""
-        self._around = Choice(False, frames, (), spans, (self._from_ns, self._to_ns), {}, self._same)
-        self._around.mark(marked)
-
-    def mark(self, stretches: Sequence[Stretch]) -> None:
-        """Want the packets that open and close these TCP connections."""
-        for stretch in stretches:
-            for key in self._keys(stretch):
-                self._marked.setdefault(key, []).append(stretch)
-
-    def _keys(self, stretch: Stretch) -> tuple[bytes, bytes]:
-        """Return the keys of both directions by which a stretch is looked up."""
-        there, back = stretch.key, reverse_key(stretch.key)
-        return self._same.get(there, there), self._same.get(back, back)
+    def surround(self, around: Places) -> None:
+        """Also want these packets, as context."""
+        self._around = around
 
     def takes(self, frame: int, time_ns: int, buf: bytes, start: int, end: int, link_type: int) -> bool:
         """Return whether packet ``frame`` is wanted. Never raises."""
         if self._narrow is not None and not self._narrow(frame, time_ns, buf, start, end, link_type):
             return False
-        if self._wants(frame, time_ns, buf, start, end, link_type):
-            return True
-        if self._around is None or not self._around.takes(frame, time_ns, buf, start, end, link_type):
-            return False
-        self.context += 1
-        return True
-
-    def _wants(self, frame: int, time_ns: int, buf: bytes, start: int, end: int, link_type: int) -> bool:
         if not self._from_ns <= time_ns <= self._to_ns:
             return False
-        if self._everything or frame in self._frames:
+        wanted, around = self._wanted, self._around
+        if self._everything or frame in wanted.frames:
             return True
-        if not self._hosts and not self._span_hosts and not self._marked:
+        found = None
+        if wanted.looks or (around is not None and around.looks):
+            found = parsed(buf, start, end, link_type)
+        if found is not None and wanted.wants(frame, time_ns, buf, *found):
+            return True
+        if around is None:
             return False
-        found = _parsed(buf, start, end, link_type)
-        if found is None:
-            return False
-        packet, key = found
-        if packet.fragment_key:
-            return self._takes_fragment(frame, time_ns, packet)
-        if not key:
-            return False
-        key = self._same.get(key, key)
-        protocol = packet.protocol
-        if any(one.first <= frame <= one.last and one.protocol == protocol for one in self._stretches.get(key, ())):
+        if frame in around.frames or (found is not None and around.wants(frame, time_ns, buf, *found)):
+            self.context += 1
             return True
-        if protocol == ip.TCP and packet.end - packet.start >= _FLAGS_AT + 1 and buf[packet.start + _FLAGS_AT] & _MARKS:
-            if any(one.first <= frame <= one.last for one in self._marked.get(key, ())):
-                return True
-        spans = self._spans.get(key) if protocol == ip.TCP else None
-        return spans is not None and _carries(spans, time_ns, buf, packet)
-
-    def _takes_fragment(self, frame: int, time_ns: int, packet: ip.IpPacket) -> bool:
-        """Return whether an IP fragment is wanted: it is between the hosts of something wanted, at that time.
-
-        A fragment of a tunnel does not show whose packet is in it, so any one at that time is wanted.
-        """
-        if packet.protocol in ip.CARRIERS and (
-            self._first <= frame <= self._last or self._begin <= time_ns <= self._end
-        ):
-            return True
-        if any(one.first <= frame <= one.last for one in self._hosts.get(packet.addresses, ())):
-            return True
-        return any(one.from_ns <= time_ns <= one.to_ns for one in self._span_hosts.get(packet.addresses, ()))
-
-
-def _parsed(buf: bytes, start: int, end: int, link_type: int) -> tuple[ip.IpPacket, bytes] | None:
-    """Return the IP packet in a frame, and its key (empty for a fragment or without ports); None if there is no IP packet."""
-    at, vlan = link.find_ip(buf, start, end, link_type)
-    if at >= 0:
-        packet = ip.parse_ip(buf, at, end, True)
-        if packet.problem:
-            return None
-        if packet.protocol != ip.TCP:
-            inner = Inner(packet, vlan, True)
-            inner.descend(buf)
-            if not inner.problem:
-                packet, vlan = inner.packet, inner.vlan
-    elif at == link.FRAME:
-        inner = Inner(ip.IpPacket(), 0, True)
-        inner.open_frame(buf, vlan, end)
-        inner.descend(buf)
-        if inner.problem:
-            return None
-        packet, vlan = inner.packet, inner.vlan
-    else:
-        return None
-    if packet.fragment_key or packet.end - packet.start < 4:
-        return packet, b""
-    tag = int(vlan).to_bytes(8, "big") if vlan else b""
-    return packet, b"%b%b%b" % (packet.addresses, buf[packet.start : packet.start + 4], tag)
-
-
-def packet_key(buf: bytes, start: int, end: int, link_type: int) -> tuple[bytes, bytes]:
-    """Return the key of a TCP or UDP packet, and its two addresses; both are empty for other packets. Never raises."""
-    found = _parsed(buf, start, end, link_type)
-    if found is None:
-        return b"", b""
-    packet, key = found
-    return (key if packet.protocol in {ip.TCP, ip.UDP} else b""), packet.addresses
-
-
-def _addresses(key: bytes) -> bytes:
-    """Return the addresses of a key, without ports and VLAN."""
-    return key[:8] if len(key) in (12, 20) else key[:32]
-
-
-def _carries(spans: Sequence[TimedSpan], time_ns: int, buf: bytes, packet: ip.IpPacket) -> bool:
-    """Return whether a TCP segment carries octets of one of ``spans``."""
-    at, end = int(packet.start), int(packet.end)
-    if end - at < 20:
         return False
-    seq = u32(buf, at + 4)
-    size = end + int(packet.missing) - at - (u16(buf, at + 12) >> 12 << 2)
-    return any(one.from_ns <= time_ns <= one.to_ns and one.span.overlaps(seq, size) for one in spans)

@@ -16,6 +16,10 @@ from dissect.transactions.side import Side
 MAX_SPANS: Final = 65_536
 MAX_DIRECTIONS: Final = 16_384
 
+#: Sequence numbers of one block of a `SpanIndex`: about what a segment, and what most PDUs, have.
+_BLOCK_BITS: Final = 10
+_LAST_BLOCK: Final = MASK >> _BLOCK_BITS
+
 #: COTP: the code of a DT, and the octet and bit (EOT) that mark the last DT of a message.
 _DT: Final = 0xF0
 _EOT_AT: Final = 6
@@ -38,6 +42,46 @@ class Span:
     def overlaps(self, seq: int, size: int) -> bool:
         """Return whether a segment with ``size`` octets from ``seq`` on carries any of them."""
         return size > 0 and self.size > 0 and ((seq - self.seq) & MASK < self.size or (self.seq - seq) & MASK < size)
+
+
+class TimedSpan:
+    """The range of a PDU, and the times between which its octets are searched for."""
+
+    __slots__ = ("from_ns", "span", "to_ns")
+
+    def __init__(self, span: Span, from_ns: int, to_ns: int) -> None:
+        self.span = span
+        self.from_ns = from_ns
+        self.to_ns = to_ns
+
+
+class SpanIndex:
+    """Spans of one direction by the blocks of sequence numbers that they touch, so that a search looks at few of them."""
+
+    __slots__ = ("_blocks",)
+
+    def __init__(self) -> None:
+        self._blocks: dict[int, list[TimedSpan]] = {}
+
+    def add(self, timed: TimedSpan) -> None:
+        """Make a span known."""
+        for block in _touched(timed.span.seq, timed.span.size):
+            self._blocks.setdefault(block, []).append(timed)
+
+    def carries(self, time_ns: int, seq: int, size: int) -> bool:
+        """Return whether a segment with ``size`` octets from ``seq`` on, at this time, carries octets of a span."""
+        for block in _touched(seq, size):
+            for one in self._blocks.get(block, ()):
+                if one.from_ns <= time_ns <= one.to_ns and one.span.overlaps(seq, size):
+                    return True
+        return False
+
+
+def _touched(seq: int, size: int) -> list[int]:
+    """Return the blocks with any of ``size`` sequence numbers from ``seq`` on; the last number is followed by the first."""
+    if size <= 0:
+        return []
+    return [block & _LAST_BLOCK for block in range(seq >> _BLOCK_BITS, (seq + size - 1 >> _BLOCK_BITS) + 1)]
 
 
 class _Direction:

@@ -7,6 +7,7 @@ number, time, ends, connection. If the expression names only such fields, every 
 
 from __future__ import annotations
 
+from bisect import bisect_right, insort
 from collections.abc import Callable
 from typing import Final
 
@@ -14,8 +15,9 @@ from mypy_extensions import i64
 
 from dissect.engine.observer import Observer
 from dissect.findings.reporter import Finding
-from dissect.recording.selection import AGAIN_NS, Choice, SameKeys, TimedSpan, packet_key
-from dissect.recording.spans import SpanBook
+from dissect.recording.places import Places, packet_key, parsed
+from dissect.recording.selection import AGAIN_NS, SameKeys
+from dissect.recording.spans import SpanBook, TimedSpan
 from dissect.select.sieve import Numbers
 from dissect.select.things import FINDING, PACKET, TRANSACTION, Packet
 from dissect.select.where import Where
@@ -29,7 +31,8 @@ from dissect.transactions.transaction import Transaction
 KINDS: Final = (PACKET, TRANSACTION, FINDING)
 #: Returns whether a packet is selected; arguments: number, time, buffer, start, end, link type.
 PacketTest = Callable[[int, int, bytes, int, int, int], bool]
-_EVER: Final = (-(2**63), 2**63)
+#: Connections with the same addresses and ports follow one another; a late packet may still belong to the one before.
+_AT_ONCE: Final = 2
 
 
 class _Ends:
@@ -87,7 +90,7 @@ class PacketSelection(Observer):
         self._same.note(connection.tcp)
         for key in keys_of(connection.tcp):
             for one in {key, reverse_key(key)}:
-                self._lines.setdefault(one, []).append(line)
+                insort(self._lines.setdefault(one, []), line, key=_first_of)
 
     def tpdu(self, frame: i64, time_ns: i64, side: Side, octets: bytes) -> None:
         """Note where in its stream a TPKT is."""
@@ -136,12 +139,16 @@ class PacketSelection(Observer):
 
     def test(self) -> PacketTest:
         """Return the function that returns whether a packet is selected. It never raises."""
-        carried = Choice(False, frozenset(self._frames), (), self._spans, _EVER, {}, self._same.found)
+        carried = Places(frozenset(self._frames), self._same.found)
+        carried.add_spans(self._spans)
         itself = self._where.predicate(PACKET)
 
         def takes(frame: int, time_ns: int, buf: bytes, start: int, end: int, link_type: int) -> bool:
             if not self._alone:
-                if carried.takes(frame, time_ns, buf, start, end, link_type):
+                if frame in carried.frames:
+                    return True
+                found = parsed(buf, start, end, link_type) if carried.looks else None
+                if found is not None and carried.wants(frame, time_ns, buf, *found):
                     return True
                 if frame in self._carrying:
                     return False
@@ -156,7 +163,13 @@ class PacketSelection(Observer):
         if not key:
             half = len(addresses) // 2
             return Packet(frame, time_ns, (Endpoint(addresses[:half], -1), Endpoint(addresses[half:], -1)), None)
-        for line in self._lines.get(key, ()):
-            if line.first <= frame <= line.last:
+        lines = self._lines.get(key, [])
+        begun = bisect_right(lines, frame, key=_first_of)
+        for line in lines[max(0, begun - _AT_ONCE) : begun]:
+            if frame <= line.last:
                 return Packet(frame, time_ns, endpoints(key), line)
         return Packet(frame, time_ns, endpoints(key), None)
+
+
+def _first_of(line: _Line) -> int:
+    return line.first

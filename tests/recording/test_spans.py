@@ -11,7 +11,7 @@ from mypy_extensions import i64
 
 from dissect.engine.observer import Observer
 from dissect.recording import spans
-from dissect.recording.spans import Span, SpanBook
+from dissect.recording.spans import Span, SpanBook, SpanIndex, TimedSpan
 from dissect.transactions.side import Side
 from tests.properties import messages
 from tests.properties.messages import dt
@@ -163,3 +163,36 @@ def test_the_range_of_a_pdu_in_several_frames_begins_with_the_first(
     observed(watching, talk.packets())
     found = [span for _, _, span in watching.found]
     assert [(span.seq - start, span.size) for span in found if span is not None] == expected
+
+
+@given(
+    st.lists(st.tuples(st.integers(-3000, 9000), st.integers(0, 5000), st.integers(0, 9), st.integers(0, 9))),
+    st.lists(st.tuples(st.integers(-3000, 9000), st.integers(0, 3000), st.integers(0, 9))),
+)
+def test_an_index_finds_what_a_search_through_all_spans_finds(
+    spans: list[tuple[int, int, int, int]], segments: list[tuple[int, int, int]]
+) -> None:
+    """Sequence numbers are those around the end of their range."""
+    index = SpanIndex()
+    known = [TimedSpan(Span(b"", seq & MASK, size), begin, end) for seq, size, begin, end in spans]
+    for timed in known:
+        index.add(timed)
+    for seq, size, time_ns in segments:
+        expected = any(one.from_ns <= time_ns <= one.to_ns and one.span.overlaps(seq & MASK, size) for one in known)
+        assert index.carries(time_ns, seq & MASK, size) == expected
+
+
+def test_a_search_looks_at_few_of_many_spans() -> None:
+    class Counted(Span):
+        looked = 0
+
+        def overlaps(self, seq: int, size: int) -> bool:
+            Counted.looked += 1
+            return super().overlaps(seq, size)
+
+    index = SpanIndex()
+    for number in range(20_000):
+        index.add(TimedSpan(Counted(b"", number * 300, 300), 0, 1))
+    assert index.carries(0, 3_000_000, 300)
+    assert not index.carries(0, 7_000_000, 300)
+    assert Counted.looked < 20

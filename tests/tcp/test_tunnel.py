@@ -15,7 +15,8 @@ from hypothesis import strategies as st
 
 from captures.craft import container
 from dissect.anonymize.account import Choices
-from dissect.recording.selection import Choice, Stretch, packet_key
+from dissect.recording.places import Places, Stretch
+from dissect.recording.selection import Choice, packet_key
 from dissect.tcp import link
 from dissect.tcp.ip import FragmentStore
 from dissect.tcp.segment import Segment, find_segment
@@ -435,7 +436,9 @@ def test_fragments_of_a_tunnel_are_selected_with_what_is_in_it() -> None:
     result = Result(capture(frames))
     assert result.outcomes == ["answered"] * 4
     key = found(talk.segments[0].frame()).key
-    choice = Choice(False, frozenset(), [Stretch(key, TCP, 10, 20)], (), (0, 2**62), {}, {})
+    places = Places(frozenset(), {})
+    places.add_connections([Stretch(key, TCP, 10, 20)])
+    choice = Choice(False, places, (0, 2**62), {})
     taken = [choice.takes(number, EPOCH_NS, frame, 0, len(frame), 1) for number, frame in enumerate(frames, 1)]
     assert taken == [10 <= number <= 20 for number in range(1, len(frames) + 1)]
     other = outer(bytes(48), 17, MORE)

@@ -1,0 +1,38 @@
+"""`Ranges`: numbers of packets, or times, from one to another, of which there may be many that overlap."""
+
+from __future__ import annotations
+
+from bisect import bisect_right
+
+
+class Ranges:
+    """Ranges of integers, both ends included. Once the first question is asked, those that touch are one."""
+
+    __slots__ = ("_added", "_firsts", "_lasts")
+
+    def __init__(self) -> None:
+        self._added: list[tuple[int, int]] = []
+        self._firsts: list[int] = []
+        self._lasts: list[int] = []
+
+    def add(self, first: int, last: int) -> None:
+        """Take a range; one that ends before it begins holds nothing."""
+        if first <= last:
+            self._added.append((first, last))
+
+    def __contains__(self, number: int) -> bool:
+        if self._added:
+            self._join()
+        place = bisect_right(self._firsts, number) - 1
+        return place >= 0 and number <= self._lasts[place]
+
+    def _join(self) -> None:
+        ranges = sorted([*zip(self._firsts, self._lasts, strict=True), *self._added])
+        self._added = []
+        self._firsts, self._lasts = [], []
+        for first, last in ranges:
+            if self._lasts and first <= self._lasts[-1] + 1:
+                self._lasts[-1] = max(self._lasts[-1], last)
+            else:
+                self._firsts.append(first)
+                self._lasts.append(last)
