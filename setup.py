@@ -87,6 +87,7 @@ HOT: Final = (
     "dissect/report/facets.py",
     "dissect/report/item_json.py",
     "dissect/report/item_octets.py",
+    "dissect/report/json_page.py",
     "dissect/report/latencies.py",
     "dissect/report/line_octets.py",
     "dissect/report/pdu_json.py",
@@ -146,7 +147,6 @@ COLD: Final = (
     "dissect/variables/summary.py",
     "dissect/wire/copies.py",
     "dissect/wire/errors.py",
-    "dissect/wire/saving.py",
 )
 
 #: Of what is compiled, where most instructions are spent, in a seventh of the C lines. A fast build optimizes these,
@@ -204,7 +204,6 @@ BUSY: Final = (
     "dissect/anonymize/usual_packet.py",
     "dissect/golden/usual.py",
     "dissect/wire/hexdump.py",
-    "dissect/wire/json_page.py",
     "dissect/wire/malformed.py",
     "dissect/wire/part.py",
     "dissect/wire/varint.py",
@@ -265,6 +264,7 @@ BUSY: Final = (
     "dissect/export/value_columns.py",
     "dissect/report/analysis.py",
     "dissect/report/facets.py",
+    "dissect/report/json_page.py",
     "dissect/report/pdu_json.py",
     "dissect/report/plus.py",
     "dissect/report/plus_items.py",

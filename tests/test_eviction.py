@@ -16,7 +16,7 @@ import pytest
 from dissect.alerts.alert import Alert
 from dissect.alerts.cooldown import MAX_REMEMBERED, Cooldown
 from dissect.alerts.rules import PROBLEM, Rule
-from dissect.recording.selection import MAX_CONNECTIONS, ContextBook
+from dissect.select.selection import MAX_CONNECTIONS, ContextBook
 from dissect.tcp.ip import MAX_DATAGRAMS, FragmentStore
 from tests.conftest import ROOT
 

@@ -14,11 +14,11 @@ from typing import Any, Final
 
 from dissect.carve.records import BLOCKS_SCHEMA
 from dissect.config.hostile import ContentError, read_json
+from dissect.config.saving import save
 from dissect.program.carved import S7COMM_PLUS, CarvedBlock, block_of, plus_block
 from dissect.program.plus import TEXTS
 from dissect.s7plus.blobs import open_blob
 from dissect.wire.errors import Error
-from dissect.wire.saving import save
 from dissect.wire.text import printable
 
 MANIFEST: Final = "manifest.json"

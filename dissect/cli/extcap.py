@@ -25,9 +25,9 @@ from dissect.cli.options.select import where_option
 from dissect.cli.options.tags import tag_options
 from dissect.cli.options.tls import tls_option
 from dissect.cli.run import complain, slow_option, write
+from dissect.config.saving import save
 from dissect.source.live import BUFFER_MIB
 from dissect.source.wireshark import find_program
-from dissect.wire.saving import save
 from dissect.wire.text import printable
 
 if TYPE_CHECKING:
@@ -196,7 +196,7 @@ def _from_file(file: str | None, where: str | None, expression: str, writer: Pca
     """Write a capture with comments to the pipe."""
     from dissect.cli.second_pass import check_files, read_again, read_first
     from dissect.recording.cutter import Cutter
-    from dissect.recording.selection import Selection, Wanted
+    from dissect.select.selection import Selection, Wanted
 
     if file is None:
         raise click.ClickException("choose a capture file in the options of this interface (--file).")

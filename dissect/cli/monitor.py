@@ -47,7 +47,7 @@ if TYPE_CHECKING:
     from dissect.engine.exchange import PayloadDecoder
     from dissect.live.run import Companion
     from dissect.live.session import Session, Status
-    from dissect.metrics.address import Address
+    from dissect.net.addresses import Address
     from dissect.source.packet import Reader
     from dissect.tls.key_log import KeyLog
     from dissect.transactions.naming import Naming

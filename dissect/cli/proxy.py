@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     from dissect.engine.exchange import PayloadDecoder
     from dissect.live.events import Event
     from dissect.live.session import Session
-    from dissect.metrics.address import Address
+    from dissect.net.addresses import Address
     from dissect.proxy.capture_file import CaptureFile
     from dissect.proxy.process import RelayProcess, RelayThread
     from dissect.proxy.source import RelayReader
@@ -67,8 +67,7 @@ def _to(ctx: click.Context, param: click.Parameter, value: str) -> Address:
 
 
 def _address(ctx: click.Context, param: click.Parameter, value: str, port: int | None) -> Address:
-    from dissect.metrics.address import AddressError
-    from dissect.net.addresses import read_address
+    from dissect.net.addresses import AddressError, read_address
 
     try:
         return read_address(value, port)

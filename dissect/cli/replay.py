@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from dissect.engine.exchange import PayloadDecoder
-    from dissect.metrics.address import Address
+    from dissect.net.addresses import Address
     from dissect.playback.client import Outcome, Part, Permissions, Settings
     from dissect.source.pcapng_writer import PcapngWriter
 

@@ -11,16 +11,16 @@ import click
 if TYPE_CHECKING:
     from dissect.live.run import Companion
     from dissect.live.session import Session
-    from dissect.metrics.address import Address
     from dissect.metrics.counters import Metrics
     from dissect.metrics.keeper import MetricsKeeper
+    from dissect.net.addresses import Address
 
 
 def metrics_address(ctx: click.Context, param: click.Parameter, text: str | None) -> Address | None:
     """Return what ``--metrics HOST:PORT`` says, None when it was not given."""
     if text is None:
         return None
-    from dissect.metrics.address import AddressError, parse_address
+    from dissect.net.addresses import AddressError, parse_address
 
     try:
         return parse_address(text)
@@ -59,10 +59,10 @@ class Scrape:
 
     def _listen(self, address: Address, allow_remote: bool) -> None:
         """Listen, or end the command with one line that says why not."""
-        from dissect.metrics.address import AddressError
         from dissect.metrics.counters import Metrics
         from dissect.metrics.keeper import MetricsKeeper
         from dissect.metrics.server import MissingLibraryError, door_of
+        from dissect.net.addresses import AddressError
 
         self._metrics = Metrics()
         try:

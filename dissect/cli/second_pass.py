@@ -12,16 +12,16 @@ import click
 
 from dissect.cli.options.select import read_where
 from dissect.cli.run import drive, places_of
+from dissect.config.saving import Saving, expect_place
 from dissect.source.pcapng_writer import CAPTURE_MODE
-from dissect.wire.saving import Saving, expect_place
 from dissect.wire.text import printable
 
 if TYPE_CHECKING:
     from dissect.engine.observer import Observer
     from dissect.engine.pipeline import Options
     from dissect.recording.cutter import Around, Cutter
-    from dissect.recording.selection import Selection
     from dissect.select.packets import PacketSelection
+    from dissect.select.selection import Selection
     from dissect.session import Run
     from dissect.source.pcapng_writer import PcapngWriter
 

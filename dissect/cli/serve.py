@@ -13,7 +13,7 @@ from dissect.cli.watching import Interruption
 from dissect.wire.text import printable
 
 if TYPE_CHECKING:
-    from dissect.metrics.address import Address
+    from dissect.net.addresses import Address
     from dissect.playback.server.faults import Fault
     from dissect.playback.server.service import Server
     from dissect.source.pcapng_writer import PcapngWriter
@@ -28,8 +28,7 @@ _EXIT_CODES: Final = (
 
 
 def _listen(ctx: click.Context, param: click.Parameter, value: str) -> Address:
-    from dissect.metrics.address import AddressError
-    from dissect.net.addresses import read_address
+    from dissect.net.addresses import AddressError, read_address
 
     try:
         return read_address(value)

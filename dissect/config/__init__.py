@@ -1,1 +1,1 @@
-"""Shared by all files that users write: the settings, the lines of keys, and suggestions for misspelt names."""
+"""Files of users: settings, lines of keys and hints for those that they write, and how those that they name are written."""

@@ -11,8 +11,8 @@ from typing import Final
 
 from dissect.findings.reporter import Finding
 from dissect.live.run import Companion
-from dissect.recording.comments import finding_comment, frames_in_words
 from dissect.recording.recent import MAX_COMMENTS, KeptPacket
+from dissect.select.comments import finding_comment, frames_in_words
 from dissect.source.live.reader import Drops
 from dissect.source.pcapng_writer import PcapngWriter
 

@@ -14,9 +14,9 @@ from dissect.live.manifest import ManifestThread
 from dissect.live.problems import Problem, Problems
 from dissect.live.writing import WritingCompanion
 from dissect.recording import manifest
-from dissect.recording.comments import MARK
 from dissect.recording.event_capture import EventCapture
 from dissect.recording.ring_buffer import RingBuffer, Witness, earlier_files
+from dissect.select.comments import MARK
 from dissect.source.live.reader import Drops
 from dissect.wire.text import Clock, printable
 

@@ -9,6 +9,7 @@ from typing import Final
 
 from dissect.acts.act import Act
 from dissect.alerts.problems import REPORT
+from dissect.config.saving import save
 from dissect.engine.pipeline import Pipeline
 from dissect.findings.ledger import Ledger
 from dissect.findings.reporter import Finding
@@ -21,7 +22,6 @@ from dissect.source.live.reader import Drops
 from dissect.transactions.connection import Connection
 from dissect.transactions.operation import Operation
 from dissect.transactions.transaction import Transaction
-from dissect.wire.saving import save
 from dissect.wire.text import Clock
 
 #: At most so many pages that cannot be written wait.

@@ -9,8 +9,8 @@ from typing import Final
 from dissect.alerts.problems import METRICS
 from dissect.live.problems import Recovery
 from dissect.live.run import Companion
-from dissect.metrics.address import AddressError
 from dissect.metrics.server import Door, Server
+from dissect.net.addresses import AddressError
 from dissect.report import words
 from dissect.source.live.reader import Drops
 

@@ -19,8 +19,8 @@ from http.server import BaseHTTPRequestHandler
 from socketserver import TCPServer, ThreadingMixIn
 from typing import TYPE_CHECKING, Any, Final
 
-from dissect.metrics.address import Address, AddressError, Target, is_loopback, parse_address, resolve
 from dissect.metrics.counters import Metrics
+from dissect.net.addresses import THIS_MACHINE, Address, AddressError, Place, is_loopback, parse_address
 
 if TYPE_CHECKING:
     from dissect.metrics.exposition import Exposition
@@ -117,7 +117,7 @@ class _Listener(ThreadingMixIn, TCPServer):
     block_on_close = False
     request_queue_size = 64
 
-    def __init__(self, target: Target, text: Text) -> None:
+    def __init__(self, target: Place, text: Text) -> None:
         self.address_family = target.family
         #: Whether only this machine may connect. Then other host names are refused, too: a web page could use one (DNS
         #: rebinding).
@@ -133,7 +133,7 @@ class _Listener(ThreadingMixIn, TCPServer):
             self.server_close()
             raise
 
-    def server_bind_to(self, target: Target) -> None:
+    def server_bind_to(self, target: Place) -> None:
         """Bind to the full address: that of IPv6 may have a scope."""
         self.socket.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         if target.family == socket.AF_INET6:
@@ -214,7 +214,7 @@ class Server:
 class Door:
     """Where metrics are served: opened as often as need be. ``target`` is what the address meant at first."""
 
-    def __init__(self, metrics: Metrics, address: Address, target: Target) -> None:
+    def __init__(self, metrics: Metrics, address: Address, target: Place) -> None:
         from dissect.metrics.exposition import Exposition
 
         self._address = address
@@ -230,6 +230,24 @@ class Door:
                 f"{self._address}: {why.strerror or why}: choose a different port or address with --metrics"
             ) from None
         return Server(listener, str(self._target.address[0]))
+
+
+def resolve(address: Address, allow_remote: bool) -> Place:
+    """Return the address to listen on. Raises `AddressError` if others can reach it, unless ``allow_remote``."""
+    try:
+        found = socket.getaddrinfo(address.host, address.port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE)
+    except (OSError, UnicodeError) as why:
+        reason = why.strerror if isinstance(why, OSError) else "not a host name"
+        raise AddressError(f"{address}: {reason}: use a name or an address of this machine") from None
+    family, _, _, _, where = found[0]
+    host = str(where[0])
+    if not allow_remote and not is_loopback(host):
+        raise AddressError(
+            f"{address} can be reached from other machines, and anyone who reaches it can read the metrics: "
+            f"use {Address(THIS_MACHINE, address.port)}, or add --allow-remote if that is intended"
+        )
+    port = int(where[1])
+    return Place(family, (host, port, int(where[2]), int(where[3])) if len(where) == 4 else (host, port))
 
 
 def door_of(metrics: Metrics, address: Address | str, allow_remote: bool = False) -> Door:

@@ -1,24 +1,44 @@
-"""The addresses at which a proxy listens and to which it connects, in the form that sockets take."""
+"""Addresses: HOST:PORT as users write them, and in the form that sockets take, to listen at and to connect to."""
 
 from __future__ import annotations
 
+import ipaddress
+import re
 import socket
 from typing import Final, NamedTuple
 
-from dissect.metrics.address import THIS_MACHINE, Address, AddressError, is_loopback, parse_address
 from dissect.source.packet import CaptureError
 
+#: An address that only this machine can reach.
+THIS_MACHINE: Final = "127.0.0.1"
 #: The default address at which the proxy listens.
 DEFAULT: Final = "127.0.0.1:10102"
+#: An example of one; the port is near that of Prometheus' node exporter.
+_EXAMPLE: Final = "127.0.0.1:9102"
 #: The port of PLCs (RFC 1006).
 PLC_PORT: Final = 102
 _DANGER: Final = "and anyone who reaches it reaches the PLC"
 #: At most so many addresses of one name are used.
 _MAX_ADDRESSES: Final = 8
+_ADDRESS: Final = re.compile(r"(?:\[(?P<six>[0-9A-Fa-f:.%\w]+)\]|(?P<host>[^\[\]:\s]+)):(?P<port>[0-9]{1,5})", re.ASCII)
+
+
+class AddressError(ValueError):
+    """An address cannot be used; the message is one line that says why and what to do."""
 
 
 class ProxyError(CaptureError):
     """The proxy cannot begin; the message is one line that says why and what to do."""
+
+
+class Address(NamedTuple):
+    """A host, by name or number, and a port; 0 lets the system choose one."""
+
+    host: str
+    port: int
+
+    def __str__(self) -> str:
+        return f"[{self.host}]:{self.port}" if ":" in self.host else f"{self.host}:{self.port}"
 
 
 class Place(NamedTuple):
@@ -29,6 +49,17 @@ class Place(NamedTuple):
 
     def __str__(self) -> str:
         return str(Address(self.address[0], self.address[1]))
+
+
+def parse_address(text: str) -> Address:
+    """Read ``HOST:PORT`` or ``[IPv6]:PORT``. Raises `AddressError`."""
+    found = _ADDRESS.fullmatch(text)
+    if found is None:
+        raise AddressError(f"{text!r} is not an address: expected HOST:PORT, for example {_EXAMPLE} or [::1]:9102")
+    port = int(found["port"])
+    if port > 65535:
+        raise AddressError(f"{text!r}: a port is at most 65535")
+    return Address(found["six"] or found["host"], port)
 
 
 def read_address(text: str, default_port: int | None = None) -> Address:
@@ -128,3 +159,14 @@ def _is_own(place: Place) -> bool:
         except OSError:
             return False
     return True
+
+
+def is_loopback(host: str) -> bool:
+    """Return whether a numeric address is of this machine only."""
+    try:
+        number = ipaddress.ip_address(host)
+    except ValueError:
+        return False
+    if isinstance(number, ipaddress.IPv6Address) and number.ipv4_mapped is not None:
+        return number.ipv4_mapped.is_loopback
+    return number.is_loopback

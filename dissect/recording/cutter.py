@@ -7,7 +7,7 @@ from typing import Final
 from mypy_extensions import i64
 
 from dissect.recording.recent import KeptPacket, RecentPackets
-from dissect.recording.selection import Choice
+from dissect.select.selection import Choice
 from dissect.source.packet import PacketSink, Reader
 from dissect.source.pcapng_writer import PcapngWriter
 

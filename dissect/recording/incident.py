@@ -24,7 +24,7 @@ from dissect.recording.manifest import (
     state_of,
 )
 from dissect.recording.names import PART, SUFFIX
-from dissect.recording.window import Window, parse_moment
+from dissect.select.window import Window, parse_moment
 
 _PIECE: Final = 1 << 20
 _MODE: Final = 0o640

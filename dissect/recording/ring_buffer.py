@@ -26,8 +26,8 @@ from typing import Final, NamedTuple
 from mypy_extensions import i64
 
 from dissect.recording import names
-from dissect.recording.comments import MARK
 from dissect.recording.names import PART, SUFFIX
+from dissect.select.comments import MARK
 from dissect.source.packet import PacketSink
 from dissect.source.pcapng_writer import PcapngWriter, section_mark
 from dissect.wire import locks

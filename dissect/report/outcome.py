@@ -7,8 +7,8 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any, Final, NamedTuple, Protocol
 
+from dissect.report.json_page import JsonPage
 from dissect.report.styled import PLAIN, Line
-from dissect.wire.json_page import JsonPage
 from dissect.wire.text import json_text
 
 #: Arguments of `json.dumps`. Users compare files of these outputs, so the layout of each command must not change.

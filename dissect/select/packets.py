@@ -15,10 +15,10 @@ from mypy_extensions import i64
 
 from dissect.engine.observer import Observer
 from dissect.findings.reporter import Finding
-from dissect.recording.places import Places, packet_key, parsed
-from dissect.recording.selection import AGAIN_NS, SameKeys
-from dissect.recording.spans import SpanBook, TimedSpan
+from dissect.select.places import Places, packet_key, parsed
+from dissect.select.selection import AGAIN_NS, SameKeys
 from dissect.select.sieve import Numbers
+from dissect.select.spans import SpanBook, TimedSpan
 from dissect.select.things import FINDING, PACKET, TRANSACTION, Packet
 from dissect.select.where import Where
 from dissect.tcp.stream import Endpoint

@@ -8,8 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from dissect import __version__
-from dissect.metrics.address import Address
-from dissect.net.addresses import PLC_PORT, places_to_connect, places_to_listen, read_address
+from dissect.net.addresses import PLC_PORT, Address, places_to_connect, places_to_listen, read_address
 from dissect.proxy.relay import Relay
 from dissect.proxy.source import RelayReader
 from dissect.proxy.tap import Tap

@@ -19,6 +19,7 @@ from collections import deque
 from ipaddress import ip_address
 from typing import Final, Self
 
+from dissect.config.saving import save
 from dissect.engine.observer import Observer
 from dissect.engine.pipeline import Options, Pipeline
 from dissect.golden.model import Session
@@ -64,7 +65,6 @@ from dissect.testing.messages import (
     words,
     write,
 )
-from dissect.wire.saving import save
 
 CLIENT: Final = 0
 SERVER: Final = 1

@@ -12,6 +12,7 @@ from mypy_extensions import i64
 
 from dissect.report.analysis import Analysis
 from dissect.report.contract import analysis_as_dict
+from dissect.report.json_page import JsonPage
 from dissect.report.styled import Line
 from dissect.report.text import analysis_lines
 from dissect.report.words import Places
@@ -21,7 +22,6 @@ from dissect.report.writers.jsonl import JsonlWriter, TransactionLines
 from dissect.report.writers.text import TextWriter
 from dissect.source.files import open_capture
 from dissect.source.packet import PacketSink, SourceFile
-from dissect.wire.json_page import JsonPage
 from tests.cli.support import run, simple
 from tests.properties.packets import Packet
 from tests.report.schemas import complaints

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from dissect.live.session import Session
-from dissect.metrics.address import Address
+from dissect.net.addresses import Address
 from dissect.source.files import open_capture
 from tests.cli.support import run
 from tests.conftest import ROOT

@@ -33,9 +33,9 @@ from dissect.golden.writing import EXTRAS, golden_text
 from dissect.metrics.counters import Metrics
 from dissect.playback.server.recording import recording_of
 from dissect.recording.cutter import Around, Cutter
-from dissect.recording.selection import Selection, Wanted
 from dissect.report.analysis import Analysis
 from dissect.report.contract import analysis_as_dict
+from dissect.report.json_page import JsonPage
 from dissect.report.styled import Line
 from dissect.report.text import analysis_lines
 from dissect.report.words import Places
@@ -43,13 +43,13 @@ from dissect.report.writer import PduFeed, TransactionFeed
 from dissect.report.writers.csv import CSV_COLUMNS, CsvWriter
 from dissect.report.writers.jsonl import JsonlWriter, TransactionLines
 from dissect.report.writers.text import TextWriter
+from dissect.select.selection import Selection, Wanted
 from dissect.session import analyze
 from dissect.session import open as events_of
 from dissect.source.files import find_reader
 from dissect.source.packet import CaptureError, SourceFile
 from dissect.source.pcapng_writer import PcapngWriter
 from dissect.transactions.transaction import Transaction
-from dissect.wire.json_page import JsonPage
 from tests.anonymize.support import anonymized
 from tests.fuzz.checks import check_json, check_line, check_lines
 from tests.fuzz.containers import MOST_STEPS, Packets, read

@@ -24,7 +24,6 @@ from dissect.golden.parsing import parse_golden
 from dissect.golden.writing import EXTRAS, golden_text
 from dissect.playback.server.recording import recording_of
 from dissect.recording.ring_buffer import parse_limits
-from dissect.recording.window import parse_window
 from dissect.report.slugs import slugs_of
 from dissect.scd.codec import Codec, Decoded
 from dissect.scd.dictionary import Dictionary
@@ -35,6 +34,7 @@ from dissect.scd.loading import load, load_octets
 from dissect.scd.source import parse_json, parse_toml
 from dissect.scd.toml_tables import source_text
 from dissect.scd.xdd import import_xdd
+from dissect.select.window import parse_window
 from dissect.source.live.filter import NotBuiltInError, compile_filter
 from dissect.source.live.reader import LiveError
 from dissect.source.packet import CaptureError

@@ -6,7 +6,8 @@ import socket
 
 import pytest
 
-from dissect.metrics.address import Address, AddressError, is_loopback, parse_address, resolve
+from dissect.metrics.server import resolve
+from dissect.net.addresses import Address, AddressError, is_loopback, parse_address
 
 
 @pytest.mark.parametrize(

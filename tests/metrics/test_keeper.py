@@ -8,10 +8,10 @@ import urllib.request
 import pytest
 
 from dissect.live.problems import Problems
-from dissect.metrics.address import Address, AddressError
 from dissect.metrics.counters import Metrics
 from dissect.metrics.keeper import MetricsKeeper
 from dissect.metrics.server import door_of
+from dissect.net.addresses import Address, AddressError
 from dissect.source.live.reader import Drops
 
 NONE = Drops(None, None)

@@ -13,10 +13,10 @@ import pytest
 from prometheus_client.parser import text_string_to_metric_families
 
 from dissect.metrics import server as module
-from dissect.metrics.address import Address, AddressError
 from dissect.metrics.counters import Metrics
 from dissect.metrics.exposition import CONTENT_TYPE, Exposition
 from dissect.metrics.server import MAX_CLIENTS, PER_SECOND, MissingLibraryError, Server, Text, serve
+from dissect.net.addresses import Address, AddressError
 
 
 @pytest.fixture

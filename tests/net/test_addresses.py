@@ -6,9 +6,10 @@ import socket
 
 import pytest
 
-from dissect.metrics.address import Address, AddressError
 from dissect.net import addresses
 from dissect.net.addresses import (
+    Address,
+    AddressError,
     Place,
     ProxyError,
     expect_no_circle,

@@ -11,8 +11,7 @@ from typing import Any
 
 import pytest
 
-from dissect.metrics.address import Address
-from dissect.net.addresses import ProxyError, places_to_listen
+from dissect.net.addresses import Address, ProxyError, places_to_listen
 from dissect.net.listener import Accepted, Listener
 from tests.proxy.support import eventually
 

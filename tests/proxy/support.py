@@ -12,8 +12,7 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Final
 
-from dissect.metrics.address import Address
-from dissect.net.addresses import Place, places_to_connect, places_to_listen
+from dissect.net.addresses import Address, Place, places_to_connect, places_to_listen
 from dissect.proxy.relay import Relay
 from dissect.proxy.source import RelayReader
 from dissect.proxy.tap import Tap

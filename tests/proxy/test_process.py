@@ -12,8 +12,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from dissect.metrics.address import Address
-from dissect.net.addresses import places_to_connect, places_to_listen
+from dissect.net.addresses import Address, places_to_connect, places_to_listen
 from dissect.proxy import process as module
 from dissect.proxy.process import RelayProcess
 from dissect.proxy.relay import Relay

@@ -12,9 +12,8 @@ from collections.abc import Iterator
 
 import pytest
 
-from dissect.metrics.address import Address
 from dissect.net import listener as door
-from dissect.net.addresses import Place, ProxyError, places_to_listen
+from dissect.net.addresses import Address, Place, ProxyError, places_to_listen
 from dissect.proxy import relay as module
 from dissect.proxy.relay import PIECE, Relay
 from dissect.proxy.tap import CLOSED, GONE, OPENED, REFUSED, RESET, SENT, UNANSWERED, Passed, Tap

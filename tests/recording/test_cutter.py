@@ -12,7 +12,7 @@ import pytest
 import dissect
 from dissect.engine.pipeline import Options
 from dissect.recording.cutter import Cutter
-from dissect.recording.selection import Selection, Wanted
+from dissect.select.selection import Selection, Wanted
 from dissect.session import Run
 from dissect.source.files import open_capture
 from dissect.source.pcapng_writer import PcapngWriter

@@ -15,8 +15,8 @@ from hypothesis import strategies as st
 
 from captures.craft import container
 from dissect.anonymize.account import Choices
-from dissect.recording.places import Places, Stretch, packet_key
-from dissect.recording.selection import Choice
+from dissect.select.places import Places, Stretch, packet_key
+from dissect.select.selection import Choice
 from dissect.tcp import link
 from dissect.tcp.ip import FragmentStore
 from dissect.tcp.segment import Segment, find_segment

@@ -22,11 +22,11 @@ if TYPE_CHECKING:
 
     from dissect.live.selected import SelectedEvents
     from dissect.live.session import Session
-    from dissect.recording.window import Window
     from dissect.report.formats import Format
     from dissect.report.writer import MessageChoice, Writer
     from dissect.select import Where
     from dissect.select.things import Context
+    from dissect.select.window import Window
     from dissect.wire.text import Clock
 
     _ParamType = click.ParamType[str]
@@ -207,7 +207,7 @@ def read_time(text: str | None) -> AskedTime | None:
     """Return what ``--time`` says, in the zone of ``--local-time``; None where it was not given. A wrong one is wrong use."""
     if text is None:
         return None
-    from dissect.recording.window import parse_window
+    from dissect.select.window import parse_window
 
     try:
         return AskedTime(text, parse_window(text, clock().local))

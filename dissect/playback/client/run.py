@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Final
 from dissect.golden.comparison import differences
 from dissect.golden.difference import Difference, DiffOptions
 from dissect.golden.model import Link, Session
-from dissect.metrics.address import Address
-from dissect.net.addresses import Place
+from dissect.net.addresses import Address, Place
 from dissect.playback.client.expected import expected_session
 from dissect.playback.client.permissions import Permissions
 from dissect.playback.client.plan import Part, Withheld, playable, withheld

@@ -4,8 +4,16 @@ from __future__ import annotations
 
 import ipaddress
 
-from dissect.metrics.address import Address, AddressError, is_loopback
-from dissect.net.addresses import PLC_PORT, Place, ProxyError, places_to_connect, read_address
+from dissect.net.addresses import (
+    PLC_PORT,
+    Address,
+    AddressError,
+    Place,
+    ProxyError,
+    is_loopback,
+    places_to_connect,
+    read_address,
+)
 from dissect.playback.client.recorded import ReplayError
 
 

@@ -12,8 +12,7 @@ from collections.abc import Sequence
 from types import TracebackType
 from typing import TYPE_CHECKING, Final, Self
 
-from dissect.metrics.address import Address
-from dissect.net.addresses import Place, ProxyError, places_to_listen
+from dissect.net.addresses import Address, Place, ProxyError, places_to_listen
 from dissect.net.listener import Accepted, Listener
 from dissect.net.sockets import close_with_reset
 from dissect.playback.server.capture_writer import CLIENT, SERVER, CaptureWriter

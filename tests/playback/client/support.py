@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Final
 
 from dissect.golden.model import Session
-from dissect.metrics.address import Address
+from dissect.net.addresses import Address
 from dissect.playback.client import (
     Outcome,
     Permissions,

@@ -15,7 +15,7 @@ from pathlib import Path
 import pytest
 
 from dissect.golden.model import Session
-from dissect.metrics.address import Address
+from dissect.net.addresses import Address
 from dissect.playback.server import Recording, Server, ServerError, request_log, service
 from dissect.playback.server import socket as line_module
 from dissect.playback.server.recording import recording_of

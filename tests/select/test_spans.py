@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from mypy_extensions import i64
 
 from dissect.engine.observer import Observer
-from dissect.recording import spans
-from dissect.recording.spans import Span, SpanBook, SpanIndex, TimedSpan
+from dissect.select import spans
+from dissect.select.spans import Span, SpanBook, SpanIndex, TimedSpan
 from dissect.transactions.side import Side
 from tests.properties import messages
 from tests.properties.messages import dt

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from dissect.recording.window import parse_window
+from dissect.select.window import parse_window
 
 NS = 1_000_000_000
 DAY = 86_400 * NS

@@ -8,7 +8,7 @@ import json
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dissect.wire.json_page import JsonPage
+from dissect.report.json_page import JsonPage
 
 
 class Code(enum.IntEnum):

@@ -11,8 +11,8 @@ import pytest
 import dissect
 from dissect.engine.observer import Observer
 from dissect.engine.pipeline import Options, Pipeline
-from dissect.recording import subscriptions
-from dissect.recording.subscriptions import SubscriptionBook
+from dissect.select import subscriptions
+from dissect.select.subscriptions import SubscriptionBook
 from dissect.transactions.transaction import Transaction
 from tests.cli.support import run
 from tests.properties import messages

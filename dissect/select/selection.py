@@ -19,12 +19,12 @@ from dissect.findings.reporter import Finding
 from dissect.ibh.packet import parse_packet
 from dissect.ibh.tables import KIND_CONFIRM, KIND_CONNECT, KIND_DISCONNECT, KIND_GO_AHEAD, KIND_SERVICE
 from dissect.iso.tables import CC, CR, DC, DR
-from dissect.recording.comments import finding_comment
-from dissect.recording.places import Places, Stretch, parsed
-from dissect.recording.spans import Span, SpanBook, TimedSpan
-from dissect.recording.subscriptions import Asked, SubscriptionBook
 from dissect.report.contract import by_weight
 from dissect.s7.tables import SETUP_COMMUNICATION as _SETUP
+from dissect.select.comments import finding_comment
+from dissect.select.places import Places, Stretch, parsed
+from dissect.select.spans import Span, SpanBook, TimedSpan
+from dissect.select.subscriptions import Asked, SubscriptionBook
 from dissect.tcp import ip
 from dissect.tcp.connection import TcpConnection
 from dissect.transactions.connection import Connection

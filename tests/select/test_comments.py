@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dissect.findings.catalogue import CATALOGUE
 from dissect.findings.reporter import Finding
-from dissect.recording.comments import finding_comment, frames_in_words
+from dissect.select.comments import finding_comment, frames_in_words
 from tests.report.support import UNSAFE
 
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Final
 
-from dissect.recording.ranges import Ranges
-from dissect.recording.spans import SpanIndex, TimedSpan
+from dissect.select.ranges import Ranges
+from dissect.select.spans import SpanIndex, TimedSpan
 from dissect.tcp import ip, link
 from dissect.tcp.stream import FIN, RST, SYN
 from dissect.tcp.tunnel import Inner
