@@ -1,8 +1,8 @@
-"""Captured sessions as stable text, and what changed between two of them (docs/golden.md).
+"""Captured sessions as stable text, and the differences between two of them (docs/golden.md).
 
-`read_session` takes a capture or a golden and gives the same model of either; `golden_text` writes one as text;
-`diff_sessions` tells what changed. A `Session` has `Link`s (connections) and `Transaction`s; nothing of it depends on clocks,
-ports, addresses, reference numbers or on how connections were interleaved.
+`read_session` reads a capture or a golden and returns the same model for both; `golden_text` writes a session as text;
+`diff_sessions` lists the differences. A `Session` has `Link`s (connections) and `Transaction`s; nothing in it depends on
+clocks, ports, addresses, reference numbers or the interleaving of connections.
 """
 
 from dissect.golden.comparison import diff_sessions

@@ -1,4 +1,4 @@
-"""Items as a golden names them: ``DB10.DBW4 INT x3``, and back to the twelve octets on the wire (reference 3.5)."""
+"""Names of items in a golden: ``DB10.DBW4 INT x3``, and back to the twelve octets on the wire (reference 3.5)."""
 
 from __future__ import annotations
 
@@ -13,24 +13,24 @@ from dissect.s7.tables import DB_AREAS, TRANSPORT_SIZES
 #: Names of transport sizes, in one word.
 _TYPES: Final = {code.number: code.name.replace(" ", "_") for code in TRANSPORT_SIZES}
 _BY_TYPE: Final = {name: number for number, name in _TYPES.items()}
-#: Areas whose addresses name a number in the field of the DB.
+#: Areas whose addresses use the DB field for a number.
 _NAMED_DB: Final = DB_AREAS | {0x01}
 
 
 def type_name(transport_size: int) -> str:
-    """Return the type an item asks for in one word, ``0x..`` where it has no name."""
+    """Return the type of an item in one word, ``0x..`` if it has no name."""
     return _TYPES.get(transport_size, f"0x{transport_size:02x}")
 
 
 def named_item(item: Item) -> str:
-    """Return the name of a request item that reads back to its octets: address, type, count; or its octets."""
+    """Return a name of a request item that can be parsed back to its octets: address, type and count; otherwise the octets."""
     if item.transport_size >= 0:
         text = f"{item.address} {type_name(int(item.transport_size))}"
         if item.count != 1:
             text += f" x{item.count}"
         db = int(item.db) if item.area not in _NAMED_DB else 0
         if db:
-            text += f" db {db}"  # which nobody looks at there, but it is on the wire
+            text += f" db {db}"  # the DB number is meaningless for this area, but it is on the wire
         try:
             if item_octets(item.address, type_name(int(item.transport_size)), int(item.count), db) == item.octets:
                 return text
@@ -40,9 +40,9 @@ def named_item(item: Item) -> str:
 
 
 def item_octets(address: str, type_: str, count: int, idle_db: int = 0) -> bytes:
-    """Return a request item of twelve octets. Raises ValueError when there is no such address or type.
+    """Return a request item of twelve octets. Raises ValueError for an unknown address or type.
 
-    ``idle_db`` stands in the field of the DB number where the address has none.
+    ``idle_db`` is the value of the DB field if the address has no DB number.
     """
     size = _type(type_)
     place = parse_address(address)

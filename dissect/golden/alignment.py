@@ -1,9 +1,8 @@
-"""Which elements of two sequences belong together: a common subsequence, found in time that grows little more than linearly.
+"""Common subsequence of two sequences: which elements belong together, in time that grows little more than linearly.
 
-What begins and ends alike is taken at once, and what stands on one side only is left out. Elements that are unique on both
-sides are anchors (patience diff). Between anchors, and where there are none, as in polling, Myers' greedy search runs with a
-bound on the differences it looks for at once: reaching it, the furthest way found so far is kept, and the search begins anew
-behind it.
+Equal elements at the beginning and the end are paired at once; elements that only one side has are skipped. Elements that are
+unique on both sides are anchors (patience diff). Between anchors, and without any (as in polling), Myers' greedy search runs
+with a limit on the number of differences. At the limit, the longest path so far is kept and a new search starts at its end.
 """
 
 from __future__ import annotations
@@ -15,7 +14,7 @@ from typing import Final
 
 Pair = tuple[int, int]
 
-#: Differences that one search looks for, and how deep anchors are looked for between anchors.
+#: Maximum number of differences in one search, and maximum depth of anchors between anchors.
 _MOST: Final = 128
 _DEEP: Final = 16
 
@@ -47,7 +46,7 @@ def align(a: Sequence[int], b: Sequence[int]) -> list[Pair]:
 def _trimmed(
     a: Sequence[int], b: Sequence[int], left: list[int], right: list[int], pairs: list[Pair]
 ) -> tuple[list[int], list[int]]:
-    """Pair what begins and ends alike, and return the rest."""
+    """Pair equal elements at the beginning and the end, and return the rest."""
     start, most = 0, min(len(left), len(right))
     while start < most and a[left[start]] == b[right[start]]:
         pairs.append((left[start], right[start]))
@@ -70,7 +69,7 @@ def _anchors(a: Sequence[int], b: Sequence[int], left: list[int], right: list[in
     counts, others = Counter(a[i] for i in left), Counter(b[j] for j in right)
     places = {b[j]: at for at, j in enumerate(right) if others[b[j]] == 1}
     found = [(at, places[a[i]]) for at, i in enumerate(left) if counts[a[i]] == 1 and a[i] in places]
-    ends: list[int] = []  # the least position that a chain of each length ends at
+    ends: list[int] = []  # the smallest position at which a chain of each length ends
     tops: list[int] = []
     before: list[int] = []
     for index, (_, place) in enumerate(found):
@@ -88,7 +87,7 @@ def _anchors(a: Sequence[int], b: Sequence[int], left: list[int], right: list[in
 
 
 def _searched(a: Sequence[int], b: Sequence[int], left: list[int], right: list[int]) -> list[Pair]:
-    """Pair by Myers' search, `_MOST` differences at a time."""
+    """Pair elements by Myers' search, with at most `_MOST` differences per search."""
     first = [a[i] for i in left]
     second = [b[j] for j in right]
     pairs: list[Pair] = []
@@ -100,7 +99,7 @@ def _searched(a: Sequence[int], b: Sequence[int], left: list[int], right: list[i
 
 
 def _search(a: Sequence[int], b: Sequence[int], x0: int, y0: int) -> tuple[list[Pair], int, int]:
-    """Search from (x0, y0); returns pairs of positions and where to go on, the end of one side when all is done."""
+    """Search from (x0, y0); return pairs of positions and where to continue: at the end of one side when all is done."""
     n, m = len(a), len(b)
     reach = {1: x0}
     trace: list[dict[int, int]] = []
@@ -121,7 +120,7 @@ def _search(a: Sequence[int], b: Sequence[int], x0: int, y0: int) -> tuple[list[
 
 
 def _backtracked(trace: list[dict[int, int]], x0: int, y0: int, d: int, k: int, x: int) -> list[Pair]:
-    """Return the pairs on the way that leads to ``x`` on diagonal ``k`` with ``d`` differences."""
+    """Return the pairs on the path to ``x`` on diagonal ``k`` with ``d`` differences."""
     pairs: list[Pair] = []
     while d >= 0:
         reach = trace[d]

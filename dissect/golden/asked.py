@@ -1,4 +1,4 @@
-"""What a read or write is about, beside what another one is about: items that are new, gone, or elsewhere."""
+"""Compare the items of two read or write requests: which are new, gone or moved."""
 
 from __future__ import annotations
 
@@ -13,18 +13,18 @@ from dissect.golden.phrases import Change, short
 from dissect.s7.tables import WRITE_VAR
 from dissect.wire.text import some
 
-#: Items that are named.
+#: Maximum number of items that are named.
 _NAMED: Final = 5
 
 
 def other_items(one: Exchange, other: Exchange) -> Change:
-    """Say how the items of two requests differ, both reads or both writes."""
+    """Describe how the items of two requests differ; both are reads or both are writes."""
     before, after = _names(one), _names(other)
     gone, new = _without(before, after), _without(after, before)
     verb = "writes" if one.function == WRITE_VAR else "requests"
     if len(before) == len(after) == 1:
         was, is_ = subject(one), subject(other)
-        if was == is_:  # then it is the type that differs
+        if was == is_:  # the items have the same names: their types differ
             was, is_ = before[0], after[0]
         text = f"{verb} {_without_verb(is_)} instead of {_without_verb(was)}"
     elif gone and new:
@@ -43,7 +43,7 @@ def other_items(one: Exchange, other: Exchange) -> Change:
 
 
 def _without_verb(what: str) -> str:
-    """Return the items alone of a subject: ``DB10.DBW2`` of ``READ DB10.DBW2``."""
+    """Return the items of a subject without its verb: ``DB10.DBW2`` for ``READ DB10.DBW2``."""
     return what.removeprefix("READ ").removeprefix("WRITE ")
 
 
@@ -53,7 +53,7 @@ def _names(exchange: Exchange) -> list[str]:
 
 
 def _without(names: Sequence[str], others: Sequence[str]) -> list[str]:
-    """Return those of ``names`` that ``others`` does not have, or not as often, in their order."""
+    """Return the names, in order, that ``others`` does not have or has less often."""
     left = Counter(others)
     found = []
     for name in names:

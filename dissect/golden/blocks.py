@@ -1,7 +1,6 @@
-"""PDUs as blocks of octets: parameters and data behind the name of their kind, or the whole PDU where its header is odd.
+"""PDUs as blocks of octets: parameters and data after the name of their ROSCTR, or the whole PDU if its header is irregular.
 
-An error code has a line of its own, so that it reads the same everywhere; of userdata it is taken out of the parameters, where
-zeros stand instead.
+An error code has its own line and looks the same everywhere; in userdata it is cut out of the parameters and replaced by zeros.
 """
 
 from __future__ import annotations
@@ -14,12 +13,12 @@ from dissect.s7.message import parse_pdu
 from dissect.s7.tables import ACK, ACK_DATA, PARAMETER_EXTENDED, ROSCTR, USERDATA
 
 _BY_NAME: Final = {code.name: code.number for code in ROSCTR}
-#: Where an extended userdata head has its error code.
+#: Position of the error code in an extended userdata head.
 _ERROR: Final = slice(10, 12)
 
 
 class Blocks(NamedTuple):
-    """A PDU of ``kind`` (the name of its ROSCTR); ``error`` is the code by which it says no, 0 for none."""
+    """The blocks of a PDU. ``kind`` is the name of its ROSCTR, ``error`` its error code, 0 for none."""
 
     kind: str
     error: int
@@ -28,7 +27,7 @@ class Blocks(NamedTuple):
 
 
 def cut_blocks(octets: bytes) -> Blocks | None:
-    """Return the blocks of a masked PDU, None when they do not say all of it."""
+    """Return the blocks of a masked PDU, None if they cannot represent it completely."""
     pdu = parse_pdu(octets)
     if pdu.rosctr not in ROSCTR:
         return None
@@ -42,7 +41,7 @@ def cut_blocks(octets: bytes) -> Blocks | None:
 
 
 def join_blocks(blocks: Blocks) -> bytes:
-    """Return the PDU. Raises ValueError when such a PDU has no place for what is to stand in it."""
+    """Return the PDU. Raises ValueError if such a PDU has no room for an error code that is given."""
     rosctr = _BY_NAME.get(blocks.kind)
     if rosctr is None:
         raise ValueError(f"{blocks.kind} is not a kind of PDU; known kinds: {', '.join(_BY_NAME)} and octets")

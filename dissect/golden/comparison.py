@@ -1,4 +1,4 @@
-"""What changed from one session to another, in words."""
+"""The differences between two sessions, in words."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ from dissect.wire.text import printable
 
 
 def diff_sessions(a: Session, b: Session, options: DiffOptions | None = None) -> list[Difference]:
-    """Return everything that changed from ``a`` to ``b``, in the order of ``a``; empty when nothing did."""
+    """Return all differences from ``a`` to ``b``, in the order of ``a``; empty if there are none."""
     return list(differences(a, b, options))
 
 
 def differences(a: Session, b: Session, options: DiffOptions | None = None) -> Iterator[Difference]:
-    """Yield what `diff_sessions` gives, one after another, so that a caller can count without keeping all."""
+    """Yield the result of `diff_sessions` piece by piece, so that a caller can count differences without keeping them."""
     chosen = options if options is not None else DiffOptions()
     keys = Keys(chosen)
     for one, other in pair_links(a, b, keys):
@@ -56,7 +56,7 @@ def _alone(one: Link | None, other: Link | None, options: DiffOptions) -> Iterat
 
 
 def _who(link: Link, protocol: str = "") -> str:
-    """Return the TSAPs of a connection as its ``protocol`` has them, or as that of another one to compare with."""
+    """Return the TSAPs of a connection as its ``protocol`` has them, or in the form of the other connection's protocol."""
     calling = Tsap(link.calling) if link.calling is not None else None
     called = Tsap(link.called) if link.called is not None else None
     return (
@@ -105,7 +105,7 @@ def _ended(link: Link) -> str:
 def _match(
     match: Match, one: Link, other: Link, options: DiffOptions, objects: Objects, numbers: dict[int, int]
 ) -> Iterator[Difference]:
-    """Yield what differs in a pair; ``numbers`` are those of objects of the second recording in the first one."""
+    """Yield the differences within a pair; ``numbers`` maps object numbers of the second recording to those of the first."""
     a, b = match.a, match.b
     connections = (one.number, other.number)
     if a is None or b is None:

@@ -1,4 +1,4 @@
-"""What differs between two transactions that belong together: requests, codes, values, sizes, contents to the field."""
+"""Differences between two paired transactions: requests, codes, values, sizes, and contents down to the field."""
 
 from __future__ import annotations
 
@@ -21,16 +21,16 @@ from dissect.transactions.naming import NamedValue, Naming
 from dissect.wire.layout import HOLDS_TIME, FieldValue
 from dissect.wire.part import Part
 
-#: Types of items whose values tell a time.
+#: Types of items whose values are times.
 _TIMES: Final = frozenset((0x09, 0x0A, 0x0F))
-#: The same of tags.
+#: The same for types of tags.
 _TIME_TYPES: Final = frozenset(("DATE", "TIME_OF_DAY", "LTIME_OF_DAY", "DATE_AND_TIME", "LDT", "DTL"))
-#: Fields of one PDU that are told apart; beyond, they are counted.
+#: Maximum number of fields of one PDU that are reported one by one; the rest are only counted.
 _FIELDS: Final = 16
 
 
 def request_changes(a: Transaction, b: Transaction, naming: Naming | None = None) -> tuple[list[Change], bool]:
-    """Return what differs in the requests, and whether the answers need no look because something else was asked."""
+    """Return the differences in the requests, and whether the requests differ so much that answers need no comparison."""
     one, other = a.exchange, b.exchange
     if one.request == other.request and one.kind != SCD:
         return [], False
@@ -58,7 +58,7 @@ def request_changes(a: Transaction, b: Transaction, naming: Naming | None = None
 
 
 def _same_form(one: Exchange, other: Exchange) -> bool:
-    """Tell whether two requests differ in no more than what goes with them."""
+    """Return whether two requests differ only in their data."""
     asked, asks = one.asked, other.asked
     if asked is None or asks is None or one.function != other.function:
         return False
@@ -75,9 +75,9 @@ def _request_words(exchange: Exchange) -> str:
 def answer_changes(
     a: Transaction, b: Transaction, naming: Naming | None = None, named: Named | None = None
 ) -> Iterator[Change]:
-    """Yield what differs in the answers. Where something else was asked, only whether it was granted is compared.
+    """Yield the differences in the answers. If the requests differ, only success or failure is compared.
 
-    ``named`` knows what the references in S7comm-plus notifications stand for.
+    ``named`` knows the names for references in S7comm-plus notifications.
     """
     one, other = a.exchange, b.exchange
     if a.outcome != b.outcome or a.reason != b.reason:
@@ -158,7 +158,7 @@ def _items(one: Exchange, other: Exchange, naming: Naming | None) -> Iterator[Ch
 
 
 def _values(was: ItemRecord, is_: ItemRecord, naming: Naming | None) -> Iterator[Change]:
-    """Yield what changed in the value of an item: tag by tag where there are tags, and as a whole where there are none."""
+    """Yield the differences in the value of an item: tag by tag if it has tags, otherwise as a whole."""
     old = naming.named(was.result) if naming is not None else []
     new = naming.named(is_.result) if naming is not None else []
     changes = []
@@ -217,7 +217,7 @@ def _head(item: ItemRecord) -> str:
 
 
 def _fields(half: str, was: Pdu, is_: Pdu, exchange: Exchange) -> Iterator[Change]:
-    """Yield the fields that differ, where both PDUs have the same structure."""
+    """Yield the fields that differ, if both PDUs have the same structure."""
     old, new = was.body.parts, is_.body.parts
     if [(part.layout.name, part.offset, part.end) for part in old] != [
         (part.layout.name, part.offset, part.end) for part in new
@@ -255,7 +255,7 @@ def _field(half: str, part: Part, was: FieldValue, is_: FieldValue, exchange: Ex
 
 
 def _block_type(part: Part, exchange: Exchange) -> str:
-    """Return which type of block an entry of a list of blocks is about, as `` DB``; empty for other parts."""
+    """Return the block type in an entry of a list of blocks, as `` DB``; empty for other parts."""
     if part.layout is BLOCK_COUNT:
         return f" {short(part.text('block_type'))}"
     return f" {short(exchange.asks[0])}" if part.layout is LISTED_BLOCK and exchange.asks else ""
@@ -273,7 +273,7 @@ def _meaning(value: FieldValue) -> str:
 
 
 def _octets(kind: str, half: str, was: Pdu, is_: Pdu) -> list[Change]:
-    """Return one change for PDUs that differ in something no structure tells."""
+    """Return one change for PDUs that differ outside any known structure."""
     name = was.function_name
     notes = [", ".join([short(note) for note in pdu.body.notes[:3]]) for pdu in (was, is_)]
     if notes[0] != notes[1] and all(notes):
@@ -286,7 +286,7 @@ def _octets(kind: str, half: str, was: Pdu, is_: Pdu) -> list[Change]:
 
 
 def _plus(half: str, exchange: Exchange, was: bytes, is_: bytes, named: Named | None = None) -> Iterator[Change]:
-    """Yield what S7comm-plus PDUs say differently; what counts from one recording to the next is left out."""
+    """Yield the differences of S7comm-plus PDUs; numbers that count on from one recording to the next are ignored."""
     changes = plus_differences(was, is_, *(named.both() if named is not None and not exchange.request else ()))
     name = exchange.function_name
     for old, new in changes[:_FIELDS]:

@@ -1,4 +1,4 @@
-"""What `diff` says, and what it is told to leave unsaid."""
+"""A difference as `diff` reports it, and the options that suppress some of them."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Final
 
 from dissect.transactions.naming import Naming
 
-#: Everything a difference can be about, with what stands behind the colon of ``--ignore WHAT:PATTERN``.
+#: All kinds of differences, with what comes after the colon in ``--ignore WHAT:PATTERN``.
 KINDS: Final = {
     "connections": "a connection is missing or added",
     "tsaps": "protocol, carrier or TSAPs of a connection",
@@ -34,11 +34,11 @@ _NS: Final = {"ns": 1, "us": 1_000, "µs": 1_000, "ms": 1_000_000, "s": 1_000_00
 
 
 class DiffOptions:
-    """What to leave unsaid, and how far answer times may shift.
+    """Which differences to ignore, and how far answer times may shift.
 
     ``ignore`` are names of `KINDS`, each alone or as ``NAME:PATTERN`` with ``*`` and ``?``. ``latency`` is a share (``20%``), a
-    time (``5ms``) or both with a comma between, which then must both be exceeded; None compares no times. ValueError for what
-    is neither. With ``naming`` a value that changed is told tag by tag.
+    time (``5ms``), or both with a comma between them: then both must be exceeded. None compares no times. Raises ValueError for
+    anything else. With ``naming``, a changed value is reported tag by tag.
     """
 
     __slots__ = ("_patterns", "latency_ns", "latency_share", "naming")
@@ -52,7 +52,7 @@ class DiffOptions:
                 raise ValueError(
                     f"{text!r} is not a kind of difference; known kinds: {', '.join(KINDS)}, each alone or as NAME:PATTERN"
                 )
-            # Names of tags have brackets, which `fnmatch` would take for a set of characters.
+            # Names of tags contain brackets, which `fnmatch` would read as a set of characters.
             self._patterns.setdefault(kind, []).append(pattern.replace("[", "[[]") if colon else "*")
         self.latency_ns: float | None = None
         self.latency_share: float | None = None
@@ -68,7 +68,7 @@ class DiffOptions:
                 self.latency_ns = float(found[1]) * _NS[found[2]]
 
     def ignores(self, kind: str, *targets: str) -> bool:
-        """Tell whether a difference of this kind about any of these is to be left unsaid."""
+        """Return whether a difference of this kind about any of these is to be ignored."""
         patterns = self._patterns.get(kind)
         if patterns is None:
             return False
@@ -77,11 +77,11 @@ class DiffOptions:
         )
 
     def mentions(self, *kinds: str) -> bool:
-        """Tell whether anything of these kinds is ignored."""
+        """Return whether anything of these kinds is ignored."""
         return not self._patterns.keys().isdisjoint(kinds)
 
     def shifted(self, was_ns: int | None, is_ns: int | None) -> bool:
-        """Tell whether an answer time moved beyond the tolerance; never where one is not known."""
+        """Return whether an answer time shifted beyond the tolerance; False if either is unknown."""
         if was_ns is None or is_ns is None or (self.latency_ns is None and self.latency_share is None):
             return False
         shift = abs(is_ns - was_ns)
@@ -91,12 +91,12 @@ class DiffOptions:
 
 
 class Difference:
-    """One thing that changed.
+    """One difference.
 
     ``kind`` is a name of `KINDS`; ``connection`` and ``transaction`` are numbers in the first session, ``connection_b`` and
-    ``transaction_b`` in the second, 0 for none. ``subject`` says what it is about (``READ DB10.DBW4``), ``address`` the item or
-    field; ``was`` and ``is_`` are what stood and stands there, in words, empty where there is nothing. ``text`` says it all in
-    one line, safe to show.
+    ``transaction_b`` in the second, 0 for none. ``subject`` is the operation (``READ DB10.DBW4``), ``address`` the item or
+    field; ``was`` and ``is_`` are the old and new state in words, empty for none. ``text`` is the whole difference in one line,
+    safe to show.
     """
 
     __slots__ = (

@@ -1,4 +1,4 @@
-"""What is asked and what is told in one transaction, read from the octets of both PDUs when somebody looks."""
+"""Request and answer of one transaction, without anything that belongs to one recording; the PDUs are parsed on demand."""
 
 from __future__ import annotations
 
@@ -17,25 +17,25 @@ from dissect.s7plus.message import PlusPdu, parse_plus
 from dissect.s7plus.tables import RETURN_CODES as PLUS_CODES
 from dissect.transactions.results import has_items, requested_items, userdata_results
 
-# What speaks in an exchange.
+# Who speaks in an exchange.
 S7: Final = "s7"
 PLUS: Final = "plus"
 SCD: Final = "scd"
 
-#: Exchanges whose parsed PDUs are kept: a long session is gone through from its beginning to its end, and parsed PDUs take
-#: many times the room of their octets.
+#: Number of exchanges whose parsed PDUs are kept: a long session is read from beginning to end, and parsed PDUs take many times
+#: the memory of their octets.
 _KEPT: Final = 4096
-#: Octets of a request that is parsed once for all exchanges that it begins, and how many of them are kept.
+#: Maximum size of a request that is parsed once for all exchanges that begin with it, and how many of them are kept.
 SMALL: Final = 256
 PARSED: Final = 2048
 
 
 class ItemRecord:
-    """An item of a read or write with what became of it.
+    """An item of a read or write with its result.
 
-    ``address`` has no count, ``label`` has it where it is not one (text from the wire, not escaped). ``return_code`` is -1
-    without an answer. ``data`` are the octets read or written, None where there are none; ``value`` is decoded from them by the
-    type that was asked for: bool, int, float, str or a list of these, None where it cannot be told.
+    ``address`` has no count; ``label`` has one if it is not 1 (text from the wire, not escaped). ``return_code`` is -1 without
+    an answer. ``data`` are the octets read or written, None if there are none; ``value`` is decoded from them by the requested
+    type: bool, int, float, str or a list of these, None if it cannot be decoded.
     """
 
     __slots__ = ("_result", "address", "count", "data", "label", "return_code", "transport_size")
@@ -57,7 +57,7 @@ class ItemRecord:
 
     @property
     def answer(self) -> DataItem | None:
-        """The data item as it stood in the answer, in a write in the request."""
+        """The data item of the answer; for a write, that of the request."""
         return self._result.answer
 
     @property
@@ -67,21 +67,21 @@ class ItemRecord:
 
     @property
     def refused(self) -> bool:
-        """True when there is an answer and it is not success."""
+        """True if there is an answer and it is not success."""
         return self._result.refused
 
     @property
     def error(self) -> str:
-        """Name of the return code where the item was refused, else empty."""
+        """Name of the return code if the item was refused, otherwise empty."""
         return RETURN_CODES.name(self.return_code) if self.refused else ""
 
 
 class Exchange:
-    """What is asked and what is told, without anything that belongs to one recording. Never changed once it is made.
+    """Request and answer, without anything that belongs to one recording. Immutable.
 
-    ``request`` and ``response`` are masked PDUs, empty where there is none; of SCD, whose meaning stands in a dictionary, they
-    are empty too, and ``scd`` has what was decoded, a line each, beginning with "request" or "answer". ``subscribed`` is the
-    masked request that asked for a push, empty for all else and where it is not known: the items of the push stand in it.
+    ``request`` and ``response`` are masked PDUs, empty if there is none. For SCD, whose meaning is in a dictionary, they are
+    empty, too; ``scd`` has the decoded messages, one line each, beginning with "request" or "answer". ``subscribed`` is the
+    masked request that asked for a push, which contains the items of the push; it is empty if unknown and for everything else.
     """
 
     __slots__ = (
@@ -116,48 +116,48 @@ class Exchange:
         self.request_seen = bool(request) or seen[0]
         self.response_seen = bool(response) or seen[1]
         self.scd = scd
-        self.fragment = ""  # the writer's cached lines
-        self.form: str | None = None  # and the head that it gives them, empty where they have none of its own
+        self.fragment = ""  # cached lines of the writer
+        self.form: str | None = None  # and their head, empty if the lines have no separate one
         self._request: Pdu | None = None
         self._response: Pdu | None = None
         self._items: list[ItemRecord] | None = None
 
     @property
     def asked(self) -> Pdu | None:
-        """The S7comm request, None when there is none."""
+        """The S7comm request, None if there is none."""
         if self._request is None and self.kind == S7 and self.request:
             self._keep()
             self._request = self.glance()
         return self._request
 
     def glance(self) -> Pdu | None:
-        """Return what `asked` is, for who looks once: it is not kept for this exchange."""
+        """Return the request like `asked`, but without keeping it parsed for this exchange."""
         if self.kind != S7 or not self.request:
             return None
         return _parsed(self.request) if len(self.request) <= SMALL else parse_pdu(self.request)
 
     @property
     def told(self) -> Pdu | None:
-        """The S7comm answer, None when there is none."""
+        """The S7comm answer, None if there is none."""
         if self._response is None and self.kind == S7 and self.response:
             self._keep()
             self._response = parse_pdu(self.response)
         return self._response
 
     def of(self, subscribed: bytes) -> Exchange:
-        """Return the same as a push that the request ``subscribed`` asked for."""
+        """Return this exchange as a push that the request ``subscribed`` asked for."""
         seen = self.request_seen, self.response_seen
         return Exchange(self.kind, self.request, self.response, self.scd, seen, subscribed)
 
     def _keep(self) -> None:
-        """Keep what is parsed of this one, and forget that of the one looked at longest ago."""
+        """Keep the parsed PDUs of this exchange, and drop those of the one used longest ago."""
         if self._request is None and self._response is None:
             _kept.append(self)
             if len(_kept) > _KEPT:
                 _kept.popleft().forget()
 
     def forget(self) -> None:
-        """Forget what was parsed; it is parsed again when somebody looks."""
+        """Drop the parsed PDUs; they are parsed again on demand."""
         self._request = self._response = self._items = None
 
     @property
@@ -172,13 +172,13 @@ class Exchange:
 
     @property
     def function(self) -> int:
-        """The function octet of request or answer, -1 where there is none."""
+        """The function octet of the request or answer, -1 if there is none."""
         first = self.asked or self.told
         return first.function if first is not None else -1
 
     @property
     def function_name(self) -> str:
-        """Name of the function, for userdata of group and subfunction."""
+        """Name of the function; for userdata, of group and subfunction."""
         if self.kind == PLUS:
             first = next((pdu for pdu in self.plus if pdu is not None), None)
             return f"S7comm-plus {(first.function_name or first.kind) if first is not None else ''}".rstrip()
@@ -189,7 +189,7 @@ class Exchange:
 
     @property
     def items(self) -> list[ItemRecord]:
-        """Every item of a read or write, request and answer joined, in wire order; empty for other functions."""
+        """All items of a read or write, requests joined with answers, in wire order; empty for other functions."""
         if self._items is None:
             self._items = [ItemRecord(result, number) for number, result in enumerate(self._results(), 1)]
         return self._items
@@ -220,7 +220,7 @@ class Exchange:
 
     @property
     def setup(self) -> tuple[Setup | None, Setup | None]:
-        """What a Setup communication asked for, and what was granted."""
+        """The requested and negotiated values of a Setup communication."""
         asked, told = self.asked, self.told
         return (
             asked.parameters.setup if asked is not None else None,
@@ -229,7 +229,7 @@ class Exchange:
 
     @property
     def error_code(self) -> int:
-        """Error class and code of the answer's header, or the error code of userdata; 0 when all is well."""
+        """Error class and code of the answer's header, or the error code of userdata; 0 for success."""
         if self.kind == PLUS:
             told = self.plus[1]
             return told.return_code if told is not None and told.return_code > 0 else 0
@@ -240,29 +240,29 @@ class Exchange:
 
     @property
     def error(self) -> str:
-        """Name of the error code, empty when all is well."""
+        """Name of the error code, empty for success."""
         code = self.error_code
         return (PLUS_CODES if self.kind == PLUS else errors_of(self.function)).name(code) if code else ""
 
     @property
     def refusing_code(self) -> int:
-        """The return code by which userdata refuses the request as a whole, `NOT_REFUSED` when it does not."""
+        """The return code that refuses the whole userdata request, `NOT_REFUSED` if it was not refused."""
         return self.told.refusing_code if self.kind != PLUS and self.told is not None else NOT_REFUSED
 
     @property
     def asks(self) -> list[str]:
-        """What the parts of the request are about; text from the wire, not escaped."""
+        """Descriptions of the parts of the request; text from the wire, not escaped."""
         return self.asked.body.notes if self.asked is not None else []
 
     @property
     def tells(self) -> list[str]:
-        """What the parts of the answer are about; text from the wire, not escaped."""
+        """Descriptions of the parts of the answer; text from the wire, not escaped."""
         return self.told.body.notes if self.told is not None else []
 
 
 @lru_cache(PARSED)
 def _parsed(request: bytes) -> Pdu:
-    """Return a small request parsed: polling asks for the same again and again, and gets something new each time."""
+    """Return a small request parsed. It is cached, because polling repeats requests but gets new answers."""
     return parse_pdu(request)
 
 

@@ -1,7 +1,7 @@
-"""Reads, writes and setups as a golden writes them, and the PDUs that these words stand for.
+"""Reads, writes and setups in the notation of a golden, and the PDUs that the notation stands for.
 
-They stand for what devices send as a rule (`dissect.s7.build`). The writer uses a form only where the PDU it stands for is
-the PDU that was captured, to the octet; anything else is written as blocks of octets (`dissect.golden.blocks`).
+It stands for the PDUs that devices usually send (`dissect.s7.build`). The writer uses this notation only if it gives exactly
+the captured PDU; all other PDUs are written as blocks of octets (`dissect.golden.blocks`).
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ _SETUP: Final = re.compile(r"PDU ([0-9]{1,5}), AmQ ([0-9]{1,5})/([0-9]{1,5})")
 
 
 def parse_setup(text: str) -> Setup:
-    """Read a `Setup` as its text has it. Raises ValueError."""
+    """Parse the text of a `Setup`. Raises ValueError."""
     found = _SETUP.fullmatch(text)
     numbers = [int(number) for number in found.groups()] if found else [0x10000]
     if found is None or max(numbers) > 0xFFFF:
@@ -55,10 +55,10 @@ def parse_setup(text: str) -> Setup:
 
 
 class ItemLine:
-    """An item of a read or write and what became of it.
+    """An item of a read or write with its result.
 
-    ``data`` is None where there is none, ``code`` -1 where there is no answer; ``size`` is the data transport size; ``head``
-    stands behind the code of a refused item of a read.
+    ``data`` is None if there is none, ``code`` -1 without an answer; ``size`` is the data transport size; ``head`` follows the
+    code of a refused item of a read.
     """
 
     __slots__ = ("code", "data", "head", "octets", "size")
@@ -71,17 +71,17 @@ class ItemLine:
         self.head = head
 
     def fields(self) -> tuple[bytes, bytes | None, int, int, bytes]:
-        """Return what it holds, in the order of its arguments."""
+        """Return the attributes, in the order of the arguments."""
         return self.octets, self.data, self.code, self.size, self.head
 
 
 def usual_size(item: Item) -> int:
-    """Return the data transport size that goes with an item as a rule."""
+    """Return the usual data transport size for an item."""
     return ANSWER_TRANSPORT_SIZE.get(int(item.transport_size), DATA_BYTES)
 
 
 def item_lines(asked: Pdu, told: Pdu | None) -> list[ItemLine]:
-    """Return the items of a read or write; ``told`` is the answer that says what became of them."""
+    """Return the items of a read or write; ``told`` is the answer with their results."""
     writes = asked.function == WRITE_VAR
     written = asked.data_items() if writes else []
     contents = written if writes else told.data_items() if told is not None else []
@@ -102,7 +102,7 @@ def item_lines(asked: Pdu, told: Pdu | None) -> list[ItemLine]:
 
 
 def form_lines(asked: Pdu, told: Pdu | None, response: bytes) -> tuple[list[str], bool]:
-    """Return a read or write as lines, and whether they say the answer ``response`` as well, to the octet."""
+    """Return a read or write as lines, and whether the lines also give exactly the answer ``response``."""
     lines = item_lines(asked, told)
     plain = bool(response) and build_answer(asked.function, lines) == response
     if not plain:
@@ -111,7 +111,7 @@ def form_lines(asked: Pdu, told: Pdu | None, response: bytes) -> tuple[list[str]
 
 
 def item_text(line: ItemLine) -> str:
-    """Return an item as a line; a comment says what a code or octets mean."""
+    """Return an item as a line; a comment explains a code or octets."""
     item, text = _named(line.octets)
     remark = item.address if text.startswith("item ") else ""
     data = line.data
@@ -137,7 +137,7 @@ def _named(octets: bytes) -> tuple[Item, str]:
 
 
 def parse_item_text(text: str) -> ItemLine:
-    """Read what `item_text` wrote, without its comment; ``code`` is -1 unless the item was refused. Raises ValueError."""
+    """Parse the output of `item_text` without its comment; ``code`` is -1 unless the item was refused. Raises ValueError."""
     found = _ITEM.fullmatch(text)
     if found is None:
         raise ValueError(f"{text} is not an item such as DB10.DBW4 INT = 1234")
@@ -160,13 +160,13 @@ def parse_item_text(text: str) -> ItemLine:
 
 
 def build_request(function: int, lines: Sequence[ItemLine]) -> bytes:
-    """Return the read or write that asks for the items."""
+    """Return the read or write that requests the items."""
     data = [] if function == READ_VAR else [build_data_item(0, line.size, line.data or b"") for line in lines]
     return build_variables(JOB, function, len(lines), build_items([line.octets for line in lines]), build_items(data))
 
 
 def build_answer(function: int, lines: Sequence[ItemLine]) -> bytes:
-    """Return the answer with what became of the items; an item without a code was successful."""
+    """Return the answer with the results of the items; an item without a code succeeded."""
     codes = [SUCCESS if line.code < 0 else line.code for line in lines]
     if function == WRITE_VAR:
         return build_variables(ACK_DATA, function, len(lines), b"", bytes(codes))

@@ -1,4 +1,4 @@
-"""What a transaction is known by: who asks what, exactly, and with less and less of it."""
+"""Keys by which transactions of two sessions are matched, from the exact request to only the kind of operation."""
 
 from __future__ import annotations
 
@@ -23,18 +23,18 @@ from dissect.s7.tables import (
 )
 from dissect.wire.text import printable, shortened, some, titled
 
-#: Items that a subject names, and characters of it.
+#: Maximum number of items that a subject names, and of its characters.
 _NAMED: Final = 3
 _LONG: Final = 100
 
-#: Bytes of the id of a partial list, which a request for one begins with.
+#: Length of the id of a partial list, at the beginning of a request for one.
 _SZL_ID: Final = 2
 
 Key = tuple[object, ...]
 
 
 class Keys:
-    """Finds the keys of transactions; those that say the same are looked at once."""
+    """Computes the keys of transactions; transactions that share an exchange are evaluated once."""
 
     def __init__(self, options: DiffOptions) -> None:
         self._options = options
@@ -43,7 +43,7 @@ class Keys:
         self._loose: dict[Exchange, Key] = {}
 
     def exact(self, transaction: Transaction) -> Key:
-        """Return what is asked, to the octet, but without what is ignored; of what nobody asked for, what is told."""
+        """Return the exact request without what is ignored; for an unsolicited message, the message."""
         exchange = self.objects.stable(transaction)
         key = self._exact.get(exchange)
         if key is None:
@@ -52,7 +52,7 @@ class Keys:
         return transaction.asked_by, *key
 
     def loose(self, transaction: Transaction) -> Key:
-        """Return what is asked without the values that go with it."""
+        """Return the request without the values in it."""
         return transaction.asked_by, *self._loose_key(self.objects.stable(transaction))
 
     def _loose_key(self, exchange: Exchange) -> Key:
@@ -63,7 +63,7 @@ class Keys:
         return key
 
     def _blurred(self, exchange: Exchange) -> bool:
-        """Tell whether something in the request is ignored, so that it must not decide what belongs together."""
+        """Return whether a part of the request is ignored, so that it must not affect the matching."""
         options = self._options
         if exchange.function == WRITE_VAR and options.mentions("values", "time"):
             return any(
@@ -100,9 +100,9 @@ def _loose(exchange: Exchange) -> Key:
 
 
 def _question(exchange: Exchange) -> bytes:
-    """Return what a request asks for where that stands in its data: another list or block is another question.
+    """Return what a request asks for if that is in its data: a different list or block is a different request.
 
-    Another index of the same list is the same question put differently.
+    A different index of the same list is the same request with other parameters.
     """
     asked = exchange.asked
     head = asked.parameters.userdata if asked is not None and asked.rosctr == USERDATA else None
@@ -114,7 +114,7 @@ def _question(exchange: Exchange) -> bytes:
 
 
 def action(transaction: Transaction) -> Key:
-    """Return who does what kind of thing, and nothing of what it is done to, unless that makes it another question."""
+    """Return the side and the kind of operation, without its object, unless that makes it a different request."""
     exchange = transaction.exchange
     return (
         transaction.asked_by,
@@ -126,7 +126,7 @@ def action(transaction: Transaction) -> Key:
 
 
 def subject(exchange: Exchange, address: str = "") -> str:
-    """Return what a transaction is about: ``READ DB10.DBW4``; of several items only ``address`` where it is given."""
+    """Return a transaction's subject: ``READ DB10.DBW4``; for several items only ``address`` if it is given."""
     name = FORMS.get(exchange.function, "") if exchange.asked is not None else ""
     if exchange.function in {READ_VAR, WRITE_VAR} and name:
         labels = [shortened(item.label, _LONG) for item in exchange.items]

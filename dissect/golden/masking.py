@@ -1,11 +1,10 @@
-"""PDUs without what differs from one recording of the same session to the next: reference and sequence numbers.
+"""Masks PDUs: removes what differs from one recording of a session to the next, such as references and sequence numbers.
 
-What is masked is 0 afterwards; nothing changes its size or place. Of S7comm (reference 3.1, 4.1, 4.3): the PDU reference, the
-sequence number of userdata (1 where it says that a piece of a BSEND goes on with another, reference 4.10), the data unit
-reference (1 where there is one, so that "more follows" stays), the id of an upload; the fill octet behind an odd item
-(reference 3.5), where some devices leave what was in memory; and passwords (`dissect.s7.hiding`), which a text that is kept
-must not hold. Of S7comm-plus: sequence numbers, session id, credit tick, integrity ids, digests and secrets
-(docs/s7plus.md).
+Masked octets become 0; sizes and positions do not change. Masked in S7comm (reference 3.1, 4.1, 4.3): the PDU reference; the
+sequence number of userdata (1 if it marks a piece of a BSEND that another piece follows, reference 4.10); the data unit
+reference (1 if there is one, so that "more follows" stays); the id of an upload; the fill octet after an odd item (reference
+3.5), where some devices send leftover memory; and passwords (`dissect.s7.hiding`), because a stored text must not contain them.
+Masked in S7comm-plus: sequence numbers, session id, credit tick, integrity ids, digests and secrets (docs/s7plus.md).
 """
 
 from __future__ import annotations
@@ -41,21 +40,21 @@ from dissect.s7plus.message import PlusPdu, parse_plus
 from dissect.s7plus.tables import NOTIFICATION, REQUEST, V1
 from dissect.wire.layout import HOLDS_REFERENCE
 
-# Where references stand: (begin, end), counted from where each structure begins.
+# Positions of references: (begin, end), relative to the beginning of each structure.
 _HEADER: Final = HEADER.places(HOLDS_REFERENCE)
 _UPLOAD: Final = UPLOAD_HEAD.places(HOLDS_REFERENCE)
 _PLUS_REQUEST: Final = REQUEST_HEAD.places(HOLDS_REFERENCE)
 _PLUS_RESPONSE: Final = RESPONSE_HEAD.places(HOLDS_REFERENCE)
 _PLUS_NOTIFICATION: Final = NOTIFICATION_HEAD.places(HOLDS_REFERENCE)
-#: Of an octet of a number of variable size, the bit that says that more octets follow.
+#: The bit of a variable-size number that marks a following octet.
 _MORE: Final = 0x80
 _PARAM_LENGTH: Final = 6
-# Of a userdata PDU, header included: function, syntax, type and group, sequence, data unit reference.
+# Positions in a userdata PDU, header included: function, syntax, type and group, sequence, data unit reference.
 _FUNCTION: Final = HEADER_SIZE
 _SYNTAX: Final = HEADER_SIZE + 4
 _TYPE_AND_GROUP: Final = HEADER_SIZE + 5
 SEQUENCE, DATA_UNIT = (HEADER_SIZE + begin for begin, _ in USERDATA_EXTENDED.places(HOLDS_REFERENCE))
-#: Bits of the octet with both, and an answer in those of the type.
+#: The two halves of the octet with type and group, and the type of an answer.
 _TYPE: Final = 0xC0
 _GROUP: Final = 0x3F
 _RESPONSE: Final = 0x80
@@ -66,14 +65,14 @@ _STARTS: Final = bytes((START_UPLOAD,))
 
 
 def _clear(octets: bytearray, places: list[tuple[int, int]], at: int = 0) -> None:
-    """Put zeros where references of a structure stand that begins ``at``, as far as they are there."""
+    """Clear the references of a structure that begins ``at``, as far as the PDU reaches."""
     for begin, end in places:
         if at + end <= len(octets):
             octets[at + begin : at + end] = bytes(end - begin)
 
 
 def mask_s7(octets: bytes) -> bytes:
-    """Return an S7 PDU without its references and passwords; what is too short for a header stays as it is. Never raises."""
+    """Return an S7 PDU without its references and passwords; one too short for a header is returned unchanged. Never raises."""
     if len(octets) < HEADER_SIZE or octets[0] != PROTOCOL_ID:
         return octets
     made = usual.masked(octets)
@@ -124,7 +123,7 @@ def _answers(octets: bytes) -> bool:
 
 
 def mask_plus_answer(octets: bytes, request: bytes) -> bytes:
-    """Return `mask_plus` of what answers a request: without its values where that reads an attribute that is not shown."""
+    """Return `mask_plus` of an answer; if its request reads an attribute that must not be shown, without the values."""
     masked = bytearray(mask_plus(octets))
     if octets and request:
         for begin, end in shown_answer(parse_plus(octets), parse_plus(request))[1]:
@@ -133,7 +132,7 @@ def mask_plus_answer(octets: bytes, request: bytes) -> bytes:
 
 
 def mask_plus(octets: bytes) -> bytes:
-    """Return an S7comm-plus PDU (its frames one behind the other) without numbers that count and digests. Never raises."""
+    """Return an S7comm-plus PDU (its frames one after another) without counters and digests. Never raises."""
     pdu = parse_plus(octets)
     masked = bytearray(octets)
     for begin, end in pdu.digest_places:
@@ -160,7 +159,7 @@ def mask_plus(octets: bytes) -> bytes:
 
 
 def _clear_data(masked: bytearray, pdu: PlusPdu, places: list[tuple[int, int]], kept: int = 0) -> None:
-    """Put zeros in the data of a PDU, whatever frames they are in; the bits ``kept`` stay."""
+    """Clear data of a PDU across its frames, except for the bits ``kept``."""
     for begin, end in places:
         for at in range(begin, min(end, len(pdu.data))):
             masked[pdu.place(at)] &= kept

@@ -1,9 +1,9 @@
-"""A recorded session, of a capture or a golden: connections, and on each the transactions in the order they were asked in.
+"""A recorded session, from a capture or a golden: connections, and on each the transactions in the order of their requests.
 
-What compares sessions, serves them and plays them again reads this one model.
+Comparison, `serve` and `replay` all read this model.
 
-The octets of both PDUs, without their references (`dissect.golden.masking`), are the truth; items, values and errors are read
-from them when somebody looks, by the parsers that read captures. Transactions that say the same share one `Exchange`.
+The octets of both PDUs, without their references (`dissect.golden.masking`), are the reference; items, values and errors are
+parsed from them on demand, by the parsers that read captures. Equal transactions share one `Exchange`.
 """
 
 from __future__ import annotations
@@ -15,19 +15,19 @@ from dissect.golden.exchange import Exchange, ItemRecord
 from dissect.transactions.transaction import HOLE, SURE
 from dissect.wire.errors import Error
 
-#: Transactions of a session, and octets of its distinct exchanges; what is longer is no test any more.
+#: Maximum number of transactions of a session, and maximum total size of its distinct exchanges; a test is never larger.
 MAX_TRANSACTIONS: Final = 1_000_000
 MAX_OCTETS: Final = 256 * 1024 * 1024
 
 
 class GoldenError(Error):
-    """A golden that cannot be read, or a capture that cannot become one: says where and what to do."""
+    """A golden that cannot be read, or a capture that cannot become one; the message says where and what to do."""
 
 
 class Span(NamedTuple):
-    """Where a connection stood in its capture: its number there, first and last packet, and their times since 1970.
+    """The position of a connection in its capture: its number, and its first and last packet with their times since 1970.
 
-    Where its end was not captured, the last packet of it counts.
+    If its end was not captured, its last packet is used.
     """
 
     number: int
@@ -38,10 +38,10 @@ class Span(NamedTuple):
 
 
 class Tpdus(NamedTuple):
-    """What a golden has in words: the TPDUs around the messages of a connection, without TPKT, empty where not captured.
+    """TPDUs around the messages of a connection, without TPKT; empty if not captured. A golden has them in words.
 
-    ``requested`` tells that a connect request was seen, ``confirm`` is what the server answered to it (CC, DR or ER),
-    ``farewell`` the last DR or ER of the side that ended it. ``pdu_length`` is what counted at the end.
+    ``requested``: a connect request was seen. ``confirm`` is the server's answer to it (CC, DR or ER), ``farewell`` the last DR
+    or ER of the side that ended the connection. ``pdu_length`` is the PDU length in force at the end.
     """
 
     requested: bool = False
@@ -54,11 +54,12 @@ class Transaction:
     """A request and its answer, either of which may be missing.
 
     ``number`` counts from 1 over the session, in its order; ``asked_by`` is ``client`` or ``server``; ``outcome`` and
-    ``reason`` are those of `dissect.transactions`. ``certainty`` and ``doubt``, which are too, belong to one recording, as does
-    what is None where it is not known: ``time_ns`` of the request (of the answer when there is none), nanoseconds since 1970;
-    ``latency_ns``; ``pdu_ref``; ``recorded``, both PDUs
-    with their references. ``frame`` is the packet it began with, ``place`` the one by which it stands in order, ``last_frame``
-    the one it was over with; 0 where not known.
+    ``reason`` are those of `dissect.transactions`.
+
+    The other attributes belong to one recording; they are None, empty or 0 if unknown. ``certainty`` and ``doubt`` are those of
+    `dissect.transactions`. ``time_ns`` is the time of the request (of the answer if there is no request), in nanoseconds since
+    1970. ``recorded`` has both PDUs with their references. ``frame`` is the first packet, ``last_frame`` the packet that
+    completed the transaction, and ``place`` the packet that gives its place in the order.
     """
 
     __slots__ = (
@@ -98,7 +99,7 @@ class Transaction:
 
     @property
     def function(self) -> int:
-        """The function octet, -1 where there is none."""
+        """The function octet, -1 if there is none."""
         return self.exchange.function
 
     @property
@@ -113,22 +114,22 @@ class Transaction:
 
     @property
     def request(self) -> bytes:
-        """The request's PDU without its references, empty when there is none."""
+        """The request's PDU without its references, empty if there is none."""
         return self.exchange.request
 
     @property
     def response(self) -> bytes:
-        """The answer's PDU without its references, empty when there is none."""
+        """The answer's PDU without its references, empty if there is none."""
         return self.exchange.response
 
     @property
     def error_code(self) -> int:
-        """The code by which the answer as a whole says no, 0 when it does not."""
+        """The error code of the whole answer, 0 for success."""
         return self.exchange.error_code
 
     @property
     def scd(self) -> tuple[str, ...]:
-        """SCD that was decoded in it, a line each."""
+        """The decoded SCD in it, one line per message."""
         return self.exchange.scd
 
     def __repr__(self) -> str:
@@ -136,12 +137,12 @@ class Transaction:
 
 
 class Link:
-    """A connection: who speaks (TSAPs as octets, None where not captured), what was negotiated, how it ended.
+    """A connection: its endpoints (TSAPs as octets, None if not captured), the negotiated sizes, and how it ended.
 
-    ``carrier`` is ``tcp``, ``udp`` or ``ibh``; ``begun`` tells that its beginning was captured; sizes are 0 where not
-    negotiated. ``ended`` is how (`dissect.transactions.ending`), ``ended_by`` ``client``, ``server`` or empty, ``farewell`` a
-    DR or ER in words. ``addresses`` of client and server are those of one recording, empty where not known; so are ``span``
-    and ``tpdus``, None where not known.
+    ``carrier`` is ``tcp``, ``udp`` or ``ibh``. ``begun``: its beginning was captured. Sizes are 0 if not negotiated. ``ended``
+    is how it ended (`dissect.transactions.ending`), ``ended_by`` ``client``, ``server`` or empty, ``farewell`` a DR or ER in
+    words. ``addresses`` of client and server belong to one recording and are empty if unknown; so do ``span`` and ``tpdus``,
+    which are None if unknown.
     """
 
     __slots__ = (
@@ -183,7 +184,7 @@ class Link:
 
     @property
     def who(self) -> tuple[str, str, bytes | None, bytes | None]:
-        """Protocol, carrier and TSAPs: what tells it from others in every recording."""
+        """Protocol, carrier and TSAPs: they identify the connection in every recording."""
         return self.protocol, self.carrier, self.calling, self.called
 
 
@@ -194,7 +195,7 @@ class Session:
 
     def __init__(self, name: str = "") -> None:
         self.name = name
-        self.damage: list[str] = []  # what was wrong with the files it was read from
+        self.damage: list[str] = []  # damage in the files that the session was read from
         self.links: list[Link] = []
         self._exchanges: dict[tuple[str, bytes, bytes, tuple[str, ...], bool, bool, bytes], Exchange] = {}
         self._messages: dict[bytes, bytes] = {}
@@ -208,13 +209,13 @@ class Session:
 
     @property
     def as_begun(self) -> list[Link]:
-        """The connections in the order in which they began; of a golden, in which they stand."""
+        """The connections in the order in which they began; for a golden, in the order of its text."""
         return sorted(self.links, key=lambda link: link.span.number if link.span is not None else 0)
 
     def share(self, exchange: Exchange) -> Exchange:
-        """Return the exchange that says the same, which is ``exchange`` itself when it is new.
+        """Return the stored exchange equal to ``exchange``, or ``exchange`` itself if it is new.
 
-        Raises GoldenError when the session is too long (`MAX_TRANSACTIONS`, `MAX_OCTETS`).
+        Raises GoldenError if the session is too long (`MAX_TRANSACTIONS`, `MAX_OCTETS`).
         """
         self._total += 1
         if self._total > MAX_TRANSACTIONS:
@@ -238,7 +239,7 @@ class Session:
         return exchange
 
     def keep(self, octets: bytes) -> bytes:
-        """Return a message as it was recorded; of equal ones the first. Raises GoldenError as `share` does."""
+        """Return the stored message equal to this recorded one, or store it. Raises GoldenError as `share` does."""
         known = self._messages.setdefault(octets, octets)
         if known is octets:
             self._take(len(octets))
@@ -253,7 +254,7 @@ class Session:
             raise GoldenError(message)
 
     def arrange(self, links: Iterable[Link]) -> None:
-        """Take the connections in this order and number them and their transactions."""
+        """Set the order of the connections, and number them and their transactions."""
         self.links = list(links)
         number = 0
         for index, link in enumerate(self.links, 1):

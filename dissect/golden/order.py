@@ -1,7 +1,7 @@
-"""The order of a connection's transactions: by packet, and on each side as its requests stood in the stream.
+"""The order of a connection's transactions: by packet, and on each side by the stream positions of its requests.
 
-A request may have been captured whole while octets before it were still missing: its packet then comes before that of a
-request which its side sent earlier. A session tells what was sent in which order, so the earlier one stands first.
+A request may be captured completely while earlier octets are still missing. Its packet then precedes that of a request which
+its side sent earlier. A session shows the order of sending, so the earlier request comes first.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from typing import Protocol
 
 
 class Placed(Protocol):
-    """What can be put in order: ``place`` is (packet, number), ``has_request`` whether the request was captured."""
+    """An object that can be ordered: ``place`` is (packet, number), ``has_request`` tells whether the request was captured."""
 
     asked_by: int
     has_request: bool
@@ -19,7 +19,7 @@ class Placed(Protocol):
 
 
 def settle_places(placed: Iterable[Placed]) -> None:
-    """Move places so that no request stands before one that its side sent earlier; numbers are given as they are sent."""
+    """Change places so that each request comes after those that its side sent earlier; numbers are in the order of sending."""
     latest: dict[int, int] = {}
     for one in sorted(placed, key=lambda one: one.place[1]):
         if one.has_request:

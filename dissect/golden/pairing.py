@@ -1,4 +1,4 @@
-"""Which connections, and on them which transactions, of two sessions belong together."""
+"""Which connections of two sessions belong together, and which transactions on them."""
 
 from __future__ import annotations
 
@@ -10,16 +10,16 @@ from dissect.golden.alignment import align
 from dissect.golden.keys import Key, Keys, action
 from dissect.golden.model import Link, Session, Transaction
 
-#: Pairs of connections that are weighed against each other; beyond, they are taken in their order.
+#: Maximum number of pairs of connections whose similarity is computed; beyond it, connections are paired in order.
 _WEIGHED: Final = 10_000
 
 
-#: A gap between transactions that stay where they are: who spoke first, and which of his gaps.
+#: A gap between transactions that both sessions have in the same order: who spoke first, and the index of the gap.
 Region = tuple[str, int]
 
 
 class Match(NamedTuple):
-    """Two transactions that belong together, or one that stands alone (None on the other side)."""
+    """Two matched transactions, or one without a partner (the other is None)."""
 
     a: Transaction | None
     b: Transaction | None
@@ -30,10 +30,10 @@ class Match(NamedTuple):
 
 
 def pair_links(a: Session, b: Session, keys: Keys) -> list[tuple[Link | None, Link | None]]:
-    """Return the connections that belong together, in the order of the first session, added ones at the end.
+    """Return the connections that belong together, in the order of the first session; added ones come last.
 
-    First those between the same TSAPs, the most alike first; then, whoever is left over, those that ask for more in common than
-    not, or the only ones there are.
+    Connections with the same TSAPs are paired first, the most similar first. Then the remaining ones are paired if most of
+    their requests are the same, or if each session has only one connection.
     """
     counts = {id(link): Counter([keys.exact(each) for each in link.transactions]) for link in (*a.links, *b.links)}
     found: dict[int, Link] = {}
@@ -59,7 +59,7 @@ def pair_links(a: Session, b: Session, keys: Keys) -> list[tuple[Link | None, Li
 def _most_alike(
     ours: Sequence[Link], theirs: Sequence[Link], counts: dict[int, Counter[Key]], least: float
 ) -> list[tuple[Link, Link]]:
-    """Pair connections, those with the largest share of common requests first; ``least`` is the share it takes."""
+    """Pair connections, those with the largest share of common requests first; a pair needs at least the share ``least``."""
     if len(ours) * len(theirs) > _WEIGHED:
         return list(zip(ours, theirs, strict=False)) if least == 0 else []
     weighed = []
@@ -86,12 +86,12 @@ def _most_alike(
 
 
 def pair_transactions(a: Sequence[Transaction], b: Sequence[Transaction], keys: Keys) -> list[Match]:
-    """Return every transaction of both, paired where they belong together, in their order.
+    """Return all transactions of both, paired where they belong together, in order.
 
-    The same request in the same order; the same request elsewhere (moved); then, between two of the first kind, the same
-    request with other values, and the same kind of request, each in its order. Each side has an order of its own: what the
-    server says by itself and what the client asks are on their way at the same time, and which of them a capture shows first
-    says nothing about either.
+    Matched are, in this order: equal requests in the same order; equal requests elsewhere (moved); then, between two of the
+    first kind, equal requests with different values, and requests of the same kind, each in order. Each side is ordered by
+    itself: unsolicited messages of the server and requests of the client may cross, and their order in the capture means
+    nothing.
     """
     numbers: dict[Key, int] = {}
     first = [numbers.setdefault(keys.exact(each), len(numbers)) for each in a]
@@ -112,14 +112,14 @@ def pair_transactions(a: Sequence[Transaction], b: Sequence[Transaction], keys: 
 
 
 def _begun_by(transaction: Transaction) -> str:
-    """Return who spoke first: who asked; where nobody did, who told."""
+    """Return the side that began: the sender of the request, or of an unsolicited message."""
     if transaction.exchange.request_seen:
         return transaction.asked_by
     return {"client": "server", "server": "client"}.get(transaction.asked_by, "")
 
 
 def _regions(begun: Sequence[str], aligned: Collection[int]) -> list[Region]:
-    """Name, for each position of a side, the gap between two aligned transactions of who spoke first that it stands in."""
+    """Return, for each position of a side, the gap between two aligned transactions of the same sender that it is in."""
     gaps: dict[str, int] = defaultdict(int)
     regions = []
     for at, who in enumerate(begun):
@@ -148,7 +148,7 @@ def _close(
     regions: tuple[list[Region], list[Region]],
     key: Callable[[Transaction], Key],
 ) -> dict[int, int]:
-    """Pair, within each gap, what is left over and has the same ``key``, in order."""
+    """Pair, within each gap, the remaining transactions with the same ``key``, in order."""
     taken = set(partner.values())
     waiting: dict[tuple[Region, Key], deque[int]] = defaultdict(deque)
     for at, transaction in enumerate(b):
@@ -166,7 +166,7 @@ def _close(
 def _in_order(
     a: Sequence[Transaction], b: Sequence[Transaction], partner: dict[int, int], moved: Collection[int]
 ) -> list[Match]:
-    """Return all matches in the order of ``a``; what only ``b`` has stands behind what is before it there."""
+    """Return all matches in the order of ``a``; a transaction that only ``b`` has comes after its predecessor in ``b``."""
     away = set(moved)
     taken = set(partner.values())
     matches: list[Match] = []

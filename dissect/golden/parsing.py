@@ -1,4 +1,4 @@
-"""From the text of a golden back to a session: line by line, saying which line is wrong and why."""
+"""Parses the text of a golden into a session, line by line; an error names the line and the reason."""
 
 from __future__ import annotations
 
@@ -25,10 +25,10 @@ from dissect.s7.tables import ACK_DATA, JOB, READ_VAR, SETUP_COMMUNICATION
 from dissect.transactions.transaction import DOUBT_TEXTS, HOLE, LIKELY, MALFORMED_HEADER, REASON_TEXTS
 from dissect.wire.text import printable
 
-#: What every golden of any version begins with.
+#: The beginning of a golden of any version.
 MAGIC: Final = "s7dissect golden "
 
-#: Characters of a line with its continuations: a PDU of 65,535 octets takes three each.
+#: Maximum length of a line with its continuations: a PDU has up to 65,535 octets, with three characters each.
 MAX_LINE: Final = 512 * 1024
 
 _FACT: Final = 2
@@ -51,7 +51,7 @@ _ERROR: Final = re.compile(r"refused 0x([0-9a-f]{4})")
 
 
 class Line(NamedTuple):
-    """A line of a golden: its number, how deep it stands, and what it says without remarks and with its continuations."""
+    """A line of a golden: its number, its indentation, and its text without remarks and with its continuations."""
 
     number: int
     depth: int
@@ -59,12 +59,12 @@ class Line(NamedTuple):
 
 
 def parse_golden(text: str, name: str = "golden") -> Session:
-    """Return the session that a golden describes. Raises GoldenError, which says the line."""
+    """Return the session that a golden describes. Raises GoldenError, which names the line."""
     return read_golden(text.split("\n"), name)
 
 
 def read_golden(raw: Iterable[str], name: str) -> Session:
-    """Return the session that the lines of a golden describe, each without its end. Raises GoldenError, which says the line."""
+    """Return the session that lines of a golden (without their ends) describe. Raises GoldenError, which names the line."""
     lines = _lines(raw, name)
     first = next(lines, None)
     if first is None or first.text != FORMAT:
@@ -86,7 +86,7 @@ def read_golden(raw: Iterable[str], name: str) -> Session:
 
 
 def _blocks(lines: Iterator[Line]) -> Iterator[tuple[Line, list[Line]]]:
-    """Yield each line that begins a block, and those that are indented below it."""
+    """Yield each first line of a block together with the lines indented below it."""
     head: Line | None = None
     below: list[Line] = []
     for line in lines:
@@ -101,7 +101,7 @@ def _blocks(lines: Iterator[Line]) -> Iterator[tuple[Line, list[Line]]]:
 
 
 def _lines(raw_lines: Iterable[str], name: str) -> Iterator[Line]:
-    """Yield the lines that say something, each joined with its continuations. Raises GoldenError for one that is too long."""
+    """Yield the lines with content, each joined with its continuations. Raises GoldenError for a line that is too long."""
     number = depth = size = 0
     held: list[str] = []
     for count, raw in enumerate(raw_lines, 1):
@@ -123,7 +123,7 @@ def _lines(raw_lines: Iterable[str], name: str) -> Iterator[Line]:
 
 
 class _LineError(Exception):
-    """A line that is wrong, and what is wrong with it."""
+    """A wrong line, and what is wrong with it."""
 
     def __init__(self, line: Line, message: str) -> None:
         super().__init__(message)
@@ -131,16 +131,18 @@ class _LineError(Exception):
 
 
 class _Reader:
-    """Takes block after block."""
+    """Takes one block after another."""
 
     def __init__(self, session: Session) -> None:
         self._session = session
         self._links: list[Link] = []
-        self._numbers: dict[int, Transaction] = {}  # of the connection at hand, by the numbers in the text
-        self._known: dict[tuple[str, ...], _Draft] = {}  # blocks that were read, by their text: polling repeats them
+        self._numbers: dict[
+            int, Transaction
+        ] = {}  # transactions of the current connection, by their numbers in the text
+        self._known: dict[tuple[str, ...], _Draft] = {}  # parsed blocks, by their text: polling repeats them
 
     def block(self, head: Line, below: list[Line]) -> None:
-        """Take a block: its first line, and those that are indented below it."""
+        """Take a block: its first line, and the lines indented below it."""
         if head.depth:
             raise _LineError(head, "indented, but it belongs to no line above it")
         if _CONNECTION.fullmatch(head.text):
@@ -204,7 +206,7 @@ class _Reader:
 
 
 def _read(line: Line, take: Callable[[Line], None]) -> None:
-    """Let ``take`` read a line; what it raises names the line."""
+    """Let ``take`` parse a line; its errors get the number of the line."""
     try:
         take(line)
     except ValueError as error:
@@ -230,7 +232,7 @@ def _link_fact(link: Link, line: Line) -> None:
     elif text == "begins before the capture":
         link.begun = False
     elif found := _SPOKEN.fullmatch(text):
-        setattr(link, found[1], printable(found[2]))  # as it is written
+        setattr(link, found[1], printable(found[2]))  # in the notation of the text
     elif text.startswith("refused "):
         link.refused = unquoted(text.removeprefix("refused "))
     else:
@@ -238,7 +240,7 @@ def _link_fact(link: Link, line: Line) -> None:
 
 
 class _Half:
-    """A request or an answer in blocks, while its lines come."""
+    """A request or an answer in blocks, while its lines are read."""
 
     def __init__(self, kind: str, octets: bytes | None) -> None:
         self.kind = kind
@@ -248,7 +250,7 @@ class _Half:
         self.data = b""
 
     def take(self, text: str) -> None:
-        """Take a line below it."""
+        """Take a line below the head."""
         if found := _ERROR.fullmatch(text):
             self.error = int(found[1], 16)
         elif text.startswith("parameters "):
@@ -279,12 +281,12 @@ class _Draft:
         self.outcome = ""
         self.reason = ""
         self.doubt = ""  # why the pair is only likely
-        self.perhaps = False  # of a request without an answer: it is not certain that there was one
+        self.perhaps = False  # for an unanswered request: perhaps it was answered
         self.time_ns: int | None = None
         self.latency_ns: int | None = None
         self.pdu_ref: int | None = None
-        self.job = 0  # of a push: the number of the transaction that asked for it
-        self.made: Exchange | None = None  # once all lines are read
+        self.job = 0  # for a push: the number of the transaction that requested it
+        self.made: Exchange | None = None  # set once all lines are read
 
     def take(self, line: Line) -> None:
         """Take a line. Raises ValueError."""
@@ -322,7 +324,7 @@ class _Draft:
         return True
 
     def _recorded(self, text: str) -> bool:
-        """Read what belongs to one recording; False when the line is none of it."""
+        """Parse a line that belongs to one recording; return False if it is a different line."""
         if found := _LATENCY.fullmatch(text):
             self.latency_ns = int(found[1])
         elif found := _JOB.fullmatch(text):
@@ -365,7 +367,7 @@ class _Draft:
             raise ValueError(f"{text!r} does not apply to this kind of transaction")
 
     def exchange(self) -> Exchange:
-        """Return what was said. Raises ValueError when the lines do not go together."""
+        """Return the exchange. Raises ValueError if the lines contradict each other."""
         kinds = {half.kind for half in self._halves.values()} & {PLUS, SCD}
         kind = kinds.pop() if kinds else S7
         asked, told = self._halves.get("request"), self._halves.get("answer")

@@ -20,17 +20,17 @@ from dissect.transactions.transaction import (
 )
 from dissect.wire.text import printable, shortened
 
-#: Elements of an array that are named, octets shown around a change.
+#: Maximum number of array elements that are named, and of octets shown around a change.
 _ELEMENTS: Final = 3
 _AROUND: Final = 8
 
 
-#: Values of an array.
+#: Maximum number of array values that are shown.
 Elements = list[bool | int | float | str | None]
 
 
 class Change(NamedTuple):
-    """A change within a pair of transactions, before it has numbers: kind, what to say, and what patterns may name."""
+    """A change within a pair of transactions, before it gets numbers: kind, text, and the names that patterns may match."""
 
     kind: str
     text: str
@@ -43,13 +43,13 @@ class Change(NamedTuple):
 
 
 def code_text(code: int, name: str, digits: int = 2) -> str:
-    """Return an error for a person: ``Object does not exist (0x0a)``."""
+    """Return an error for people: ``Object does not exist (0x0a)``."""
     number = f"0x{code:0{digits}x}"
     return number if name == number else f"{name} ({number})"
 
 
 def item_state(item: ItemRecord) -> str:
-    """Return what became of an item: its value, why it was refused, or that nothing was told."""
+    """Return the result of an item: its value, why it was refused, or that there was no answer."""
     if item.refused:
         return f"refused: {code_text(item.return_code, item.error)}"
     if item.result.unchanged:
@@ -68,15 +68,15 @@ def content(item: ItemRecord) -> str:
 
 
 def _is_bytes(item: ItemRecord) -> bool:
-    """Return whether an item is bytes without a meaning, which a person reads in hexadecimal."""
+    """Return whether an item is plain bytes, which are shown in hexadecimal."""
     return item.transport_size == BYTE and len(item.data or b"") > 1
 
 
 def outcome(transaction: Transaction) -> str:
-    """Return how a transaction went, in short."""
+    """Return the outcome of a transaction in few words."""
     exchange = transaction.exchange
     if transaction.outcome == "unanswered":
-        if transaction.certainty:  # an answer that was not captured
+        if transaction.certainty:  # the answer was not captured
             return PERHAPS_ANSWERED if transaction.certainty == LIKELY else REASON_TEXTS[HOLE]
         return f"unanswered: {REASON_TEXTS.get(transaction.reason, transaction.reason)}"
     if transaction.outcome == OUTCOMES[BEHIND_MALFORMED]:
@@ -97,7 +97,7 @@ def outcome(transaction: Transaction) -> str:
 
 
 def value_change(was: ItemRecord, is_: ItemRecord) -> tuple[str, str, str]:
-    """Return what to say of an item with another value, and both values; of arrays the elements that differ."""
+    """Return the description of a changed value, and both values; for arrays only the elements that differ."""
     old, new = was.value, is_.value
     hexadecimal = _is_bytes(was) or _is_bytes(is_)
     if isinstance(old, list) and isinstance(new, list) and len(old) == len(new):
@@ -114,7 +114,7 @@ def _elements(old: Elements, new: Elements) -> tuple[str, str, str]:
     said = [f"element {at} was {words.value(old[at])}, is {words.value(new[at])}" for at in changed[:_ELEMENTS]]
     more = f" and {len(changed) - _ELEMENTS} more of {len(new)}" if len(changed) > _ELEMENTS else ""
     was, is_ = words.value(old), words.value(new)
-    if was == is_:  # they differ behind what is shown of an array
+    if was == is_:  # they differ after the part of an array that is shown
         was, is_ = (
             ", ".join([f"element {at} = {words.value(each[at])}" for at in changed[:_ELEMENTS]]) for each in (old, new)
         )
@@ -122,7 +122,7 @@ def _elements(old: Elements, new: Elements) -> tuple[str, str, str]:
 
 
 def _bytes(old: bytes, new: bytes) -> tuple[str, str, str]:
-    """Return the same of arrays of bytes as long as each other, in hexadecimal as everywhere."""
+    """Return the same for arrays of bytes of equal length, in hexadecimal as everywhere."""
     changed = [at for at in range(min(len(old), len(new))) if old[at] != new[at]]
     said = [f"byte {at} was {old[at]:02x}, is {new[at]:02x}" for at in changed[:_ELEMENTS]]
     more = f" and {len(changed) - _ELEMENTS} more of {len(new)}" if len(changed) > _ELEMENTS else ""
@@ -131,7 +131,7 @@ def _bytes(old: bytes, new: bytes) -> tuple[str, str, str]:
 
 
 def octets_change(was: bytes, is_: bytes) -> tuple[str, str]:
-    """Return both octets in hexadecimal; of long ones where they begin to differ."""
+    """Return both in hexadecimal; long ones from where they begin to differ."""
     if max(len(was), len(is_)) <= 2 * _AROUND:
         return words.octets(was), words.octets(is_)
     shorter = min(len(was), len(is_))
@@ -145,5 +145,5 @@ def octets_change(was: bytes, is_: bytes) -> tuple[str, str]:
 
 
 def short(text: str) -> str:
-    """Return a text from the wire, safe and not long."""
+    """Return a text from the wire, escaped and shortened."""
     return shortened(printable(text), 120)

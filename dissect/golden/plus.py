@@ -1,4 +1,4 @@
-"""What S7comm-plus PDUs say, for goldens and comparisons: remarks, what a request is about, and what differs between two."""
+"""S7comm-plus PDUs in goldens and comparisons: remarks, the subject of a request, and the differences between two PDUs."""
 
 from __future__ import annotations
 
@@ -16,19 +16,19 @@ from dissect.s7plus.tables import NOTIFICATION
 from dissect.s7plus.value_showing import value_text
 from dissect.wire.part import OCTETS, SURPLUS, Part
 
-#: Parts that belong to one recording, and those that say the same in every PDU.
+#: Parts that belong to one recording, and parts that are the same in every PDU.
 _PASSING: Final = frozenset(
     id(layout) for layout in (layouts.INTEGRITY_ID, layouts.DIGEST, layouts.FILL, layouts.NOTIFICATION_HEAD)
 )
-#: By reference, what a subscription asks for.
+#: What a subscription asks for, by reference.
 Names = Mapping[int, str]
 _NO_NAMES: Final[Names] = {}
-#: Octets that are compared as such.
+#: Parts that are compared as octets.
 _PLAIN: Final = frozenset((id(OCTETS), id(SURPLUS), id(layouts.PIECE)))
 
 
 def plus_notes(octets: bytes, request: bytes = b"") -> list[str]:
-    """Return what a PDU is about, safe to show; empty when its head says it all. ``request`` is what it answers, if it does."""
+    """Return remarks on a PDU, safe to show; empty if its head is complete. ``request`` is the request it answers, if any."""
     if request and reads_secret(shown_half(parse_plus(request))):
         return [HIDDEN]
     pdu = parse_plus(octets)
@@ -36,7 +36,7 @@ def plus_notes(octets: bytes, request: bytes = b"") -> list[str]:
 
 
 def plus_subject(octets: bytes) -> tuple[object, ...]:
-    """Return what a request is about without the values that go with it."""
+    """Return the subject of a request without the values in it."""
     found = shown_contents(parse_plus(octets), shown=False)[0]
     return found.object_id, *found.ids, *[address.key for address in found.addresses]
 
@@ -44,9 +44,9 @@ def plus_subject(octets: bytes) -> tuple[object, ...]:
 def plus_differences(
     was: bytes, is_: bytes, names: Names = _NO_NAMES, names_now: Names = _NO_NAMES
 ) -> list[tuple[str, str]]:
-    """Return what two PDUs of the same function say differently, in the order of the wire; empty when it is the same.
+    """Return the differences between two PDUs of the same function, in wire order; empty if there are none.
 
-    Where they are built of other parts, that is one difference. ``names`` are what the references in notifications stand for.
+    Different structures count as one difference. ``names`` are the names for references in notifications.
     """
     (one, first), (other, second) = _read(was), _read(is_)
     if one.opcode == other.opcode == NOTIFICATION and not (first.malformed or second.malformed):
@@ -72,7 +72,7 @@ def plus_differences(
 def _notified_differences(
     was: tuple[PlusPdu, Contents, Names], is_: tuple[PlusPdu, Contents, Names]
 ) -> list[tuple[str, str]]:
-    """Compare what two notifications say of each of their items, by the names that their subscriptions gave them."""
+    """Compare the items of two notifications by the names that their subscriptions gave them."""
     old, new = _notified(*was), _notified(*is_)
     found: list[tuple[str, str]] = []
     for name in dict.fromkeys([*old, *new]):
@@ -90,7 +90,7 @@ def _item(name: str, said: tuple[str, bytes] | None) -> str:
 
 
 def _notified(pdu: PlusPdu, found: Contents, names: Names) -> dict[str, tuple[str, bytes]]:
-    """Return what a notification says of each item, in words and as octets; of one that comes again what it says last."""
+    """Return each item of a notification, in words and as octets; if an item is repeated, the last value wins."""
     items: dict[str, tuple[str, bytes]] = {}
     for reference, value in found.items:
         octets = pdu.data[value.offset : value.end]
@@ -110,7 +110,7 @@ def _read(octets: bytes) -> tuple[PlusPdu, Contents]:
 
 
 def _said(pdu: PlusPdu, found: Contents) -> list[tuple[str, str, bytes]]:
-    """Return the parts that say something: name, note, and the octets of those that no note tells whole."""
+    """Return the meaningful parts: name, note, and the octets if the note does not show them completely."""
     return [
         (part.layout.name, part.note, b"" if _told(part) else pdu.data[part.offset : part.end])
         for part in found.parts
@@ -119,5 +119,5 @@ def _said(pdu: PlusPdu, found: Contents) -> list[tuple[str, str, bytes]]:
 
 
 def _told(part: Part) -> bool:
-    """Tell whether the note of a part says all of it; long texts, arrays and octets are shown cut."""
+    """Return whether the note shows the whole part; long texts, arrays and octets are shortened in notes."""
     return bool(part.note) and id(part.layout) not in _PLAIN and "…" not in part.note and "elements" not in part.note

@@ -1,7 +1,8 @@
-"""Numbers that belong to one recording of an S7comm-plus session, and what they stand for.
+"""Object numbers that belong to one recording of an S7comm-plus session, and their meanings.
 
-A device numbers the sessions and subscriptions that clients make, each time anew; a subscription numbers its variables as its
-client pleases. For a comparison the first are put in the place of each other, and the second are named as they were asked for.
+In each recording, a device gives new numbers to the sessions and subscriptions that clients create, and a client numbers the
+variables of a subscription as it likes. A comparison maps the numbers of objects from one recording to the other, and names
+variables as they were requested.
 """
 
 from __future__ import annotations
@@ -44,16 +45,16 @@ _FIELDS: Final = {
         (SECOND_PART, "object_id"),
     )
 }
-#: Stable numbers: as many octets as those of devices take, of either size, so that nothing changes its place.
+#: Stable numbers of both sizes; each is as long as a number from a device, so that positions stay the same.
 _STABLE: Final = 0x7FFE0000
 _STABLE_SMALL: Final = 0x3000
 _SMALL: Final = 0x4000
-#: Objects of a connection that are followed.
+#: Maximum number of objects of a connection that are tracked.
 MAX_OBJECTS: Final = 4096
 
 
 def made(exchange: Exchange) -> list[int]:
-    """Return the ids that a device gave to what a request created, in their order."""
+    """Return the ids that a device gave to the objects a request created, in order."""
     told = exchange.plus[1]
     if told is None or told.function != CREATE_OBJECT:
         return []
@@ -61,7 +62,7 @@ def made(exchange: Exchange) -> list[int]:
 
 
 class Objects:
-    """The objects that were made on the connections of a session, and the names of what was subscribed there."""
+    """The objects created on the connections of a session, and the names of the variables subscribed there."""
 
     def __init__(self) -> None:
         self._stable: dict[Link, dict[int, int]] = {}
@@ -69,7 +70,7 @@ class Objects:
         self._said: dict[tuple[Link, Exchange], Exchange] = {}
 
     def stable(self, transaction: Transaction) -> Exchange:
-        """Return the exchange of a transaction with a stable number for each object that was made on its connection."""
+        """Return the exchange of a transaction with a stable number for each object that was created on its connection."""
         exchange = transaction.exchange
         if exchange.kind != PLUS:
             return exchange
@@ -81,7 +82,7 @@ class Objects:
         return found
 
     def _stable_of(self, link: Link) -> dict[int, int]:
-        """Return a stable number by each id: by how many the device had made before."""
+        """Return the stable number for each id; it counts the objects that the device created before."""
         found = self._stable.get(link)
         if found is None:
             found = {}
@@ -92,7 +93,7 @@ class Objects:
         return found
 
     def names(self, transaction: Transaction) -> Names:
-        """Return what the references of a notification stand for, empty where its subscription is not known."""
+        """Return the names for the references of a notification, empty if its subscription is unknown."""
         link = transaction.connection
         found = self._names.get(link)
         if found is None:
@@ -102,19 +103,19 @@ class Objects:
 
 
 class Named:
-    """A pair of transactions, of which is known what the references in their notifications stand for."""
+    """A pair of transactions, with the names for the references in their notifications."""
 
     def __init__(self, objects: Objects, a: Transaction, b: Transaction) -> None:
         self._objects = objects
         self._pair = a, b
 
     def both(self) -> tuple[Names, Names]:
-        """Return what the references of either stand for, empty where its subscription is not known."""
+        """Return the names for the references of both, empty if the subscription is unknown."""
         return self._objects.names(self._pair[0]), self._objects.names(self._pair[1])
 
 
 def with_objects(transaction: Transaction, numbers: Mapping[int, int]) -> Transaction:
-    """Return a transaction with other numbers of objects; itself where it names none of them."""
+    """Return a transaction with different object numbers; the transaction itself if it contains none of them."""
     exchange = renumbered(transaction.exchange, numbers)
     if exchange is transaction.exchange:
         return transaction
@@ -130,7 +131,7 @@ def _all_made(transactions: Iterable[Transaction]) -> list[int]:
 
 
 def _subscribed(link: Link) -> dict[int, Names]:
-    """Return, by the number of each notification of a connection, the names of the items of its subscription."""
+    """Return, for each notification of a connection, the names of the items of its subscription."""
     session = PlusSession(Program(), Identity())
     found: dict[int, Names] = {}
     known: dict[int, Names] = {}
@@ -142,7 +143,7 @@ def _subscribed(link: Link) -> dict[int, Names]:
         if asked is not None:
             facts = take(session, asked.function, exchange.request, exchange.response)
             if facts is not None:
-                known = {}  # a list may be a different one from now on
+                known = {}  # from now on the list may be different
         elif told is not None and told.opcode == NOTIFICATION:
             id_ = told.subscription_id
             names = known.get(id_)
@@ -156,7 +157,7 @@ def _subscribed(link: Link) -> dict[int, Names]:
 
 
 def same_objects(pairs: Iterable[tuple[Transaction, Transaction]]) -> dict[int, int]:
-    """Return what each object of the second of two recordings is in the first, by the requests that made them in both."""
+    """Return the object of the first recording for each object of the second, matched by the requests that created them."""
     found: dict[int, int] = {}
     for one, other in pairs:
         if one.exchange.kind == other.exchange.kind == PLUS and len(found) < MAX_OBJECTS:
@@ -165,7 +166,7 @@ def same_objects(pairs: Iterable[tuple[Transaction, Transaction]]) -> dict[int, 
 
 
 def renumbered(exchange: Exchange, numbers: Mapping[int, int]) -> Exchange:
-    """Return an exchange with other numbers of objects; itself where it names none of them."""
+    """Return an exchange with different object numbers; the exchange itself if it contains none of them."""
     if exchange.kind != PLUS or not numbers:
         return exchange
     request, response = _renumbered(exchange.request, numbers), _renumbered(exchange.response, numbers)
@@ -176,7 +177,7 @@ def renumbered(exchange: Exchange, numbers: Mapping[int, int]) -> Exchange:
 
 
 def _renumbered(octets: bytes, numbers: Mapping[int, int]) -> bytes:
-    """Return a PDU with other numbers of objects; a number that takes more or fewer octets than the other one stays."""
+    """Return a PDU with different object numbers; a number that would change its size stays."""
     if not octets:
         return octets
     pdu = parse_plus(octets)
@@ -184,7 +185,7 @@ def _renumbered(octets: bytes, numbers: Mapping[int, int]) -> bytes:
     if pdu.opcode == NOTIFICATION and pdu.version != V1:
         number = numbers.get(pdu.subscription_id, -1)
         if number >= 0:
-            _put(changed, pdu, 1, 5, number.to_bytes(4, "big"))  # behind its opcode
+            _put(changed, pdu, 1, 5, number.to_bytes(4, "big"))  # after its opcode
     for part in parse_contents(pdu).parts:
         name = _FIELDS.get(id(part.layout))
         field = part.find(name) if name is not None else None
@@ -196,7 +197,7 @@ def _renumbered(octets: bytes, numbers: Mapping[int, int]) -> bytes:
 
 
 def _put(changed: bytearray, pdu: PlusPdu, begin: int, end: int, octets: bytes) -> None:
-    """Put octets into a PDU, where they are as many as those that stand there; places count within its data."""
+    """Write octets into a PDU if the size stays the same; positions count within its data."""
     if len(octets) == end - begin:
         for at in range(begin, end):
             changed[pdu.place(at)] = octets[at - begin]

@@ -1,4 +1,4 @@
-"""From a capture, or a golden, to a session."""
+"""Reads a session from a capture or a golden."""
 
 from __future__ import annotations
 
@@ -30,12 +30,12 @@ if TYPE_CHECKING:
     from dissect.select import Where
     from dissect.transactions.side import Side
 
-#: Octets of a golden; a larger one is refused.
+#: Maximum size of a golden; a larger one is refused.
 MAX_SIZE: Final = 1 << 30
 
 
 class _Entry:
-    """A transaction and where it stood: the packet it began with and its number, which put it in order."""
+    """A transaction with its first packet and its number, which determine the order."""
 
     __slots__ = ("asked_by", "has_request", "place", "transaction")
 
@@ -47,7 +47,7 @@ class _Entry:
 
 
 class _Said:
-    """What is said on a connection, to put it in order by: written only as far as that of others is the same."""
+    """Sort key of a connection: its text, produced only as far as a comparison needs."""
 
     def __init__(self, link: Link) -> None:
         self._addresses = link.addresses
@@ -55,7 +55,7 @@ class _Said:
         self._left = link_lines(link)
 
     def line(self, at: int) -> str | None:
-        """Return a line, None behind the last one; the one before was asked for."""
+        """Return a line, None after the last one; lines are requested in ascending order."""
         if at == len(self._written):
             line = next(self._left, None)
             if line is None:
@@ -73,16 +73,16 @@ class _Said:
 
 
 def said_order(links: list[Link]) -> list[Link]:
-    """Return connections in the order of all that is said on them, those that say the same in that of their addresses."""
+    """Return connections in the order of their texts; those with equal texts in the order of their addresses."""
     return sorted(links, key=_Said)
 
 
 class SessionReader(Observer):
-    """Gathers what a pipeline tells; `finish` gives the session.
+    """Gathers the results of a pipeline; `finish` returns the session.
 
-    ``messages`` keeps what a golden leaves out as well: PDUs with their references, and the TPDUs around them (`Tpdus`).
-    ``too_long`` is why nothing more is gathered, None while all is well: raised in the midst of a pipeline it would only be
-    told as a fault of an observer.
+    ``messages`` also keeps what a golden leaves out: PDUs with their references, and the TPDUs around them (`Tpdus`).
+    ``too_long`` is the reason why gathering stopped, None as long as it continues: an exception inside a pipeline would only be
+    reported as the fault of an observer.
     """
 
     def __init__(self, name: str = "", messages: bool = False) -> None:
@@ -105,11 +105,11 @@ class SessionReader(Observer):
         return link
 
     def connection_opened(self, connection: Connection) -> None:
-        """Keep a place for it: it may end without a transaction."""
+        """Make an entry for the connection: it may end without a transaction."""
         self._link(connection)
 
     def tpdu(self, frame: int, time_ns: int, side: Side, octets: bytes) -> None:
-        """Keep what answers the connect request, and the last that may end the connection."""
+        """Keep the answer to the connect request, and the last TPDU that may end the connection."""
         kind = octets[HEADER + 1] >> 4
         if kind not in {CC, DR, ER}:
             return
@@ -147,7 +147,7 @@ class SessionReader(Observer):
         self._entries[connection.number].append(_Entry(transaction, kept))
 
     def connection_closed(self, connection: Connection) -> None:
-        """Put the transactions in order and keep what is known of the connection, now that all is."""
+        """Order the transactions and keep the facts of the connection, which are complete now."""
         link = self._link(connection)
         link.protocol = connection.protocol
         link.carrier = "udp" if connection.udp else "ibh" if connection.protocol == IBH_NETLINK else "tcp"
@@ -178,15 +178,15 @@ class SessionReader(Observer):
         entries = self._entries.pop(number, [])
         settle_places(entries)
         entries.sort(key=lambda entry: entry.place)
-        for entry in entries:  # only now: who the client is may have become known later than the first request
+        for entry in entries:  # only now: the client may have been identified after the first request
             entry.transaction.asked_by = connection.role(entry.asked_by)
             entry.transaction.place = entry.place[0]
         link.transactions = [entry.transaction for entry in entries]
 
     def finish(self, damage: Sequence[str] = ()) -> Session:
-        """Return the session, its connections in an order that only what was said on them decides.
+        """Return the session; the order of its connections depends only on their contents.
 
-        Raises GoldenError when the session is too long to be kept.
+        Raises GoldenError if the session is too long to be kept.
         """
         if self.too_long is not None:
             raise self.too_long
@@ -206,7 +206,7 @@ def _span(connection: Connection) -> Span:
 
 
 def _by_role(said: str, connection: Connection) -> str:
-    """Return what is said of a connection with roles in the place of addresses and ports."""
+    """Return a text of a connection with roles instead of addresses and ports."""
     for end, role in ((connection.client, "client"), (connection.server, "server")):
         said = said.replace(str(end), f"the {role}")
     return said
@@ -225,7 +225,7 @@ def _exchange(seen: Seen) -> Exchange:
 
 
 def is_golden(path: str | os.PathLike[str]) -> bool:
-    """Tell whether a file begins as a golden does; False for what cannot be read."""
+    """Return whether a file begins like a golden; False if it cannot be read."""
     try:
         with Path(path).open("rb") as file:
             return file.read(len(MAGIC)) == MAGIC.encode()
@@ -244,7 +244,7 @@ def load_golden(path: str | os.PathLike[str]) -> Session:
 
 
 def _text_lines(file: BinaryIO, name: str) -> Iterator[str]:
-    """Yield the lines of a golden without their ends, holding one at a time. Raises GoldenError for what is none."""
+    """Yield the lines of a golden without their ends, one at a time. Raises GoldenError for any other file."""
     size = 0
     while octets := file.readline(MAX_LINE + 1):
         size += len(octets)
@@ -269,10 +269,12 @@ def read_session(
 ) -> Session:
     """Return the session of a capture (or of several, as `dissect.open` reads them) or of a golden; the content decides.
 
-    ``decoder`` decodes SCD (`dissect.bindings.load_carrier`); ``messages`` as for `SessionReader`. Of a
-    capture only the transactions are there that ``where`` selects (docs/select.md).
-    Raises `CaptureError` for what is no capture, GoldenError for a golden that is wrong or a session that is too long,
-    `SelectError` for a wrong expression, and ValueError for one about a golden. Damage inside a capture is told in ``damage``.
+    ``decoder`` decodes SCD (`dissect.bindings.load_carrier`); ``messages`` as for `SessionReader`. ``where`` selects
+    transactions of a capture (docs/select.md).
+
+    Raises `CaptureError` for a file that is no capture, GoldenError for a wrong golden or a session that is too long,
+    `SelectError` for a wrong expression, and ValueError for an expression together with a golden. ``damage`` lists damage
+    inside a capture.
     """
     if not more and os.fspath(path) != "-" and Path(path).is_file() and is_golden(path):
         if where is not None:

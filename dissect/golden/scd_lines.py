@@ -1,4 +1,4 @@
-"""SCD in a transaction as lines: what is asked and told, and every value by name (docs/scd-traffic.md)."""
+"""SCD in a transaction as lines: requests, answers, and every value by name (docs/scd-traffic.md)."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dissect.wire.text import printable
 
 
 def scd_lines(transaction: Transaction) -> tuple[str, ...]:
-    """Return the SCD of a transaction, a line for each message and each value in it; empty when there is none."""
+    """Return the SCD of a transaction, one line for each message and each value in it; empty if there is none."""
     lines: list[str] = []
     for found in transaction.scd:
         half = "request" if found.side == transaction.asked_by else "answer"

@@ -1,7 +1,7 @@
-"""Reads and writes as nearly all of them are: sound, and answered as devices answer. Masked and written in few steps.
+"""Ordinary reads and writes, well formed and answered as devices answer: masked and written in few steps.
 
-What becomes of a message is said by `dissect.golden.masking`, how a transaction is written by `dissect.golden.forms`; this says
-the same of usual ones, or nothing. It is compiled: each slice ends behind its beginning, and within the message.
+`dissect.golden.masking` masks every message and `dissect.golden.forms` writes every transaction; the functions here give the
+same results for ordinary ones, and nothing for others. Compiled: each slice ends after its beginning and within the message.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ from dissect.s7.values import decode_value, number_texts
 from dissect.wire.octets import u16
 from dissect.wire.text import hex_number, printable
 
-#: Names of items that are kept; when there are more, all are forgotten.
+#: Maximum number of cached item names; when it is exceeded, the cache is emptied.
 _MOST: Final = 4096
 #: Octets of an answer before its items: header, function, count.
 _HEAD: Final = ACK_HEADER_SIZE + 2
@@ -43,15 +43,15 @@ _LEAST: Final = 12
 _PARAM_LENGTH: Final = 6
 _DATA_LENGTH: Final = 8
 _ERROR: Final = 10
-#: Types whose values are written as themselves where that is exact; those of all others as octets, with a remark.
+#: Types whose values are written as numbers if that is exact; values of all others are written as octets, with a remark.
 _EXACT: Final = frozenset((BIT, BYTE, CHAR, 0x04, 0x05, 0x06, 0x07, REAL, 0x30))
 _SIZES: Final = {code.number: code.name.replace(" ", "_") for code in DATA_TRANSPORT_SIZES}
-#: What stands in quotes as it is.
+#: Characters that need no escape in quotes.
 _PRINTS: Final = bytes([octet for octet in range(0x20, 0x7F) if octet not in b'"#\\'])
 
 
 class ItemName:
-    """How an item of a request is named: its text and remark, and with which data transport size it is answered as a rule."""
+    """The notation of an item of a request: its text and remark, and the usual data transport size of its answer."""
 
     __slots__ = ("item", "remark", "text", "usual_size")
 
@@ -66,7 +66,7 @@ _names: Final[dict[bytes, ItemName]] = {}
 
 
 def item_name(item: Item) -> ItemName:
-    """Return how an item of a request is named; polling asks for the same ones again and again."""
+    """Return the notation of an item of a request; cached, because polling requests the same items repeatedly."""
     known = _names.get(item.octets)
     if known is None:
         known = ItemName(item)
@@ -80,7 +80,7 @@ def item_name(item: Item) -> ItemName:
 
 
 def masked(octets: bytes) -> bytes | None:
-    """Return a read, a write, or the answer to one without its reference; None for other messages, and where more is masked."""
+    """Return a read, a write, or an answer to one, without its reference; None for others, or if more must be masked."""
     size: i64 = len(octets)
     if size < _LEAST or octets[0] != PROTOCOL_ID:
         return None
@@ -99,7 +99,7 @@ def masked(octets: bytes) -> bytes | None:
 
 
 def _fills_clear(octets: bytes, at: i64, count: i64, answers: bool) -> bool:
-    """Return whether the octets between items are zeros anyway; False where they may not be."""
+    """Return whether the fill octets between items are all zero; False if that is uncertain."""
     size: i64 = len(octets)
     for _ in range(count - 1):
         if at + DATA_HEAD > size:
@@ -120,7 +120,7 @@ def _fills_clear(octets: bytes, at: i64, count: i64, answers: bool) -> bool:
 
 
 def read_lines(items: list[Item], answer: bytes) -> list[str] | None:
-    """Return a read as lines; None where the masked ``answer`` is not the one that these lines stand for."""
+    """Return a read as lines; None if these lines would not give exactly the masked ``answer``."""
     size: i64 = len(answer)
     count: i64 = len(items)
     if count == 0 or size < _HEAD or not _plain_head(answer, READ_VAR, count):
@@ -156,7 +156,7 @@ def read_lines(items: list[Item], answer: bytes) -> list[str] | None:
 
 
 def write_lines(items: list[Item], contents: list[bytes], kinds: list[int], answer: bytes) -> list[str] | None:
-    """Return a write as lines, ``contents`` and data transport sizes of its items given; None as for `read_lines`."""
+    """Return a write as lines, from the ``contents`` and data transport sizes of its items; None as for `read_lines`."""
     size: i64 = len(answer)
     count: i64 = len(items)
     if size != _HEAD + count or count == 0 or len(contents) != count or not _plain_head(answer, WRITE_VAR, count):
@@ -172,7 +172,7 @@ def write_lines(items: list[Item], contents: list[bytes], kinds: list[int], answ
 
 
 def _plain_head(answer: bytes, function: i64, count: i64) -> bool:
-    """Return whether a masked answer of at least 14 octets begins as a device begins it that refuses nothing as a whole."""
+    """Return whether a masked answer of at least 14 octets begins as usual and does not refuse the whole request."""
     return (
         answer[0] == PROTOCOL_ID
         and answer[1] == ACK_DATA
@@ -187,7 +187,7 @@ def _plain_head(answer: bytes, function: i64, count: i64) -> bool:
 
 
 def _line(name: ItemName, data: bytes, kind: i64) -> str:
-    """Return an item with its value, as `dissect.golden.forms.item_text` does."""
+    """Return an item with its value, like `dissect.golden.forms.item_text`."""
     item = name.item
     value, said = value_text(item.transport_size, data, item.fits(len(data)))
     size = "" if kind == name.usual_size else f" as {_SIZES.get(kind) or hex_number(kind, 2)}"
@@ -199,7 +199,7 @@ def _remark(text: str) -> str:
 
 
 def value_text(transport_size: i64, data: bytes, fits: bool) -> tuple[str, str]:
-    """Return what `shown_value` does: the text of ``data``, and a remark that says its value where the text does not."""
+    """Return the same as `shown_value`: the text of ``data``, and a remark with its value if the text does not show it."""
     size: i64 = len(data)
     if not fits:
         return f"<{data.hex(' ')}>", ""
@@ -222,7 +222,7 @@ def value_text(transport_size: i64, data: bytes, fits: bool) -> tuple[str, str]:
 
 
 def _finite(data: bytes) -> bool:
-    """Return whether all singles are numbers: what is none has more forms than its text."""
+    """Return whether all singles are numbers: NaN has several encodings, which the text does not distinguish."""
     at: i64 = 0
     while at + 1 < len(data):
         if data[at] & 0x7F == 0x7F and data[at + 1] & 0x80:

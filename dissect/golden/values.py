@@ -1,7 +1,7 @@
 """Values of items as text that reads back to the same octets.
 
-Numbers, bits, texts and lists of numbers stand as themselves where that is exact; everything else, and several octets, stand as
-hexadecimal in angle brackets. Whether a text is exact is not guessed: it is read back and compared.
+Numbers, bits, texts and lists of numbers are written as such if that is exact; everything else, and several octets, in
+hexadecimal in angle brackets. To find out whether a text is exact, it is parsed and compared.
 """
 
 from __future__ import annotations
@@ -13,14 +13,14 @@ from typing import Final
 from dissect.s7.tables import BIT, BYTE, CHAR
 from dissect.s7.values import Value, decode_value
 
-#: How scalars of a transport size are packed, where text and octets correspond one to one.
+#: How scalars of a transport size are packed, if text and octets correspond one to one.
 _DOUBLE: Final = ">d"
 _PACKED: Final = {0x02: ">B", 0x04: ">H", 0x05: ">h", 0x06: ">I", 0x07: ">i", 0x08: ">f", 0x30: _DOUBLE}
 _FLOATS: Final = frozenset((0x08, 0x30))
 
 
 def quoted(text: str) -> str:
-    """Return a text in double quotes on one line, without a number sign, which would begin a comment."""
+    """Return a text in double quotes on one line, with number signs escaped: they would begin a comment."""
     inner = (
         json.dumps(text, ensure_ascii=True)[1:-1]
         .replace('\\"', "\\u0022")
@@ -31,7 +31,7 @@ def quoted(text: str) -> str:
 
 
 def unquoted(text: str) -> str:
-    """Return what `quoted` made a text of. Raises ValueError."""
+    """Return the text that `quoted` was given. Raises ValueError."""
     if not text.startswith('"'):
         raise ValueError(f"{text} is not a string in double quotes")
     return str(json.loads(text))
@@ -53,14 +53,16 @@ def hex_octets(text: str) -> bytes:
 
 
 def shown_value(transport_size: int, data: bytes, fits: bool) -> tuple[str, str]:
-    """Return the text of ``data``, and a remark that says its value where the text does not.
+    """Return the text of ``data``, and a remark with its value if the text does not show it.
 
-    ``fits`` tells whether the octets are as many as were asked for, so that they have a value at all.
+    ``fits`` tells whether the data are as long as requested; otherwise they have no value.
     """
     value = decode_value(transport_size, data) if fits else None
     if value is not None and not (transport_size == BYTE and len(data) > 1):
         form = _PACKED.get(transport_size, _DOUBLE)
-        if form != _DOUBLE and _is_packed(value, form, data):  # a double that is no number has more forms than its text
+        if form != _DOUBLE and _is_packed(
+            value, form, data
+        ):  # NaN has several encodings, which the text does not distinguish
             return _exact(value), ""
         text = _exact(value)
         try:
@@ -73,7 +75,7 @@ def shown_value(transport_size: int, data: bytes, fits: bool) -> tuple[str, str]
 
 
 def _is_packed(value: Value, form: str, data: bytes) -> bool:
-    """Return whether numbers are written as ``data``: then so is their text, which need not be read to know it."""
+    """Return whether ``data`` is written as numbers that are packed: the text is then known to be exact without parsing it."""
     try:
         if isinstance(value, list):
             return struct.pack(f">{len(value)}{form[1]}", *value) == data
@@ -93,7 +95,7 @@ def _exact(value: Value) -> str:
 
 
 def value_octets(text: str, transport_size: int) -> bytes:
-    """Return the octets that a value's text stands for. Raises ValueError when the type has no such value."""
+    """Return the octets for the text of a value. Raises ValueError if the type has no such value."""
     if text.startswith("<"):
         return hex_octets(text)
     if text.startswith('"'):
@@ -110,7 +112,7 @@ def value_octets(text: str, transport_size: int) -> bytes:
             numbers = map(float if transport_size in _FLOATS else int, elements)
             return struct.pack(f">{len(elements)}{form[1]}", *numbers)
         except (struct.error, OverflowError):
-            pass  # one by one says which
+            pass  # pack them one by one to find the wrong one
     return b"".join([_element(element, transport_size) for element in elements])
 
 

@@ -1,7 +1,7 @@
-"""A session as text: the format ``s7dissect golden 1`` (docs/golden.md).
+"""Writes a session as text: the format ``s7dissect golden 1`` (docs/golden.md).
 
-One block of lines for a connection, one for each transaction; indentation shows what belongs to what. A number sign begins a
-remark, which explains and is never read back.
+Each connection and each transaction is a block of lines; indentation shows the structure. A number sign begins a remark, which
+explains and is never parsed.
 """
 
 from __future__ import annotations
@@ -29,26 +29,26 @@ from dissect.transactions.transaction import BEHIND_MALFORMED, DOUBT_TEXTS, LIKE
 from dissect.wire.text import Clock, printable
 
 FORMAT: Final = "s7dissect golden 1"
-#: What belongs to one recording and stands in a golden only when asked for.
+#: Properties of one recording that a golden contains only on request.
 EXTRAS: Final = ("time", "addresses", "refs", "latency")
 #: Heads of transactions whose lines are items or sizes.
 FORMS: Final = {READ_VAR: "READ", WRITE_VAR: "WRITE", SETUP_COMMUNICATION: "SETUP"}
 
-#: What follows the reason `hole` where it is not certain that the request was answered.
+#: Follows the reason `hole` if it is uncertain that the request was answered.
 PERHAPS: Final = ", perhaps"
-#: Who speaks where nobody asked.
+#: The sender of unsolicited messages, by the role that is named as the requester.
 OTHER_ROLE: Final = {"client": "server", "server": "client"}
-#: What begins a line of a message that answers nothing, but stands where an answer would.
+#: The beginning of a line of an unsolicited message, which is written in the place of an answer.
 _PUSHED: Final = re.compile(r'^(  (?:scd ")?)answer ', re.MULTILINE)
 
 _WIDTH: Final = 116
 _CONTINUED: Final = " " * 8
-#: Below a pair of which a half is behind a malformed TPDU header; and the outcome of what is behind one and no part of a pair.
+#: Below a pair if one half came after a malformed TPDU header; and the outcome of a message after one that is in no pair.
 BEHIND_HEADER: Final = "behind a malformed header"
 ALONE: Final = OUTCOMES[BEHIND_MALFORMED]
-#: Notes that a remark repeats.
+#: Maximum number of notes that a remark repeats.
 _NOTES: Final = 12
-#: The number of a job that stands in the sequence number, which is masked.
+#: A job number that is in the masked sequence number.
 _MASKED_JOB: Final = "job 0"
 
 
@@ -58,7 +58,7 @@ def golden_text(session: Session, extras: Iterable[str] = ()) -> str:
 
 
 def golden_lines(session: Session, extras: Iterable[str] = (), naming: Naming | None = None) -> Iterator[str]:
-    """Yield `golden_text` line by line, or several lines at once; with ``naming`` remarks name what stands in the items."""
+    """Yield `golden_text` in pieces of one or more lines; with ``naming``, remarks name the tags of items."""
     wanted = frozenset(extras)
     clock = Clock()
     plain = not wanted and naming is None
@@ -91,13 +91,13 @@ def golden_lines(session: Session, extras: Iterable[str] = (), naming: Naming | 
 
 
 def _named(transaction: Transaction, naming: Naming) -> Iterator[str]:
-    """Yield the tags of the items as remarks, which no reader of goldens looks at."""
+    """Yield the tags of the items as remarks, which the parser skips."""
     for item in transaction.items:
         yield from [f"    # {facets.named_value(value)}" for value in naming.named(item.result) if value.name]
 
 
 def link_lines(link: Link) -> Iterator[str]:
-    """Yield everything of a connection but its number, as text: what connections are put in order by."""
+    """Yield the text of a connection except for its number; connections are sorted by it."""
     yield from _link_lines(link, False)
     jobs: dict[bytes, int] = {}
     for place, transaction in enumerate(link.transactions, 1):
@@ -109,21 +109,21 @@ def link_lines(link: Link) -> Iterator[str]:
 
 
 def _head(transaction: Transaction) -> str:
-    """Return who begins a transaction, and with what: who asks, or who says what nobody asked for."""
+    """Return the head of a transaction: the side, and its request or unsolicited message."""
     exchange = transaction.exchange
     who = OTHER_ROLE.get(transaction.asked_by, "") if pushed(transaction) else transaction.asked_by
     return f"{who} {_form(exchange) or printable(exchange.function_name)}"
 
 
 def _said(transaction: Transaction) -> str:
-    """Return the lines of what was asked and told, made once for all transactions that say the same."""
+    """Return the lines of request and answer, cached for all transactions that share the exchange."""
     exchange = transaction.exchange
     fragment = exchange.fragment or _fragment(exchange)
     return _PUSHED.sub(r"\1says ", fragment) if pushed(transaction) else fragment
 
 
 def _fragment(exchange: Exchange) -> str:
-    """Return the lines of what is asked and told in an exchange, made for the first time."""
+    """Return the lines of request and answer of an exchange."""
     lines = _usual_lines(exchange) or list(_exchange_lines(exchange))
     if max(map(len, lines), default=0) > _WIDTH:
         lines = [piece for line in lines for piece in ((line,) if len(line) <= _WIDTH else _wrapped(line))]
@@ -132,7 +132,7 @@ def _fragment(exchange: Exchange) -> str:
 
 
 def _usual_lines(exchange: Exchange) -> list[str] | None:
-    """Return a read or write and its answer as lines where both are usual, None for any other."""
+    """Return a read or write and its answer as lines if both are ordinary, otherwise None."""
     asked = exchange.glance() if _form(exchange) else None
     if asked is None or exchange.scd:
         return None
@@ -146,7 +146,7 @@ def _usual_lines(exchange: Exchange) -> list[str] | None:
 
 
 def pushed(transaction: Transaction) -> bool:
-    """Tell whether a transaction is something said that nobody asked for: it has an answering half alone."""
+    """Return whether a transaction is an unsolicited message: it has only an answering half."""
     exchange = transaction.exchange
     return transaction.outcome == "unsolicited" and exchange.response_seen and not exchange.request_seen
 
@@ -194,7 +194,7 @@ def _outcome(transaction: Transaction) -> Iterator[str]:
 
 
 def _job(transaction: Transaction, number: int, jobs: dict[bytes, int]) -> Iterator[str]:
-    """Yield which transaction asked for a push; ``jobs`` are the latest on the connection by request, and kept here."""
+    """Yield the transaction that requested a push; ``jobs`` maps requests to the latest transactions and is updated here."""
     exchange = transaction.exchange
     if exchange.subscribed:
         asked = jobs.get(exchange.subscribed)
@@ -240,7 +240,7 @@ def _exchange_lines(exchange: Exchange) -> Iterator[str]:
 
 
 def _readable(text: str) -> str:
-    """Return a line of SCD in quotes, letters of every alphabet left as they are."""
+    """Return a line of SCD in quotes; letters of all alphabets stay."""
     return f'"{text.replace(chr(92), chr(92) * 2).replace(chr(34), f"{chr(92)}u0022").replace("#", f"{chr(92)}u0023")}"'
 
 
@@ -277,7 +277,7 @@ def _half(name: str, exchange: Exchange) -> Iterator[str]:
 
 
 def _item_remarks(name: str, exchange: Exchange) -> list[str]:
-    """Return the items of userdata with their values: in a request those it writes, in an answer or push what it tells."""
+    """Return the items of userdata with their values: written values in a request, read values in an answer or push."""
     pdu = exchange.asked if name == "request" else exchange.told
     if pdu is None or pdu.rosctr != USERDATA:
         return []
@@ -289,7 +289,7 @@ def _item_remarks(name: str, exchange: Exchange) -> list[str]:
 
 
 def _notes(pdu: Pdu | None) -> list[str]:
-    """Return what a PDU is about, and which of its lengths and counts do not fit; the capture may have cut it."""
+    """Return notes on the subject of a PDU, and on lengths and counts that do not fit; the capture may have cut the PDU."""
     if pdu is None:
         return []
     body = pdu.body
@@ -310,7 +310,7 @@ def _note(note: str) -> str:
 
 
 def _form(exchange: Exchange) -> str:
-    """Return the head of a transaction whose request a form says to the octet, empty for any other."""
+    """Return the head for a transaction whose request has an exact notation, empty for all others."""
     if exchange.form is None:
         asked = exchange.glance()
         if asked is None:
@@ -322,7 +322,7 @@ def _form(exchange: Exchange) -> str:
 
 @lru_cache(PARSED)
 def _small_form(asked: Pdu) -> str:
-    """Return `_form_of` a request that all exchanges share which begin with it."""
+    """Return `_form_of` a request, cached for all exchanges that begin with it."""
     return _form_of(asked)
 
 
@@ -343,7 +343,7 @@ def _plain_setup(exchange: Exchange) -> bool:
 
 
 def item_lines(exchange: Exchange, answered: bool) -> list[ItemLine]:
-    """Return the items of a read or write, with what became of them when they are ``answered``."""
+    """Return the items of a read or write, with their results if they are ``answered``."""
     asked = exchange.asked
     return forms.item_lines(asked, exchange.told if answered else None) if asked is not None else []
 
@@ -352,7 +352,7 @@ def item_lines(exchange: Exchange, answered: bool) -> list[ItemLine]:
 
 
 def _wrapped(line: str) -> Iterator[str]:
-    """Yield a line in pieces of bounded width; those after the first are indented deeper than anything else."""
+    """Yield a line in pieces of bounded width; continuations are indented deeper than everything else."""
     text, mark, remark = line.partition("  # ")
     if len(text) <= _WIDTH or not (text.endswith((">", "]")) or "> " in text or "] " in text):
         yield line
