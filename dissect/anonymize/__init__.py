@@ -1,1 +1,1 @@
-"""Captures that may be shown to others: addresses, names, passwords and values replaced, everything else as it was."""
+"""Anonymizes captures for publication: replaces addresses, names, passwords and values; everything else is unchanged."""

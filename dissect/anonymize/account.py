@@ -1,4 +1,4 @@
-"""What was changed, what was left, what was dropped: counted while it happens, told at the end."""
+"""Counts what was replaced, kept and dropped while a capture is rewritten, and summarises it at the end."""
 
 from __future__ import annotations
 
@@ -7,14 +7,14 @@ from typing import Final
 from dissect.anonymize.masked import Masked
 from dissect.wire.text import printable
 
-#: How values are treated (`Choices.values`).
+#: Treatments of values (`Choices.values`).
 KEEP: Final = "keep"
 MASK: Final = "mask"
 SCRAMBLE: Final = "scramble"
 
 ACCOUNT_SCHEMA: Final = "s7dissect.anonymization/1"
 
-# Kinds of what is replaced, set to zero or kept.
+# Kinds of fields that are replaced, set to zero or kept.
 IP_ADDRESSES: Final = "ip_addresses"
 MAC_ADDRESSES: Final = "mac_addresses"
 TSAPS: Final = "tsap_texts"
@@ -38,7 +38,7 @@ BLANK: Final = "blank_packets"
 OPTIONS: Final = "ip_tcp_options"
 PADDING: Final = "octets_behind_ip"
 
-#: What people read of these.
+#: The names of these kinds in the summary.
 KINDS: Final = {
     IP_ADDRESSES: "IP addresses (distinct)",
     MAC_ADDRESSES: "MAC addresses (distinct)",
@@ -64,7 +64,7 @@ KINDS: Final = {
     PADDING: "padding and trailers after the IP packet",
 }
 
-# Why a packet is not written.
+# Reasons why a packet is not written.
 OTHER: Final = "other_protocol"
 DAMAGED: Final = "damaged_header"
 FRAGMENT: Final = "ip_fragment"
@@ -77,7 +77,7 @@ REASONS: Final = {
     LINK: "unknown link types",
 }
 
-# What went beyond a bound.
+# Limits that were exceeded.
 FULL: Final = "no_memory"
 MANY: Final = "many_connections"
 UNCERTAIN: Final = "uncertain_place"
@@ -88,7 +88,7 @@ CAVEATS: Final = {
     UNCERTAIN: "messages set to zero because neighbouring bytes were lost and their position is uncertain",
 }
 
-#: What is never changed, in sentences.
+#: Properties that are never changed, for the summary.
 LEFT: Final = (
     "times of packets (with --shift-time only those between them), sizes, order",
     "TCP ports, sequence numbers and timestamps of TCP, TTLs, VLAN ids",
@@ -103,7 +103,7 @@ LEFT: Final = (
 
 
 class Choices:
-    """What a person chose. ``values``: `KEEP`, `MASK` or `SCRAMBLE`; the rest are false unless asked for."""
+    """The user's choices. ``values`` is `KEEP`, `MASK` or `SCRAMBLE`; the others are options, off by default."""
 
     def __init__(
         self, values: str = MASK, keep_code: bool = False, keep_others: bool = False, shift_time: bool = False
@@ -115,12 +115,12 @@ class Choices:
 
 
 class Account:
-    """Counts by kind. A field counts once for each message that brings it, however often its packets were sent.
+    """Counts by kind. A field counts once for each message that contains it, even if packets of the message were sent again.
 
-    ``replaced``: fields that got something else; ``masked``: (fields, octets) set to zero, which ``hidden`` counts; ``kept``:
-    fields that hold something of the plant and were left because they were chosen to be; ``dropped``: packets that were not
-    written, by reason; ``caveats``: what went beyond a bound, with how often. All are named as in `KINDS`, `REASONS` and
-    `CAVEATS`. ``bindings``: what bindings of SCD must say to fit the written capture.
+    ``replaced``: fields with a replacement. ``masked``: (fields, octets) set to zero; ``hidden`` counts them. ``kept``: fields
+    with plant data that the user chose to keep. ``dropped``: packets that were not written, by reason. ``caveats``: exceeded
+    limits, with counts. All are named as in `KINDS`, `REASONS` and `CAVEATS`. ``bindings``: settings that bindings of SCD need
+    for the written capture.
     """
 
     def __init__(self) -> None:
@@ -138,23 +138,23 @@ class Account:
         self.bindings: list[dict[str, str]] = []
 
     def replace(self, kind: str) -> None:
-        """A field got something else."""
+        """Count a field that was replaced."""
         self.replaced[kind] = self.replaced.get(kind, 0) + 1
 
     def mask(self, kind: str, octets: bytes) -> None:
-        """Octets are set to zero; those that were zero need no word."""
+        """Count octets that are set to zero, unless they already were."""
         self.hidden.add(kind, octets)
 
     def keep(self, kind: str) -> None:
-        """A field is left because that was asked for."""
+        """Count a field that is kept by the user's choice."""
         self.kept[kind] = self.kept.get(kind, 0) + 1
 
     def drop(self, reason: str) -> None:
-        """A packet is not written."""
+        """Count a packet that is not written."""
         self.dropped[reason] = self.dropped.get(reason, 0) + 1
 
     def warn(self, caveat: str) -> None:
-        """Something went beyond a bound."""
+        """Count an exceeded limit."""
         self.caveats[caveat] = self.caveats.get(caveat, 0) + 1
 
     def as_dict(self) -> dict[str, object]:
@@ -176,7 +176,7 @@ class Account:
         }
 
     def lines(self) -> list[str]:
-        """Return the account for a person."""
+        """Return the account as lines for people."""
         lines = [f"{self.written} of {self.packets} packets written"]
         lines += _section("Changed", _counts(self.replaced, KINDS))
         masked = sorted([(KINDS[kind], *counts) for kind, counts in self.masked.items()])
@@ -203,8 +203,8 @@ def _counts(counts: dict[str, int], texts: dict[str, str]) -> list[str]:
 
 
 def _binding(entry: dict[str, str]) -> str:
-    said = [f'{key} = "{printable(value)}"' for key, value in entry.items() if key != "name"]
-    return f"          {printable(entry['name'])}: {', '.join(said)}"
+    settings = [f'{key} = "{printable(value)}"' for key, value in entry.items() if key != "name"]
+    return f"          {printable(entry['name'])}: {', '.join(settings)}"
 
 
 def _section(title: str, lines: list[str]) -> list[str]:

@@ -1,8 +1,8 @@
-"""Addresses by key: IP addresses keep how much of their front they have in common, Ethernet addresses their kind.
+"""Replaces addresses by key: IP addresses with a common prefix keep one of the same length; Ethernet addresses keep their kind.
 
-The mapping of IP addresses is that of Crypto-PAn (Xu, Fan, Ammar, Moon 2002): each bit is turned or not by what the key says of
-the bits before it, with HMAC-SHA-256 in place of AES. Ranges that mean something by themselves stay: no bit on the way to one
-is turned, so that everything else keeps out of them and the mapping stays one to one.
+The mapping of IP addresses is Crypto-PAn (Xu, Fan, Ammar, Moon 2002) with HMAC-SHA-256 instead of AES: the key and the
+preceding bits decide whether a bit is flipped. Ranges with a special meaning stay: no bit of their prefixes is flipped, so no
+other address is mapped into them and the mapping stays one to one.
 """
 
 from __future__ import annotations
@@ -12,18 +12,18 @@ from typing import Final
 from dissect.anonymize.account import IP_ADDRESSES, MAC_ADDRESSES
 from dissect.anonymize.key import Key
 
-#: Remembered addresses; more than these are worked out again.
+#: Maximum number of cached addresses; others are computed again.
 MAX_CACHED: Final = 65_536
 
-#: (first bits, how many) of IPv4: this network, loopback, multicast with the reserved range and broadcast.
+#: (prefix, length) of IPv4 ranges that stay: this network, loopback, multicast with the reserved range and broadcast.
 _SAME_V4: Final = ((0x00, 8), (0x7F, 8), (0b111, 3))
-#: Ranges that are mapped into themselves: private and link-local addresses, and those of carriers' NAT.
+#: Ranges that are mapped to themselves: private and link-local addresses, and carrier-grade NAT.
 _WITHIN_V4: Final = ((0x0A, 8), (0xAC1, 12), (0xC0A8, 16), (0xA9FE, 16), (0b0110010001, 10))
 #: IPv6: unspecified and loopback, multicast; link-local, unique local, global unicast.
 _SAME_V6: Final = ((0, 120), (0xFF, 8))
 _WITHIN_V6: Final = ((0xFE80 << 48, 64), (0b1111110, 7), (0xFD, 8), (0b001, 3))
 _MAPPED_V4: Final = bytes(10) + b"\xff\xff"
-#: Multicast addresses that hold the end of a station's own: RFC 4291 solicited-node, and their Ethernet addresses.
+#: Multicast addresses that contain the end of a station's address: RFC 4291 solicited-node, and their Ethernet addresses.
 _SOLICITED: Final = bytes.fromhex("ff0200000000000000000001ff")
 _SOLICITED_MAC: Final = bytes.fromhex("3333ff")
 
@@ -42,7 +42,7 @@ class _Tree:
         )
 
     def map(self, address: bytes) -> bytes:
-        """Return what stands for ``address``."""
+        """Return the replacement of ``address``."""
         width = self._width
         value = int.from_bytes(address, "big")
         if any(value >> (width - length) == prefix for prefix, length in self._same):
@@ -58,7 +58,7 @@ class _Tree:
 
 
 class AddressMap:
-    """What stands for which address. ``changed`` counts different addresses by kind: `IP_ADDRESSES`, `MAC_ADDRESSES`."""
+    """Maps addresses to replacements. ``changed`` counts distinct addresses by kind: `IP_ADDRESSES`, `MAC_ADDRESSES`."""
 
     def __init__(self, key: Key) -> None:
         self.changed = {IP_ADDRESSES: 0, MAC_ADDRESSES: 0}
@@ -68,11 +68,11 @@ class AddressMap:
         self._cache: dict[bytes, bytes] = {}
 
     def ip(self, address: bytes) -> bytes:
-        """Return what stands for an IPv4 or IPv6 address (4 or 16 octets)."""
+        """Return the replacement of an IPv4 or IPv6 address (4 or 16 octets)."""
         return self._cache.get(address) or self._remember(address, self._map_ip(address), IP_ADDRESSES)
 
     def mac(self, address: bytes) -> bytes:
-        """Return what stands for an Ethernet address (6 octets): none, group and broadcast addresses stay."""
+        """Return the replacement of an Ethernet address (6 octets); zero, group and broadcast addresses stay."""
         return self._cache.get(address) or self._remember(address, self._map_mac(address), MAC_ADDRESSES)
 
     def _remember(self, address: bytes, mapped: bytes, kind: str) -> bytes:

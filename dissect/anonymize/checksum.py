@@ -1,4 +1,4 @@
-"""Internet checksums of packets that were changed: right ones stay right, wrong ones stay as wrong as they were."""
+"""Internet checksums of rewritten packets: correct ones stay correct, wrong ones stay wrong by the same difference."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ ONES: Final = 0xFFFF
 
 
 def total(octets: bytes) -> int:
-    """Return the sum of ``octets`` in ones' complement, 0 for zeros only; an odd octet is the high one of a pair."""
+    """Return the ones' complement sum of ``octets``, 0 for all zeros; a last odd octet is the high one of a pair."""
     if len(octets) & 1:
         octets += b"\0"
     number = int.from_bytes(octets, "big")
@@ -16,12 +16,12 @@ def total(octets: bytes) -> int:
 
 
 def renewed(stored: int, old: bytes, new: bytes, old_pseudo: bytes, new_pseudo: bytes) -> int:
-    """Return the checksum of ``new`` from ``stored``, that of ``old``; both are without the checksum itself.
+    """Return the checksum for ``new``, given the ``stored`` one of ``old``; both are without the checksum field itself.
 
-    The pseudo headers are empty where the checksum does not cover one. 0 stays 0 unless it was right: it says that there is
-    none. A sum of the pseudo header alone, as a host leaves it whose network card works out the rest, is one again. Everything
-    else changes by what the octets changed, so that it is right exactly where it was (RFC 1624); octets that the capture cut
-    off count as they were.
+    The pseudo headers are empty if the checksum does not cover one. 0 stays 0 unless it was correct: it means that there is no
+    checksum. A sum of the pseudo header alone (left by a host whose network card computes the rest) is updated likewise. All
+    other checksums are adjusted by the changed octets, so that a correct one stays correct and a wrong one wrong (RFC 1624);
+    octets that the capture cut off count as unchanged.
     """
     was = (total(old) + total(old_pseudo)) % ONES
     becomes = (total(new) + total(new_pseudo)) % ONES
@@ -33,5 +33,5 @@ def renewed(stored: int, old: bytes, new: bytes, old_pseudo: bytes, new_pseudo: 
 
 
 def moved(stored: int, was: int, becomes: int) -> int:
-    """Return a checksum after octets whose sum ``was`` have become others; what stays in its place may count in both."""
+    """Return a checksum after octets with the sum ``was`` were replaced; both sums may include octets that did not change."""
     return (stored + was - becomes) % ONES or ONES

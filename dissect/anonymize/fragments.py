@@ -1,4 +1,4 @@
-"""IP fragments of TCP segments and datagrams: held until their datagram is whole, then cut anew from what becomes of it."""
+"""IP fragments of TCP segments and datagrams: held until their datagram is complete, then filled from its rewritten payload."""
 
 from __future__ import annotations
 
@@ -7,15 +7,15 @@ from typing import Final
 
 from dissect.tcp.ip import FRAGMENT_TIMEOUT_NS, FragmentStore
 
-#: Datagrams waited for at once.
+#: Maximum number of incomplete datagrams.
 MAX_DATAGRAMS: Final = 256
 
 
 class Fragment:
-    """A fragment whose headers are made anew; its payload, from ``start`` to ``end``, is still to come.
+    """A fragment with rewritten headers whose payload (from ``start`` to ``end``) is not known yet.
 
-    ``octets`` is the payload as it was captured, ``addresses`` are those in the captured packet. When ``settled``, ``result``
-    is the whole packet, None when it is not written because its datagram never became whole.
+    ``octets`` is the captured payload, ``addresses`` are the captured addresses. When ``settled``, ``result`` is the rewritten
+    packet, or None if it is dropped because its datagram stayed incomplete.
     """
 
     __slots__ = (
@@ -34,12 +34,12 @@ class Fragment:
         self.addresses = b""
         self.protocol = 0
         self.vlan = 0
-        self.blank = False  # written with zeros where its datagram never becomes whole
+        self.blank = False  # written with zeros if its datagram stays incomplete
         self.settled = False
         self.result: bytes | None = None
 
     def settle(self, datagram: bytes | None) -> None:
-        """Take what becomes of the datagram, None when that is not known."""
+        """Set the rewritten payload of the datagram, None if it is unknown."""
         if datagram is not None:
             self.new[self.start : self.end] = datagram[self.offset : self.offset + self.end - self.start]
         if datagram is not None or self.blank:
@@ -48,14 +48,14 @@ class Fragment:
 
 
 class Fragments:
-    """Fragments by datagram. ``add`` gives those of a datagram that became whole, with its octets."""
+    """Fragments by datagram. ``add`` returns all fragments of a datagram that became complete, and its octets."""
 
     def __init__(self) -> None:
         self._store = FragmentStore()
         self._groups: OrderedDict[bytes, tuple[int, list[Fragment]]] = OrderedDict()
 
     def add(self, fragment: Fragment, time_ns: int) -> tuple[list[Fragment], bytes] | None:
-        """Take a fragment; return all of its datagram, and the datagram, when it is the last one missing."""
+        """Add a fragment. If it completes its datagram, return all fragments and the datagram."""
         self._expire(time_ns)
         _, group = self._groups.setdefault(fragment.key, (time_ns, []))
         group.append(fragment)
@@ -75,7 +75,7 @@ class Fragments:
             self.give_up()
 
     def give_up(self) -> bool:
-        """Give up the datagram that waited longest; False when none waits."""
+        """Drop the oldest incomplete datagram; return False if there is none."""
         if not self._groups:
             return False
         _, (_, group) = self._groups.popitem(last=False)

@@ -1,4 +1,4 @@
-"""The key that everything replaced depends on: the same key replaces the same by the same, in every file."""
+"""The key for all replacements: with the same key, equal originals get equal replacements in every file."""
 
 from __future__ import annotations
 
@@ -9,24 +9,24 @@ import secrets
 from pathlib import Path
 from typing import Final
 
-#: Octets a key file must hold at least, and of which no more than these are read.
+#: Minimum size of a key file, and the most that is read of it.
 MIN_KEY: Final = 16
 MAX_KEY: Final = 65_536
 _SIZE: Final = 32
 
 _DAY_NS: Final = 86_400_000_000_000
-#: Days that `Key.shift_ns` chooses from.
+#: The range of days from which `Key.shift_ns` chooses.
 _SHIFT_DAYS: Final = 3650
 
 
 class Key:
-    """Gives octets that nobody without the key can tell from chance, for a purpose and some octets."""
+    """Generates pseudorandom octets for a purpose and some input; without the key they look random."""
 
     def __init__(self, secret: bytes) -> None:
         self._key = hashlib.sha256(secret).digest()
 
     def stream(self, purpose: str, octets: bytes, size: int) -> bytes:
-        """Return ``size`` octets (HMAC-SHA-256 in counter mode) for ``octets``; each ``purpose`` has others."""
+        """Return ``size`` octets (HMAC-SHA-256 in counter mode) for ``octets``, different for each ``purpose``."""
         head = purpose.encode() + b"\0" + len(octets).to_bytes(4, "big") + octets
         blocks = range((size + _SIZE - 1) // _SIZE)
         whole = b"".join([hmac.digest(self._key, number.to_bytes(4, "big") + head, "sha256") for number in blocks])
@@ -34,18 +34,18 @@ class Key:
 
     @property
     def shift_ns(self) -> int:
-        """Nanoseconds by which this key moves times: into the future, by days, hours and fractions; at least one day."""
+        """Nanoseconds by which this key shifts times into the future: days, hours and fractions, at least one day."""
         drawn = int.from_bytes(self.stream("time", b"", 16), "big")
         return _DAY_NS + drawn % (_SHIFT_DAYS * _DAY_NS)
 
 
 def random_key() -> Key:
-    """Return a key that nobody has, nor will have again."""
+    """Return a random key, which is not stored."""
     return Key(secrets.token_bytes(_SIZE))
 
 
 def read_key(path: str | os.PathLike[str]) -> Key:
-    """Return the key in a file: all of its octets count. ValueError, for a person, when there are too few or too many."""
+    """Return the key in a file: all of its octets count. Raises ValueError (for people) if there are too few or too many."""
     with Path(path).open("rb") as file:
         octets = file.read(MAX_KEY + 1)
     if len(octets) > MAX_KEY:

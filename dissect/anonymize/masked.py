@@ -1,10 +1,10 @@
-"""What is set to zero, counted. Compiled: most messages have values."""
+"""Counts what is set to zero. Compiled, because most messages contain values."""
 
 from __future__ import annotations
 
 
 class Masked:
-    """Fields and octets that were set to zero, by kind: ``counts`` has (fields, octets)."""
+    """Counts fields and octets that were set to zero: ``counts`` has (fields, octets) by kind."""
 
     __slots__ = ("counts",)
 
@@ -12,7 +12,7 @@ class Masked:
         self.counts: dict[str, tuple[int, int]] = {}
 
     def add(self, kind: str, octets: bytes) -> None:
-        """Octets are set to zero; those that were zero need no word."""
+        """Count octets that are set to zero, unless they already were."""
         if octets.count(0) != len(octets):
             fields, size = self.counts.get(kind, (0, 0))
             self.counts[kind] = (fields + 1, size + len(octets))

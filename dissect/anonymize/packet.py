@@ -1,4 +1,4 @@
-"""One packet made anew: link, IP and TCP headers with other addresses, the payload as the first reading says."""
+"""Rewrites one packet: link, IP and TCP headers with replaced addresses, and the payload that the first pass determined."""
 
 from __future__ import annotations
 
@@ -17,28 +17,28 @@ from dissect.wire.octets import u16, u32
 
 _ARP: Final = 0x0806
 _FRAGMENTED: Final = frozenset((ip.TCP, ip.UDP))
-#: Octets of link headers that hold addresses.
+#: Positions of addresses in link headers.
 _LINK_HEADERS: Final = {link.ETHERNET: 14, link.LINUX_SLL: 16, link.LINUX_SLL2: 20}
 _ICMP: Final = frozenset((1, 58))
-#: TCP options that tell nothing: end, none, segment size, window scale, SACK allowed, SACK, timestamps.
+#: TCP options without sensitive content: end, no-operation, segment size, window scale, SACK permitted, SACK, timestamps.
 _TCP_OPTIONS: Final = frozenset((0, 1, 2, 3, 4, 5, 8))
 _NOP: Final = 1
 
 
 class Packets:
-    """Makes packets anew. ``told`` counts what happens; ``usual`` is for the packets that nearly every one is."""
+    """Rewrites packets. ``counts`` counts the replacements; ``usual`` handles ordinary packets."""
 
-    def __init__(self, survey: Survey, addresses: AddressMap, choices: Choices, told: Account) -> None:
+    def __init__(self, survey: Survey, addresses: AddressMap, choices: Choices, counts: Account) -> None:
         self._survey = survey
         self._addresses = addresses
         self._others = choices.keep_others
-        self._account = told
-        self.usual = UsualPackets(survey.tracks, addresses, told)
+        self._account = counts
+        self.usual = UsualPackets(survey.tracks, addresses, counts)
 
     def renew(self, frame: int, octets: bytes, link_type: int) -> bytes | Fragment | None:
-        """Return what is written in the place of packet ``frame``, which is no usual one; None when nothing is. Never raises.
+        """Return the rewritten form of packet ``frame``, which is not an ordinary one; None if it is dropped. Never raises.
 
-        A `Fragment` is what is written once its datagram is whole (`whole`).
+        A `Fragment` is filled once its datagram is complete (`whole`).
         """
         end = len(octets)
         at, vlan = link.find_ip(octets, 0, end, link_type)
@@ -67,7 +67,7 @@ class Packets:
         return bytes(new)
 
     def whole(self, frame: int, fragments: list[Fragment], datagram: bytes) -> None:
-        """Say what becomes of the fragments of a segment or datagram that is whole with packet ``frame``."""
+        """Settle the fragments of a segment or datagram that packet ``frame`` completes."""
         packet = ip.IpPacket()
         packet.addresses = fragments[0].addresses
         packet.protocol = fragments[0].protocol
@@ -81,17 +81,17 @@ class Packets:
             fragment.settle(bytes(new) if written else None)
 
     def unsettled(self) -> None:
-        """A fragment is not written, because its datagram never became whole or is of another protocol."""
+        """Drop a fragment because its datagram stayed incomplete or belongs to a different protocol."""
         self._drop(FRAGMENT)
 
     def _followed(self, frame: int, octets: bytes, new: bytearray, packet: ip.IpPacket, vlan: int) -> bool:
-        """Write what IP carries where the first reading knows it; False where it does not."""
+        """Write the IP payload if the first pass followed it; return False otherwise."""
         if packet.protocol == ip.TCP:
             return self._tcp(frame, octets, new, packet, vlan)
         return packet.protocol == ip.UDP and self._udp(frame, octets, new, packet, vlan)
 
     def _blank(self, octets: bytes, link_type: int, reason: str) -> bytes | None:
-        """Return a packet that cannot be read with zeros behind its link header, where others are written too."""
+        """Return an unreadable packet with zeros after its link header, if other protocols are written, too."""
         if not self._others:
             return self._drop(reason)
         size = _LINK_HEADERS.get(link_type, 0)
@@ -107,17 +107,17 @@ class Packets:
     # ---- link -------------------------------------------------------------------------------------------------------
 
     def _link_again(self, head: bytes, link_type: int) -> bytes:
-        """Return `_link` of a header, which comes with many packets."""
+        """Return `_link` of a header from the cache: the same header comes with many packets."""
         links = self.usual.links
-        made = links.get((link_type, head))
-        if made is None:
+        rewritten = links.get((link_type, head))
+        if rewritten is None:
             if len(links) >= MAX_CACHED:
                 links.clear()
-            made = links[link_type, head] = self._link(head, link_type)
-        return made
+            rewritten = links[link_type, head] = self._link(head, link_type)
+        return rewritten
 
     def _link(self, head: bytes, link_type: int) -> bytes:
-        """Return a link header with other addresses."""
+        """Return a link header with replaced addresses."""
         if link_type == link.ETHERNET:
             return self._addresses.mac(head[:6]) + self._addresses.mac(head[6:12]) + head[12:]
         if link_type == link.LINUX_SLL:
@@ -127,13 +127,13 @@ class Packets:
         return head
 
     def _station(self, field: bytes, size: int) -> bytes:
-        """Return the address field of a Linux cooked header: what is not an Ethernet address becomes zeros."""
+        """Return the address field of a Linux cooked header: anything but an Ethernet address becomes zeros."""
         if size != 6 or len(field) < 6:
             return bytes(len(field))
         return self._addresses.mac(field[:6]) + bytes(len(field) - 6)
 
     def _no_ip(self, octets: bytes, link_type: int) -> bytes | None:
-        """Return another packet than IP: of ARP its addresses, of others nothing but the link header."""
+        """Return a packet other than IP: ARP keeps its structure with replaced addresses, the rest only the link header."""
         size = _LINK_HEADERS.get(link_type, 0)
         if not size or len(octets) < size:
             return self._blank(octets, link_type, OTHER)
@@ -156,7 +156,7 @@ class Packets:
     # ---- IP ---------------------------------------------------------------------------------------------------------
 
     def _ip(self, octets: bytes, new: bytearray, at: int, end: int) -> None:
-        """Write the IP header with other addresses; options and extension headers, which may hold some, become nothing."""
+        """Write the IP header with replaced addresses; options and extension headers, which may contain some, are blanked."""
         addresses = self._addresses
         if octets[at] >> 4 == 6:
             new[at : at + 8] = octets[at : at + 8]
@@ -165,8 +165,8 @@ class Packets:
             self._extensions(octets, new, at + 40, end, octets[at + 6])
             return
         new[at : at + 12] = octets[at : at + 12]
-        was, becomes, made = self.usual.pair(octets[at + 12 : at + 20])
-        new[at + 12 : at + 20] = made
+        was, becomes, rewritten = self.usual.pair(octets[at + 12 : at + 20])
+        new[at + 12 : at + 20] = rewritten
         if end > at + 20:
             new[at + 20 : end] = bytes((_NOP,)) * (end - at - 20)
             self._account.mask(account.OPTIONS, octets[at + 20 : end])
@@ -180,7 +180,7 @@ class Packets:
         new[at + 10 : at + 12] = stored.to_bytes(2, "big")
 
     def _extensions(self, octets: bytes, new: bytearray, at: int, end: int, kind: int) -> None:
-        """Write the IPv6 extension headers between ``at`` and ``end``: of their contents only padding is left."""
+        """Write the IPv6 extension headers between ``at`` and ``end``; only padding remains of their contents."""
         while at + 8 <= end:
             size = 8 if kind == 44 else (octets[at + 1] + 2) * 4 if kind == 51 else (octets[at + 1] + 1) * 8
             stop = min(at + size, end)
@@ -198,7 +198,7 @@ class Packets:
     # ---- TCP and others ---------------------------------------------------------------------------------------------
 
     def _tcp(self, frame: int, octets: bytes, new: bytearray, packet: ip.IpPacket, vlan: int) -> bool:
-        """Write a TCP segment; False when it cannot be read or is of a connection that was not followed."""
+        """Write a TCP segment; return False if it is unreadable or its connection was not followed."""
         at, end = int(packet.start), int(packet.end)
         if end - at < 20:
             return False
@@ -223,7 +223,7 @@ class Packets:
         return True
 
     def _udp(self, frame: int, octets: bytes, new: bytearray, packet: ip.IpPacket, vlan: int) -> bool:
-        """Write a datagram of a conversation that a binding claims; False for any other one."""
+        """Write a datagram of a conversation that a binding claims; return False for any other."""
         at, end = int(packet.start), int(packet.end)
         if end - at < 8:
             return False
@@ -239,7 +239,7 @@ class Packets:
         return True
 
     def _tcp_options(self, options: bytes) -> bytes:
-        """Return TCP options of which those that may tell something became none."""
+        """Return TCP options; those that may reveal something become no-operations."""
         new = bytearray(options)
         at = 0
         while at < len(options) and options[at] != 0:
@@ -255,7 +255,7 @@ class Packets:
         return bytes(new)
 
     def _other(self, octets: bytes, new: bytearray, packet: ip.IpPacket) -> None:
-        """Write what is known not to tell anything of another protocol: ports, lengths, kinds."""
+        """Write the harmless fields of a different protocol: ports, lengths, kinds."""
         at, end = int(packet.start), int(packet.end)
         size, sum_at = 0, 0
         if packet.protocol == ip.TCP:
@@ -279,17 +279,17 @@ class Packets:
         self._checksum(octets, new, packet, sum_at)
 
     def _checksum(self, octets: bytes, new: bytearray, packet: ip.IpPacket, at: int) -> None:
-        """Write the checksum of what the IP packet carries, which stands at ``at``."""
+        """Write the checksum of the IP payload at ``at``."""
         start, end = int(packet.start), int(packet.end)
         size = end - start + int(packet.missing)
         stored = int(u16(octets, at))
         was, becomes, addresses = self.usual.pair(packet.addresses)
         left = stored - was - (size >> 16) - (size & 0xFFFF) - int(packet.protocol)
-        if stored and packet.protocol != 1 and left % ONES:  # neither none, nor one that a network card was to work out
-            old, made = octets[start:end], bytes(new[start:end])
-            if old != made:
+        if stored and packet.protocol != 1 and left % ONES:  # neither absent nor left to the network card
+            old, rewritten = octets[start:end], bytes(new[start:end])
+            if old != rewritten:
                 was += total(old)
-                becomes += total(made)
+                becomes += total(rewritten)
             value = moved(stored, was, becomes)
             new[at : at + 2] = value.to_bytes(2, "big")
             return
@@ -304,7 +304,7 @@ class Packets:
         new[at : at + 2] = value.to_bytes(2, "big")
 
     def _fragment(self, octets: bytes, new: bytearray, packet: ip.IpPacket, vlan: int) -> Fragment:
-        """Return a fragment with the headers ``new`` that waits for its datagram."""
+        """Return a fragment with the headers ``new``; its payload follows when its datagram is complete."""
         start, end = int(packet.start), int(packet.end)
         fragment = Fragment(new, start, end, octets[start:end])
         fragment.key = packet.fragment_key + vlan.to_bytes(8, "big")

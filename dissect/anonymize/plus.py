@@ -1,6 +1,6 @@
-"""S7comm-plus PDUs that say the same of the protocol and nothing of the plant: as many bytes, every part in its place.
+"""Rewrites S7comm-plus PDUs: protocol fields stay, plant data are replaced; sizes and positions do not change.
 
-Each part of a PDU is treated by its layout; what no table here names becomes zeros.
+Each part of a PDU is treated by its layout; parts that no table here names become zeros.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from dissect.wire.layout import Layout
 from dissect.wire.part import Part
 from dissect.wire.varint import VLQ, build_varint
 
-#: Parts that hold numbers of the protocol: ids, counts, return values, ends.
+#: Parts with only protocol numbers: ids, counts, return values, ends.
 _STAY: Final = frozenset(id(layout) for layout in (
     layouts.ATTRIBUTE_ID, layouts.COUNT, layouts.COUNT_OCTET, layouts.EXPLORE_FILTER, layouts.EXPLORE_GROUP,
     layouts.EXPLORE_HEAD, layouts.INTEGRITY_ID, layouts.INVOKE_HEAD, layouts.ITEM_COUNTS, layouts.ITEM_ERROR,
@@ -47,22 +47,22 @@ _VALUES: Final = frozenset(id(layout) for layout in (
     layouts.ATTRIBUTE, layouts.ITEM_VALUE, layouts.MEMBER, layouts.NOTIFIED_PLAIN, layouts.NOTIFIED_VALUE,
     layouts.NOTIFIED_VALUE_VLQ, layouts.VALUE,
 ))  # fmt: skip
-#: Functions whose first value lists the attributes that are asked for.
+#: Functions whose first value lists the requested attributes.
 _LISTED: Final = frozenset((GET_VAR_SUBSTREAMED, SET_VAR_SUBSTREAMED))
 #: Texts of system events.
 _EVENTS: Final = frozenset((b"LOGOUT",))
-#: What ends a request for a list of attributes.
+#: The end of a request for a list of attributes.
 _LISTED_END: Final = b"\0\1"
-#: Where the checksum of a variable stands in its description.
+#: Position of the checksum of a variable in its description.
 _CRC: Final = slice(4, 8)
 
 
 class PlusRules:
-    """Treats whole PDUs."""
+    """Rewrites whole PDUs."""
 
-    def __init__(self, contents: PlusContents, told: Account) -> None:
+    def __init__(self, contents: PlusContents, counts: Account) -> None:
         self._contents = contents
-        self._account = told
+        self._account = counts
         self._others: dict[int, Callable[[bytes, Part], bytes]] = {
             id(layouts.ADDRESS): self._address,
             id(layouts.VARIABLE): self._variable,
@@ -78,22 +78,22 @@ class PlusRules:
         }
 
     def message(self, octets: bytes, side: Side) -> bytes | None:
-        """Return what becomes of a whole PDU, its frames one behind the other, sent by ``side``.
+        """Return the rewritten form of a whole PDU, whose frames follow one another; ``side`` sent it.
 
-        None when it cannot be read to its end.
+        None if it cannot be read to its end.
         """
         pdu = parse_plus(octets)
         head = fixed_part(pdu)
         if not pdu.whole or pdu.malformed or pdu.version == KEEP_ALIVE or head is None:
             return None
-        found = parse_contents(pdu)
-        if found.malformed or not found.parts:
+        contents = parse_contents(pdu)
+        if contents.malformed or not contents.parts:
             return None
-        made = self._parts(pdu, found, head, _Meaning(pdu, found, side))
-        return self._frames(pdu, made)
+        data = self._parts(pdu, contents, head, _Meaning(pdu, contents, side))
+        return self._frames(pdu, data)
 
     def _frames(self, pdu: PlusPdu, data: bytes) -> bytes:
-        """Put the data back between the headers of the frames; their digests, which no key is there for, become zeros."""
+        """Put the data back between the headers of the frames; digests become zeros, because their keys are unknown."""
         new = bytearray(pdu.octets)
         starts = [(0, pdu.data_offset), *pdu.frame_starts.items()]
         for (taken, offset), (end, _) in zip(starts, [*starts[1:], (len(data), 0)], strict=True):
@@ -103,27 +103,27 @@ class PlusRules:
             new[begin:end] = bytes(end - begin)
         return bytes(new)
 
-    def _parts(self, pdu: PlusPdu, found: Contents, head: Layout, meaning: _Meaning) -> bytes:
-        """Return the data; what stands in no part, or in one of no known layout, becomes zeros."""
+    def _parts(self, pdu: PlusPdu, contents: Contents, head: Layout, meaning: _Meaning) -> bytes:
+        """Return the data; octets outside all parts, or in parts of unknown layout, become zeros."""
         data = pdu.data
         new = bytearray(len(data))
         new[: head.size] = data[: head.size]
-        for part in found.parts:
+        for part in contents.parts:
             octets = data[part.offset : part.end]
             layout = id(part.layout)
             if layout in _STAY:
-                made = octets
+                rewritten = octets
                 if part.layout is layouts.QUALIFIER:
                     meaning.ends()
             elif layout in _VALUES:
-                made = self._value(octets, part, meaning.of(part))
+                rewritten = self._value(octets, part, meaning.of(part))
             elif layout in self._others:
-                made = self._others[layout](octets, part)
+                rewritten = self._others[layout](octets, part)
             else:
                 self._account.mask(account.UNKNOWN, octets)
                 continue
-            if len(made) == len(octets):  # else a number was written longer than it has to be: it becomes zeros
-                new[part.offset : part.end] = made
+            if len(rewritten) == len(octets):  # otherwise a number was longer than necessary: it becomes zeros
+                new[part.offset : part.end] = rewritten
         return bytes(new)
 
     # ---- parts of one layout each -----------------------------------------------------------------------------------
@@ -159,7 +159,7 @@ class PlusRules:
         return octets[:begin] + self._contents.name(octets[begin:end]) + octets[end:]
 
     def _packed(self, octets: bytes, part: Part) -> bytes:
-        """Treat a structure of the program as the value it is."""
+        """Rewrite a structure of the program like a value."""
         content = part.find("octets")
         if content is None:
             return octets
@@ -167,7 +167,7 @@ class PlusRules:
         return octets[:begin] + self._contents.packed(octets[begin:end]) + octets[end:]
 
     def _counted(self, octets: bytes, part: Part) -> bytes:
-        """Keep a length, the bytes behind it become zeros."""
+        """Keep a length; the bytes it counts become zeros."""
         content = part.values[-1]
         begin = int(content.offset) - part.offset
         self._account.mask(account.PLUS, octets[begin:])
@@ -187,22 +187,22 @@ class PlusRules:
 
 
 class _Meaning:
-    """What the values of a PDU are about: an attribute by its id, a variable of the process, or None for a list of ids."""
+    """The meaning of the values of a PDU: the id of an attribute, a process variable, or None for a list of ids."""
 
-    def __init__(self, pdu: PlusPdu, found: Contents, side: Side) -> None:
+    def __init__(self, pdu: PlusPdu, contents: Contents, side: Side) -> None:
         self._pdu = pdu
-        self._found = found
+        self._contents = contents
         self._side = side
         self._first = True
-        self._process = False  # the members at hand are those of a variable
+        self._process = False  # the current members are those of a variable
         self._addresses: list[Address] = []
         if pdu.opcode == REQUEST:
-            self._addresses = _addresses(found)
+            self._addresses = _addresses(contents)
         elif pdu.opcode != NOTIFICATION:
             self._addresses = _requested(side, pdu)
 
     def of(self, part: Part) -> int | None:
-        """Return what a value is about. Asked for all of a PDU in order."""
+        """Return the meaning of a value. Must be called for all values of a PDU, in order."""
         layout = part.layout
         if layout is layouts.ATTRIBUTE:
             self.ends()
@@ -215,13 +215,13 @@ class _Meaning:
             if pdu.function in _LISTED:
                 return None
             if pdu.function == CREATE_OBJECT:
-                return None  # a number that says what is made
+                return None  # a number for the kind of object that is created
         about = self._item(part)
         self._process = about == PROCESS
         return about
 
     def ends(self) -> None:
-        """What follows is not a member of the value before."""
+        """End the value: what follows is not a member of it."""
         self._process = False
 
     def _item(self, part: Part) -> int:
@@ -243,14 +243,14 @@ def _about(address: Address) -> int:
     return address.lids[-1] if address.lids else address.sub_area
 
 
-def _addresses(found: Contents) -> list[Address]:
-    single = single_address(found)
-    return [single] if single is not None else found.addresses
+def _addresses(contents: Contents) -> list[Address]:
+    single = single_address(contents)
+    return [single] if single is not None else contents.addresses
 
 
 def _requested(side: Side, pdu: PlusPdu) -> list[Address]:
-    """Return what the request of a response was about; it is still open when the response is looked at."""
-    asked = side.connection.open_requests[1 - side.index].find(PLUS_KEY | pdu.sequence)
-    if asked is None or not asked.request_octets:
+    """Return the subject of a response's request, which is still pending when the response is rewritten."""
+    request = side.connection.open_requests[1 - side.index].find(PLUS_KEY | pdu.sequence)
+    if request is None or not request.request_octets:
         return []
-    return _addresses(parse_contents(parse_plus(asked.request_octets), shown=False))
+    return _addresses(parse_contents(parse_plus(request.request_octets), shown=False))

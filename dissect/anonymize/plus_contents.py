@@ -1,6 +1,6 @@
-"""Values of S7comm-plus in the place of others: the same type, the same structure, and as many bytes (docs/anonymize.md).
+"""Replaces values of S7comm-plus by values of the same type, structure and size (docs/anonymize.md).
 
-A number of variable size gets another one that takes as many bytes, so that no length in the message changes.
+A variable-size number gets a replacement of the same size, so that no length in the message changes.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ from dissect.s7plus.value_tables import (
 from dissect.s7plus.walk import FormatError, Walk
 from dissect.wire.varint import SIGNED, SIGNED64, VLQ, build_varint, read_varint
 
-#: Attributes and members whose numbers stay: they say what is asked for and what state things are in, not what the plant does.
+#: Attributes and members whose numbers stay, because they describe the request or a state and not the process.
 _NUMBERS_STAY: Final = frozenset((
     6, 299, 315, 316, 317, 318, 321, 410, 529,  # times of interfaces, the role of a client, versions
     1002, 1003, 1005, 1040, 1049, 1050, 1051, 1052, 1053, 1054, 1055, 1082,  # subscriptions
@@ -45,51 +45,51 @@ _NUMBERS_STAY: Final = frozenset((
     2167, 2168, 2259, 2260, 2266, 2398, 2451, 2453, 2454, 2521, 2523, 2529, 2543, 2581, 2607,  # hardware and blocks
     2670, 2671, 2672, 3474, 4079,  # alarms
     3451, 3482, 3483, 3484, 3485, OPERATING_STATE, 3496, 3497, 3498, 3499, 3696, 3697, 3698, 3700,  # states
-    3737, 4056, 4057, 4058, 4059, 4060, 4061, 4271, 4633, 4634, 4635, 8201,  # places and languages
+    3737, 4056, 4057, 4058, 4059, 4060, 4061, 4271, 4633, 4634, 4635, 8201,  # locations and languages
 ))  # fmt: skip
-#: Types of which no value says anything of a plant, as attributes of objects: ids, times, flags.
+#: Types without any plant data, as attributes of objects: ids, times, flags.
 _TYPES_STAY: Final = frozenset((AID, RID, BOOL, TIMESTAMP))
-#: Attributes that hold the code of a block, which `--keep-code` keeps.
+#: Attributes that contain the code of a block, which `--keep-code` keeps.
 _CODE: Final = frozenset((2533, 2537, 2580))
 _ORDER_NUMBER: Final = slice(8, 28)
 _SERIAL_NUMBER: Final = slice(28, 44)
-#: Order number and firmware of a CPU, for example "1;6ES7 215-1AG40-0XB0 ;V4.3"; all but the order number stays.
+#: Order number and firmware of a CPU, for example "1;6ES7 215-1AG40-0XB0 ;V4.3"; only the order number is replaced.
 _VERSION_TEXTS: Final = frozenset((319, 320))
 _VERSION: Final = re.compile(rb"([0-9];)(.*?)( *;V[0-9.]+)")
 
-#: What a value is about: a variable of the process or an argument of a call; any other number is the id of an attribute.
+#: Meaning of a value: a process variable or an argument of a call; any other number is the id of an attribute.
 PROCESS: Final = -1
 
 
 class PlusContents:
-    """Replaces values as ``choices`` say. What is done is counted in ``told``."""
+    """Replaces values according to ``choices``, and counts the replacements in ``counts``."""
 
-    def __init__(self, key: Key, choices: Choices, told: Account) -> None:
+    def __init__(self, key: Key, choices: Choices, counts: Account) -> None:
         self._key = key
         self._choices = choices
-        self._told = told
+        self._counts = counts
 
     def crc(self, crc: int) -> int:
-        """Return the checksum of a symbol in the place of another one: it would tell whoever guesses the name."""
+        """Return the replacement for the checksum of a symbol, which would confirm a guessed name."""
         return self._drawn(crc, VLQ, "crc") if crc else 0
 
     def name(self, octets: bytes) -> bytes:
-        """Return a text in the place of another one."""
+        """Return the replacement for a text."""
         new = replace_text(self._key, octets)
         if new != octets:
-            self._told.replace(account.NAMES)
+            self._counts.replace(account.NAMES)
         return new
 
     def packed(self, octets: bytes) -> bytes:
-        """Return what becomes of a structure of the program."""
+        """Return the replacement for a structure of the program."""
         new = self._octets(octets, PROCESS)
         self._tell(octets, new, PROCESS, STRUCT)
         return new
 
     def value(self, octets: bytes, flags: int, type_: int, about: int) -> bytes:
-        """Return what becomes of a value behind its flags and type. ``about``: an attribute, or `PROCESS`.
+        """Return the replacement for a value after its flags and type. ``about``: an attribute, or `PROCESS`.
 
-        Of a structure ``octets`` are what stands before its members. Zeros where they do not fit their type.
+        For a structure, ``octets`` are those before its members. Zeros if the octets do not fit the type.
         """
         if type_ == STRUCT:
             return octets
@@ -101,27 +101,27 @@ class PlusContents:
         except FormatError:
             fits = False
         if not fits:
-            self._told.mask(account.UNKNOWN, octets)
+            self._counts.mask(account.UNKNOWN, octets)
             return bytes(len(octets))
         self._tell(octets, new, about, type_)
         return new
 
     def _tell(self, old: bytes, new: bytes, about: int, type_: int) -> None:
         if about == PROCESS and self._choices.values == KEEP:
-            self._told.keep(account.VALUES)
+            self._counts.keep(account.VALUES)
         elif old == new:
             return
         elif about == PROCESS:
             if self._choices.values == SCRAMBLE:
-                self._told.replace(account.VALUES)
+                self._counts.replace(account.VALUES)
             else:
-                self._told.mask(account.VALUES, old)
+                self._counts.mask(account.VALUES, old)
         elif about in SECRETS:
-            self._told.mask(account.PASSWORDS, old)
+            self._counts.mask(account.PASSWORDS, old)
         elif type_ == WSTRING:
-            self._told.replace(account.NAMES)
+            self._counts.replace(account.NAMES)
         else:
-            self._told.mask(account.CODE if about in _CODE else account.PLUS, old)
+            self._counts.mask(account.CODE if about in _CODE else account.PLUS, old)
 
     # ---- contents ---------------------------------------------------------------------------------------------------
 
@@ -136,7 +136,7 @@ class PlusContents:
         count = walk.number(VLQ, "count") if type_ == NULL else walk.counted(VLQ, "count")
         head = walk.octets[start : walk.at]
         if type_ == NULL:
-            return head  # any number of elements without a byte
+            return head  # any number of empty elements
         if about == REFERENCE_LIST and type_ == UDINT:
             return head + self._references(walk, count)
         return head + b"".join([self._one(walk, type_, about) for _ in range(count)])
@@ -161,10 +161,10 @@ class PlusContents:
         for index, number in enumerate(numbers):
             _, end = read_varint(bytes(new), at, len(new), VLQ)
             if index in places:
-                made = build_varint(self.crc(number), VLQ)
-                if len(made) != end - at:
-                    raise FormatError("bad_value", "CRC", start + at, len(made), end - at)
-                new[at:end] = made
+                replacement = build_varint(self.crc(number), VLQ)
+                if len(replacement) != end - at:
+                    raise FormatError("bad_value", "CRC", start + at, len(replacement), end - at)
+                new[at:end] = replacement
             at = end
         return bytes(new)
 
@@ -215,7 +215,7 @@ class PlusContents:
         return new if len(new) == len(octets) else bytes([0x80] * (len(octets) - 1) + [0])
 
     def _drawn(self, number: int, kind: int, purpose: str) -> int:
-        """Return a number that takes as many bytes as ``number``, always the same for the same."""
+        """Return a number of the same encoded size as ``number``; equal numbers get equal replacements."""
         size = len(build_varint(number, kind))
         least, most = _least(size, kind), _most(size, kind)
         drawn = int.from_bytes(self._key.stream(purpose, number.to_bytes(9, "big", signed=True), 16), "big")
@@ -252,7 +252,7 @@ class PlusContents:
         return head + self._octets(walk.take(size, "blob"), about)
 
     def _octets(self, octets: bytes, about: int) -> bytes:
-        """Treat the bytes of a blob: texts, code, certificates, hashes, whatever they are."""
+        """Rewrite the bytes of a blob: texts, code, certificates, hashes, and others."""
         if about == PROCESS:
             if self._choices.values == SCRAMBLE:
                 return self._key.stream("octets", octets, len(octets))
@@ -263,12 +263,12 @@ class PlusContents:
             new = bytearray(octets)
             for part in (_ORDER_NUMBER, _SERIAL_NUMBER):
                 new[part] = replace_text(self._key, octets[part])
-            self._told.replace(account.SERIALS)
+            self._counts.replace(account.SERIALS)
             return bytes(new)
         return bytes(len(octets))
 
     def _struct(self, walk: Walk, flags: int, about: int) -> bytes:
-        """Treat a structure inside a value, from its id on."""
+        """Rewrite a structure inside a value, starting at its id."""
         start = walk.at
         id_ = walk.fixed(4, "structure")
         if is_packed(id_):
@@ -296,7 +296,7 @@ class PlusContents:
             new.append(self._variant(walk, about if about == PROCESS or about in SECRETS else id_))
 
     def _variant(self, walk: Walk, about: int) -> bytes:
-        """Treat a value with its flags and type."""
+        """Rewrite a value with its flags and type."""
         start = walk.at
         flags, type_ = walk.u8("flags"), walk.u8("type")
         head = walk.octets[start : walk.at]
@@ -308,7 +308,7 @@ class PlusContents:
 
 
 def _least(size: int, kind: int) -> int:
-    """Return the smallest number that takes so many bytes, 0 for one byte."""
+    """Return the smallest number with this encoded size, 0 for one byte."""
     if size <= 1:
         return 0
     return int(1 << (_bits(size - 1, kind)))
@@ -321,5 +321,5 @@ def _most(size: int, kind: int) -> int:
 
 
 def _bits(size: int, kind: int) -> int:
-    """Return how many bits of a number so many bytes hold: seven each, eight in the ninth, one less where there is a sign."""
+    """Return the number of bits that fit into this many bytes: seven each, eight in the ninth, one less if there is a sign."""
     return 7 * size + (1 if size > 8 else 0) - (1 if kind in {SIGNED, SIGNED64} else 0)

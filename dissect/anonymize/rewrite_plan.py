@@ -1,4 +1,4 @@
-"""What a message becomes: which of its octets stay, which get others, and which are set to zero (all the rest)."""
+"""The plan for rewriting a message: octets that stay, octets that are replaced; all others are set to zero."""
 
 from __future__ import annotations
 
@@ -7,9 +7,9 @@ from dissect.anonymize.masked import Masked
 
 
 class RewritePlan:
-    """A message of which nothing stays until it is said to. ``pieces`` are (begin, end, octets), in order.
+    """The plan for a message; initially no octet stays. ``pieces`` are (begin, end, octets), in order.
 
-    ``octets`` of a piece is None where the message's own stay.
+    ``octets`` of a piece is None if the original octets stay.
     """
 
     __slots__ = ("_hidden", "account", "octets", "pieces")
@@ -21,7 +21,7 @@ class RewritePlan:
         self.pieces: list[tuple[int, int, bytes | None]] = []
 
     def keep(self, begin: int, end: int) -> None:
-        """The octets stay."""
+        """Keep the octets."""
         if begin >= end:
             return
         if self.pieces and self.pieces[-1][1] == begin and self.pieces[-1][2] is None:
@@ -29,7 +29,7 @@ class RewritePlan:
         self.pieces.append((begin, end, None))
 
     def put(self, begin: int, new: bytes, kind: str) -> None:
-        """The octets from ``begin`` on get others."""
+        """Replace the octets from ``begin`` on."""
         end = begin + len(new)
         if new == (self.octets[begin:end] if begin <= len(self.octets) else b""):
             self.keep(begin, end)
@@ -37,8 +37,8 @@ class RewritePlan:
             self.pieces.append((begin, end, new))
             self.account.replace(kind)
 
-    def lay(self, new: bytes, begin: int = 0) -> None:
-        """The octets from ``begin`` on get others, counted elsewhere; those that are the same stay."""
+    def write(self, new: bytes, begin: int = 0) -> None:
+        """Replace the octets from ``begin`` on without counting; equal octets stay."""
         at = 0
         while at < len(new):
             end = at
@@ -52,6 +52,6 @@ class RewritePlan:
             at = end
 
     def zero(self, begin: int, end: int, kind: str) -> None:
-        """The octets are set to zero, which is what becomes of all that nothing is said of."""
+        """Count octets as set to zero, which is the default for all octets."""
         if begin < min(end, len(self.octets)):
             self._hidden.add(kind, self.octets[begin:end])

@@ -1,4 +1,4 @@
-"""The second reading: every packet that can be shown is written, made anew, in its order."""
+"""Second pass: rewrites every packet that can be published, in order."""
 
 from __future__ import annotations
 
@@ -16,17 +16,17 @@ from dissect.source.packet_blocks import PacketBlocks
 from dissect.source.pcapng_writer import PcapngWriter
 from dissect.tcp.tunnel import unwrapped
 
-#: Octets of packets that wait behind a fragment whose datagram is not whole yet.
+#: Maximum size of packets that are held back behind a fragment of an incomplete datagram.
 MAX_WAITING: Final = 32 * 1024 * 1024
 _COST: Final = 256
-#: Octets of blocks that go to the writer together.
+#: Size of the blocks that are passed to the writer.
 _TOGETHER: Final = 65_536
-#: The last time that can be read back, in 2262: where a reader puts what is later.
+#: The latest time that can be read back, in 2262: readers limit later times to it.
 _LAST_NS: Final = 2**63 - 1
 
 
 class _Waiting:
-    """A packet that may be written when those before it are."""
+    """A packet that is written as soon as those before it are."""
 
     __slots__ = ("link_type", "packet", "size", "time_ns", "wire_length")
 
@@ -39,26 +39,26 @@ class _Waiting:
 
 
 class Rewriter(PacketSink):
-    """Takes the packets of a capture that is read again and writes them to ``writer``, ``shift_ns`` later."""
+    """Reads the packets of a capture again, and writes them to ``writer`` with times later by ``shift_ns``."""
 
-    def __init__(self, packets: Packets, writer: PcapngWriter, told: Account, shift_ns: int = 0) -> None:
+    def __init__(self, packets: Packets, writer: PcapngWriter, counts: Account, shift_ns: int = 0) -> None:
         self._packets = packets
         self._usual: UsualPackets = packets.usual
         self._writer = writer
-        self._account = told
+        self._account = counts
         self._shift_ns = shift_ns
         self._fragments = Fragments()
         self._waiting: deque[_Waiting] = deque()
         self._size = 0
-        self._blocks: PacketBlocks | None = None  # of packets with this link type
+        self._blocks: PacketBlocks | None = None  # cached, for packets of this link type
         self._link_type = -1
 
     def comment(self, text: str) -> None:
-        """A comment is let go: nobody knows what it says."""
+        """Drop a comment: its content is unknown."""
         self._account.comments += 1
 
     def secrets(self, text: bytes) -> None:
-        """Session keys are let go: with them everything that was encrypted could be read."""
+        """Drop session keys: they would decrypt everything."""
         self._account.secrets += 1
 
     def frame(self, time_ns: i64, buf: bytes, start: i64, end: i64, wire_length: i64, link_type: i64) -> None:
@@ -89,7 +89,7 @@ class Rewriter(PacketSink):
         self._drain()
 
     def finish(self) -> None:
-        """The capture is read: what still waits for other fragments is given up."""
+        """Write the packets that still wait for missing fragments, at the end of the capture."""
         while self._fragments.give_up():
             pass
         self._drain()
@@ -97,7 +97,7 @@ class Rewriter(PacketSink):
             self._writer.put(self._blocks)
 
     def _drain(self) -> None:
-        """Write what waits for nothing."""
+        """Write the packets that need not wait any longer."""
         while self._waiting:
             first = self._waiting[0]
             new: bytes | None

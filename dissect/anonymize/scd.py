@@ -1,8 +1,8 @@
-"""What becomes of SCD: the header of a message stays, its values are treated as chosen, its texts are replaced.
+"""Rewrites SCD messages: headers stay, values are treated as chosen, texts are replaced.
 
-With a dictionary every bit of the data is known by its type; what it does not describe becomes zeros. Without one only messages
-in the default envelope are known, by their first octet, size and checksum, and all of their data becomes zeros. A checksum is
-right where it was, and differs from the right one by as much where it did not.
+With a dictionary the type of every bit is known; bits that it does not describe become zeros. Without one, only messages in the
+default envelope are recognised, by their first octet, size and checksum, and all their data become zeros. A correct checksum
+stays correct; a wrong one stays wrong by the same difference.
 """
 
 from __future__ import annotations
@@ -32,34 +32,34 @@ if TYPE_CHECKING:
     from dissect.bindings.engine import ScdCarrier
     from dissect.scd.dictionary import Dictionary
 
-#: Sub-index that asks for class and type of an object: a fact of the dictionary.
+#: Sub-index that requests class and type of an object: a fact of the dictionary.
 _STRUCTURE: Final = 255
-#: Octets of a class, or of an entry of a mapping.
+#: Size of a class, and of an entry of a mapping.
 _MAX_FACT: Final = 8
-#: The bits of the exponent of a number: all of them set mean infinity or no number.
+#: The exponent bits of a number: if all are set, it is infinity or NaN.
 _EXPONENTS: Final = {32: 0xFF << 23, 64: 0x7FF << 52}
 _SECONDS: Final = (1 << 32) - 1
 
-#: (first bit, bits, type, what it is by the dictionary) of a value in the data of a message.
+#: (first bit, bits, type, its definition in the dictionary) of a value in the data of a message.
 _Slot = tuple[int, int, SimpleType, int | None, Traits]
 
 
 class ScdRules:
-    """Treats SCD messages. ``carrier`` is what found them; None without a dictionary."""
+    """Rewrites SCD messages. ``carrier`` found them; None without a dictionary."""
 
     def __init__(
-        self, key: Key, addresses: AddressMap, choices: Choices, carrier: ScdCarrier | None, told: Account
+        self, key: Key, addresses: AddressMap, choices: Choices, carrier: ScdCarrier | None, counts: Account
     ) -> None:
         self._key = key
         self._addresses = addresses
         self._values = choices.values
-        self._account = told
+        self._account = counts
         self._dictionary: Dictionary | None = carrier.dictionary if carrier is not None else None
         self._carrier = carrier
         self._holds = {one.name: one.holds for one in carrier.bindings.all} if carrier is not None else {}
         self._envelope = Envelope() if carrier is None else carrier.devices.codec.envelope
         self._default = Envelope()
-        #: How octets begin that may be messages (`inside`).
+        #: Possible first octets of a message (`inside`).
         self.openings = (self._envelope.opening, self._default.opening)
 
     @property
@@ -68,10 +68,10 @@ class ScdRules:
         return self._carrier is not None
 
     def message(self, found: ScdMessage) -> bytes:
-        """Return what becomes of a message, in as many octets."""
+        """Return the rewritten form of a message, of the same size."""
         message, octets = found.message, found.octets
         if not message.numbers:
-            if message.phase == "push":  # a bare content
+            if message.phase == "push":  # data without an envelope
                 return self._data(found, octets)
             self._account.mask(account.UNKNOWN, octets)
             return bytes(len(octets))
@@ -84,54 +84,54 @@ class ScdRules:
         return self._wrapped(octets, message.numbers, message.data, self._data(found, message.data), code == E_CRC)
 
     def inside(self, octets: bytes) -> bytes | None:
-        """Return what becomes of messages in a value of S7; None where these are none."""
+        """Return the rewritten form of messages inside an S7 value; None if it contains none."""
         carrier = self._carrier
         sizes = _messages(self._envelope, octets)
         if not sizes or carrier is None:
             return self.headers(octets)
-        made = []
+        rewritten = []
         at = 0
         for size in sizes:
             piece = octets[at : at + size]
             found = ScdMessage(carrier.devices.codec.parse_message(piece), carrier.dictionary, "", piece)
-            made.append(self.message(found))
+            rewritten.append(self.message(found))
             at += size
-        return b"".join(made) + octets[at:]
+        return b"".join(rewritten) + octets[at:]
 
     def headers(self, octets: bytes) -> bytes | None:
-        """Return what becomes of messages that no binding points at; None where these are none.
+        """Return the rewritten form of messages that no binding claims; None if there are none.
 
-        They are believed when all of ``octets`` are messages in the default envelope with a right checksum.
+        They are accepted only if all of ``octets`` are messages in the default envelope with a correct checksum.
         """
-        made = []
+        rewritten = []
         at = 0
         for size in _messages(self._default, octets):
             found = self._default.parse(octets[at : at + size])
-            made.append(self._default.build(found.numbers, bytes(len(found.data))))
+            rewritten.append(self._default.build(found.numbers, bytes(len(found.data))))
             self._account.mask(account.SCD_UNKNOWN, found.data)
             at += size
-        return b"".join(made) + octets[at:] if made else None
+        return b"".join(rewritten) + octets[at:] if rewritten else None
 
     def _wrapped(self, octets: bytes, numbers: dict[str, int], old: bytes, new: bytes, wrong: bool) -> bytes:
-        """Return the message around other data; ``wrong``: its checksum was."""
+        """Return the message with different data; ``wrong``: its checksum was wrong."""
         envelope = self._envelope
         try:
-            made = bytearray(envelope.build(numbers, new))
+            rewritten = bytearray(envelope.build(numbers, new))
             right = envelope.build(numbers, old) if wrong else b""
         except Error:
             return bytes(len(octets))
-        if len(made) != len(octets):
+        if len(rewritten) != len(octets):
             return bytes(len(octets))
         for field, bit, _ in envelope.fields(octets):
             if wrong and field.role == "crc":
                 for at in range(bit // 8, (bit + field.bits) // 8):
-                    made[at] ^= octets[at] ^ right[at]
-        return bytes(made)
+                    rewritten[at] ^= octets[at] ^ right[at]
+        return bytes(rewritten)
 
     # ---- data -------------------------------------------------------------------------------------------------------
 
     def _data(self, found: ScdMessage, data: bytes) -> bytes:
-        """Return what becomes of the data of a message."""
+        """Return the rewritten data of a message."""
         if not data or self._is_structure(found):
             return data
         try:
@@ -149,13 +149,15 @@ class ScdRules:
                 continue
             valued |= ones << offset
             old = number >> offset & ones
-            made = old if old == fixed else self._value(kind.kind, bits, old)
-            new |= (made if self._values != SCRAMBLE else _within(traits, kind.kind, bits, old, made)) << offset
+            replacement = old if old == fixed else self._value(kind.kind, bits, old)
+            new |= (
+                replacement if self._values != SCRAMBLE else _within(traits, kind.kind, bits, old, replacement)
+            ) << offset
         self._account.mask(account.UNKNOWN, (number & ~valued).to_bytes(len(data), "little").strip(b"\0"))
         return new.to_bytes(len(data), "little")
 
     def _is_structure(self, found: ScdMessage) -> bool:
-        """Tell whether the data say what the dictionary says: the class of an object, the mapping of a PDO."""
+        """Return whether the data are facts of the dictionary: the class of an object, the mapping of a PDO."""
         message = found.message
         dictionary = self._dictionary
         if message.service not in ("read", "write") or dictionary is None or message.index not in dictionary.objects:
@@ -166,7 +168,7 @@ class ScdRules:
         return fits and (message.sub == _STRUCTURE or is_mapping(message.index))
 
     def _slots(self, found: ScdMessage, bits: int) -> list[_Slot]:
-        """Return what stands in the data; raises `Error` for what the dictionary does not have."""
+        """Return the values in the data; raises `Error` for anything that the dictionary does not have."""
         message, dictionary = found.message, self._dictionary
         if dictionary is None:
             return []
@@ -189,7 +191,7 @@ class ScdRules:
         return [(0, size, variable.type, _known(variable), variable.traits)]
 
     def _value(self, kind: Kind, bits: int, old: int) -> int:
-        """Return the bits in the place of a value."""
+        """Return the replacement bits for a value."""
         if kind in (Kind.STRING, Kind.MAC, Kind.IP, Kind.BLOCK):
             return int.from_bytes(self._octets(kind, old.to_bytes((bits + 7) // 8, "little")), "little")
         if self._values == KEEP:
@@ -218,7 +220,7 @@ class ScdRules:
         return new
 
     def _octets(self, kind: Kind, old: bytes) -> bytes:
-        """Return octets in the place of a text, an address or a block."""
+        """Return the replacement for a text, an address or a block."""
         if kind is Kind.MAC or kind is Kind.IP:
             new = self._addresses.mac(old) if kind is Kind.MAC else self._addresses.ip(old)
             kind_told = account.CONTENT_ADDRESSES
@@ -240,9 +242,9 @@ class ScdRules:
 
 
 def _messages(envelope: Envelope, octets: bytes) -> list[int]:
-    """Return the sizes of the messages that ``octets`` are, with nothing but zeros behind them; none where they are not.
+    """Return the sizes of the messages in ``octets``, which may end with zeros; empty if there is anything else.
 
-    Only messages with a checksum are told from other octets.
+    Only messages with a checksum can be recognised.
     """
     sizes: list[int] = []
     at = 0
@@ -261,8 +263,8 @@ def _messages(envelope: Envelope, octets: bytes) -> list[int]:
 
 
 def bindings_of(bindings: Bindings, key: Key, addresses: AddressMap) -> list[dict[str, str]]:
-    """Return what bindings must say for the written capture, by their names, where TSAPs and hosts became others."""
-    found = []
+    """Return the settings that bindings need for the written capture, by their names, if TSAPs and hosts were replaced."""
+    settings = []
     for one in bindings.all:
         entry = {}
         tsap = replace_tsap(key, one.tsap)
@@ -276,8 +278,8 @@ def bindings_of(bindings: Bindings, key: Key, addresses: AddressMap) -> list[dic
             if host != network:
                 entry["host"] = str(host)
         if entry:
-            found.append({"name": encodable(one.name), **entry})
-    return found
+            settings.append({"name": encodable(one.name), **entry})
+    return settings
 
 
 def _fields(fields: tuple[Variable, ...]) -> list[_Slot]:
@@ -285,14 +287,14 @@ def _fields(fields: tuple[Variable, ...]) -> list[_Slot]:
 
 
 def _known(variable: Variable) -> int | None:
-    """Return the bits that the dictionary says itself: of reserved ones, and of a constant with a default."""
+    """Return the bits that the dictionary itself defines: reserved ones, and a constant with a default."""
     if variable.reserved or variable.access != "const" or variable.default is None:
         return variable.fixed
     return int.from_bytes(variable.encode(variable.default, limits=False), "little")
 
 
 def _within(traits: Traits, kind: Kind, bits: int, old: int, new: int) -> int:
-    """Return the bits of an integer that is inside of the dictionary's limits where the old one was."""
+    """Return the bits of an integer that is within the dictionary's limits if the original was."""
     if kind not in (Kind.INT, Kind.UINT) or (traits.low is None and traits.high is None):
         return new
     sign = 1 << bits - 1 if kind is Kind.INT else 0
@@ -305,13 +307,13 @@ def _within(traits: Traits, kind: Kind, bits: int, old: int, new: int) -> int:
 
 
 def _not_finite(old: int, exponent: int) -> int:
-    """Return infinity, or no number, with the sign it has: what else no number holds is left out."""
+    """Return infinity or NaN with the original sign; other bits of a NaN are dropped."""
     lowest = exponent & -exponent
     return old & ~(lowest - 1) | (lowest >> 1 if old & (lowest - 1) else 0)
 
 
 def _text(key: Key, octets: bytes) -> bytes:
-    """Return a text in the place of another one; one that is no UTF-8 is none afterwards."""
+    """Return the replacement for a text; one that is not valid UTF-8 stays invalid."""
     try:
         octets.decode()
     except UnicodeDecodeError:

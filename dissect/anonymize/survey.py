@@ -1,4 +1,4 @@
-"""The first reading: where in each stream everything stands that becomes something else."""
+"""First pass: records which octets of each stream are kept or replaced."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from mypy_extensions import i64
 
 from dissect.anonymize.account import FULL, MANY, UNCERTAIN, Account
 from dissect.anonymize.key import Key
-from dissect.anonymize.messages import codes_inside, codes_of, draft_netlink, draft_tpdu, draft_tsdu
+from dissect.anonymize.messages import codes_inside, codes_of, plan_netlink, plan_tpdu, plan_tsdu
 from dissect.anonymize.plus import PlusRules
 from dissect.anonymize.rewrite_plan import RewritePlan
 from dissect.anonymize.rules import Rules
@@ -34,19 +34,19 @@ from dissect.wire.octets import u16
 if TYPE_CHECKING:
     from dissect.bindings.engine import ScdCarrier
 
-#: Directions remembered; the packets of those after them are written with zeros for contents.
+#: Maximum number of directions that are followed; packets of later ones are written with zeroed contents.
 MAX_TRACKS: Final = 65_536
-#: What stands before the keys of UDP.
+#: The prefix of UDP keys.
 UDP: Final = b"udp"
-#: Parts of one message that are waited for.
+#: Maximum number of parts of an incomplete message.
 MAX_PARTS: Final = 8192
-#: Packets with messages whose transactions are waited for.
+#: Maximum number of packets with messages whose transactions are incomplete.
 MAX_WAITING: Final = 1024
 _DT_HEAD: Final = 7
 
 
 class _Part:
-    """A part of a message: its header, where its data stand in the stream, the data."""
+    """A part of a message: its header, the position of its data in the stream, and the data."""
 
     __slots__ = ("data", "data_at", "head", "head_at")
 
@@ -58,7 +58,7 @@ class _Part:
 
 
 class _Frame:
-    """A whole TSDU of S7comm-plus: its parts, its octets, and whether it is no part of a PDU, even between its frames."""
+    """A whole TSDU of S7comm-plus: its parts, its octets, and whether it is outside of any PDU, even between its frames."""
 
     __slots__ = ("alone", "octets", "parts")
 
@@ -67,42 +67,42 @@ class _Frame:
         self.octets = octets
         self.alone = len(octets) < 4 or octets[1] in {KEEP_ALIVE, SYSTEM_EVENT}
 
-    def lay(self, track: Track, draft: RewritePlan) -> None:
-        """Write what becomes of it, cut as its parts were."""
+    def apply(self, track: Track, plan: RewritePlan) -> None:
+        """Record the plan of the TSDU, divided among its parts."""
         at = 0
         for part in self.parts:
-            track.lay(part.head, part.head_at)
-            track.lay(draft, part.data_at - at, at, at + len(part.data))
+            track.apply(part.head, part.head_at)
+            track.apply(plan, part.data_at - at, at, at + len(part.data))
             at += len(part.data)
 
 
 class _Message:
-    """The parts of a message whose end is still to come in one direction."""
+    """The parts of an incomplete message in one direction."""
 
-    __slots__ = ("assembler", "claimed", "dropping", "frames", "holes", "missing", "parts", "plus", "size", "told")
+    __slots__ = ("assembler", "claimed", "dropping", "frames", "holes", "missing", "parts", "plus", "reported", "size")
 
     def __init__(self, largest: i64) -> None:
         self.parts: list[_Part] = []
         self.assembler = PlusAssembler(largest)
-        self.frames: list[_Frame] = []  # of an S7comm-plus PDU whose last one is to come
+        self.frames: list[_Frame] = []  # of an S7comm-plus PDU whose last frame is missing
         self.size = 0
         self.holes = 0
-        self.missing = 0  # octets in them
+        self.missing = 0  # their size
         self.dropping = False  # up to its end
-        self.plus = False  # an S7comm-plus PDU goes on in the next message
-        self.claimed = False  # a binding says that SCD is in it
-        self.told = 0  # where the TPKT told last ends
+        self.plus = False  # an S7comm-plus PDU continues in the next message
+        self.claimed = False  # a binding says that it contains SCD
+        self.reported = 0  # end of the latest TPKT that was reported
 
     @property
     def idle(self) -> bool:
-        """True when nothing waits for what comes next."""
+        """True if no part is kept."""
         return not (self.parts or self.dropping or self.frames or self.plus or self.assembler.parts is not None)
 
 
 class Survey(Observer):
-    """Watches the first reading. Afterwards `find` gives what becomes of the octets of a packet, of those in ``tracks``.
+    """Observes the first pass. Afterwards `find` returns the track for the octets of a packet, one of ``tracks``.
 
-    ``largest``: octets of an S7comm-plus PDU; the contents of a larger one become zeros.
+    ``largest``: maximum size of an S7comm-plus PDU; the contents of a larger one become zeros.
     """
 
     def __init__(
@@ -110,7 +110,7 @@ class Survey(Observer):
         key: Key,
         rules: Rules,
         plus: PlusRules,
-        told: Account,
+        counts: Account,
         carrier: ScdCarrier | None = None,
         largest: i64 = MAX_PDU,
     ) -> None:
@@ -120,29 +120,29 @@ class Survey(Observer):
         self._key = key
         self._rules = rules
         self._plus = plus
-        self._account = told
+        self._account = counts
         self._room = Room()
         self._largest: i64 = largest
         self.tracks: dict[bytes, list[Track]] = {}
         self._count = 0
-        # By direction; the oldest leave when there are too many.
+        # By direction; if there are too many, the oldest are dropped.
         self._messages: OrderedDict[bytes, tuple[Track, _Message]] = OrderedDict()
         self._carrier = carrier
         self._tsdu: list[_Part] = []  # the parts of the latest one that a binding claims
         self._units: Units | None = None
         self._datagrams: dict[int, list[tuple[int, bytes]]] = {}
-        # Messages whose transaction is still to come, by connection and packet: where in which stream, and their octets.
+        # Messages whose transaction is incomplete, by connection and packet: their track, their position and their octets.
         self._waiting: OrderedDict[tuple[int, int], list[tuple[Track, int, bytes]]] = OrderedDict()
 
     # ---- observer ---------------------------------------------------------------------------------------------------
 
     def connection_opened(self, connection: Connection) -> None:
-        """Make room for both directions of a connection, so that its packets are known."""
+        """Make tracks for both directions of a connection, so that its packets are recognised."""
         tcp = connection.tcp
         for index, direction in enumerate(_keys(tcp, bool(connection.udp))):
             tracks = self.tracks.setdefault(direction, [])
             if tracks and tracks[-1].stream is tcp.streams[index]:
-                continue  # another transport connection on the same TCP connection
+                continue  # a new transport connection on the same TCP connection
             if self._count >= MAX_TRACKS:
                 self._account.warn(MANY)
                 return
@@ -150,18 +150,18 @@ class Survey(Observer):
             tracks.append(Track(tcp, tcp.streams[index], self._room))
 
     def connection_closed(self, connection: Connection) -> None:
-        """What is not whole yet will not become so; in which VLANs packets of it are is known now."""
-        self._lay_units()
+        """End incomplete messages of a connection; the VLANs of its packets are known now."""
+        self._plan_units()
         self._join(connection)
         for index, direction in enumerate(_keys(connection.tcp, bool(connection.udp))):
             known = self._messages.get(direction)
             if known is not None and known[0].stream is connection.tcp.streams[index]:
                 self._flush(*known)
-                known[0].expect(known[1].told, -1)
+                known[0].expect(known[1].reported, -1)
                 del self._messages[direction]
 
     def _join(self, connection: Connection) -> None:
-        """Let the packets of a connection be found in the other VLANs, too."""
+        """Register the tracks of a connection for its other VLANs, too."""
         tcp = connection.tcp
         for also in range(1, len(tcp.also) + 1):
             for own, other in zip(_keys(tcp, False), _keys(tcp, False, also), strict=True):
@@ -170,15 +170,15 @@ class Survey(Observer):
                 there.sort(key=lambda track: track.first_frame)
 
     def tpdu(self, frame: i64, time_ns: i64, side: Side, octets: bytes) -> None:
-        """A whole TPKT: work out what becomes of it."""
+        """Plan a whole TPKT."""
         track, message = self._direction(side)
         if track is None:
             return
         start = int(side.framer.passed + side.missing) - len(octets)
         if message.holes != side.holes:
             self._judge_hole(track, message, side)
-        track.expect(message.told, start)
-        message.told = start + len(octets)
+        track.expect(message.reported, start)
+        message.reported = start + len(octets)
         message.claimed = self._carrier is not None and self._carrier.claims_tsdus(side.connection)
         if octets[4] == 2 and octets[5] == 0xF0:
             if octets[6] >= 0x80 and classify(octets, _DT_HEAD, len(octets)) == S7COMM and message.idle:
@@ -187,7 +187,7 @@ class Survey(Observer):
                 codes = codes_inside(side, data)
                 if codes is None:
                     self._wait(int(side.connection.number), int(frame), track, start + _DT_HEAD, data)
-                track.lay(draft_tsdu(data, self._rules, self._account, True, codes or ()), start + _DT_HEAD)
+                track.apply(plan_tsdu(data, self._rules, self._account, True, codes or ()), start + _DT_HEAD)
                 return
             head = RewritePlan(octets, self._account)
             head.keep(0, _DT_HEAD)
@@ -196,20 +196,20 @@ class Survey(Observer):
         tpdu = parse_tpdu(octets[4:])
         if tpdu.type != DT or tpdu.malformed:
             self._flush(track, message)
-            track.lay(draft_tpdu(octets, tpdu, self._key, self._account), start)
+            track.apply(plan_tpdu(octets, tpdu, self._key, self._account), start)
             return
         size = len(octets) - len(tpdu.data)
-        head = draft_tpdu(octets[:size], tpdu, self._key, self._account)
+        head = plan_tpdu(octets[:size], tpdu, self._key, self._account)
         self._part(side, track, message, _Part(head, start, start + size, tpdu.data), tpdu.field("eot") == 1)
 
     def _wait(self, connection: int, frame: int, track: Track, at: int, octets: bytes) -> None:
-        """Keep a message of which its transaction will say where return codes are inside of it."""
+        """Keep a message until its transaction shows whether there are return codes inside its values."""
         while len(self._waiting) >= MAX_WAITING:
             self._waiting.popitem(last=False)
         self._waiting.setdefault((connection, frame), []).append((track, at, octets))
 
     def transaction(self, transaction: Transaction) -> None:
-        """A transaction is complete: return codes inside of its answer stay."""
+        """Keep the return codes inside the answer of a complete transaction."""
         if not self._waiting:
             return
         waited = self._waiting.pop((int(transaction.connection.number), int(transaction.response_frame)), None)
@@ -227,17 +227,17 @@ class Survey(Observer):
                 track.keep_one(at + code, octets[code : code + 1])
 
     def pdu(self, frame: i64, time_ns: i64, side: Side, octets: bytes, cut: bool) -> None:
-        """An S7 PDU that the capture cut: its TPKT was not told."""
+        """Plan an S7 PDU that the capture cut: its TPKT was not reported."""
         if cut:
             self._cut(side, octets)
 
     def plus_pdu(self, frame: i64, time_ns: i64, side: Side, octets: bytes, cut: bool) -> None:
-        """An S7comm-plus PDU that the capture cut."""
+        """Plan an S7comm-plus PDU that the capture cut."""
         if cut:
             self._cut(side, octets)
 
     def ibh_packet(self, frame: i64, time_ns: i64, side: Side, octets: bytes) -> None:
-        """A whole IBH-NetLink packet, in which a part of a message may be."""
+        """Plan a whole IBH-NetLink packet, which may contain a part of a message."""
         track, message = self._direction(side)
         framer = side.ibh
         if track is None or framer is None:
@@ -246,11 +246,11 @@ class Survey(Observer):
         start = passed + int(side.missing) - len(octets)
         self._judge_hole(track, message, side)
         packet = parse_packet(octets)
-        head = draft_netlink(packet, self._account)
+        head = plan_netlink(packet, self._account)
         if packet.kind in (KIND_DATA, KIND_FRAGMENT):
             part = _Part(head, start, start + int(packet.data_at), packet.data)
             self._part(side, track, message, part, packet.kind == KIND_DATA)
-        else:  # a receipt between two parts of a message comes behind the first
+        else:  # a receipt between two parts of a message comes after the first
             self._part(side, track, message, _Part(head, start, start + len(octets), b""), False)
 
     # ---- messages ---------------------------------------------------------------------------------------------------
@@ -269,17 +269,17 @@ class Survey(Observer):
         return None, _Message(self._largest)
 
     def _judge_hole(self, track: Track, message: _Message, side: Side) -> None:
-        """A hole ends the message it falls into."""
+        """End a message that has a gap."""
         if message.holes != int(side.holes):
             message.holes = int(side.holes)
             message.missing = int(side.missing)
             self._flush(track, message)
 
     def _part(self, side: Side, track: Track, message: _Message, part: _Part, last: bool) -> None:
-        """A part of a message; the data of one that is too long stay zeros."""
+        """Take a part of a message; the data of one that is too long stay zeros."""
         if message.dropping or (not last and not part.data and not message.parts):
-            self._lay_frames(track, message)
-            track.lay(part.head, part.head_at)
+            self._plan_frames(track, message)
+            track.apply(part.head, part.head_at)
             message.dropping = message.dropping and not last
             return
         message.parts.append(part)
@@ -291,7 +291,7 @@ class Survey(Observer):
             self._whole(side, track, message)
 
     def _whole(self, side: Side, track: Track, message: _Message) -> None:
-        """A message is whole: what becomes of it is cut as its parts were."""
+        """Plan a whole message, and divide the plan among its parts."""
         parts = message.parts
         octets = parts[0].data if len(parts) == 1 else b"".join([part.data for part in parts])
         upper = classify(octets, 0, len(octets)) if octets else -1
@@ -301,19 +301,19 @@ class Survey(Observer):
         if upper == S7COMM_PLUS:
             self._plus_frame(side, track, message, frame)
             return
-        self._lay_frames(track, message)
+        self._plan_frames(track, message)
         if message.claimed and upper != S7COMM:
-            self._tsdu = parts  # what becomes of it is said when it is told as SCD
-            draft = RewritePlan(octets, self._account)
+            self._tsdu = parts  # it is planned when it is reported as SCD
+            plan = RewritePlan(octets, self._account)
         else:
-            draft = draft_tsdu(octets, self._rules, self._account, codes=codes_inside(side, octets) or ())
-        frame.lay(track, draft)
+            plan = plan_tsdu(octets, self._rules, self._account, codes=codes_inside(side, octets) or ())
+        frame.apply(track, plan)
 
     def _plus_frame(self, side: Side, track: Track, message: _Message, frame: _Frame) -> None:
-        """Take a frame of S7comm-plus; with the last one it is known what becomes of all those of a PDU."""
+        """Take a frame of S7comm-plus; the last frame completes the plan of its PDU."""
         assembler = message.assembler
         if assembler.interrupted(frame.octets):
-            self._lay_frames(track, message)
+            self._plan_frames(track, message)
         whole = assembler.push(frame.octets)
         message.frames.append(frame)
         frame.alone = frame.alone or assembler.passed
@@ -321,7 +321,7 @@ class Survey(Observer):
             self._blank_frames(track, message)
             return
         if assembler.parts is not None or whole is None:
-            return  # there is more to come
+            return  # more frames follow
         new = self._plus.message(whole, side)
         if new is None:
             self._blank_frames(track, message)
@@ -331,38 +331,38 @@ class Survey(Observer):
         at = 0
         for one in frames:
             if one.alone and one is not frame:
-                one.lay(track, draft_tsdu(one.octets, self._rules, self._account))
+                one.apply(track, plan_tsdu(one.octets, self._rules, self._account))
                 continue
-            draft = RewritePlan(one.octets, self._account)
-            draft.lay(new[at : at + len(one.octets)])
-            one.lay(track, draft)
+            plan = RewritePlan(one.octets, self._account)
+            plan.write(new[at : at + len(one.octets)])
+            one.apply(track, plan)
             at += len(one.octets)
 
-    def _lay_frames(self, track: Track, message: _Message) -> None:
-        """No more frames of the PDU at hand will come."""
+    def _plan_frames(self, track: Track, message: _Message) -> None:
+        """Plan the frames of the current PDU, which is complete or broken off."""
         message.assembler.finish()
         self._blank_frames(track, message)
         message.plus = False
 
     def _blank_frames(self, track: Track, message: _Message) -> None:
-        """Frames of a PDU that is not whole, or not readable: what pairs it stays, its contents become zeros."""
+        """Plan the frames of an incomplete or unreadable PDU: pairing fields stay, contents become zeros."""
         for frame in message.frames:
             octets = frame.octets
-            frame.lay(track, draft_tsdu(octets, self._rules, self._account, not message.plus))
+            frame.apply(track, plan_tsdu(octets, self._rules, self._account, not message.plus))
             if not frame.alone:
                 message.plus = octets[-4:] != octets[:2] + b"\0\0"
         message.frames = []
 
     def _flush(self, track: Track, message: _Message) -> None:
-        """A message will not become whole: its headers stay, its data become zeros."""
-        self._lay_frames(track, message)
+        """Plan an incomplete message: its headers stay, its data become zeros."""
+        self._plan_frames(track, message)
         for part in message.parts:
-            track.lay(part.head, part.head_at)
+            track.apply(part.head, part.head_at)
         message.parts = []
         message.size = 0
 
     def _cut(self, side: Side, octets: bytes) -> None:
-        """A message the capture cut, alone in its TPKT: it ends where the hole begins that was just told."""
+        """Plan a message that the capture cut, alone in its TPKT: it ends where the gap begins that was just reported."""
         track, message = self._direction(side)
         iso, gateway = side.framer, side.ibh
         packet = iso.cut_packet if gateway is None else gateway.cut_packet
@@ -389,16 +389,16 @@ class Survey(Observer):
     # ---- SCD --------------------------------------------------------------------------------------------------------
 
     def scd(self, frame: i64, time_ns: i64, side: Side, found: ScdMessage) -> None:
-        """An SCD message in a datagram, a stream or a TSDU: lay down what becomes of it there."""
+        """Plan an SCD message in a datagram, a stream or a TSDU."""
         if self._rules.scd is None:
             return
-        draft = RewritePlan(found.octets, self._account)
-        draft.lay(self._rules.scd.message(found))
+        plan = RewritePlan(found.octets, self._account)
+        plan.write(self._rules.scd.message(found))
         at = int(found.offset)
         if side.connection.udp:
-            self._in_datagram(int(frame), at, draft)
+            self._in_datagram(int(frame), at, plan)
         elif isinstance(side.kept, Backlog):
-            self._in_stream(side, found, draft)
+            self._in_stream(side, found, plan)
         elif self._tsdu:
             track, _ = self._direction(side)
             begin = 0
@@ -406,20 +406,21 @@ class Survey(Observer):
                 end = begin + len(part.data)
                 if track is None:
                     return
-                track.lay(draft, part.data_at - begin + at, max(begin - at, 0), max(end - at, 0))
+                track.apply(plan, part.data_at - begin + at, max(begin - at, 0), max(end - at, 0))
                 begin = end
 
-    def _in_datagram(self, frame: int, at: int, draft: RewritePlan) -> None:
-        if not self._room.take(len(draft.octets) + COST):
+    def _in_datagram(self, frame: int, at: int, plan: RewritePlan) -> None:
+        if not self._room.take(len(plan.octets) + COST):
             self._account.warn(FULL)
             return
-        new = b"".join([piece or draft.octets[begin:end] for begin, end, piece in draft.pieces])
+        new = b"".join([piece or plan.octets[begin:end] for begin, end, piece in plan.pieces])
         self._datagrams.setdefault(frame, []).append((at, new))
 
-    def _in_stream(self, side: Side, found: ScdMessage, draft: RewritePlan) -> None:
-        """Messages that are told together end where the stream was accounted for, or begin where the last one ended.
+    def _in_stream(self, side: Side, found: ScdMessage, plan: RewritePlan) -> None:
+        """Plan messages of a bound stream.
 
-        The latter where something else stands behind them. Were the place a wrong one, no octet of the capture would be shown.
+        Messages that are reported together end at the position up to which the stream was processed. If anything else follows
+        them, they begin where the last one ended. A wrong position is harmless: it reveals no octets of the capture.
         """
         backlog = side.kept
         track, message = self._direction(side)
@@ -428,46 +429,46 @@ class Survey(Observer):
         end = int(backlog.framed) + int(backlog.skipped) + int(side.missing)
         units = self._units
         if units is None or units.track is not track or units.end != end:
-            self._lay_units()
+            self._plan_units()
             units = self._units = Units(track, end)
         if side.framer.synced or not found.message.numbers:
-            units.drafts.append(draft)
-            message.told = end
+            units.plans.append(plan)
+            message.reported = end
             return
-        track.lay(draft, message.told)
-        message.told += len(draft.octets)
+        track.apply(plan, message.reported)
+        message.reported += len(plan.octets)
         if message.missing != int(side.missing):
             message.missing = int(side.missing)
             self._account.warn(UNCERTAIN)
 
-    def _lay_units(self) -> None:
-        """Lay down messages of a stream, one behind the other, of which the last one ends at a known place."""
+    def _plan_units(self) -> None:
+        """Plan messages of a stream that follow one another; the position of the end of the last one is known."""
         units, self._units = self._units, None
         if units is not None:
-            at = units.end - sum([len(draft.octets) for draft in units.drafts])
-            for draft in units.drafts:
-                units.track.lay(draft, at)
-                at += len(draft.octets)
+            at = units.end - sum([len(plan.octets) for plan in units.plans])
+            for plan in units.plans:
+                units.track.apply(plan, at)
+                at += len(plan.octets)
 
     def headers(self, octets: bytes) -> bytes | None:
-        """Return what becomes of SCD that no binding points at; None where it is something else."""
+        """Return the rewritten form of SCD that no binding claims; None if it is something else."""
         return self._rules.scd.headers(octets) if self._rules.scd is not None else None
 
     def datagram(self, frame: int, octets: bytes) -> bytes:
-        """Return what becomes of the payload of a datagram that a binding claims: zeros where nothing is known of it."""
+        """Return the rewritten payload of a datagram that a binding claims: zeros where nothing is known of it."""
         new = bytearray(len(octets))
-        for at, made in self._datagrams.get(frame, ()):
-            new[at : at + len(made)] = made
+        for at, rewritten in self._datagrams.get(frame, ()):
+            new[at : at + len(rewritten)] = rewritten
         return bytes(new[: len(octets)])
 
     # ---- afterwards -------------------------------------------------------------------------------------------------
 
     def settle(self) -> None:
-        """The first reading is over: nothing more becomes whole."""
-        self._lay_units()
+        """End the first pass: incomplete messages stay incomplete."""
+        self._plan_units()
         for track, message in self._messages.values():
             self._flush(track, message)
-            track.expect(message.told, -1)
+            track.expect(message.reported, -1)
         self._messages.clear()
         for tracks in self.tracks.values():
             for track in tracks:
@@ -476,23 +477,23 @@ class Survey(Observer):
                     self._account.warn(FULL)
 
     def find(self, key: bytes, frame: int) -> Track | None:
-        """Return what becomes of the octets in packet ``frame`` with this key; None for no connection that was followed."""
+        """Return the track for packet ``frame`` with this key; None if its connection was not followed."""
         return track_at(self.tracks.get(key), frame)
 
 
 class Units:
-    """Messages of a bound stream that were told together; the last one ends at ``end``."""
+    """Messages of a bound stream that were reported together; the last one ends at ``end``."""
 
-    __slots__ = ("drafts", "end", "track")
+    __slots__ = ("end", "plans", "track")
 
     def __init__(self, track: Track, end: int) -> None:
         self.track = track
         self.end = end
-        self.drafts: list[RewritePlan] = []
+        self.plans: list[RewritePlan] = []
 
 
 def _keys(tcp: TcpConnection, udp: bool, also: int = 0) -> tuple[bytes, bytes]:
-    """Return the keys of the packets of both directions; ``also`` counts the VLANs in which they were captured besides."""
+    """Return the keys of the packets of both directions; ``also`` is the index of a further VLAN they were captured in."""
     key = keys_of(tcp)[also]
     if udp:
         return UDP + key, UDP + reverse_key(key)

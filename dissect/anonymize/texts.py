@@ -1,4 +1,4 @@
-"""Replacements for texts and values: as long as before, the same for the same, and of the same kind of characters."""
+"""Replacements for texts and values: of the same length and character classes, equal for equal originals."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ _PADDING: Final = b" \0"
 _UPPER: Final = b"ABCDEFGHIJKLMNOPQRSTUVWXYZ"
 _LOWER: Final = _UPPER.lower()
 _DIGITS: Final = b"0123456789"
-#: TSAPs that all devices of a kind have, and what others may have in common with them.
+#: TSAPs that all devices of a kind have, and common beginnings of others.
 _WELL_KNOWN_TSAPS: Final = frozenset((b"SIMATIC-ROOT-ES", b"SIMATIC-ROOT-HMI", b"SIMATIC-ROOT-OTHER"))
 _ROOT: Final = b"SIMATIC-ROOT-"
 
 
 def replace_text(key: Key, octets: bytes) -> bytes:
-    """Return a text in the place of another one: letters for letters, digits for digits, blanks and zeros around it kept.
+    """Return the replacement for a text: letters for letters, digits for digits; blanks and zeros around it stay.
 
-    What is no letter, digit or control character stays where it stands between some, for a path is to remain one; a text
-    without letters and digits gets letters.
+    Other characters between letters and digits stay, so that a path remains a path; a text without letters and digits gets
+    letters.
     """
     start = len(octets) - len(octets.lstrip(_PADDING))
     core = octets.strip(_PADDING)
@@ -31,18 +31,18 @@ def replace_text(key: Key, octets: bytes) -> bytes:
     for attempt in range(256):
         drawn = key.stream(f"text{attempt}", core, len(core))
         new = bytes([_drawn(octet, drawn[at], _alphabet(octet) if plain else _UPPER) for at, octet in enumerate(core)])
-        if new != core:  # a text of one or two characters may be drawn itself
+        if new != core:  # for a text of one or two characters the original may come up again
             break
     return octets[:start] + new + octets[start + len(core) :]
 
 
 def replace_path(key: Key, octets: bytes) -> bytes:
-    """Return a path in the place of another one: each name between strokes is replaced by itself."""
+    """Return the replacement for a path: each name between slashes is replaced separately."""
     return b"/".join([replace_text(key, name) for name in octets.split(b"/")])
 
 
 def replace_tsap(key: Key, octets: bytes) -> bytes:
-    """Return a TSAP in the place of another one; one that is connection type, rack and slot stays."""
+    """Return the replacement for a TSAP; one that consists of connection type, rack and slot stays."""
     tsap = Tsap(octets)
     if tsap.connection_type >= 0 or not octets or octets in _WELL_KNOWN_TSAPS:
         return octets
@@ -54,17 +54,17 @@ def replace_tsap(key: Key, octets: bytes) -> bytes:
 
 
 def replace_octets(key: Key, octets: bytes) -> bytes:
-    """Return octets in the place of others: as chance would have them, the same for the same."""
+    """Return pseudorandom replacement octets, equal for equal originals."""
     return key.stream("octets", octets, len(octets))
 
 
 def replace_bit(key: Key, octets: bytes) -> bytes:
-    """Return a bit in the place of another one, in the lowest place of the octets."""
+    """Return the replacement for a bit, the lowest bit of the octets."""
     return octets[:-1] + bytes((octets[-1] ^ (key.stream("bit", b"", 1)[0] & 1),)) if octets else octets
 
 
 def _alphabet(octet: int) -> bytes:
-    """Return the characters that one may be replaced by, empty when it stays."""
+    """Return the characters that may replace one, empty if it stays."""
     if octet in _DIGITS:
         return _DIGITS
     if octet in _LOWER:

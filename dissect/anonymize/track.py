@@ -1,7 +1,6 @@
-"""One direction of a TCP connection: what becomes of each octet of its stream.
+"""One direction of a TCP connection: which octets of its stream are kept or replaced.
 
-Positions count octets from the first one of the stream. An octet that nothing is known of becomes zero: what is not understood
-is not given away.
+Positions count octets from the first one of the stream. Octets of unknown meaning become zero.
 """
 
 from __future__ import annotations
@@ -15,44 +14,44 @@ from dissect.anonymize.rewrite_plan import RewritePlan
 from dissect.tcp.connection import TcpConnection
 from dissect.tcp.stream import HALF_SPACE, MASK, HalfStream
 
-#: Ranges, and octets that replace others, remembered over all connections; of what comes after nothing is kept.
+#: Maximum number of ranges over all connections, and maximum size of replacements; beyond them everything becomes zero.
 MAX_RANGES: Final = 4_000_000
 MAX_REPLACED: Final = 64 * 1024 * 1024
-#: What a replacement takes in memory besides its octets.
+#: Memory of a replacement besides its octets.
 COST: Final = 64
-#: Segments of a direction that those sent again are compared with, and octets of all directions.
+#: Maximum number of segments of a direction that are kept for comparison with retransmissions, and of their octets in total.
 MAX_RECENT: Final = 64
 MAX_RECENT_OCTETS: Final = 32 * 1024 * 1024
-#: How a TPKT begins, the octets of its header, and of a DT in it; how one begins that is the usual one.
+#: Beginning of a TPKT, size of its header, with and without that of a DT; beginning of an ordinary one.
 _TPKT: Final = b"\x03\x00"
 _HEADER: Final = 4
 _DT_HEAD: Final = 7
 _DT: Final = b"\x02\xf0"
-#: Ranges that are stepped over before they are searched.
+#: Up to this many ranges are skipped one by one before a binary search.
 _STEPS: Final = 8
-#: A segment further ahead than this does not move where the next one is expected.
+#: A segment further ahead than this does not change the expected position of the next one.
 _JUMP: Final = 1 << 24
 
 
 class Room:
-    """How much may still be remembered; in the second reading, whose segments are, of ``recent_octets`` at most."""
+    """The memory that is left for ranges; in the second pass for segments, with at most ``recent_octets``."""
 
     def __init__(self, recent_octets: int = MAX_RECENT_OCTETS) -> None:
         self.ranges = MAX_RANGES
         self.octets = MAX_REPLACED
-        self.recent = 0  # octets of segments
+        self.recent = 0  # size of the segments
         self._most = recent_octets
         self._tracks: OrderedDict[int, Track] = OrderedDict()
 
     def touch(self, track: Track) -> None:
-        """A track remembered another segment: those that saw none for the longest time forget theirs."""
+        """Note that a track stored a segment; if memory is short, tracks without a segment for the longest time drop theirs."""
         self._tracks[id(track)] = track
         self._tracks.move_to_end(id(track))
         while self.recent > self._most:
             self._tracks.popitem(last=False)[1].forget(0)
 
     def take(self, octets: int) -> bool:
-        """Take the room of a range and what replaces it; False when there is none."""
+        """Take memory for a range and its replacement; return False if there is none left."""
         if self.ranges <= 0 or self.octets < octets:
             return False
         self.ranges -= 1
@@ -61,7 +60,7 @@ class Room:
 
 
 class Track:
-    """What becomes of a stream's octets: ranges that stay, replacements, zero for all else. `keep`, `put`, `lay` go forward."""
+    """The octets of a stream: ranges that stay, replacements; zero for all others. `keep`, `put`, `apply` must go forward."""
 
     __slots__ = (
         "_begins",
@@ -87,7 +86,7 @@ class Track:
         self.stream: HalfStream | None = stream
         self.first_frame = int(tcp.first_frame)
         self.start_seq = -1
-        self.full = False  # there was no room for all of it
+        self.full = False  # memory ran out before the end
         self._room = room
         self._begins = array("Q")
         self._ends = array("Q")
@@ -95,19 +94,19 @@ class Track:
         self._new: list[bytes] = []
         self._expected = array("Q", (0,))
         self._latest = 0
-        self._index = 0  # of the last range that a segment reached into
+        self._index = 0  # of the last range that a segment overlapped
         self._recent: deque[tuple[int, bytes]] | None = None
-        self._top = 0  # no segment that is remembered goes further
-        self._forgotten = 0  # of segments before this position the first copy is not known any more
+        self._top = 0  # end of the stored segments
+        self._forgotten = 0  # the first copies of segments before this position are no longer stored
 
     # ---- first reading ----------------------------------------------------------------------------------------------
 
     def keep(self, begin: int, end: int) -> None:
-        """The octets from ``begin`` to ``end`` stay."""
+        """Keep the octets from ``begin`` to ``end``."""
         if self._ends and self._ends[-1] == begin:
             self._ends[-1] = end
         elif begin < 0 or (self._ends and begin < self._ends[-1]):
-            return  # contradicts what was said before, so that nothing is believed
+            return  # contradicts an earlier range: neither can be trusted
         elif self._room.take(0):
             self._begins.append(begin)
             self._ends.append(end)
@@ -115,7 +114,7 @@ class Track:
             self.full = True
 
     def keep_one(self, at: int, octet: bytes) -> None:
-        """One ``octet`` stays after all, among others of which was said what becomes of them."""
+        """Keep one ``octet``, even within a replacement."""
         before = bisect_right(self._new_at, at) - 1
         if before >= 0:
             new, place = self._new[before], at - self._new_at[before]
@@ -132,7 +131,7 @@ class Track:
             self.full = True
 
     def put(self, begin: int, new: bytes) -> None:
-        """The octets from ``begin`` on become others."""
+        """Replace the octets from ``begin`` on."""
         if begin < 0 or (self._new and begin < self._new_at[-1] + len(self._new[-1])):
             return
         if self._room.take(len(new) + COST):
@@ -142,18 +141,18 @@ class Track:
             self.full = True
 
     def expect(self, place: int, found: int) -> None:
-        """A TPKT had to begin at ``place``; the next whole one began at ``found``, -1 for none.
+        """Note that a TPKT was expected at ``place`` and the next whole one began at ``found``, -1 for none.
 
-        When that is later, the header of one that never became whole may stand there (`_headers`).
+        If ``found`` is later, the header of an incomplete TPKT may be at ``place`` (`_headers`).
         """
         if found != place and self._expected[-1] < place and self._room.take(0):
             self._expected.append(place)
 
-    def lay(self, draft: RewritePlan, offset: int, begin: int = 0, end: int = -1) -> None:
-        """Take what becomes of ``draft`` from ``begin`` to ``end``; the position is ``offset`` more than the place in it."""
+    def apply(self, plan: RewritePlan, offset: int, begin: int = 0, end: int = -1) -> None:
+        """Apply the plan ``plan`` from ``begin`` to ``end``; positions in the stream are greater by ``offset``."""
         if end < 0:
-            end = len(draft.octets)
-        for first, last, new in draft.pieces:
+            end = len(plan.octets)
+        for first, last, new in plan.pieces:
             start, stop = max(first, begin), min(last, end)
             if start < stop:
                 if new is None:
@@ -162,7 +161,7 @@ class Track:
                     self.put(offset + start, new[start - first : stop - first])
 
     def settle(self) -> None:
-        """The first reading is over."""
+        """End the first pass."""
         if self.stream is not None:
             self.start_seq = int(self.stream.start_seq)
         self.tcp = None
@@ -171,7 +170,7 @@ class Track:
     # ---- second reading ---------------------------------------------------------------------------------------------
 
     def render(self, seq: int, octets: bytes) -> tuple[bytes, int]:
-        """Return what becomes of the payload of a segment, and how many of its octets were set to zero."""
+        """Return the rewritten payload of a segment, and how many of its octets were set to zero."""
         size = len(octets)
         if self.start_seq < 0 or not size:
             return bytes(size), size
@@ -189,24 +188,24 @@ class Track:
         if rest:
             if here < end:
                 pieces.append(bytes(end - here))
-            made = b"".join(pieces)
+            rewritten = b"".join(pieces)
         else:
-            made = octets
+            rewritten = octets
         listens = self._expected[-1] >= at
         if listens or self._new or at < self._top or at < self._forgotten:
-            new = bytearray(made)
+            new = bytearray(rewritten)
             if listens:
                 rest -= self._headers(at, octets, new)
             self._compare(at, octets, new)
             for begin, piece in self._replacements(at, end):
                 new[begin - at : begin - at + len(piece)] = piece
                 rest -= len(piece)
-            made = bytes(new)
+            rewritten = bytes(new)
         self._remember(at, octets)
-        return made, rest
+        return rewritten, rest
 
     def _position(self, seq: int) -> int:
-        """Return the position of a sequence number: the one nearest to what was seen last."""
+        """Return the position of a sequence number: the one nearest to the last segment."""
         ahead = (seq - self.start_seq - self._latest) & MASK
         if ahead >= HALF_SPACE:
             ahead -= MASK + 1
@@ -217,12 +216,12 @@ class Track:
 
     def _ranges(self, at: int, end: int) -> list[tuple[int, int]]:
         """Return the parts of ``at`` to ``end`` that stay."""
-        found: list[tuple[int, int]] = []
+        ranges: list[tuple[int, int]] = []
         begins, ends = self._begins, self._ends
         count = len(begins)
         index = self._index
         most = index + _STEPS
-        if index < count and begins[index] <= at:  # mostly a little behind the segment before this one
+        if index < count and begins[index] <= at:  # usually slightly before the previous segment
             while index + 1 < count and begins[index + 1] <= at and index < most:
                 index += 1
         if index >= count or begins[index] > at or index == most:
@@ -233,25 +232,25 @@ class Track:
                 break
             stop = ends[index]
             if begin < stop and stop > at:
-                found.append((max(begin, at), min(stop, end)))
+                ranges.append((max(begin, at), min(stop, end)))
             self._index = index
             index += 1
-        return found
+        return ranges
 
     def _replacements(self, at: int, end: int) -> list[tuple[int, bytes]]:
-        """Return (position, octets) of what is replaced between ``at`` and ``end``."""
-        found: list[tuple[int, bytes]] = []
+        """Return (position, octets) of the replacements between ``at`` and ``end``."""
+        ranges: list[tuple[int, bytes]] = []
         index = max(bisect_right(self._new_at, at) - 1, 0) if at >= 0 else 0
         while index < len(self._new_at) and self._new_at[index] < end:
             here, new = self._new_at[index], self._new[index]
             begin, stop = max(here, at), min(here + len(new), end)
             if begin < stop:
-                found.append((begin, new[begin - here : stop - here]))
+                ranges.append((begin, new[begin - here : stop - here]))
             index += 1
-        return found
+        return ranges
 
     def _headers(self, at: int, octets: bytes, new: bytearray) -> int:
-        """Keep the header of a TPKT, and of a DT in it, where one had to begin; return how many octets that is."""
+        """Keep the header of a TPKT, and of a DT in it, at expected positions; return the number of octets."""
         kept = 0
         index = bisect_left(self._expected, max(at, 0))
         while index < len(self._expected) and self._expected[index] < at + len(octets):
@@ -265,14 +264,14 @@ class Track:
                 new[here:end] = octets[here:end]
                 if not _HEADER <= size < _DT_HEAD:
                     break
-                here += size  # too short for a TPDU, but the next one is expected behind it
+                here += size  # too short for a TPDU, but the next one is expected after it
             index += 1
         return kept
 
     def _compare(self, at: int, octets: bytes, new: bytearray) -> None:
-        """Take away from ``new`` what differs from the octets that were there first: nobody has looked at it.
+        """Clear octets in ``new`` that differ from the first copy: the first pass did not examine them.
 
-        So is what was sent again so late that the first copy is forgotten.
+        A retransmission so late that the first copy is no longer stored is cleared as well.
         """
         end = at + len(octets)
         if at < self._forgotten:
@@ -286,7 +285,7 @@ class Track:
                             new[place - at] = 0
 
     def _remember(self, at: int, octets: bytes) -> None:
-        """Remember a segment for those that come after it."""
+        """Store a segment for comparison with later ones."""
         recent = self._recent
         if recent is None:
             recent = self._recent = deque()
@@ -298,7 +297,7 @@ class Track:
         self._room.touch(self)
 
     def forget(self, left: int) -> None:
-        """Forget segments until no more than ``left`` are remembered."""
+        """Drop segments until at most ``left`` are stored."""
         while self._recent is not None and len(self._recent) > left:
             at, octets = self._recent.popleft()
             self._room.recent -= len(octets)
@@ -306,12 +305,12 @@ class Track:
 
 
 def track_at(tracks: list[Track] | None, frame: int) -> Track | None:
-    """Return which of the ``tracks`` of a direction, in the order of their beginnings, is that of packet ``frame``."""
+    """Return the track of packet ``frame`` among the ``tracks`` of a direction, which are in the order of their beginnings."""
     if not tracks:
         return None
-    found = tracks[0]
+    latest = tracks[0]
     for track in tracks:
         if track.first_frame > frame:
             break
-        found = track
-    return found
+        latest = track
+    return latest

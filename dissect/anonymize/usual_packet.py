@@ -1,7 +1,7 @@
-"""The packet that nearly every one is, made anew in few steps: TCP in IPv4 without options, whole, with checksums.
+"""Rewrites ordinary packets in few steps: TCP in IPv4 without options, complete, with checksums.
 
-What becomes of a packet is said by `dissect.anonymize.packet`; this says the same of these, or nothing. It is compiled: each
-slice ends behind its beginning, and within the packet.
+`dissect.anonymize.packet` rewrites every packet; the functions here give the same results for ordinary ones, and nothing for
+others. Compiled: each slice ends after its beginning and within the packet.
 """
 
 from __future__ import annotations
@@ -19,29 +19,29 @@ from dissect.tcp.stream import SYN
 from dissect.transactions.connection import ISO_TSAP_PORT
 from dissect.wire.octets import u16, u32
 
-#: TCP ports whose packets stay where they carry nothing.
+#: TCP ports whose packets stay if they have no payload.
 PORTS: Final = frozenset((ISO_TSAP_PORT, NETLINK_PORT))
-#: The first octet of a header without options.
+#: The first octet of an IPv4 header without options.
 _PLAIN: Final = 0x45
 _HEADER: Final = 20
 _FRAGMENT: Final = 0x3FFF
-#: TCP options that most hosts send with each segment, of which nothing changes: two to fill up, then times.
+#: TCP options that most hosts send with each segment and that stay: two no-operations and timestamps.
 _TIMES: Final = b"\x01\x01\x08\x0a"
 _TIMES_SIZE: Final = 12
 
 
 class UsualPackets:
-    """Makes usual packets anew. ``links`` are link headers and what becomes of them, by type and octets."""
+    """Rewrites ordinary packets. ``links`` maps link headers to their replacements, by type and octets."""
 
-    def __init__(self, tracks: dict[bytes, list[Track]], addresses: AddressMap, told: Account) -> None:
+    def __init__(self, tracks: dict[bytes, list[Track]], addresses: AddressMap, counts: Account) -> None:
         self.links: dict[tuple[int, bytes], bytes] = {}
         self._tracks = tracks
         self._addresses = addresses
-        self._account = told
+        self._account = counts
         self._pairs: dict[bytes, tuple[int, int, bytes]] = {}
 
     def pair(self, addresses: bytes) -> tuple[int, int, bytes]:
-        """Return the sum of two addresses, that of what stands for them, and what stands for them."""
+        """Return the sum of two addresses, the sum of their replacements, and the replacements."""
         known = self._pairs.get(addresses)
         if known is None:
             if len(self._pairs) >= MAX_CACHED:
@@ -53,10 +53,10 @@ class UsualPackets:
         return known
 
     def renew(self, frame: int, octets: bytes, link_type: int) -> bytes | None:
-        """Return what is written in the place of packet ``frame``; None for any other, or a new link header."""
+        """Return the rewritten form of packet ``frame``; None for any other packet, and for a new link header."""
         end = len(octets)
-        found, vlan = link.find_ip(octets, 0, end, link_type)
-        at = int(found)
+        ip_at, vlan = link.find_ip(octets, 0, end, link_type)
+        at = int(ip_at)
         start = at + _HEADER
         if at < 0 or end < start + _HEADER or octets[at] != _PLAIN or octets[at + 9] != ip.TCP:
             return None
@@ -73,9 +73,9 @@ class UsualPackets:
         if options and (len(options) != _TIMES_SIZE or options[:4] != _TIMES):
             return None
         addresses = octets[at + 12 : start]
-        was, becomes, made = self.pair(addresses)
+        was, becomes, replacements = self.pair(addresses)
         if (stored - was - (stop - start) - ip.TCP) % ONES == 0:
-            return None  # a network card was to work it out
+            return None  # left to the network card
         key = addresses + octets[start : start + 4]
         if vlan:
             key += int(vlan).to_bytes(8, "big")
@@ -100,7 +100,7 @@ class UsualPackets:
             head,
             octets[at : at + 10],
             moved(stored_ip, was, becomes).to_bytes(2, "big"),
-            made,
+            replacements,
             octets[start : start + 16],
             moved(stored, old_sum, new_sum).to_bytes(2, "big"),
             octets[start + 18 : data],

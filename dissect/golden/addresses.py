@@ -50,7 +50,7 @@ def item_octets(address: str, type_: str, count: int, idle_db: int = 0) -> bytes
         raise ValueError(f"{address} is not an address such as DB10.DBW4, M20.1 or T5")
     db = place.db if place.area in _NAMED_DB else idle_db
     if db > 0xFFFF or place.field > 0xFFFFFF or count > 0xFFFF:
-        raise ValueError(f"{address} x{count} is beyond what an item can hold")
+        raise ValueError(f"{address} x{count} is more than an item can hold")
     octets = build_item(size, count, db, place.area, place.field)
     if parse_item(octets, 0).address != address:
         raise ValueError(

@@ -95,8 +95,8 @@ def _begun(link: Link) -> str:
 def _ended(link: Link) -> str:
     if not link.ended:
         return "open"
-    said = f" ({link.farewell})" if link.farewell else ""
-    return f"{link.ended}{f' by the {link.ended_by}' if link.ended_by else ''}{said}"
+    farewell = f" ({link.farewell})" if link.farewell else ""
+    return f"{link.ended}{f' by the {link.ended_by}' if link.ended_by else ''}{farewell}"
 
 
 # ---- transactions ---------------------------------------------------------------------------------------------------
@@ -136,13 +136,13 @@ def _single(
     about = subject(transaction.exchange)
     if options.ignores(kind, about):
         return
-    said = outcome(transaction)
+    result = outcome(transaction)
     if a is not None:
-        text = f"transaction {a.number}, {about}: missing (was {said})"
-        yield Difference(kind, text, connections, (a.number, 0), about, "", (said, ""))
+        text = f"transaction {a.number}, {about}: missing (was {result})"
+        yield Difference(kind, text, connections, (a.number, 0), about, "", (result, ""))
     else:
-        text = f"transaction {transaction.number} of the second, {about}: added ({said})"
-        yield Difference(kind, text, connections, (0, transaction.number), about, "", ("", said))
+        text = f"transaction {transaction.number} of the second, {about}: added ({result})"
+        yield Difference(kind, text, connections, (0, transaction.number), about, "", ("", result))
 
 
 def _changes(a: Transaction, b: Transaction, options: DiffOptions, named: Named | None) -> Iterator[Change]:
@@ -152,8 +152,8 @@ def _changes(a: Transaction, b: Transaction, options: DiffOptions, named: Named 
         and a.exchange.scd == b.exchange.scd
     )
     if not same or a.outcome != b.outcome or a.reason != b.reason:
-        asked, stop = request_changes(a, b, options.naming)
-        yield from asked
+        changes, stop = request_changes(a, b, options.naming)
+        yield from changes
         if not stop:
             yield from answer_changes(a, b, options.naming, named)
     if options.shifted(a.latency_ns, b.latency_ns):

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Final
 
-from dissect.golden.asked import other_items
 from dissect.golden.exchange import PLUS, S7, SCD, Exchange, ItemRecord
+from dissect.golden.item_changes import item_changes
 from dissect.golden.keys import subject
 from dissect.golden.model import Transaction
 from dissect.golden.phrases import Change, code_text, item_state, octets_change, outcome, short, value_change
@@ -39,12 +39,16 @@ def request_changes(a: Transaction, b: Transaction, naming: Naming | None = None
     if one.kind == other.kind == PLUS and one.function_name == other.function_name and one.request and other.request:
         elsewhere = plus_subject(one.request) != plus_subject(other.request)
         return list(_plus("request", one, one.request, other.request)), elsewhere
-    asked, asks = one.asked, other.asked
-    if one.kind != S7 or asked is None or asks is None or not _same_form(one, other):
-        if asked is not None and asks is not None and asked.function == asks.function in {READ_VAR, WRITE_VAR}:
-            return [other_items(one, other)], True
+    request, other_request = one.request_pdu, other.request_pdu
+    if one.kind != S7 or request is None or other_request is None or not _same_form(one, other):
+        if (
+            request is not None
+            and other_request is not None
+            and request.function == other_request.function in {READ_VAR, WRITE_VAR}
+        ):
+            return [item_changes(one, other)], True
         what = _request_words(one), _request_words(other)
-        kind = "requests" if asked is None or asked.function in {READ_VAR, WRITE_VAR} else "contents"
+        kind = "requests" if request is None or request.function in {READ_VAR, WRITE_VAR} else "contents"
         return [
             Change(kind, f"different request: was {what[0]}, is {what[1]}", *what, targets=(one.function_name,))
         ], True
@@ -52,23 +56,27 @@ def request_changes(a: Transaction, b: Transaction, naming: Naming | None = None
         return list(_setup("asks", one.setup[0], other.setup[0])), False
     if one.function == WRITE_VAR:
         written = list(_written(one, other, naming))
-        return written or _octets("requests", "request", asked, asks), False
-    changes = list(_fields("request", asked, asks, one))
-    return changes or _octets("contents", "request", asked, asks), False
+        return written or _octets("requests", "request", request, other_request), False
+    changes = list(_fields("request", request, other_request, one))
+    return changes or _octets("contents", "request", request, other_request), False
 
 
 def _same_form(one: Exchange, other: Exchange) -> bool:
     """Return whether two requests differ only in their data."""
-    asked, asks = one.asked, other.asked
-    if asked is None or asks is None or one.function != other.function:
+    request, other_request = one.request_pdu, other.request_pdu
+    if request is None or other_request is None or one.function != other.function:
         return False
     if one.function in {READ_VAR, WRITE_VAR}:
-        return asked.parameters.octets == asks.parameters.octets
+        return request.parameters.octets == other_request.parameters.octets
     return True
 
 
 def _request_words(exchange: Exchange) -> str:
-    notes = [short(note) for note in exchange.asks[:3]] if exchange.asked is not None and not exchange.items else []
+    notes = (
+        [short(note) for note in exchange.request_notes[:3]]
+        if exchange.request_pdu is not None and not exchange.items
+        else []
+    )
     return ", ".join(notes) or subject(exchange)
 
 
@@ -96,28 +104,30 @@ def answer_changes(
     if one.kind == other.kind == PLUS:
         yield from _plus("answer", one, one.response, other.response, named)
         return
-    told, tells = one.told, other.told
+    response, other_response = one.response_pdu, other.response_pdu
     if one.request != other.request and one.function not in {READ_VAR, WRITE_VAR, SETUP_COMMUNICATION}:
         return
-    if told is None or tells is None:
+    if response is None or other_response is None:
         was, is_ = octets_change(one.response, other.response)
         yield Change("contents", f"was {was}, is {is_}", was, is_, targets=(one.function_name,))
     elif one.function == SETUP_COMMUNICATION and one.setup[1] is not None and other.setup[1] is not None:
         changes = list(_setup("granted", one.setup[1], other.setup[1]))
-        yield from changes or _octets("negotiation", "answer", told, tells)
+        yield from changes or _octets("negotiation", "answer", response, other_response)
     elif one.items and [item.label for item in one.items] == [item.label for item in other.items]:
         changes = list(_items(one, other, naming))
         kind = "transport" if one.function in {READ_VAR, WRITE_VAR} else "contents"
-        yield from changes or _octets(kind, "answer", told, tells)
+        yield from changes or _octets(kind, "answer", response, other_response)
     elif one.items and one.function in {READ_VAR, WRITE_VAR}:
         changes = list(_items(one, other, naming))
-        yield from changes or _octets("transport", "answer", told, tells)
+        yield from changes or _octets("transport", "answer", response, other_response)
     else:
-        changes = list(_fields("answer", told, tells, one))
+        changes = list(_fields("answer", response, other_response, one))
         half = (
-            "answer" if not told.body.find(LISTED_BLOCK) else f"answer, {', '.join([short(note) for note in one.asks])}"
+            "answer"
+            if not response.body.find(LISTED_BLOCK)
+            else f"answer, {', '.join([short(note) for note in one.request_notes])}"
         )
-        yield from changes or _octets("contents", half, told, tells)
+        yield from changes or _octets("contents", half, response, other_response)
 
 
 # ---- reads, writes, setups ------------------------------------------------------------------------------------------
@@ -258,7 +268,7 @@ def _block_type(part: Part, exchange: Exchange) -> str:
     """Return the block type in an entry of a list of blocks, as `` DB``; empty for other parts."""
     if part.layout is BLOCK_COUNT:
         return f" {short(part.text('block_type'))}"
-    return f" {short(exchange.asks[0])}" if part.layout is LISTED_BLOCK and exchange.asks else ""
+    return f" {short(exchange.request_notes[0])}" if part.layout is LISTED_BLOCK and exchange.request_notes else ""
 
 
 def _meaning(value: FieldValue) -> str:

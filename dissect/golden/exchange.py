@@ -123,21 +123,21 @@ class Exchange:
         self._items: list[ItemRecord] | None = None
 
     @property
-    def asked(self) -> Pdu | None:
+    def request_pdu(self) -> Pdu | None:
         """The S7comm request, None if there is none."""
         if self._request is None and self.kind == S7 and self.request:
             self._keep()
-            self._request = self.glance()
+            self._request = self.parse_request()
         return self._request
 
-    def glance(self) -> Pdu | None:
-        """Return the request like `asked`, but without keeping it parsed for this exchange."""
+    def parse_request(self) -> Pdu | None:
+        """Return the request like `request_pdu`, but without keeping it parsed for this exchange."""
         if self.kind != S7 or not self.request:
             return None
         return _parsed(self.request) if len(self.request) <= SMALL else parse_pdu(self.request)
 
     @property
-    def told(self) -> Pdu | None:
+    def response_pdu(self) -> Pdu | None:
         """The S7comm answer, None if there is none."""
         if self._response is None and self.kind == S7 and self.response:
             self._keep()
@@ -173,7 +173,7 @@ class Exchange:
     @property
     def function(self) -> int:
         """The function octet of the request or answer, -1 if there is none."""
-        first = self.asked or self.told
+        first = self.request_pdu or self.response_pdu
         return first.function if first is not None else -1
 
     @property
@@ -184,7 +184,7 @@ class Exchange:
             return f"S7comm-plus {(first.function_name or first.kind) if first is not None else ''}".rstrip()
         if self.kind == SCD:
             return "SCD"
-        pdu = self.asked or self.told
+        pdu = self.request_pdu or self.response_pdu
         return (pdu.function_name or "no function") if pdu is not None else ""
 
     @property
@@ -200,40 +200,40 @@ class Exchange:
         return requested_items(head, self.subscribed) if head is not None else []
 
     def _results(self) -> list[ItemResult]:
-        asked, told = self.asked, self.told
-        first = asked or told
+        request_pdu, response_pdu = self.request_pdu, self.response_pdu
+        first = request_pdu or response_pdu
         if first is None:
             return []
         head = first.parameters.userdata
         if head is not None and has_items(head):
-            asks = asked.parameters if asked is not None else None
-            tells = told.parameters if told is not None else None
-            return userdata_results(asks, self.request, tells, self.response, self._wanted())
-        if first.function not in {READ_VAR, WRITE_VAR} or (asked is not None and asked.rosctr != JOB):
+            asking = request_pdu.parameters if request_pdu is not None else None
+            answering = response_pdu.parameters if response_pdu is not None else None
+            return userdata_results(asking, self.request, answering, self.response, self._wanted())
+        if first.function not in {READ_VAR, WRITE_VAR} or (request_pdu is not None and request_pdu.rosctr != JOB):
             return []
-        items = asked.parameters.items if asked is not None else []
-        fits = told is not None and told.function == first.function
+        items = request_pdu.parameters.items if request_pdu is not None else []
+        fits = response_pdu is not None and response_pdu.function == first.function
         if first.function == WRITE_VAR:
-            codes = told.return_codes() if told is not None and fits else []
-            return write_results(items, asked.data_items() if asked is not None else [], codes)
-        return read_results(items, told.data_items() if told is not None and fits else [])
+            codes = response_pdu.return_codes() if response_pdu is not None and fits else []
+            return write_results(items, request_pdu.data_items() if request_pdu is not None else [], codes)
+        return read_results(items, response_pdu.data_items() if response_pdu is not None and fits else [])
 
     @property
     def setup(self) -> tuple[Setup | None, Setup | None]:
         """The requested and negotiated values of a Setup communication."""
-        asked, told = self.asked, self.told
+        request_pdu, response_pdu = self.request_pdu, self.response_pdu
         return (
-            asked.parameters.setup if asked is not None else None,
-            told.parameters.setup if told is not None else None,
+            request_pdu.parameters.setup if request_pdu is not None else None,
+            response_pdu.parameters.setup if response_pdu is not None else None,
         )
 
     @property
     def error_code(self) -> int:
         """Error class and code of the answer's header, or the error code of userdata; 0 for success."""
         if self.kind == PLUS:
-            told = self.plus[1]
-            return told.return_code if told is not None and told.return_code > 0 else 0
-        pdu = self.told
+            response_pdu = self.plus[1]
+            return response_pdu.return_code if response_pdu is not None and response_pdu.return_code > 0 else 0
+        pdu = self.response_pdu
         if pdu is None:
             return 0
         return pdu.error
@@ -247,17 +247,17 @@ class Exchange:
     @property
     def refusing_code(self) -> int:
         """The return code that refuses the whole userdata request, `NOT_REFUSED` if it was not refused."""
-        return self.told.refusing_code if self.kind != PLUS and self.told is not None else NOT_REFUSED
+        return self.response_pdu.refusing_code if self.kind != PLUS and self.response_pdu is not None else NOT_REFUSED
 
     @property
-    def asks(self) -> list[str]:
+    def request_notes(self) -> list[str]:
         """Descriptions of the parts of the request; text from the wire, not escaped."""
-        return self.asked.body.notes if self.asked is not None else []
+        return self.request_pdu.body.notes if self.request_pdu is not None else []
 
     @property
-    def tells(self) -> list[str]:
+    def response_notes(self) -> list[str]:
         """Descriptions of the parts of the answer; text from the wire, not escaped."""
-        return self.told.body.notes if self.told is not None else []
+        return self.response_pdu.body.notes if self.response_pdu is not None else []
 
 
 @lru_cache(PARSED)

@@ -80,15 +80,15 @@ def usual_size(item: Item) -> int:
     return ANSWER_TRANSPORT_SIZE.get(int(item.transport_size), DATA_BYTES)
 
 
-def item_lines(asked: Pdu, told: Pdu | None) -> list[ItemLine]:
-    """Return the items of a read or write; ``told`` is the answer with their results."""
-    writes = asked.function == WRITE_VAR
-    written = asked.data_items() if writes else []
-    contents = written if writes else told.data_items() if told is not None else []
-    reads = told is not None and not writes and told.function == READ_VAR and told.rosctr == ACK_DATA
-    codes = [] if told is None else [item.return_code for item in contents] if reads else told.return_codes()
+def item_lines(request: Pdu, answer: Pdu | None) -> list[ItemLine]:
+    """Return the items of a read or write; ``answer`` has their results."""
+    writes = request.function == WRITE_VAR
+    written = request.data_items() if writes else []
+    contents = written if writes else answer.data_items() if answer is not None else []
+    reads = answer is not None and not writes and answer.function == READ_VAR and answer.rosctr == ACK_DATA
+    codes = [] if answer is None else [item.return_code for item in contents] if reads else answer.return_codes()
     lines = []
-    for index, item in enumerate(asked.parameters.items):
+    for index, item in enumerate(request.parameters.items):
         code = int(codes[index]) if index < len(codes) else -1
         content = contents[index] if index < len(contents) else None
         if content is None:
@@ -101,12 +101,12 @@ def item_lines(asked: Pdu, told: Pdu | None) -> list[ItemLine]:
     return lines
 
 
-def form_lines(asked: Pdu, told: Pdu | None, response: bytes) -> tuple[list[str], bool]:
+def form_lines(request: Pdu, answer: Pdu | None, response: bytes) -> tuple[list[str], bool]:
     """Return a read or write as lines, and whether the lines also give exactly the answer ``response``."""
-    lines = item_lines(asked, told)
-    plain = bool(response) and build_answer(asked.function, lines) == response
+    lines = item_lines(request, answer)
+    plain = bool(response) and build_answer(request.function, lines) == response
     if not plain:
-        lines = item_lines(asked, None)
+        lines = item_lines(request, None)
     return [f"  {item_text(line)}" for line in lines] or ["  # no items"], plain
 
 
@@ -116,9 +116,9 @@ def item_text(line: ItemLine) -> str:
     remark = item.address if text.startswith("item ") else ""
     data = line.data
     if data is not None:
-        value, said = shown_value(int(item.transport_size), data, item.fits(len(data)))
+        value, meaning = shown_value(int(item.transport_size), data, item.fits(len(data)))
         text += f" = {value}"
-        remark = remark or said
+        remark = remark or meaning
         if line.size != usual_size(item):
             text += f" as {_SIZES.get(line.size, f'0x{line.size:02x}')}"
     if line.code not in {-1, SUCCESS}:

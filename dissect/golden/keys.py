@@ -47,7 +47,7 @@ class Keys:
         exchange = self.objects.stable(transaction)
         key = self._exact.get(exchange)
         if key is None:
-            key = _loose(exchange) if self._blurred(exchange) else _exact(exchange)
+            key = _loose(exchange) if self._partly_ignored(exchange) else _exact(exchange)
             self._exact[exchange] = key
         return transaction.asked_by, *key
 
@@ -58,11 +58,11 @@ class Keys:
     def _loose_key(self, exchange: Exchange) -> Key:
         key = self._loose.get(exchange)
         if key is None:
-            key = (*_loose(exchange), _question(exchange))
+            key = (*_loose(exchange), _request_target(exchange))
             self._loose[exchange] = key
         return key
 
-    def _blurred(self, exchange: Exchange) -> bool:
+    def _partly_ignored(self, exchange: Exchange) -> bool:
         """Return whether a part of the request is ignored, so that it must not affect the matching."""
         options = self._options
         if exchange.function == WRITE_VAR and options.mentions("values", "time"):
@@ -91,26 +91,26 @@ def _exact(exchange: Exchange) -> Key:
 def _loose(exchange: Exchange) -> Key:
     if exchange.kind == SCD:
         return SCD, exchange.scd[0].partition(" = ")[0] if exchange.scd else ""
-    asked = exchange.asked
-    if asked is not None:
-        return exchange.kind, asked.rosctr, asked.parameters.octets
+    request = exchange.request_pdu
+    if request is not None:
+        return exchange.kind, request.rosctr, request.parameters.octets
     if exchange.kind == PLUS and exchange.request:
         return "asked", exchange.kind, exchange.function_name, plus_subject(exchange.request)
     return "told" if not exchange.request else "asked", exchange.kind, exchange.function_name
 
 
-def _question(exchange: Exchange) -> bytes:
+def _request_target(exchange: Exchange) -> bytes:
     """Return what a request asks for if that is in its data: a different list or block is a different request.
 
     A different index of the same list is the same request with other parameters.
     """
-    asked = exchange.asked
-    head = asked.parameters.userdata if asked is not None and asked.rosctr == USERDATA else None
-    if asked is None or head is None or head.type != REQUEST:
+    request = exchange.request_pdu
+    head = request.parameters.userdata if request is not None and request.rosctr == USERDATA else None
+    if request is None or head is None or head.type != REQUEST:
         return b""
     if head.group == GROUP_CPU and head.subfunction == READ_SZL:
-        return bytes(asked.data[DATA_HEAD.size : DATA_HEAD.size + _SZL_ID])
-    return bytes(asked.data) if head.group == GROUP_BLOCKS else b""
+        return bytes(request.data[DATA_HEAD.size : DATA_HEAD.size + _SZL_ID])
+    return bytes(request.data) if head.group == GROUP_BLOCKS else b""
 
 
 def action(transaction: Transaction) -> Key:
@@ -121,13 +121,13 @@ def action(transaction: Transaction) -> Key:
         bool(exchange.request),
         exchange.kind,
         exchange.function_name,
-        _question(exchange),
+        _request_target(exchange),
     )
 
 
 def subject(exchange: Exchange, address: str = "") -> str:
     """Return a transaction's subject: ``READ DB10.DBW4``; for several items only ``address`` if it is given."""
-    name = FORMS.get(exchange.function, "") if exchange.asked is not None else ""
+    name = FORMS.get(exchange.function, "") if exchange.request_pdu is not None else ""
     if exchange.function in {READ_VAR, WRITE_VAR} and name:
         labels = [shortened(item.label, _LONG) for item in exchange.items]
         if address:
@@ -137,5 +137,5 @@ def subject(exchange: Exchange, address: str = "") -> str:
         return shortened(exchange.scd[0].partition(" ")[2], _LONG) if exchange.scd else "SCD"
     if exchange.kind == PLUS and exchange.request:
         return titled(printable(exchange.function_name), words.some_notes(plus_notes(exchange.request)[:_NAMED]))
-    said = words.some_notes(exchange.asks[:1]) if exchange.asked is not None and not name else ""
-    return titled(name or printable(exchange.function_name), said)
+    note = words.some_notes(exchange.request_notes[:1]) if exchange.request_pdu is not None and not name else ""
+    return titled(name or printable(exchange.function_name), note)

@@ -68,9 +68,9 @@ def read_golden(raw: Iterable[str], name: str) -> Session:
     lines = _lines(raw, name)
     first = next(lines, None)
     if first is None or first.text != FORMAT:
-        said = first.text if first is not None else ""
-        if said.startswith(MAGIC):
-            message = f"{name}: format {said.removeprefix(MAGIC)[:80]!r} is unknown; this version reads {FORMAT!r}"
+        beginning = first.text if first is not None else ""
+        if beginning.startswith(MAGIC):
+            message = f"{name}: format {beginning.removeprefix(MAGIC)[:80]!r} is unknown; this version reads {FORMAT!r}"
         else:
             message = f"{name}: not a golden: the first line is not {FORMAT!r}"
         raise GoldenError(message)
@@ -105,11 +105,11 @@ def _lines(raw_lines: Iterable[str], name: str) -> Iterator[Line]:
     number = depth = size = 0
     held: list[str] = []
     for count, raw in enumerate(raw_lines, 1):
-        said = raw.partition("#")[0].rstrip()
-        if not said:
+        content = raw.partition("#")[0].rstrip()
+        if not content:
             continue
-        bare = said.lstrip(" ")
-        indent = len(said) - len(bare)
+        bare = content.lstrip(" ")
+        indent = len(content) - len(bare)
         if indent < _CONTINUED or not held:
             if held:
                 yield Line(number, depth, " ".join(held))
@@ -144,7 +144,7 @@ class _Reader:
     def block(self, head: Line, below: list[Line]) -> None:
         """Take a block: its first line, and the lines indented below it."""
         if head.depth:
-            raise _LineError(head, "indented, but it belongs to no line above it")
+            raise _LineError(head, "indented, but there is no line above that it belongs to")
         if _CONNECTION.fullmatch(head.text):
             link = Link()
             link.begun = True
@@ -162,14 +162,14 @@ class _Reader:
         if not self._links:
             raise _LineError(head, "a transaction before the first connection")
         link = self._links[-1]
-        said = (found[3], *[line.text for line in below])
-        draft = self._known.get(said)
+        key = (found[3], *[line.text for line in below])
+        draft = self._known.get(key)
         if draft is None:
             draft = _Draft(found[3])
             for line in below:
                 _read(line, draft.take)
             draft.made = draft.exchange()
-            self._known[said] = draft
+            self._known[key] = draft
         assert draft.made is not None
         exchange = draft.made
         if draft.job:
@@ -293,7 +293,7 @@ class _Draft:
         if line.depth == _BLOCK and self._last is not None:
             self._last.take(line.text)
         elif line.depth != _FACT:
-            raise ValueError(f"indented by {line.depth}; facts stand at {_FACT}, blocks at {_BLOCK}")
+            raise ValueError(f"indented by {line.depth}; facts need {_FACT} spaces, blocks {_BLOCK}")
         else:
             self._last = None
             if not self._outcome(line.text) and not self._recorded(line.text):
@@ -303,24 +303,24 @@ class _Draft:
         if text == BEHIND_HEADER:
             self.reason = MALFORMED_HEADER
             return True
-        said, _, reason = text.partition(": ")
-        if said == "likely":
+        keyword, _, reason = text.partition(": ")
+        if keyword == "likely":
             if reason not in DOUBT_TEXTS:
                 raise ValueError(f"{reason} is not a doubt; known doubts: {', '.join(DOUBT_TEXTS)}")
             self.doubt = reason
             return True
-        if said == "no answer" and reason == f"{HOLE}{PERHAPS}":
+        if keyword == "no answer" and reason == f"{HOLE}{PERHAPS}":
             reason, self.perhaps = HOLE, True
         outcomes = {
             "no answer": "unanswered",
             "answer without request": "orphan_answer",
             "wants no answer": "unsolicited",
         }
-        if said not in outcomes:
+        if keyword not in outcomes:
             return False
         if reason and reason not in REASON_TEXTS:
             raise ValueError(f"{reason} is not a reason; known reasons: {', '.join(REASON_TEXTS)}")
-        self.outcome, self.reason = ALONE if reason == MALFORMED_HEADER else outcomes[said], reason
+        self.outcome, self.reason = ALONE if reason == MALFORMED_HEADER else outcomes[keyword], reason
         return True
 
     def _recorded(self, text: str) -> bool:
@@ -342,8 +342,8 @@ class _Draft:
 
     def _fact(self, text: str) -> None:
         if text.startswith("scd "):
-            said = unquoted(text.removeprefix("scd "))
-            self._scd.append(f"answer {said.removeprefix('says ')}" if said.startswith("says ") else said)
+            message = unquoted(text.removeprefix("scd "))
+            self._scd.append(f"answer {message.removeprefix('says ')}" if message.startswith("says ") else message)
         elif found := _HALF.fullmatch(text):
             raw = found[2] in {PLUS, SCD, "octets"}
             if raw == (found[3] is None) and found[2] != SCD:
@@ -370,14 +370,14 @@ class _Draft:
         """Return the exchange. Raises ValueError if the lines contradict each other."""
         kinds = {half.kind for half in self._halves.values()} & {PLUS, SCD}
         kind = kinds.pop() if kinds else S7
-        asked, told = self._halves.get("request"), self._halves.get("answer")
+        request_half, answer_half = self._halves.get("request"), self._halves.get("answer")
         if kind == SCD:
-            return Exchange(SCD, b"", b"", tuple(self._scd), (asked is not None, told is not None))
-        request = asked.pdu() if asked is not None else self._request
-        response = told.pdu() if told is not None else self._response
+            return Exchange(SCD, b"", b"", tuple(self._scd), (request_half is not None, answer_half is not None))
+        request = request_half.pdu() if request_half is not None else self._request
+        response = answer_half.pdu() if answer_half is not None else self._response
         if self._function in _FUNCTIONS.values() and self._function != SETUP_COMMUNICATION:
             request = build_request(self._function, self._items)
-            if told is None and self.outcome not in {"unanswered", ALONE}:
+            if answer_half is None and self.outcome not in {"unanswered", ALONE}:
                 self._hold_to_answer()
                 response = build_answer(self._function, self._items)
         return Exchange(kind, request, response, tuple(self._scd))

@@ -111,23 +111,23 @@ def value_change(was: ItemRecord, is_: ItemRecord) -> tuple[str, str, str]:
 
 def _elements(old: Elements, new: Elements) -> tuple[str, str, str]:
     changed = [at for at in range(len(new)) if repr(old[at]) != repr(new[at])]
-    said = [f"element {at} was {words.value(old[at])}, is {words.value(new[at])}" for at in changed[:_ELEMENTS]]
+    changes = [f"element {at} was {words.value(old[at])}, is {words.value(new[at])}" for at in changed[:_ELEMENTS]]
     more = f" and {len(changed) - _ELEMENTS} more of {len(new)}" if len(changed) > _ELEMENTS else ""
     was, is_ = words.value(old), words.value(new)
     if was == is_:  # they differ after the part of an array that is shown
         was, is_ = (
             ", ".join([f"element {at} = {words.value(each[at])}" for at in changed[:_ELEMENTS]]) for each in (old, new)
         )
-    return "; ".join(said) + more, was, is_
+    return "; ".join(changes) + more, was, is_
 
 
 def _bytes(old: bytes, new: bytes) -> tuple[str, str, str]:
     """Return the same for arrays of bytes of equal length, in hexadecimal as everywhere."""
     changed = [at for at in range(min(len(old), len(new))) if old[at] != new[at]]
-    said = [f"byte {at} was {old[at]:02x}, is {new[at]:02x}" for at in changed[:_ELEMENTS]]
+    changes = [f"byte {at} was {old[at]:02x}, is {new[at]:02x}" for at in changed[:_ELEMENTS]]
     more = f" and {len(changed) - _ELEMENTS} more of {len(new)}" if len(changed) > _ELEMENTS else ""
     was, is_ = octets_change(old, new)
-    return "; ".join(said) + more, was, is_
+    return "; ".join(changes) + more, was, is_
 
 
 def octets_change(was: bytes, is_: bytes) -> tuple[str, str]:
@@ -137,11 +137,11 @@ def octets_change(was: bytes, is_: bytes) -> tuple[str, str]:
     shorter = min(len(was), len(is_))
     at = next((index for index in range(shorter) if was[index] != is_[index]), shorter)
     start = max(0, at - _AROUND // 2)
-    said = [
+    excerpts = [
         f"{octets[start : start + _AROUND].hex(' ') or 'nothing'} at byte {start} of {len(octets)}"
         for octets in (was, is_)
     ]
-    return said[0], said[1]
+    return excerpts[0], excerpts[1]
 
 
 def short(text: str) -> str:

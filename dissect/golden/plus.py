@@ -51,7 +51,7 @@ def plus_differences(
     (one, first), (other, second) = _read(was), _read(is_)
     if one.opcode == other.opcode == NOTIFICATION and not (first.malformed or second.malformed):
         return _notified_differences((one, first, names), (other, second, names_now))
-    old, new = _said(one, first), _said(other, second)
+    old, new = _meaningful(one, first), _meaningful(other, second)
     if [name for name, _, _ in old] != [name for name, _, _ in new]:
         texts = [
             ", ".join([short(text) for text in summary(pdu, found)]) for pdu, found in ((one, first), (other, second))
@@ -85,8 +85,8 @@ def _notified_differences(
     return found
 
 
-def _item(name: str, said: tuple[str, bytes] | None) -> str:
-    return f"without {short(name)}" if said is None else f"{short(name)} {said[0]}"
+def _item(name: str, item: tuple[str, bytes] | None) -> str:
+    return f"without {short(name)}" if item is None else f"{short(name)} {item[0]}"
 
 
 def _notified(pdu: PlusPdu, found: Contents, names: Names) -> dict[str, tuple[str, bytes]]:
@@ -109,15 +109,15 @@ def _read(octets: bytes) -> tuple[PlusPdu, Contents]:
     return pdu, shown_contents(pdu)[0]
 
 
-def _said(pdu: PlusPdu, found: Contents) -> list[tuple[str, str, bytes]]:
+def _meaningful(pdu: PlusPdu, found: Contents) -> list[tuple[str, str, bytes]]:
     """Return the meaningful parts: name, note, and the octets if the note does not show them completely."""
     return [
-        (part.layout.name, part.note, b"" if _told(part) else pdu.data[part.offset : part.end])
+        (part.layout.name, part.note, b"" if _note_is_complete(part) else pdu.data[part.offset : part.end])
         for part in found.parts
         if id(part.layout) not in _PASSING
     ]
 
 
-def _told(part: Part) -> bool:
+def _note_is_complete(part: Part) -> bool:
     """Return whether the note shows the whole part; long texts, arrays and octets are shortened in notes."""
     return bool(part.note) and id(part.layout) not in _PLAIN and "…" not in part.note and "elements" not in part.note

@@ -55,10 +55,10 @@ MAX_OBJECTS: Final = 4096
 
 def made(exchange: Exchange) -> list[int]:
     """Return the ids that a device gave to the objects a request created, in order."""
-    told = exchange.plus[1]
-    if told is None or told.function != CREATE_OBJECT:
+    response = exchange.plus[1]
+    if response is None or response.function != CREATE_OBJECT:
         return []
-    return parse_contents(told, False).ids
+    return parse_contents(response, False).ids
 
 
 class Objects:
@@ -67,7 +67,7 @@ class Objects:
     def __init__(self) -> None:
         self._stable: dict[Link, dict[int, int]] = {}
         self._names: dict[Link, dict[int, Names]] = {}
-        self._said: dict[tuple[Link, Exchange], Exchange] = {}
+        self._exchanges: dict[tuple[Link, Exchange], Exchange] = {}
 
     def stable(self, transaction: Transaction) -> Exchange:
         """Return the exchange of a transaction with a stable number for each object that was created on its connection."""
@@ -75,10 +75,10 @@ class Objects:
         if exchange.kind != PLUS:
             return exchange
         key = transaction.connection, exchange
-        found = self._said.get(key)
+        found = self._exchanges.get(key)
         if found is None:
             found = renumbered(exchange, self._stable_of(transaction.connection))
-            self._said[key] = found
+            self._exchanges[key] = found
         return found
 
     def _stable_of(self, link: Link) -> dict[int, int]:
@@ -139,13 +139,13 @@ def _subscribed(link: Link) -> dict[int, Names]:
         exchange = each.exchange
         if exchange.kind != PLUS:
             continue
-        asked, told = exchange.plus
-        if asked is not None:
-            facts = take(session, asked.function, exchange.request, exchange.response)
+        request, response = exchange.plus
+        if request is not None:
+            facts = take(session, request.function, exchange.request, exchange.response)
             if facts is not None:
                 known = {}  # from now on the list may be different
-        elif told is not None and told.opcode == NOTIFICATION:
-            id_ = told.subscription_id
+        elif response is not None and response.opcode == NOTIFICATION:
+            id_ = response.subscription_id
             names = known.get(id_)
             if names is None:
                 references = session.subscriptions.get(id_, {})

@@ -46,7 +46,7 @@ class _Entry:
         self.transaction = transaction
 
 
-class _Said:
+class _SortKey:
     """Sort key of a connection: its text, produced only as far as a comparison needs."""
 
     def __init__(self, link: Link) -> None:
@@ -63,7 +63,7 @@ class _Said:
             self._written.append(line)
         return self._written[at]
 
-    def __lt__(self, other: _Said) -> bool:
+    def __lt__(self, other: _SortKey) -> bool:
         at = 0
         while (line := self.line(at)) == (its := other.line(at)):
             if line is None:
@@ -72,9 +72,9 @@ class _Said:
         return line is None or (its is not None and line < its)
 
 
-def said_order(links: list[Link]) -> list[Link]:
+def content_order(links: list[Link]) -> list[Link]:
     """Return connections in the order of their texts; those with equal texts in the order of their addresses."""
-    return sorted(links, key=_Said)
+    return sorted(links, key=_SortKey)
 
 
 class SessionReader(Observer):
@@ -132,8 +132,8 @@ class SessionReader(Observer):
             kept = Transaction(link, "", exchange, transaction.outcome, transaction.reason)
             kept.certainty, kept.doubt = transaction.certainty, transaction.doubt
             if self.wants_tpdus and exchange.kind != SCD:
-                asked, told = transaction.request_octets, transaction.response_octets
-                kept.recorded = (self._session.keep(asked), self._session.keep(told))
+                request, response = transaction.request_octets, transaction.response_octets
+                kept.recorded = (self._session.keep(request), self._session.keep(response))
         except GoldenError as error:
             self.too_long = error
             return
@@ -193,7 +193,7 @@ class SessionReader(Observer):
         session = self._session
         session.damage = list(damage)
         links = [link for link in self._links.values() if link.protocol or link.begun or link.transactions]
-        session.arrange(said_order(links))
+        session.arrange(content_order(links))
         return session
 
 
@@ -205,11 +205,11 @@ def _span(connection: Connection) -> Span:
     return Span(int(connection.number), int(tcp.first_frame), int(tcp.first_ns), *last)
 
 
-def _by_role(said: str, connection: Connection) -> str:
+def _by_role(text: str, connection: Connection) -> str:
     """Return a text of a connection with roles instead of addresses and ports."""
     for end, role in ((connection.client, "client"), (connection.server, "server")):
-        said = said.replace(str(end), f"the {role}")
-    return said
+        text = text.replace(str(end), f"the {role}")
+    return text
 
 
 def _octets(tsap: Tsap | None) -> bytes | None:
@@ -217,11 +217,11 @@ def _octets(tsap: Tsap | None) -> bytes | None:
 
 
 def _exchange(seen: Seen) -> Exchange:
-    told = scd_lines(seen)
+    scd = scd_lines(seen)
     if seen.is_scd:
-        return Exchange(SCD, b"", b"", told, (bool(seen.request_frame), bool(seen.response_frame)))
-    asked = seen.subscribed.request if seen.subscribed is not None else b""
-    return Exchange(PLUS if seen.is_plus else S7, seen.request_octets, seen.response_octets, told, subscribed=asked)
+        return Exchange(SCD, b"", b"", scd, (bool(seen.request_frame), bool(seen.response_frame)))
+    subscribed = seen.subscribed.request if seen.subscribed is not None else b""
+    return Exchange(PLUS if seen.is_plus else S7, seen.request_octets, seen.response_octets, scd, subscribed=subscribed)
 
 
 def is_golden(path: str | os.PathLike[str]) -> bool:
@@ -278,7 +278,7 @@ def read_session(
     """
     if not more and os.fspath(path) != "-" and Path(path).is_file() and is_golden(path):
         if where is not None:
-            raise ValueError(f"{os.fspath(path)} is a golden: where selects of captures only")
+            raise ValueError(f"{os.fspath(path)} is a golden: where works only for captures")
         return load_golden(path)
     reader = SessionReader(os.fspath(path), messages)
     run = Reading([os.fspath(one) for one in (path, *more)], Options(decoder=decoder), where).run(reader)

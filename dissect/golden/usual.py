@@ -189,9 +189,9 @@ def _plain_head(answer: bytes, function: i64, count: i64) -> bool:
 def _line(name: ItemName, data: bytes, kind: i64) -> str:
     """Return an item with its value, like `dissect.golden.forms.item_text`."""
     item = name.item
-    value, said = value_text(item.transport_size, data, item.fits(len(data)))
+    value, meaning = value_text(item.transport_size, data, item.fits(len(data)))
     size = "" if kind == name.usual_size else f" as {_SIZES.get(kind) or hex_number(kind, 2)}"
-    return f"  {name.text} = {value}{size}{_remark(name.remark or said)}"
+    return f"  {name.text} = {value}{size}{_remark(name.remark or meaning)}"
 
 
 def _remark(text: str) -> str:

@@ -73,8 +73,8 @@ def golden_lines(session: Session, extras: Iterable[str] = (), naming: Naming | 
                 exchange = transaction.exchange
                 form = _form(exchange)
                 if form and not exchange.subscribed:
-                    said = exchange.fragment or _fragment(exchange)
-                    yield f"\n{transaction.number} {transaction.asked_by} {form}\n{said}"
+                    lines = exchange.fragment or _fragment(exchange)
+                    yield f"\n{transaction.number} {transaction.asked_by} {form}\n{lines}"
                     continue
             yield ""
             yield f"{transaction.number} {_head(transaction)}"
@@ -84,8 +84,8 @@ def golden_lines(session: Session, extras: Iterable[str] = (), naming: Naming | 
                 yield from _job(transaction, transaction.number, jobs)
             if wanted:
                 yield from _extra_lines(transaction, wanted, clock)
-            if said := _said(transaction):
-                yield said
+            if lines := _cached_lines(transaction):
+                yield lines
             if naming is not None:
                 yield from _named(transaction, naming)
 
@@ -104,8 +104,8 @@ def link_lines(link: Link) -> Iterator[str]:
         yield _head(transaction)
         yield from _outcome(transaction)
         yield from _job(transaction, place, jobs)
-        if said := _said(transaction):
-            yield from said.split("\n")
+        if lines := _cached_lines(transaction):
+            yield from lines.split("\n")
 
 
 def _head(transaction: Transaction) -> str:
@@ -115,7 +115,7 @@ def _head(transaction: Transaction) -> str:
     return f"{who} {_form(exchange) or printable(exchange.function_name)}"
 
 
-def _said(transaction: Transaction) -> str:
+def _cached_lines(transaction: Transaction) -> str:
     """Return the lines of request and answer, cached for all transactions that share the exchange."""
     exchange = transaction.exchange
     fragment = exchange.fragment or _fragment(exchange)
@@ -133,16 +133,16 @@ def _fragment(exchange: Exchange) -> str:
 
 def _usual_lines(exchange: Exchange) -> list[str] | None:
     """Return a read or write and its answer as lines if both are ordinary, otherwise None."""
-    asked = exchange.glance() if _form(exchange) else None
-    if asked is None or exchange.scd:
+    request = exchange.parse_request() if _form(exchange) else None
+    if request is None or exchange.scd:
         return None
-    if asked.function == READ_VAR:
-        return usual.read_lines(asked.parameters.items, exchange.response)
-    if asked.function != WRITE_VAR:
+    if request.function == READ_VAR:
+        return usual.read_lines(request.parameters.items, exchange.response)
+    if request.function != WRITE_VAR:
         return None
-    written = asked.data_items()
+    written = request.data_items()
     data, kinds = [item.data for item in written], [int(item.transport_size) for item in written]
-    return usual.write_lines(asked.parameters.items, data, kinds, exchange.response)
+    return usual.write_lines(request.parameters.items, data, kinds, exchange.response)
 
 
 def pushed(transaction: Transaction) -> bool:
@@ -161,8 +161,8 @@ def _link_lines(link: Link, addresses: bool) -> Iterator[str]:
         yield f"  carrier {printable(link.carrier)}"
     for role, octets, address in zip(("client", "server"), (link.calling, link.called), link.addresses, strict=True):
         if octets is not None:
-            said = printable(Tsap(octets).means(link.protocol, role == "server"))
-            yield f"  {role} TSAP {hex_text(octets)}  # {said}"
+            meaning = printable(Tsap(octets).means(link.protocol, role == "server"))
+            yield f"  {role} TSAP {hex_text(octets)}  # {meaning}"
         if addresses and address:
             yield f"  {role} address {address}"
     if link.tpdu_size or link.tpdu_size_asked:
@@ -197,12 +197,12 @@ def _job(transaction: Transaction, number: int, jobs: dict[bytes, int]) -> Itera
     """Yield the transaction that requested a push; ``jobs`` maps requests to the latest transactions and is updated here."""
     exchange = transaction.exchange
     if exchange.subscribed:
-        asked = jobs.get(exchange.subscribed)
-        if asked is not None:
-            yield f"  job of {asked}"
+        job = jobs.get(exchange.subscribed)
+        if job is not None:
+            yield f"  job of {job}"
     elif exchange.kind == S7:
-        asked_by = exchange.asked
-        if asked_by is not None and asked_by.rosctr == USERDATA and exchange.items:
+        request = exchange.request_pdu
+        if request is not None and request.rosctr == USERDATA and exchange.items:
             jobs[exchange.request] = number
 
 
@@ -218,15 +218,15 @@ def _extra_lines(transaction: Transaction, wanted: frozenset[str], clock: Clock)
 def _exchange_lines(exchange: Exchange) -> Iterator[str]:
     form = _form(exchange)
     if form == "SETUP":
-        asked, told = exchange.setup
-        if asked is not None:
-            yield f"  asks {asked}"
-        if told is not None and _plain_setup(exchange):
-            yield f"  gets {told}"
+        requested, granted = exchange.setup
+        if requested is not None:
+            yield f"  asks {requested}"
+        if granted is not None and _plain_setup(exchange):
+            yield f"  gets {granted}"
         elif exchange.response:
             yield from _half("answer", exchange)
-    elif form and exchange.asked is not None:
-        lines, plain = form_lines(exchange.asked, exchange.told, exchange.response)
+    elif form and exchange.request_pdu is not None:
+        lines, plain = form_lines(exchange.request_pdu, exchange.response_pdu, exchange.response)
         yield from lines
         if exchange.response and not plain:
             yield from _half("answer", exchange)
@@ -248,8 +248,8 @@ def _half(name: str, exchange: Exchange) -> Iterator[str]:
     octets = exchange.request if name == "request" else exchange.response
     if exchange.kind != S7:
         yield f"  {name} {exchange.kind}" + (f" {hex_text(octets)}" if exchange.kind == PLUS else "")
-        asked = exchange.request if name != "request" else b""
-        for note in plus_notes(octets, asked)[:_NOTES] if exchange.kind == PLUS and octets else []:
+        request = exchange.request if name != "request" else b""
+        for note in plus_notes(octets, request)[:_NOTES] if exchange.kind == PLUS and octets else []:
             yield f"    # {note}"
         return
     blocks = cut_blocks(octets)
@@ -266,9 +266,9 @@ def _half(name: str, exchange: Exchange) -> Iterator[str]:
         if name != "request" and exchange.refusing_code != NOT_REFUSED:
             yield f"    # refused: {RETURN_CODES.coded(exchange.refusing_code)}"
     remarks = _item_remarks(name, exchange)
-    said = {item.label for item in exchange.items} if remarks and name == "request" else set()
-    for note in _notes(exchange.asked if name == "request" else exchange.told):
-        if note not in said:
+    items = {item.label for item in exchange.items} if remarks and name == "request" else set()
+    for note in _notes(exchange.request_pdu if name == "request" else exchange.response_pdu):
+        if note not in items:
             yield f"    # {note}"
     for remark in remarks[:_NOTES]:
         yield f"    # {remark}"
@@ -278,12 +278,12 @@ def _half(name: str, exchange: Exchange) -> Iterator[str]:
 
 def _item_remarks(name: str, exchange: Exchange) -> list[str]:
     """Return the items of userdata with their values: written values in a request, read values in an answer or push."""
-    pdu = exchange.asked if name == "request" else exchange.told
+    pdu = exchange.request_pdu if name == "request" else exchange.response_pdu
     if pdu is None or pdu.rosctr != USERDATA:
         return []
     items = exchange.items
-    tells = any([item.return_code >= 0 for item in items])
-    if tells == (name == "request") or not any([tells or item.data is not None for item in items]):
+    answered = any([item.return_code >= 0 for item in items])
+    if answered == (name == "request") or not any([answered or item.data is not None for item in items]):
         return []
     return [facets.item(item.result, number) for number, item in enumerate(items, 1)]
 
@@ -294,7 +294,7 @@ def _notes(pdu: Pdu | None) -> list[str]:
         return []
     body = pdu.body
     by_form = pdu.function in FORMS and pdu.rosctr in {JOB, ACK_DATA}
-    notes = [said for note in body.notes if (said := _note(note))] if not by_form else []
+    notes = [text for note in body.notes if (text := _note(note))] if not by_form else []
     shown = [printable(note) for note in notes[:_NOTES]]
     if len(notes) > _NOTES:
         shown.append(f"and {len(notes) - _NOTES} more")
@@ -312,40 +312,40 @@ def _note(note: str) -> str:
 def _form(exchange: Exchange) -> str:
     """Return the head for a transaction whose request has an exact notation, empty for all others."""
     if exchange.form is None:
-        asked = exchange.glance()
-        if asked is None:
+        request = exchange.parse_request()
+        if request is None:
             exchange.form = ""
         else:
-            exchange.form = _small_form(asked) if len(asked.octets) <= SMALL else _form_of(asked)
+            exchange.form = _small_form(request) if len(request.octets) <= SMALL else _form_of(request)
     return exchange.form
 
 
 @lru_cache(PARSED)
-def _small_form(asked: Pdu) -> str:
+def _small_form(request: Pdu) -> str:
     """Return `_form_of` a request, cached for all exchanges that begin with it."""
-    return _form_of(asked)
+    return _form_of(request)
 
 
-def _form_of(asked: Pdu) -> str:
-    if asked.rosctr != JOB or asked.function not in FORMS:
+def _form_of(request: Pdu) -> str:
+    if request.rosctr != JOB or request.function not in FORMS:
         return ""
-    if asked.function == SETUP_COMMUNICATION:
-        setup = asked.parameters.setup
-        good = setup is not None and build_setup(JOB, setup) == asked.octets
+    if request.function == SETUP_COMMUNICATION:
+        setup = request.parameters.setup
+        good = setup is not None and build_setup(JOB, setup) == request.octets
     else:
-        good = build_request(asked.function, forms.item_lines(asked, None)) == asked.octets
-    return FORMS[asked.function] if good else ""
+        good = build_request(request.function, forms.item_lines(request, None)) == request.octets
+    return FORMS[request.function] if good else ""
 
 
 def _plain_setup(exchange: Exchange) -> bool:
-    told = exchange.setup[1]
-    return told is not None and build_setup(ACK_DATA, told) == exchange.response
+    granted = exchange.setup[1]
+    return granted is not None and build_setup(ACK_DATA, granted) == exchange.response
 
 
 def item_lines(exchange: Exchange, answered: bool) -> list[ItemLine]:
     """Return the items of a read or write, with their results if they are ``answered``."""
-    asked = exchange.asked
-    return forms.item_lines(asked, exchange.told if answered else None) if asked is not None else []
+    request = exchange.request_pdu
+    return forms.item_lines(request, exchange.response_pdu if answered else None) if request is not None else []
 
 
 # ---- width ----------------------------------------------------------------------------------------------------------

@@ -1,1 +1,1 @@
-"""The oracle: what this package makes of a capture beside what Wireshark makes of it, field by field (docs/oracle.md)."""
+"""The oracle: compares this package's reading of a capture with Wireshark's, field by field (docs/oracle.md)."""

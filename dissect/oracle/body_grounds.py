@@ -1,6 +1,6 @@
 """More grounds (`dissect.oracle.grounds`): differences within the parameters and the data of a PDU.
 
-By position, and for services of which Wireshark 4.0 reads less than we do or under other names.
+They depend on positions, or on services that Wireshark 4.0 reads less completely than we do or under different names.
 """
 
 from __future__ import annotations
@@ -18,16 +18,16 @@ from dissect.s7.szl_records import RECORD
 from dissect.s7.tables import AR_SEND, MESSAGE_SERVICE, READ_RECORD
 from dissect.wire.part import OCTETS
 
-#: Octets of a record that Wireshark does not read, and how the names of fields of records begin.
+#: Octets of a record that Wireshark does not read, and the prefix of the names of record fields.
 RECORD_OCTETS: Final = "s7comm.param.userdata.szl_part_list"
 _OF_RECORDS: Final = "s7comm.szl."
-#: What a PI service is told, and its name.
+#: The argument of a PI service, and its name.
 ARGUMENT: Final = "s7comm.param.pistart.argument"
 _SERVICE: Final = "s7comm.param.pistart.servicename"
 
 
 def argument_unknown(case: Case) -> bool:
-    """Whether Wireshark shows a PI service that no source knows without an argument, and we with one."""
+    """Whether Wireshark shows an undocumented PI service without an argument, and we show one."""
     if case.theirs is not None or case.their_record is None or case.octets[10:11] != b"\x28":
         return False
     shown = {place.name: fact.value for place, fact in case.their_record.facts.items()}
@@ -36,7 +36,7 @@ def argument_unknown(case: Case) -> bool:
 
 
 def in_parts(case: Case) -> bool:
-    """Whether we show a field of a part of an answer behind which more parts follow, and Wireshark does not."""
+    """Whether only we show a field of a part of an answer that more parts follow."""
     if case.theirs is not None or case.place.part != facts.IN_BODY:
         return False
     head = parse_pdu(case.octets).parameters.userdata
@@ -73,7 +73,7 @@ def _begins_earlier(case: Case, ahead: int) -> bool:
 
 
 def fill_of_an_item(case: Case) -> bool:
-    """Whether only we show an octet behind an item of odd size in the parameters, or behind the last item of the data."""
+    """Whether only we show an octet after an item of odd size in the parameters, or after the last item of the data."""
     if case.theirs is not None or case.place.part != facts.IN_BODY:
         return False
     pdu = parse_pdu(case.octets)
@@ -82,7 +82,7 @@ def fill_of_an_item(case: Case) -> bool:
 
 
 def payload_as_octets(case: Case) -> bool:
-    """Whether Wireshark has a name for octets that we keep as they are: a part without a structure, from first to last."""
+    """Whether Wireshark has a name for octets that we do not interpret: a part without a structure, from first to last."""
     if case.ours is not None or case.place.part != facts.IN_BODY or not isinstance(case.theirs, bytes):
         return False
     place = (case.place.number, case.place.number + len(case.theirs))
@@ -107,7 +107,7 @@ def records_as_octets(case: Case) -> bool:
 
 
 def whole_of_fields(case: Case) -> bool:
-    """Whether Wireshark shows as one text what we show as fields, without a gap from its first octet to its last."""
+    """Whether Wireshark shows as one text what we show as fields that cover it without a gap."""
     if case.ours is not None or not isinstance(case.theirs, bytes) or case.our_record is None:
         return False
     ends: dict[int, int] = {}
@@ -122,7 +122,7 @@ def whole_of_fields(case: Case) -> bool:
 
 
 def block_header(case: Case) -> bool:
-    """Whether Wireshark shows as one what is the header of a block and its code, of which we show the code."""
+    """Whether Wireshark shows the header of a block and its code as one field; we show only the code."""
     if case.our_record is None or case.their_record is None:
         return False
     contents = [
@@ -143,7 +143,7 @@ def _same_name(place: Place, other: Place) -> bool:
 
 
 CREDIT: Final = "cotp.credit"
-#: The parameter that holds a credit too.
+#: The parameter that also contains a credit.
 _FLOW_CONTROL: Final = 0x8C
 _AREA: Final = "s7comm.param.item.area"
 #: The area of data records.
@@ -162,7 +162,7 @@ def credit_of_parameter(case: Case) -> bool:
 
 
 def data_record(case: Case) -> bool:
-    """Whether only we show count, DB number or address of an item whose area says that it is a data record."""
+    """Whether only we show count, DB number or address of an item whose area is that of data records."""
     if case.ours is None or case.theirs is not None:
         return False
     if case.place.part == facts.IN_ITEM:
@@ -196,7 +196,7 @@ def _is_of(case: Case, group: int, subfunction: int) -> bool:
 
 
 def record_without_names(case: Case) -> bool:
-    """Whether Wireshark shows octets, as of a list it does not know, where we show fields that it has no names for."""
+    """Whether Wireshark shows octets, as in an unknown list, where we show fields that it has no names for."""
     if case.ours is not None or not isinstance(case.theirs, bytes) or case.place.name != RECORD_OCTETS:
         return False
     parts = parse_body(parse_pdu(case.octets)).data if case.octets else []

@@ -1,7 +1,7 @@
-"""The comparison: every TPDU and S7 PDU of a capture, ours beside Wireshark's, field by field.
+"""The comparison: every TPDU and S7 PDU of a capture, our reading and Wireshark's, field by field.
 
-Both sides are matched packet by packet in the order of the stream. What one side shows in another packet is matched by its
-octets afterwards, and what only one side shows at all is a difference of its own.
+Both sides are matched packet by packet in the order of the stream. A record that the other side shows in a different packet is
+matched afterwards by its octets. A record that only one side shows is one difference.
 """
 
 from __future__ import annotations
@@ -27,10 +27,10 @@ _OCTETS: Final = Place("", 0, grounds.OCTETS)
 
 
 class Difference:
-    """One thing the two sides do not agree on.
+    """One disagreement between the two sides.
 
-    ``field`` names it; ``ours`` and ``theirs`` are None where a side does not have it. ``known`` is the id of the entry of
-    `dissect.oracle.known` that explains it, empty when nothing does.
+    ``field`` is its name; ``ours`` and ``theirs`` are None if a side does not have it. ``known`` is the id of the entry of
+    `dissect.oracle.known` that explains it, empty if none does.
     """
 
     __slots__ = ("field", "frame", "kind", "known", "ours", "theirs")
@@ -58,12 +58,12 @@ def _shown(value: Value | None) -> str:
 
 
 class Comparison:
-    """What came out: how many TPDUs, PDUs and fields both sides have, and every difference.
+    """The result: how many TPDUs, PDUs and fields both sides have, and every difference.
 
     ``other`` counts the fields that Wireshark shows in bodies under names that no layout of ours has, ``again`` those of them
-    whose octets stand in a field that is compared;
-    ``not_comparable`` the PDUs that Wireshark cannot be asked about, by the reason. ``loss`` says what of the capture could not
-    be read and so was not compared, empty when all of it was. ``plus`` is what the PDUs of S7comm-plus prove themselves.
+    whose octets are in a compared field. ``not_comparable`` counts the PDUs that Wireshark cannot dissect, by reason. ``loss``
+    describes the part of the capture that could not be read and was not compared, empty for none. ``plus`` are the
+    self-consistency checks of S7comm-plus PDUs.
     """
 
     def __init__(self) -> None:
@@ -78,17 +78,17 @@ class Comparison:
 
     @property
     def unexplained(self) -> list[Difference]:
-        """The differences nothing explains: a bug, ours or theirs, that no one has looked at."""
+        """The differences without an explanation: bugs, ours or theirs, that no one has examined."""
         return [difference for difference in self.differences if not difference.known]
 
     @property
     def known(self) -> Counter[str]:
-        """Count of the explained differences by what explains them."""
+        """Counts of the explained differences, by explanation."""
         return Counter(difference.known for difference in self.differences if difference.known)
 
 
 class _Bench:
-    """Where records meet: pairs them, compares pairs, keeps what has no partner."""
+    """Pairs records, compares the pairs, and keeps records without a partner."""
 
     def __init__(self, path: str, witness: Witness) -> None:
         self.result = Comparison()
@@ -118,7 +118,7 @@ class _Bench:
                     self._lonely[kind][1].append((theirs[b + index], frame))
 
     def finish(self) -> Comparison:
-        """Match what stands in different packets, and tell what only one side has."""
+        """Match records across packets, and report those that only one side has."""
         for ours, theirs in self._lonely.values():
             self._match(ours, theirs, True)
             self._match(ours, theirs, False)
@@ -128,10 +128,10 @@ class _Bench:
         return self.result
 
     def _match(self, ours: list[Record], theirs: list[tuple[Record, Frame]], explained: bool) -> None:
-        """Take the records of one connection whose octets both sides show, but in different packets.
+        """Match records of one connection whose octets both sides show, but in different packets.
 
-        A TPDU's header looks like many others': at first only pairs count whose being apart is ``explained``, and afterwards no
-        two of which each is explained by itself.
+        The headers of many TPDUs are equal. So the first round only accepts pairs whose different packets are ``explained``;
+        the second round pairs the rest, unless each of the two has its own explanation.
         """
         for record in list(ours):
             for partner, frame in theirs:
@@ -149,7 +149,7 @@ class _Bench:
                 break
 
     def _alone(self, ours: Record | None, theirs: Record | None, frame: Frame | None) -> Difference:
-        """Return the difference of a record that one side only has."""
+        """Return the difference for a record that only one side has."""
         mine, other = (record.octets if record is not None else None for record in (ours, theirs))
         return self._difference(_WHOLE, mine, other, ours, theirs, frame)
 
@@ -191,26 +191,25 @@ class _Bench:
 
 
 def _same(ours: Value, theirs: Value) -> bool:
-    """Return whether two values say the same; one side may have split octets into bits of which the other makes one number."""
+    """Return whether two values are equal; one side may split octets into bits that the other shows as one number."""
     if isinstance(ours, bytes) != isinstance(theirs, bytes):
         ours, theirs = (int.from_bytes(one, "big") if isinstance(one, bytes) else one for one in (ours, theirs))
     return ours == theirs
 
 
 def _alike(ours: Record, theirs: Record) -> bool:
-    """Return whether two records of other octets may yet be the same: TPDUs by their TPKT header, PDUs by their size."""
+    """Return whether two records with different octets may be the same: TPDUs by their TPKT header, PDUs by their size."""
     if ours.kind == facts.TPDU:
         return ours.octets[: facts.TPKT_SIZE] == theirs.octets[: facts.TPKT_SIZE]
     return len(ours.octets) == len(theirs.octets)
 
 
 def compare(path: str, read: Reader = read_tshark, reorder: bool = False, tls_keys: KeyLog | None = None) -> Comparison:
-    """Compare both dissections of a capture file; ``read`` asks Wireshark (`read_tshark` or `read_pyshark`).
+    """Compare both dissections of a capture file; ``read`` runs Wireshark (`read_tshark` or `read_pyshark`).
 
-    ``reorder`` is Wireshark's preference to put TCP segments in order before it looks at them. ``tls_keys`` open TLS on our
-    side: what is in there Wireshark is not asked about. Raises OracleError when Wireshark cannot be asked and CaptureError when
-    the file cannot be read. Where the capture is damaged Wireshark may give up, before we do or after: what it showed until
-    then is compared.
+    ``reorder`` is Wireshark's preference to put TCP segments in order before it dissects them. ``tls_keys`` decrypt TLS on our
+    side; its contents are not compared. Raises OracleError if Wireshark cannot be run and CaptureError if the file cannot be
+    read. In a damaged capture, Wireshark may stop earlier or later than we do: only the part before that is compared.
     """
     witness = Witness(path, tls_keys)
     bench = _Bench(path, witness)

@@ -8,7 +8,7 @@ from dissect.oracle.grounds import Case
 
 
 class Known:
-    """One understood difference; ``names`` are the fields it may claim, ``applies`` decides by the octets."""
+    """One understood difference: ``names`` are the fields it may explain, ``applies`` decides by the octets."""
 
     __slots__ = ("applies", "id", "names", "reference", "side", "what", "why")
 

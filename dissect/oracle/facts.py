@@ -1,7 +1,7 @@
-"""Facts: one field of one TPDU or S7 PDU, where it stands and what it says, whoever read it.
+"""Facts: one field of one TPDU or S7 PDU, its position and its value, from either side.
 
-Which fields there are, what Wireshark calls them and where they stand comes from the layouts (`dissect.iso.layouts`,
-`dissect.s7.layouts`). What an S7 PDU and a TPDU hold besides fixed headers has its names here.
+The layouts (`dissect.iso.layouts`, `dissect.s7.layouts`) define the fields, their Wireshark names and their positions. Names
+for contents outside fixed headers are defined here.
 """
 
 from __future__ import annotations
@@ -17,14 +17,14 @@ from dissect.s7 import layouts as s7
 from dissect.wire import part
 from dissect.wire.layout import Layout
 
-#: What is compared: packets of COTP and of S7comm.
+#: The compared protocols: COTP and S7comm.
 TPDU: Final = "TPDU"
 PDU: Final = "PDU"
 
-#: Octets of a TPKT header.
+#: Size of a TPKT header.
 TPKT_SIZE: Final = iso.TPKT.size
 
-#: Where in a TPDU or PDU a field stands.
+#: Sections of a TPDU or PDU that contain fields.
 IN_TPKT: Final = "TPKT"
 IN_TPDU: Final = "TPDU"
 IN_PARAMETER: Final = "parameter"
@@ -35,17 +35,17 @@ IN_DATA: Final = "data"
 IN_DATA_ITEM: Final = "data item"
 #: Everything else in the parameters and the data of a PDU, numbered by its position.
 IN_BODY: Final = "byte"
-#: The same in the answer that several PDUs give together, where Wireshark shows it: in the last of them.
+#: The same in an answer that consists of several PDUs, where Wireshark shows it: in the last of them.
 IN_JOINED: Final = "joined byte"
 
-#: Names of what is no field of a fixed header.
+#: Names of values outside fixed headers.
 CALLING_TSAP: Final = "cotp.src-tsap-bytes"
 CALLED_TSAP: Final = "cotp.dst-tsap-bytes"
 TPDU_SIZE: Final = "cotp.tpdu_size"
 PREFERRED_SIZE: Final = "cotp.preferred_maximum_tpdu_size"
 CONTENT: Final = "s7comm.resp.data"
 FILL: Final = "s7comm.data.fillbyte"
-#: Fields that hold octets; every other one holds a number.
+#: Fields that contain octets; all others contain a number.
 OCTETS: Final = frozenset((CALLING_TSAP, CALLED_TSAP, CONTENT))
 
 
@@ -57,7 +57,7 @@ _TPDUS: Final = [
     layout for layout in vars(iso).values() if isinstance(layout, Layout) and layout not in {iso.TPKT, iso.PARAMETER}
 ]
 
-#: Wireshark's names of the fields that are compared, by where they stand.
+#: Wireshark's names of the compared fields, by section.
 NAMES: Final[dict[str, frozenset[str]]] = {
     IN_TPKT: _names(iso.TPKT),
     IN_TPDU: _names(*_TPDUS) | {CALLING_TSAP, CALLED_TSAP, TPDU_SIZE, PREFERRED_SIZE},
@@ -71,7 +71,7 @@ NAMES: Final[dict[str, frozenset[str]]] = {
 
 
 def layouts() -> list[Layout]:
-    """Return every layout of S7comm: each that a module behind `dissect.s7.bodies` has in a variable or in a table."""
+    """Return every layout of S7comm: each that a module imported by `dissect.s7.bodies` has in a variable or in a table."""
     found: dict[int, Layout] = {}
     modules = [sys.modules[name] for name in sorted(sys.modules) if name.startswith("dissect.s7.")]
     for module in (part, bodies, *modules):
@@ -99,9 +99,9 @@ Value = int | bytes
 
 
 class Place(NamedTuple):
-    """Which field: where it stands, in the how-manieth item or parameter (from 1; 0 where there is only one), its name.
+    """Identifies a field: its section, the number of its item or parameter (from 1; 0 if there is only one), its name.
 
-    In a body ``number`` is its position, in the PDU or in the joined answer.
+    In a body, ``number`` is its position in the PDU or in the joined answer.
     """
 
     part: str
@@ -115,7 +115,7 @@ class Place(NamedTuple):
 
 
 class Fact(NamedTuple):
-    """What a field says, and where in its TPDU (from the LI) or PDU (from 0x32) it stands; TPKT fields from the TPKT."""
+    """The value of a field and its position in its TPDU (from the LI) or PDU (from 0x32); for TPKT fields from the TPKT."""
 
     value: Value
     offset: int
@@ -124,11 +124,10 @@ class Fact(NamedTuple):
 class Record:
     """One TPDU or S7 PDU: the packet that completed it, its octets, and its facts.
 
-    ``octets`` of a TPDU are its TPKT header and its own header, without user data; those of a PDU are all. ``number`` is our
-    count of what we found in the capture, in that order; -1 in a record of Wireshark's. ``joined`` are the octets that
-    Wireshark put together from this PDU and those before it, empty where it did not; ``other`` counts the names of fields
-    that it shows in the body and that no layout of ours has; ``again`` those of them whose octets stand in a field that is
-    compared.
+    ``octets`` of a TPDU are its TPKT header and its own header, without user data; those of a PDU are all. ``number`` counts
+    our records of a capture in order; it is -1 in a record of Wireshark's. ``joined`` are the octets that Wireshark joined from
+    this PDU and those before it, empty if it did not. ``other`` counts the names of fields that it shows in the body and that
+    no layout of ours has; ``again`` those of them whose octets are in a compared field.
     """
 
     __slots__ = ("again", "facts", "frame", "joined", "kind", "number", "octets", "other")
@@ -144,6 +143,6 @@ class Record:
         self.again: Counter[str] = Counter()
 
     def value(self, part: str, name: str, number: int = 0) -> Value | None:
-        """Return the value of a field, None where the record has none of that name."""
+        """Return the value of a field, None if the record has none of that name."""
         fact = self.facts.get(Place(part, number, name))
         return fact.value if fact is not None else None

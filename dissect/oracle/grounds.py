@@ -1,10 +1,9 @@
-"""The grounds on which a difference is explained: predicates over the octets, one for each entry of `dissect.oracle.known`.
+"""The grounds that explain a difference: predicates over the octets, one for each entry of `dissect.oracle.known`.
 
-They look at the octets of the message and, where a difference begins in TCP, at `Streams`; never at what the engine makes of
-either, except to ask whether it reports the message as malformed. `Streams` is put together from tshark's sequence numbers
-and payloads and from nothing else. It shows what Wireshark's own reassembly did with a packet, and is not compared itself:
-which octets a packet brought for the first time, whether octets before it were still missing, and whether certain octets are
-in a stream, and in which order.
+They use the octets of the message and, if a difference originates in TCP, `Streams`. They never use the results of the engine,
+except whether it reports the message as malformed. `Streams` is built only from tshark's sequence numbers and payloads. It
+shows how Wireshark's reassembly treated a packet, and is not compared itself: which octets a packet delivered first, whether
+earlier octets were still missing, and whether certain octets are in a stream, and in which order.
 """
 
 from __future__ import annotations
@@ -28,15 +27,15 @@ from dissect.wire.malformed import Malformed
 
 _MASK: Final = 0xFFFFFFFF
 _HALF: Final = 0x80000000
-#: Octets of a TPKT at most: how far from a segment a message it belongs to can begin.
+#: Maximum size of a TPKT: the greatest distance between a segment and the beginning of its message.
 _REACH: Final = 65535
 
 
 class Arrival:
-    """A segment in its place: ``at`` counts from the first octet of its direction.
+    """A segment in its stream: ``at`` counts from the first octet of its direction.
 
-    ``new``: how many octets no earlier segment brought, ``fresh`` where they begin and end within the segment; ``ahead``:
-    octets before it were still missing.
+    ``new``: number of octets that no earlier segment delivered; ``fresh``: their range within the segment; ``ahead``: earlier
+    octets were still missing.
     """
 
     __slots__ = ("ahead", "at", "fresh", "new", "segment")
@@ -49,7 +48,7 @@ class Arrival:
         self.fresh = fresh
 
     def brought(self, octets: bytes) -> list[bool]:
-        """Return of each place where octets stand in the segment whether earlier segments brought all of them."""
+        """Return, for each position of the octets in the segment, whether earlier segments delivered all of them."""
         return [
             not any(begin < place + len(octets) and place < end for begin, end in self.fresh)
             for place in _places(octets, self.segment.payload)
@@ -57,7 +56,7 @@ class Arrival:
 
 
 def _places(octets: bytes, payload: bytes) -> list[int]:
-    """Return every place of octets in a payload."""
+    """Return every position of octets in a payload."""
     found = []
     place = payload.find(octets) if octets else -1
     while place >= 0:
@@ -67,7 +66,7 @@ def _places(octets: bytes, payload: bytes) -> list[int]:
 
 
 class _Flow:
-    """One direction: stretches of octets without a hole, in order; the first copy of an octet counts."""
+    """One direction: contiguous stretches of octets, in order; the first copy of an octet counts."""
 
     def __init__(self, sequence: int) -> None:
         self._origin = sequence
@@ -84,7 +83,7 @@ class _Flow:
         return Arrival(segment, start, sum(end - begin for begin, end in fresh), missing, fresh)
 
     def _insert(self, start: int, payload: bytes) -> list[tuple[int, int]]:
-        """Take the octets that are new; return where they begin and end."""
+        """Insert the octets that are new; return their range."""
         index = max(bisect_right(self._starts, start) - 1, 0)
         if index == len(self._starts) - 1 and self._starts[index] + len(self._stretches[index]) == start:
             self._stretches[index] += payload
@@ -110,7 +109,7 @@ class _Flow:
         return [*fresh, (reached, last)] if reached < last else fresh
 
     def find(self, octets: bytes, begin: int, end: int) -> list[int]:
-        """Return every place of octets in the stretches between two positions."""
+        """Return every position of the octets in the stretches between two positions."""
         found = []
         for start, stretch in zip(self._starts, self._stretches, strict=True):
             low, high = max(begin - start, 0), max(end - start, 0)
@@ -118,8 +117,8 @@ class _Flow:
         return found
 
     def places(self, pieces: Sequence[tuple[int, bytes]]) -> list[int | None]:
-        """Return where each piece (position of its segment, octets) stands around there, behind the piece before it."""
-        passed = list(self._starts)  # of each stretch, the end of the last piece found in it
+        """Return the position of each piece (position of its segment, octets) near there, after the previous piece."""
+        passed = list(self._starts)  # for each stretch, the end of the last piece found in it
         found: list[int | None] = []
         for at, octets in pieces:
             index = bisect_right(self._starts, at) - 1
@@ -132,7 +131,7 @@ class _Flow:
 
 
 class Streams:
-    """Every segment of a capture by its frame; the capture is read once, when first asked."""
+    """All segments of a capture, by frame; the capture is read once, on the first access."""
 
     def __init__(self, path: str) -> None:
         self._path = path
@@ -141,11 +140,11 @@ class Streams:
         self._protocols: dict[str, set[str]] = {}
 
     def protocols(self, segment: Segment) -> set[str]:
-        """Return what Wireshark finds in either direction of the connection of a segment."""
+        """Return the protocols that Wireshark finds in both directions of a segment's connection."""
         return self._protocols.get(segment.stream, set())
 
     def arrival(self, frame: int) -> Arrival | None:
-        """Return the segment of a frame, None when it has no TCP octets."""
+        """Return the segment of a frame, None if it has no TCP payload."""
         if self._arrivals is None:
             self._arrivals = {}
             for segment in read_segments(self._path):
@@ -155,7 +154,7 @@ class Streams:
         return self._arrivals.get(frame)
 
     def headers(self, arrival: Arrival, octets: bytes) -> list[int]:
-        """Return where in its stream the header can stand of a TPKT that begins or ends in a segment."""
+        """Return the possible stream positions of the header of a TPKT that begins or ends in a segment."""
         size = int.from_bytes(octets[2:4], "big")
         end = arrival.at + len(arrival.segment.payload)
         return [
@@ -165,14 +164,14 @@ class Streams:
         ]
 
     def follow(self, pieces: Sequence[tuple[int, bytes]]) -> list[bool]:
-        """Tell of pieces (frame, octets), in the order they were found, whether each stands in its stream behind the last.
+        """Return, for pieces (frame, octets) in the order they were found, whether each follows its predecessor in its stream.
 
-        Whoever counts a message twice, or finds one inside another, gives a piece that does not.
+        The result is False for a message that is counted twice or found inside another one.
         """
         return [place is not None for place in self.places(pieces)]
 
     def places(self, pieces: Sequence[tuple[int, bytes]]) -> list[int | None]:
-        """Return where pieces stand as for `follow`, None for one that does not."""
+        """Return the positions of pieces as for `follow`, None for one that does not follow."""
         by_flow: dict[str, list[int]] = {}
         arrivals: dict[int, Arrival] = {}
         for index, (frame, _) in enumerate(pieces):
@@ -188,7 +187,7 @@ class Streams:
         return found
 
 
-#: Names that are no field of Wireshark's: a record as a whole, the packet it stands in, its octets.
+#: Names without a Wireshark field: a whole record, its packet, its octets.
 WHOLE: Final = "(whole)"
 FRAME: Final = "(packet)"
 OCTETS: Final = "(octets)"
@@ -201,15 +200,15 @@ _LI: Final = "cotp.li"
 _TYPE: Final = "cotp.type"
 #: The reasons of a DR that Wireshark has names for.
 _REASONS: Final = frozenset((0, 1, 2, 3, 0x80, 0x81, 0x82, 0x83, 0x84, 0x85, 0x87, 0x88, 0x8A))
-#: Protocols of Remote Desktop, and those of H.323 that stand in a TPKT without COTP, by Wireshark's names.
+#: Wireshark's names of the protocols of Remote Desktop, and of those of H.323 that use TPKT without COTP.
 _RDP: Final = frozenset(("rdp", "t125"))
 _H323: Final = frozenset(("q931", "h225", "h245"))
-#: Return codes whose items Wireshark reads; at every other one it keeps what it read before.
+#: Return codes whose items Wireshark reads; for all others it keeps the values of the item before.
 _READ_CODES: Final = frozenset((0x00, 0x0A, 0xFF))
 
 
 class Evidence:
-    """What the TCP streams say, for differences that begin there; they are only read when there is one."""
+    """Evidence from the TCP streams, for differences that originate there; the streams are only read if there is one."""
 
     def __init__(self, path: str, found: dict[str, list[tuple[int, bytes]]]) -> None:
         self._streams = Streams(path)
@@ -218,7 +217,7 @@ class Evidence:
         self._tpkts: dict[str, list[tuple[int, int]]] = {}
 
     def arrival(self, frame: int) -> Arrival | None:
-        """Return the TCP segment of a packet, None when it has no octets."""
+        """Return the TCP segment of a packet, None if it has no payload."""
         return self._streams.arrival(frame)
 
     def of_one_flow(self, frame: int, other: int) -> bool:
@@ -227,17 +226,17 @@ class Evidence:
         return mine is not None and its is not None and mine.segment.flow == its.segment.flow
 
     def stands(self, record: Record) -> bool:
-        """Return whether what we found stands where it has to, behind everything we found there before.
+        """Return whether our record is at the expected position, after all our earlier records.
 
-        A TPKT has to stand in the TCP stream, a PDU in the user data of the DTs that stand there.
+        A TPKT must be in the TCP stream, a PDU in the user data of the DTs there.
         """
         self._look()
         return self._standing[record.kind][record.number]
 
     def inside(self, frame: int, octets: bytes) -> bool:
-        """Return whether a TPKT header of a packet stands within a TPKT that we found, and nowhere at the beginning of one.
+        """Return whether a TPKT header of a packet is inside a TPKT that we found, and nowhere at the beginning of one.
 
-        That one has to follow another one, or to begin its direction: else it could as well be the wrong one of the two.
+        The outer TPKT must follow another one, or begin its direction: otherwise it could be the wrong one of the two.
         """
         arrival = self.arrival(frame)
         if arrival is None:
@@ -260,7 +259,7 @@ class Evidence:
         return arrival is not None and not self._streams.protocols(arrival.segment).isdisjoint(protocols)
 
     def _look(self) -> None:
-        """Look for everything that we found in the streams, once."""
+        """Locate all our records in the streams, once."""
         if self._standing:
             return
         found = self._found[facts.TPDU]
@@ -294,7 +293,7 @@ class Evidence:
 
 
 class Case:
-    """A difference with everything an entry may look at; ``ours`` and ``theirs`` are None where a side has nothing."""
+    """A difference with everything an entry may use; ``ours`` and ``theirs`` are None if a side has nothing."""
 
     __slots__ = ("evidence", "frame", "our_record", "ours", "place", "their_record", "theirs")
 
@@ -322,7 +321,7 @@ class Case:
         return self.our_record.octets if self.our_record is not None else b""
 
     def beside(self, name: str) -> Value | None:
-        """Return what we read for another field of the same item."""
+        """Return our value of another field of the same item."""
         return self.our_record.value(self.place.part, name, self.place.number) if self.our_record is not None else None
 
 
@@ -330,7 +329,7 @@ class Case:
 
 
 def length_in_bits(case: Case) -> bool:
-    """Whether ours is a number of bits and theirs the octets they need."""
+    """Whether ours is a number of bits and theirs the number of octets that contain them."""
     bits = case.ours
     counts_bits = case.beside(TRANSPORT_SIZE) in LENGTH_IN_BITS
     return (
@@ -342,7 +341,7 @@ def length_in_bits(case: Case) -> bool:
 
 
 def kept_from_before(case: Case) -> bool:
-    """Whether Wireshark shows for an item it does not read what it showed for the item before."""
+    """Whether Wireshark shows the values of the item before for an item that it does not read."""
     if case.place.part != facts.IN_DATA_ITEM or case.their_record is None or case.beside(RETURN_CODE) in _READ_CODES:
         return False
     before = case.their_record.value(facts.IN_DATA_ITEM, case.place.name, case.place.number - 1)
@@ -397,7 +396,7 @@ def usend(case: Case) -> bool:
 
 
 def _refused(case: Case, type_: int) -> bool:
-    """Whether Wireshark shows nothing of a TPDU of this type but its TPKT header."""
+    """Whether Wireshark shows only the TPKT header of a TPDU of this type."""
     return _field_of(case, _TYPE) == type_ and _nothing_but_tpkt(case.their_record)
 
 
@@ -411,22 +410,22 @@ def _field_of(case: Case, name: str) -> int:
 
 
 def expedited(case: Case) -> bool:
-    """Whether Wireshark shows nothing of an ED in the form of RFC 1006."""
+    """Whether Wireshark does not show an ED in the form of RFC 1006."""
     return _refused(case, ED) and _field_of(case, _LI) == 2
 
 
 def reason(case: Case) -> bool:
-    """Whether Wireshark shows nothing of a DR with a reason it has no name for."""
+    """Whether Wireshark does not show a DR with a reason it has no name for."""
     return _refused(case, DR) and _field_of(case, "cotp.cause") not in _REASONS
 
 
 def rejection(case: Case) -> bool:
-    """Whether Wireshark shows nothing of an ER with an unknown cause or a long header."""
+    """Whether Wireshark does not show an ER with an unknown cause or a long header."""
     return _refused(case, ER) and (_field_of(case, "cotp.reject_cause") not in ER_CAUSES or _field_of(case, _LI) > 8)
 
 
 def contradictory(case: Case) -> bool:
-    """Whether Wireshark shows nothing of a TPDU that is malformed by our reading."""
+    """Whether Wireshark does not show a TPDU that we report as malformed."""
     return _nothing_but_tpkt(case.their_record) and bool(_complaints(case))
 
 
@@ -449,7 +448,7 @@ def size_of_65531(case: Case) -> bool:
 
 
 def no_size(case: Case) -> bool:
-    """Whether Wireshark shows a size for a parameter that states none."""
+    """Whether Wireshark shows a size for a parameter that contains none."""
     length, code = _size_code(case)
     stated = length == 1 and 7 <= code <= 16
     return case.ours is None and not stated and case.theirs == 1 << (code & 0x0F)
@@ -464,7 +463,7 @@ def broken_parameter(case: Case) -> bool:
 
 
 def no_tpdu(case: Case) -> bool:
-    """Whether Wireshark shows a TPKT header that no TPDU can follow: by its length, or by the two octets behind it."""
+    """Whether Wireshark shows a TPKT header that no TPDU can follow: by its length, or by the two octets after it."""
     record = case.their_record
     if case.ours is not None or record is None or not _nothing_but_tpkt(record):
         return False
@@ -480,24 +479,24 @@ def no_tpdu(case: Case) -> bool:
 
 
 def is_rdp(case: Case) -> bool:
-    """Whether Wireshark says that the packet, or one of the same connection, belongs to Remote Desktop."""
+    """Whether Wireshark classifies the packet, or one of the same connection, as Remote Desktop."""
     if (case.ours if case.place.name == WHOLE else case.theirs) is not None or case.frame is None:
         return False
     if not case.frame.protocols.isdisjoint(_RDP):
         return True
-    # A server that is not asked to negotiate confirms without a word about it: its CC alone could be anybody's.
+    # A server that is not asked to negotiate confirms without a negotiation: its CC alone could belong to any protocol.
     return case.their_record is not None and case.evidence.carries(case.their_record.frame, _RDP)
 
 
 def is_h323(case: Case) -> bool:
-    """Whether Wireshark shows nothing but the header of a TPKT in which, as it says, H.323 stands and no COTP."""
+    """Whether Wireshark shows only the header of a TPKT that contains, according to it, H.323 without COTP."""
     if case.frame is None or not _nothing_but_tpkt(case.their_record):
         return False
     return "cotp" not in case.frame.protocols and not case.frame.protocols.isdisjoint(_H323)
 
 
 def inside_a_message(case: Case) -> bool:
-    """Whether Wireshark shows a TPKT header in the middle of a TPKT that stands in the stream."""
+    """Whether Wireshark shows a TPKT header in the middle of a TPKT that is in the stream."""
     record = case.their_record
     if case.ours is not None or record is None or record.kind != facts.TPDU:
         return False
@@ -505,7 +504,7 @@ def inside_a_message(case: Case) -> bool:
 
 
 def cut_frame(case: Case) -> bool:
-    """Whether not all of the packet was captured."""
+    """Whether the packet was captured incompletely."""
     return case.ours is None and case.frame is not None and case.frame.cut
 
 
@@ -513,12 +512,12 @@ def cut_frame(case: Case) -> bool:
 
 
 def lost_by_tcp(case: Case) -> bool:
-    """Whether what only we show stands in the TCP stream, in its order."""
+    """Whether a record that only we show is in the TCP stream, in its order."""
     return case.theirs is None and case.our_record is not None and case.evidence.stands(case.our_record)
 
 
 def shown_at_the_gap(case: Case) -> bool:
-    """Whether tshark, putting segments in order, shows a message where a gap closed, and we in the packet that brought it."""
+    """Whether tshark, with reordering, shows a message where a gap closed, and we show it in the packet that contained it."""
     if case.our_record is None or case.their_record is None or case.our_record.frame >= case.their_record.frame:
         return False
     arrival = case.evidence.arrival(case.our_record.frame)
@@ -526,7 +525,7 @@ def shown_at_the_gap(case: Case) -> bool:
 
 
 def closes_a_gap(case: Case) -> bool:
-    """Whether tshark shows a message behind missing octets, and we in the packet that brought these, later in the capture."""
+    """Whether tshark shows a message after a gap, and we show it in the later packet that closed the gap."""
     if case.our_record is None or case.their_record is None or case.our_record.frame <= case.their_record.frame:
         return False
     mine, its = case.evidence.arrival(case.our_record.frame), case.evidence.arrival(case.their_record.frame)
@@ -536,24 +535,24 @@ def closes_a_gap(case: Case) -> bool:
 
 
 def shown_in_a_retransmission(case: Case) -> bool:
-    """Whether tshark shows a message only where it was sent again, and we in the packet that brought it."""
+    """Whether tshark shows a message only in a retransmission, and we show it in the packet that first contained it."""
     if case.our_record is None or case.their_record is None or case.our_record.frame >= case.their_record.frame:
         return False
     return _brought(case, case.their_record) and case.evidence.stands(case.our_record)
 
 
 def _brought(case: Case, record: Record) -> bool:
-    """Whether a record of tshark's stands where everything was brought by earlier segments."""
+    """Whether all octets of a tshark record at its position were delivered by earlier segments."""
     arrival = case.evidence.arrival(record.frame)
     if arrival is None or arrival.new == 0:
         return arrival is not None
     places = arrival.brought(record.octets)
-    # The headers of the DTs in a segment are alike, so that it is not known which of them this one is.
+    # The headers of the DTs in a segment are equal, so the right one cannot be determined.
     return any(places) and (record.kind == facts.TPDU or all(places))
 
 
 def unfinished(case: Case) -> bool:
-    """Whether tshark shows as much of a message as its segment holds, and we the whole when the rest had come."""
+    """Whether tshark shows the part of a message in its segment, and we show the whole message when it was complete."""
     record = case.their_record
     if record is None:
         return False
@@ -564,7 +563,7 @@ def unfinished(case: Case) -> bool:
     if record.kind == facts.PDU:
         lengths = [record.value(facts.IN_HEADER, name) for name in ("s7comm.header.parlg", "s7comm.header.datlg")]
         claimed = s7.HEADER.size + sum(length for length in lengths if isinstance(length, int))
-        # The end only: of a PDU in several DTs, headers stand between the parts.
+        # Only the end: between the parts of a PDU in several DTs there are headers.
         return case.ours is None and claimed > len(record.octets) and payload.endswith(record.octets[-4:])
     if case.our_record is None or case.our_record.frame <= record.frame or not case.evidence.stands(case.our_record):
         return False
@@ -572,7 +571,7 @@ def unfinished(case: Case) -> bool:
 
 
 def joined_over_a_gap(case: Case) -> bool:
-    """Whether a PDU is longer than the segment it is shown in, which stands behind missing octets."""
+    """Whether a PDU is longer than the segment it is shown in, which follows missing octets."""
     if case.ours is not None or case.their_record is None or case.their_record.kind != facts.PDU:
         return False
     arrival = case.evidence.arrival(case.their_record.frame)
@@ -582,5 +581,5 @@ def joined_over_a_gap(case: Case) -> bool:
 
 
 def brought_before(case: Case) -> bool:
-    """Whether tshark shows again what earlier segments brought: not one octet of it is new."""
+    """Whether tshark shows again what earlier segments delivered: no octet of it is new."""
     return case.ours is None and case.their_record is not None and _brought(case, case.their_record)

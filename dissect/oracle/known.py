@@ -1,9 +1,9 @@
-"""The differences that are understood: for each what the two sides say, which octets decide it, and who is right.
+"""The understood differences: for each the two readings, the octets that decide, and which side is right.
 
-This is the one place where a difference may be excused. An entry (`dissect.oracle.entry`) names the field and says by a
-predicate (`dissect.oracle.grounds`, `body_grounds`) exactly when it holds; what no entry claims is
-unexplained, and the tests fail on it. ``side`` says who is right: `OURS`, `SCOPE` where the package leaves something out on
-purpose, `FORM` where both say the same in other words. docs/oracle.md shows this table.
+This is the only place where a difference may be excused. An entry (`dissect.oracle.entry`) names the field, and its predicate
+(`dissect.oracle.grounds`, `body_grounds`) says exactly when it applies. A difference without an entry is unexplained, and the
+tests fail. ``side`` is `OURS` if our reading is right, `SCOPE` if the package leaves something out on purpose, `FORM` if both
+are equal in meaning. docs/oracle.md shows this table.
 """
 
 from __future__ import annotations
@@ -18,12 +18,12 @@ OURS: Final = "Ours is right"
 SCOPE: Final = "Left out on purpose"
 FORM: Final = "The same in another form"
 
-#: What is missing when Wireshark shows nothing of a TPDU.
+#: The missing fields if Wireshark shows nothing of a TPDU.
 _ALL_OF_TPDU: Final = (OCTETS, *sorted(facts.NAMES[facts.IN_TPDU] | facts.NAMES[facts.IN_PARAMETER]))
 
 
 def explain(case: Case) -> str:
-    """Return the id of the entry that explains a difference, empty when none does."""
+    """Return the id of the entry that explains a difference, empty if none does."""
     for entry in KNOWN:
         if case.place.name in entry.names and entry.applies(case):
             return entry.id
@@ -31,7 +31,7 @@ def explain(case: Case) -> str:
 
 
 def as_markdown() -> str:
-    """Return the table the way docs/oracle.md shows it."""
+    """Return the table as Markdown for docs/oracle.md."""
     lines = ["| id | Wireshark | who is right, and why | reference |", "|---|---|---|---|"]
     lines += [f"| `{entry.id}` | {entry.what} | {entry.side}. {entry.why} | {entry.reference} |" for entry in KNOWN]
     return "\n".join(lines) + "\n"

@@ -1,7 +1,7 @@
-"""Our side of the comparison: what the engine reads from a TPDU or a PDU, as facts.
+"""Our side of the comparison: the facts that the engine reads from a TPDU or a PDU.
 
-Values are those of the objects that users get (`Tpdu`, `Pdu`, `Item`, `DataItem` …), wherever such an object has an attribute
-for a field; only a field that is constant, so that no object keeps it, is read from the octets by its layout.
+Values are those of the objects that users get (`Tpdu`, `Pdu`, `Item`, `DataItem` …) if such an object has an attribute for the
+field. Only constant fields, which no object keeps, are read from the octets by their layout.
 """
 
 from __future__ import annotations
@@ -31,16 +31,16 @@ from dissect.transactions.connection import ISO_TSAP_PORT, Connection
 from dissect.transactions.side import Side
 from dissect.wire.layout import Layout
 
-#: Why a PDU is not compared.
+#: Reasons why a PDU is not compared.
 NO_DISSECTOR: Final = "Wireshark has no dissector for IBH-NetLink"
 ENCRYPTED: Final = "Wireshark is not asked to decrypt TLS"
 
-#: Attributes that are not called as their field is.
+#: Attributes whose names differ from their fields.
 _ATTRIBUTES: Final = {"address": "start_bit"}
 #: Octets of the parameters of a USEND before its R_ID.
 _BEFORE_R_ID: Final = 5
 _NO_FIELDS: Final = object()
-#: Where in a PDU the length of the data block stands, where in extended parameters the data unit reference does.
+#: Position of the length of the data block in a PDU, and of the data unit reference in extended parameters.
 _DATA_LENGTH: Final = 8
 _DATA_UNIT_REF: Final = 8
 #: Function group of BSEND.
@@ -50,10 +50,10 @@ _SIZES: Final = {TPDU_SIZE: facts.TPDU_SIZE, PREFERRED_SIZE: facts.PREFERRED_SIZ
 
 
 class Witness(Observer):
-    """Reads a capture and keeps the octets of every TPKT and S7 PDU, in the order in which the engine tells of them.
+    """Reads a capture and keeps the octets of every TPKT and S7 PDU, in the order of the engine's reports.
 
-    ``ports`` are those on which connections were recognised, other than 102: Wireshark has to be told of them.
-    ``not_comparable`` counts what Wireshark cannot be asked about, by the reason; ``plus`` is what S7comm-plus proves itself.
+    ``ports`` are recognised ports other than 102: Wireshark needs them as a preference. ``not_comparable`` counts PDUs that
+    Wireshark cannot dissect, by reason. ``plus`` are the self-consistency checks of S7comm-plus.
     """
 
     def __init__(self, path: str, tls_keys: KeyLog | None = None) -> None:
@@ -67,11 +67,11 @@ class Witness(Observer):
         run = Run([path], self, Options(tls_keys=tls_keys))
         while run.step():
             pass
-        #: What of the capture could not be read, empty when all of it was.
+        #: The part of the capture that could not be read, empty for none.
         self.loss = run.files[0].loss
 
     def records(self, kind: str, numbers: Iterable[int]) -> list[Record]:
-        """Return the facts of what was found, by its place in ``found``."""
+        """Return the facts of a record, by its index in ``found``."""
         read = tpdu_record if kind == facts.TPDU else pdu_record
         records = []
         for number in numbers:
@@ -81,7 +81,7 @@ class Witness(Observer):
         return records
 
     def connection_opened(self, connection: Connection) -> None:
-        """Note a port that nobody would take for ISO-on-TCP."""
+        """Note a port other than that of ISO-on-TCP."""
         if connection.protocol == IBH_NETLINK:
             return
         ends = connection.tcp.ends
@@ -106,14 +106,14 @@ class Witness(Observer):
             self.found[facts.PDU].append((frame, octets))
 
     def plus_pdu(self, frame: int, time_ns: int, side: Side, octets: bytes, cut: bool) -> None:
-        """Look at an S7comm-plus PDU."""
+        """Check an S7comm-plus PDU."""
         self.plus.take(octets, frame, side.connection.number, side.index, cut)
 
 
 def _read(
     found: dict[Place, Fact], part: str, number: int, layout: Layout, octets: bytes, at: int, read: object
 ) -> None:
-    """Add the fields of one header: their places from the layout, their values from the object ``read``."""
+    """Add the fields of one header: their positions from the layout, their values from the object ``read``."""
     for value in layout.read(octets, at):
         field = value.field
         if field.wireshark:
@@ -141,13 +141,13 @@ def tpdu_record(frame: int, octets: bytes) -> Record:
 
 
 def _connection_parameters(found: dict[Place, Fact], tpdu: Tpdu) -> None:
-    """What a CR or CC says in its parameters: TSAPs and sizes."""
+    """Add the parameters of a CR or CC: TSAPs and sizes."""
     for code, name in _TSAPS.items():
         tsap = tpdu.tsap(code)
         if tsap is not None and tsap.octets:
             found[Place(facts.IN_TPDU, 0, name)] = Fact(tsap.octets, _last(tpdu, code) + 2)
     for code, name in _SIZES.items():
-        # `tpdu_size` is what holds of the two; each alone says what it states.
+        # `tpdu_size` is the size in force; each parameter is compared with its own value.
         alone = Tpdu(tpdu.type, tpdu.layout)
         stated = [parameter.value for parameter in tpdu.parameters if parameter.code == code]
         alone.take_variable(b"".join([bytes((code, len(value))) + value for value in stated]))
@@ -156,7 +156,7 @@ def _connection_parameters(found: dict[Place, Fact], tpdu: Tpdu) -> None:
 
 
 def _last(tpdu: Tpdu, code: int) -> int:
-    """Return where the last parameter with ``code`` stands."""
+    """Return the position of the last parameter with ``code``."""
     return [parameter.offset for parameter in tpdu.parameters if parameter.code == code][-1]
 
 
@@ -181,7 +181,7 @@ def pdu_record(frame: int, octets: bytes) -> Record:
 
 
 def _body(found: dict[Place, Fact], place: str, pdu: Pdu, start: int) -> None:
-    """Add the fields of a body behind ``start`` that were not told already; positions count from there."""
+    """Add the fields of a body after ``start`` that were not added already; positions count from there."""
     taken = {(fact.offset, told.name) for told, fact in found.items()}
     for part in parse_body(pdu).parts:
         if part.offset < start:
@@ -195,14 +195,14 @@ def _body(found: dict[Place, Fact], place: str, pdu: Pdu, start: int) -> None:
 
 
 def take_joined(record: Record, joined: bytes) -> None:
-    """Put what the whole of an answer in several PDUs says in the place of what the last of them says by itself.
+    """Replace the body facts of the last PDU of an answer by those of the whole, joined answer.
 
-    It is read as the payload of a PDU with the head of ``record`` that says to be the only part.
+    The answer is read as the payload of a PDU with the head of ``record`` and without further parts.
     """
     octets = bytearray(record.octets)
     pdu = parse_pdu(record.octets)
     payload = pdu.data_offset + DATA_HEAD
-    # Before every piece of a BSEND stands its R_ID, which Wireshark does not join.
+    # Each piece of a BSEND begins with its R_ID, which Wireshark does not join.
     head = pdu.parameters.userdata
     start = payload + (PBC_ID.size if head is not None and (head.group, head.subfunction) == (PBC, BSEND) else 0)
     octets[start:] = joined
@@ -244,7 +244,7 @@ def _userdata(found: dict[Place, Fact], pdu: Pdu, octets: bytes) -> None:
         return
     layout = s7.USERDATA_EXTENDED if head.extended else s7.USERDATA_SHORT
     if head.usend:
-        octets = octets[: at + _BEFORE_R_ID]  # which stands where others have type and group
+        octets = octets[: at + _BEFORE_R_ID]  # at the position of type and group in other requests
     _read(found, part, 0, layout, octets, at, head)
 
 

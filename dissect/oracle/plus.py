@@ -1,7 +1,7 @@
-"""S7comm-plus, which Wireshark has no dissector for: what its own PDUs prove (docs/s7plus.md).
+"""S7comm-plus, which Wireshark cannot dissect: self-consistency checks of its PDUs (docs/s7plus.md).
 
-Two things hold in every public capture: a PDU is read to its last octet, and the integrity id of a response is that of its
-request plus the sequence number. A wrong reading would show, because the id stands behind everything else.
+Two facts hold in every public capture: a PDU can be read to its last octet, and the integrity id of a response is that of its
+request plus the sequence number. A wrong reading would break the second, because the id comes after everything else.
 """
 
 from __future__ import annotations
@@ -13,17 +13,17 @@ from dissect.s7plus.contents import Contents
 from dissect.s7plus.message import PlusPdu, parse_plus
 from dissect.s7plus.tables import KEEP_ALIVE, REQUEST, RESPONSE
 
-#: Requests that wait for their response, and faults that are kept in words.
+#: Maximum number of requests that wait for their response, and of faults that are described.
 _OPEN: Final = 10_000
 _KEPT: Final = 100
 
 
 class PlusProof:
-    """Counts the PDUs of a capture that prove themselves.
+    """Counts the PDUs of a capture that pass the checks.
 
-    ``read`` of ``pdus`` whole ones are read to their last octet; the integrity ids of ``true`` of ``pairs`` responses follow
-    from those of their requests. ``cut`` PDUs are not whole, and not looked at; of ``unknown`` ones, which are whole,
-    the body is not known (InitSSL among them). ``faults`` say which do not hold, and why.
+    ``read`` of ``pdus`` whole ones can be read to their last octet; the integrity ids of ``true`` of ``pairs`` responses follow
+    from those of their requests. ``cut`` PDUs are incomplete and not checked; the body of ``unknown`` PDUs, which are whole, is
+    unknown (InitSSL among them). ``faults`` describe those that fail, and why.
     """
 
     def __init__(self) -> None:
@@ -38,12 +38,12 @@ class PlusProof:
 
     @property
     def met(self) -> bool:
-        """True when there was a PDU of S7comm-plus, whole or not."""
+        """True if there was a PDU of S7comm-plus, whole or not."""
         return bool(self.pdus or self.cut or self.unknown)
 
     @property
     def holds(self) -> bool:
-        """True when all that was looked at holds."""
+        """True if no check failed."""
         return self.read == self.pdus and self.true == self.pairs
 
     def __str__(self) -> str:
@@ -56,7 +56,7 @@ class PlusProof:
         )
 
     def add(self, other: PlusProof) -> None:
-        """Add what another capture proves; its faults stay with it."""
+        """Add the results for another capture, without its faults."""
         self.pdus += other.pdus
         self.cut += other.cut
         self.unknown += other.unknown
@@ -65,7 +65,7 @@ class PlusProof:
         self.true += other.true
 
     def take(self, octets: bytes, frame: int, connection: int, side: int, cut: bool) -> None:
-        """Take a PDU: its frames one behind the other."""
+        """Take a PDU: its frames one after another."""
         pdu = parse_plus(octets, frame, 0, connection, side, cut)
         if not pdu.whole:
             self.cut += 1

@@ -1,7 +1,7 @@
-"""The same facts through pyshark: a second way to Wireshark's dissection, with another reader of its JSON in between.
+"""The same facts through pyshark: a second way to Wireshark's dissection, with a different parser of its JSON.
 
-pyshark drives tshark from an event loop of its own, and fails in a process that ever ran another one; it therefore runs in a
-child (``python -m dissect.oracle.pyshark_reader``), which writes one JSON line a packet. Its exact mode is ``use_json=True``:
+pyshark drives tshark from its own event loop, and fails in a process that ever ran another one. It therefore runs in a child
+(``python -m dissect.oracle.pyshark_reader``), which writes one JSON line per packet. Its exact mode is ``use_json=True``:
 several PDUs of a packet are in ``duplicate_layers``, while EK mode raises on them.
 """
 
@@ -20,14 +20,14 @@ import msgspec
 from dissect.oracle.theirs import OF_FRAME, PROTOCOLS, WANTED, WHOLE, Frame, Tree
 from dissect.oracle.tshark import FILTER, Child, OracleError, preferences
 
-#: Seconds in which a tshark that has written all it has to say is expected to be gone.
+#: Seconds for a tshark to exit after its last output.
 _LEAVING: Final = 10
 
 
 def read_pyshark(path: str, ports: Iterable[int] = (), reorder: bool = False) -> Iterator[Frame]:
-    """Dissect a capture with pyshark and yield every packet that holds a TPKT, as `read_tshark` does.
+    """Dissect a capture with pyshark and yield every packet that contains a TPKT, as `read_tshark` does.
 
-    Raises OracleError when pyshark or tshark is missing or fails.
+    Raises OracleError if pyshark or tshark is missing or fails.
     """
     command = [sys.executable, "-m", __name__, path, str(int(reorder)), *map(str, sorted(ports))]
     child = Child(command, f"pyshark, reading {path}")
@@ -35,7 +35,7 @@ def read_pyshark(path: str, ports: Iterable[int] = (), reorder: bool = False) ->
     try:
         for line in child.stdout:
             if not line.endswith(b"\n"):
-                break  # the child ended within a line: it says why, not what it left
+                break  # the child ended within a line: its error says why, the partial line does not
             yield Frame(_decoded(line, path))
         whole = True
     finally:
@@ -43,7 +43,7 @@ def read_pyshark(path: str, ports: Iterable[int] = (), reorder: bool = False) ->
 
 
 def _decoded(line: bytes, path: str) -> Tree:
-    """Return what a line of the child holds. Raises OracleError, with the place, for a line that is no JSON."""
+    """Return the content of a line of the child. Raises OracleError, with the position, for a line that is not JSON."""
     try:
         return msgspec.json.decode(line, type=dict[str, Any])
     except msgspec.DecodeError as error:
@@ -53,16 +53,16 @@ def _decoded(line: bytes, path: str) -> Tree:
 
 
 def _plain(name: str, value: Any) -> Any:
-    """Return what pyshark made of a field, a list or a tree as JSON-ready values; only the wanted fields of a tree."""
+    """Return pyshark's form of a field, a list or a tree as JSON-ready values; only the wanted fields of a tree."""
     if isinstance(value, list):
         return [_plain(name, part) for part in value]
     if not hasattr(value, "get_field"):
         return value.raw_value
     if name in WHOLE:
-        # Every field of it is wanted, and pyshark finds one only by a name that is known before.
+        # All its fields are wanted, but pyshark only finds fields by names that are known in advance.
         return value._all_fields  # noqa: SLF001 - its public names are lossy
     tree: Tree = {}
-    # pyshark makes field names of Wireshark's remarks too, so that a tree may stand where a field is looked for.
+    # pyshark turns Wireshark's remarks into field names, too, so a tree may have the name of a field.
     for wanted in sorted(WANTED.get(name, ())):
         for key in (wanted, f"{wanted}_raw"):
             with suppress(AttributeError):  # pyshark's way to say that there is none
@@ -79,7 +79,7 @@ def _raw(layer: Any) -> list[Any]:
 
 
 def _layers(packet: Any) -> Tree:
-    """Return a packet's layers in the form tshark gives them."""
+    """Return a packet's layers in the form that tshark gives them."""
     told: Tree = {"frame": {name: packet.frame_info.get_field(name).raw_value for name in OF_FRAME}}
     for layer in packet.layers:
         name = layer.layer_name
@@ -91,7 +91,7 @@ def _layers(packet: Any) -> Tree:
 
 
 def main(path: str, reorder: str, *ports: str) -> None:
-    """Write the layers of every packet with a TPKT to stdout, a JSON line each."""
+    """Write the layers of every packet with a TPKT to stdout, one JSON line each."""
     try:
         import pyshark
         from pyshark.capture.capture import TSharkCrashException
@@ -100,11 +100,12 @@ def main(path: str, reorder: str, *ports: str) -> None:
         sys.exit("pyshark is not installed: pip install 's7dissect[tshark]'")
 
     class Capture(pyshark.FileCapture):  # type: ignore[misc]  # pyshark has no types
-        """At the end of its output tshark is let go by itself.
+        """A pyshark capture that lets tshark exit by itself at the end of its output.
 
-        pyshark kills it there. If it leaves between pyshark's look and the signal, the signal takes its status from the event
-        loop, which then reports 255, and pyshark raises for a crash that never was. Of a tshark that a signal ended it says
-        nothing, although the last packet is lost: only the next one, or the end of the array, tells pyshark that it is whole.
+        pyshark kills tshark there. If tshark exits between pyshark's check and the signal, the signal takes its status from the
+        event loop, which then reports 255, and pyshark raises for a crash that did not happen. For a tshark that was ended by a
+        signal it reports nothing, although the last packet is lost: pyshark completes a packet only with the next one, or with
+        the end of the array.
         """
 
         async def _cleanup_subprocess(self, process: Process) -> None:
@@ -131,7 +132,7 @@ def main(path: str, reorder: str, *ports: str) -> None:
         finally:
             capture.close()
     except (FileNotFoundError, TSharkCrashException, TSharkNotFoundException) as error:
-        # Behind the first two lines stands advice for pyshark's developers; and it raises once more while Python shuts down.
+        # After the first two lines comes advice for pyshark's developers; and it raises once more while Python shuts down.
         sys.stderr.write(" ".join(str(error).splitlines()[:2]) + "\n")
         sys.stderr.flush()
         sys.stdout.flush()

@@ -1,7 +1,7 @@
 """Wireshark's side of the comparison: the JSON tree of one packet as facts.
 
-tshark's ``-T json -x`` gives beside every field ``NAME`` a ``NAME_raw``: its octets, position, size, mask and type. A field
-that has none was not read from the wire but worked out (a class 0 DT gets the reference of its connection) and is left out.
+With ``-T json -x`` tshark adds ``NAME_raw`` to every field ``NAME``: its octets, position, size, mask and type. A field without
+it was not read from the wire but computed (a class 0 DT gets the reference of its connection) and is left out.
 """
 
 from __future__ import annotations
@@ -14,42 +14,42 @@ from dissect.oracle.facts import BODY_NAMES, NAMES, OCTETS, Fact, Place, Record,
 
 Tree = dict[str, Any]
 
-#: Protocols whose trees are wanted in full.
+#: Protocols whose trees are needed in full.
 PROTOCOLS: Final = ("frame", "tpkt", "cotp", "s7comm")
 #: Fields of the packet itself that are read.
 OF_FRAME: Final = ("frame.number", "frame.protocols", "frame.len", "frame.cap_len")
 _USERDATA: Final = 7
-#: Where a field is beyond the end of its packet, tshark has words in the place of its octets ("field length invalid!").
+#: If a field is beyond the end of its packet, tshark has a message instead of its octets ("field length invalid!").
 _HEX_DIGITS: Final = frozenset("0123456789abcdefABCDEF")
-#: Wireshark's number of the type of a field that is only the heading of a tree.
+#: Wireshark's type number for a field that is only the heading of a tree.
 _HEADING: Final = 0
-#: Wireshark up to 4.0 shows the first five fields of a userdata head under names of its own, three of them as one number.
+#: Wireshark up to 4.0 shows the first five fields of a userdata head under its own names, three of them as one number.
 _OLD_NAMES: Final = {
     "s7comm.param.userdata.head": ("s7comm.param.func", "s7comm.param.itemcount", "s7comm.param.item.varspec"),
     "s7comm.param.userdata.length": ("s7comm.param.item.varspec_length",),
     "s7comm.param.userdata.reqres1": ("s7comm.param.item.syntaxid",),
 }
-#: Names that Wireshark has beside others for the same place in a record, by extract of the list.
+#: Wireshark's alternative names for the same position in a record, by extract of the list.
 _ALIASES: Final = {
     f"s7comm.szl.0091.0000.res1_{extract}": "s7comm.szl.0091.0000.res1" for extract in ("0c_4c_4d", "0d")
 }
-#: What stands before each piece of a BSEND and is not joined; the last of it is there in no other message.
+#: Precedes each piece of a BSEND and is not joined; the last of these fields is found in no other message.
 _R_ID: Final = "s7comm.pbc.req.bsend.r_id"
 _OF_PIECES: Final = frozenset(
     (*sorted(NAMES[facts.IN_ITEM] - {"s7comm.param.item.length"}), "s7comm.pbc.bsend.unknown", _R_ID)
 )
-#: Fields that are wanted of the trees that are not wanted whole.
+#: Fields that are needed from trees that are not needed in full.
 WANTED: Final[dict[str, frozenset[str]]] = {
     "tpkt": NAMES[facts.IN_TPKT],
     "cotp": NAMES[facts.IN_TPDU] | NAMES[facts.IN_PARAMETER],
 }
-#: Trees that are wanted whole.
+#: Trees that are needed in full.
 WHOLE: Final = frozenset(("s7comm",))
 _BOOLEANS: Final = {"true": 1, "false": 0}
 
 
 class Frame:
-    """What Wireshark found in one packet: TPDUs, PDUs, ``protocols`` by its names; ``cut``: not all of it was captured."""
+    """What Wireshark found in one packet: TPDUs, PDUs, ``protocols`` by its names; ``cut``: it was captured incompletely."""
 
     __slots__ = ("cut", "number", "pdus", "protocols", "tpdus")
 
@@ -63,7 +63,7 @@ class Frame:
 
 
 def listed(value: Any) -> list[Any]:
-    """Return a value as a list: tshark gives one only where a name occurs more than once."""
+    """Return a value as a list: tshark gives one only if a name occurs more than once."""
     if value is None:
         return []
     return value if isinstance(value, list) else [value]
@@ -96,9 +96,9 @@ def _value(name: str, text: str) -> Value:
 
 
 def _take(found: dict[Place, Fact], part: str, number: int, tree: Tree, start: int, which: int = 0) -> None:
-    """Add the compared fields that stand directly in ``tree``; positions count from ``start``.
+    """Add the compared fields that are directly in ``tree``; positions count from ``start``.
 
-    Of a field that stands more than once there the first counts, or the one at index ``which``.
+    If a field occurs more than once, the first one counts, or the one at index ``which``.
     """
     for name in NAMES[part]:
         raws = _raws(tree, name)
@@ -107,7 +107,7 @@ def _take(found: dict[Place, Fact], part: str, number: int, tree: Tree, start: i
 
 
 def _take_old_head(found: dict[Place, Fact], tree: Tree, start: int) -> None:
-    """Add the fields of a userdata head that old versions call otherwise."""
+    """Add the fields of a userdata head that old versions give different names."""
     for old, names in _OLD_NAMES.items():
         for raw in _raws(tree, old)[:1]:
             for index, octet in enumerate(bytes.fromhex(raw[0])):
@@ -119,7 +119,7 @@ def _tpdus(number: int, layers: Tree) -> list[Record]:
     records = []
     for tree, raw in _layers(layers, "tpkt"):
         if "tpkt.version" not in tree:
-            continue  # a "continuation": octets it could not find a TPKT in
+            continue  # a "continuation": octets in which it could not find a TPKT
         found: dict[Place, Fact] = {}
         octets, start = bytes.fromhex(raw[0]), raw[1]
         _take(found, facts.IN_TPKT, 0, tree, start)
@@ -127,7 +127,7 @@ def _tpdus(number: int, layers: Tree) -> list[Record]:
             cotp, its_raw = cotps.pop(0)
             octets += bytes.fromhex(its_raw[0])
             start = its_raw[1]
-            # A parameter that stands twice counts with its last value (X.224 13.2.3).
+            # The last value of a repeated parameter counts (X.224 13.2.3).
             _take(found, facts.IN_TPDU, 0, cotp, start, -1)
             _parameters(found, cotp, start)
         records.append(Record(facts.TPDU, number, octets, found))
@@ -166,7 +166,7 @@ def _pdu(number: int, tree: Tree, raw: list[Any]) -> Record:
 
 
 def _take_body(record: Record, tree: Tree, start: int) -> None:
-    """Add what the trees of the parameters and the data hold besides the fields that were taken from them already."""
+    """Add the contents of the trees of the parameters and the data, except for fields that were added already."""
     taken = {(fact.offset, place.name) for place, fact in record.facts.items()}
     for name in ("s7comm.param", "s7comm.data"):
         joined = bool(record.joined) and name == "s7comm.data"

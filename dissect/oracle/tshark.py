@@ -1,7 +1,7 @@
 """tshark as a child process: its JSON, one packet after another.
 
-``-T json -x --no-duplicate-keys`` is the exact form: every field with its octets and its position, and a list where a name
-occurs more than once.
+``-T json -x --no-duplicate-keys`` is the exact form: every field with its octets and its position, and a list if a name occurs
+more than once.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from dissect.transactions.connection import ISO_TSAP_PORT
 PROGRAM: Final = "tshark"
 #: Only packets with a TPKT matter.
 FILTER: Final = "tpkt"
-#: Said on the command line, so that a person's own preferences do not decide.
+#: Set on the command line, so that a user's own preferences have no effect.
 PREFERENCES: Final = {
     "tcp.desegment_tcp_streams": "TRUE",
     "tcp.analyze_sequence_numbers": "TRUE",
@@ -30,24 +30,24 @@ PREFERENCES: Final = {
     "cotp.reassemble": "TRUE",
 }
 _CHUNK: Final = 1 << 18
-#: How tshark prints an array: each record begins and ends at two spaces, what is inside stands deeper.
+#: The form in which tshark prints an array: each record begins and ends at two spaces, its contents are indented deeper.
 _BEGIN: Final = b"\n  {"
 _END: Final = b"\n  }"
 
 
 class OracleError(Exception):
-    """Wireshark cannot be asked: says why and what to do."""
+    """Wireshark cannot be run; the message says why and what to do."""
 
 
-#: Reads a capture: (path, ports to take for TPKT, whether TCP segments are put in order first) → packets.
+#: Reads a capture: (path, ports to treat as TPKT, whether TCP segments are put in order first) → packets.
 Reader = Callable[[str, Iterable[int], bool], Iterator[Frame]]
 
 
 def preferences(ports: Iterable[int], reorder: bool) -> dict[str, str]:
-    """Return Wireshark's preferences: ``ports`` are taken for TPKT besides 102, ``reorder`` puts TCP segments in order first.
+    """Return Wireshark's preferences: ``ports`` are treated as TPKT besides 102, ``reorder`` puts TCP segments in order first.
 
-    Ports are no matter for decode-as (``-d tcp.port==N,tpkt``): two dissectors have that name, and the one it takes, a
-    heuristic of RDP, does not see a message whose TPKT header is cut by a segment.
+    decode-as (``-d tcp.port==N,tpkt``) does not work for the ports: two dissectors have that name, and the one it selects, a
+    heuristic of RDP, misses a message whose TPKT header is split between segments.
     """
     return {
         **PREFERENCES,
@@ -64,7 +64,7 @@ def _command(path: str, ports: Iterable[int], reorder: bool) -> list[str]:
 
 
 class Child:
-    """A running program whose output is read from ``stdout``; ``what`` says in a message what it was doing."""
+    """A running program whose output is read from ``stdout``; ``what`` names its task in messages."""
 
     def __init__(self, command: list[str], what: str) -> None:
         self._what = what
@@ -83,7 +83,7 @@ class Child:
         self.stdout: IO[bytes] = self._process.stdout
 
     def close(self, stop: bool = False) -> None:
-        """Wait for the end; with ``stop`` bring it about and never mind how it ends, else raise OracleError when it failed."""
+        """Wait for the end; with ``stop``, terminate it and ignore its status, otherwise raise OracleError if it failed."""
         if stop:
             self._process.terminate()
         self.stdout.close()
@@ -99,7 +99,7 @@ class Child:
 
 
 def version() -> str:
-    """Return tshark's version, as ``4.0.17``. Raises OracleError when there is no tshark."""
+    """Return tshark's version, as ``4.0.17``. Raises OracleError if tshark is missing."""
     child = Child([PROGRAM, "--version"], "the comparison needs tshark")
     said = child.stdout.read().decode("utf-8", "replace")
     child.close()
@@ -107,7 +107,7 @@ def version() -> str:
 
 
 def records(stream: IO[bytes]) -> Iterator[bytes]:
-    """Cut tshark's JSON array into its records, each a whole object, holding no more than one and a chunk."""
+    """Split tshark's JSON array into its records, each a whole object; only one record and one chunk are in memory."""
     held = bytearray()
     while chunk := stream.read1(_CHUNK) if hasattr(stream, "read1") else stream.read(_CHUNK):
         scan = max(0, len(held) - len(_END))
@@ -120,10 +120,9 @@ def records(stream: IO[bytes]) -> Iterator[bytes]:
 
 
 def read_tshark(path: str, ports: Iterable[int] = (), reorder: bool = False) -> Iterator[Frame]:
-    """Dissect a capture with tshark and yield every packet that holds a TPKT.
+    """Dissect a capture with tshark and yield every packet that contains a TPKT.
 
-    ``ports`` besides 102 are taken for TPKT. Raises OracleError when tshark is missing or fails, the latter behind the last
-    packet it gave.
+    ``ports`` besides 102 are treated as TPKT. Raises OracleError if tshark is missing, or (after the last packet) if it fails.
     """
     command = _command(path, ports, reorder)
     command += ["-Y", FILTER, "-T", "json", "-x", "-J", " ".join(PROTOCOLS), "--no-duplicate-keys"]
@@ -139,7 +138,7 @@ def read_tshark(path: str, ports: Iterable[int] = (), reorder: bool = False) -> 
 
 
 class Segment:
-    """A TCP segment with octets: its direction (``flow``), absolute sequence number, payload, and tshark's remarks on it.
+    """A TCP segment with payload: its direction (``flow``), absolute sequence number, payload, and tshark's remarks on it.
 
     ``protocols`` are those that tshark finds in its packet.
     """
@@ -164,12 +163,12 @@ class Segment:
 
     @property
     def stream(self) -> str:
-        """What both directions of its connection have in common: tshark's number of the TCP stream."""
+        """The stream of both directions of its connection: tshark's number of the TCP stream."""
         return self.flow.partition(" ")[0]
 
 
 _FLOW: Final = ("tcp.stream", "ieee8021ad.id", "vlan.id", "ip.src", "ipv6.src", "tcp.srcport")
-#: What Wireshark says of a segment it does not take for the next one.
+#: Wireshark's remarks on a segment that it does not regard as the next one.
 _REMARKS: Final = (
     "tcp.analysis.retransmission",
     "tcp.analysis.fast_retransmission",
@@ -181,7 +180,7 @@ _REMARKS: Final = (
 
 
 def read_segments(path: str) -> Iterator[Segment]:
-    """Yield every TCP segment with octets, in the order of the file. Raises OracleError as `read_tshark` does."""
+    """Yield every TCP segment with payload, in the order of the file. Raises OracleError as `read_tshark` does."""
     names = ["frame.number", "tcp.seq_raw", "tcp.payload", "frame.protocols", *_FLOW, *_REMARKS]
     command = [*_command(path, (), False), "-Y", "tcp.payload", "-T", "fields", "-E", "occurrence=a"]
     for name in names:

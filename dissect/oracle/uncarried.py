@@ -1,6 +1,6 @@
-"""The fields that Wireshark shows in the parameters and data of S7 PDUs and that no layout of ours has, with the reason.
+"""Fields that Wireshark shows in the parameters and data of S7 PDUs and that no layout of ours has, with reasons.
 
-`scripts/oracle_doc.py` writes them to docs/oracle.md from what tshark shows in the captures; a test holds the page to that.
+`scripts/oracle_doc.py` writes them to docs/oracle.md from tshark's output for the captures; a test compares the page.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from collections import Counter
 from collections.abc import Iterable
 from typing import Final
 
-#: Why there is no field of ours of that name, by what the name matches as a whole; the first match counts.
+#: Reasons why we have no field of that name, by a pattern for the whole name; the first match counts.
 REASONS: Final = (
     (
         r"s7comm\.param\.userdata\.(head|length|reqres1)",
@@ -44,12 +44,12 @@ AGAIN: Final = (
 
 
 def reason(name: str) -> str:
-    """Return why no layout has a field of this name, empty when nobody has said so."""
+    """Return the reason why no layout has a field of this name, empty if there is none."""
     return next((why for pattern, why in REASONS if re.fullmatch(pattern, name)), "")
 
 
 def without_reason(other: Counter[str], again: Counter[str]) -> list[str]:
-    """Return the names whose octets are not always in a field that is compared, and that have no reason."""
+    """Return names without a reason whose octets are not always in a compared field."""
     return sorted(name for name, count in other.items() if again[name] < count and not reason(name))
 
 

@@ -1,4 +1,4 @@
-"""What comparing captures gave, for a person and for a program: `s7dissect verify` (docs/oracle.md, docs/json.md)."""
+"""Results of comparing captures, for people and programs: `s7dissect verify` (docs/oracle.md, docs/json.md)."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _ENTRIES: Final = {entry.id: entry for entry in KNOWN}
 class Verification:
     """The comparisons of some captures, in the order in which they were made.
 
-    ``tshark`` is its version; ``every`` asks for a line for each known difference besides the summary.
+    ``tshark`` is its version; ``every`` requests one line for each known difference besides the summary.
     """
 
     def __init__(self, tshark: str, every: bool = False) -> None:
@@ -36,12 +36,12 @@ class Verification:
 
     @property
     def holds(self) -> bool:
-        """True when nothing is unexplained, and every PDU of S7comm-plus proves itself."""
+        """True if nothing is unexplained and all checks of S7comm-plus pass."""
         return not self.unexplained and all([comparison.plus.holds for _, comparison in self.files])
 
     @property
     def known(self) -> Counter[str]:
-        """The explained differences by what explains them."""
+        """The explained differences, by explanation."""
         return sum((comparison.known for _, comparison in self.files), Counter())
 
     def take(self, path: str, comparison: Comparison) -> list[str]:
@@ -60,7 +60,7 @@ class Verification:
         return lines
 
     def summary(self) -> Iterator[str]:
-        """Yield the totals, and what is known of Wireshark with how often it was met."""
+        """Yield the totals, and the known differences with their counts."""
         files = "1 file" if len(self.files) == 1 else f"{len(self.files)} files"
         yield f"{files}, tshark {self.tshark}: {_counts([comparison for _, comparison in self.files])}"
         plus = PlusProof()

@@ -1,4 +1,4 @@
-"""`s7_capture`: captures of the folder that a project keeps them in, and what is in them."""
+"""`s7_capture`: the captures in a project's folder, and their contents."""
 
 from __future__ import annotations
 
@@ -15,10 +15,11 @@ if TYPE_CHECKING:
     from dissect.golden.model import Session
     from dissect.session import Event
 
-#: What whoever writes tests has said wrongly or has wrong on disk: told at the line of the test, without what is behind it.
+#: Mistakes of the author of a test, in the call or on disk: reported at the line of the test, without a traceback into the
+#: package.
 MISTAKES: Final = (CaptureError, OSError, ValueError)
 
-#: What a name may lack.
+#: Suffixes that a name may leave out.
 SUFFIXES: Final = (
     ".pcapng",
     ".pcap",
@@ -29,17 +30,17 @@ _LIKE: Final = 5
 
 
 class Capture:
-    """A capture: its path, and what is in it. What is asked for is read anew each time, so it may be changed."""
+    """A capture: its path and its contents. Every access reads the file again, because it may have changed."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
 
     def analysis(self, slow_ns: int = 1_000_000_000) -> dissect.Analysis:
-        """Return what `dissect.analyze` gives."""
+        """Return the result of `dissect.analyze`."""
         return dissect.analyze(str(self.path), slow_ns=slow_ns)
 
     def events(self) -> Iterator[Event]:
-        """Yield what `dissect.open` yields without single PDUs: connections, transactions, operations, findings."""
+        """Yield the results of `dissect.open` without single PDUs: connections, transactions, operations, findings."""
         return dissect.open(str(self.path), pdus=False)
 
     def transactions(self) -> list[dissect.Transaction]:
@@ -47,11 +48,11 @@ class Capture:
         return [event for event in self.events() if isinstance(event, dissect.Transaction)]
 
     def findings(self) -> list[dissect.Finding]:
-        """Return the findings that no other one explains."""
+        """Return the findings that no other finding explains."""
         return [event for event in self.events() if isinstance(event, dissect.Finding) and not event.because]
 
     def session(self) -> Session:
-        """Return what a golden would hold of it."""
+        """Return the capture as a session, which can be compared with a golden."""
         from dissect.golden.reading import read_session
 
         return read_session(self.path)
@@ -64,15 +65,15 @@ class Capture:
 
 
 class CaptureFolder:
-    """Opens captures by their names: ``s7_capture("pump")``."""
+    """Opens captures by name: ``s7_capture("pump")``."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
 
     def __call__(self, name: str | os.PathLike[str]) -> Capture:
-        """Return a capture: a file of the folder with or without its suffix, or any other by its path.
+        """Return a capture: a file of the folder, with or without its suffix, or any file by its path.
 
-        Raises FileNotFoundError, which says what there is instead.
+        Raises FileNotFoundError, which lists the files that exist.
         """
         __tracebackhide__ = True
         path = self.folder / name
@@ -90,7 +91,7 @@ class CaptureFolder:
 
 
 def path_of(what: object, captures: CaptureFolder) -> Path:
-    """Return the path of something that is a capture, a recorder, a name or a path itself. Raises TypeError."""
+    """Return the path of a capture or recorder, or of a capture's name or path. Raises TypeError for anything else."""
     __tracebackhide__ = True
     if isinstance(what, Capture):
         return what.path
@@ -103,6 +104,6 @@ def path_of(what: object, captures: CaptureFolder) -> Path:
 
 
 def near(path: str | os.PathLike[str]) -> str:
-    """Return a path as seen from the current folder, where it is below."""
+    """Return a path relative to the current folder if it is below it."""
     relative = os.path.relpath(path)
     return os.fspath(path) if relative.startswith(os.pardir) else relative

@@ -1,4 +1,4 @@
-"""`s7_golden`: a session held against the golden of its test."""
+"""`s7_golden`: compares a session with the golden of a test."""
 
 from __future__ import annotations
 
@@ -20,17 +20,17 @@ from dissect.testing.captures import MISTAKES, CaptureFolder, near, path_of
 from dissect.testing.golden_files import ALL, NONE, GoldenFiles, folder_of, golden_of, stem_of
 from dissect.transactions.naming import Naming
 
-#: What a failure says at most.
+#: Maximum number of differences in a failure.
 MAX_DIFFERENCES: Final = 20
 MAX_LINE: Final = 400
 MAX_PROBLEMS: Final = 5
 
 
 class GoldenCheck:
-    """Holds what was recorded against the goldens of one test.
+    """Compares sessions with the goldens of one test.
 
-    ``update`` says what may be written: nothing (``none``), goldens that are missing (``new``), or those that differ as well
-    (``all``). Nothing is written of a session in which a fake PLC was ``asked_else``: the test fails for that.
+    ``update`` says which goldens may be written: none (``none``), missing ones (``new``), or differing ones as well (``all``).
+    No golden is written of a session in which a fake PLC received a unrecorded request (``has_unmatched``): the test fails.
     """
 
     def __init__(
@@ -39,7 +39,7 @@ class GoldenCheck:
         captures: CaptureFolder,
         test: tuple[str, Path],
         update: str,
-        asked_else: Callable[[], bool],
+        has_unmatched: Callable[[], bool],
         naming: Naming | None = None,
     ) -> None:
         self._naming = naming
@@ -48,11 +48,11 @@ class GoldenCheck:
         self._stem = stem_of(test[0])
         self._folder = folder_of(ledger.goldens, test[1])
         self._update = update
-        self._asked_else = asked_else
+        self._has_unmatched = has_unmatched
         self._checked: set[str] = set()
 
     def path(self, name: str | None = None) -> Path:
-        """Return where the golden is, or would be."""
+        """Return the path of the golden, which need not exist."""
         return self._ledger.goldens / golden_of(self._folder, self._stem, name)
 
     def check(
@@ -63,13 +63,13 @@ class GoldenCheck:
         latency: str | None = None,
         where: str | None = None,
     ) -> None:
-        """Fail unless ``what`` says the same as its golden.
+        """Fail if ``what`` differs from its golden.
 
-        ``what`` is a capture (a path, or a name of the captures' folder), a recorder or a session. ``name`` tells a golden from
-        others of the same test. ``ignore`` and ``latency`` are those of `s7dissect diff` (`dissect.golden.DiffOptions`); with
-        ``latency`` answer times are kept in the golden. ``where`` is its option -Y: only what the expression selects of a
-        capture or recorder is compared, and kept (docs/select.md). Raises ValueError for what is no such option, `SelectError`
-        for a wrong expression.
+        ``what`` is a capture (a path, or a name in the captures' folder), a recorder or a session. ``name`` distinguishes
+        several goldens of one test. ``ignore`` and ``latency`` are those of `s7dissect diff` (`dissect.golden.DiffOptions`);
+        with ``latency`` answer times are stored in the golden. ``where`` is the option -Y: only the part of a capture or
+        recorder that the expression selects is compared and stored (docs/select.md). Raises ValueError for an invalid option,
+        `SelectError` for a wrong expression.
         """
         __tracebackhide__ = True
         try:
@@ -98,22 +98,20 @@ class GoldenCheck:
         return self._compare(place, session, options, latency is not None)
 
     def _session(self, what: object, where: str | None) -> Session:
-        """Return what was recorded, or of it what is selected."""
+        """Return the session, or the selected part of it."""
         __tracebackhide__ = True
         if not isinstance(what, Session):
             return read_session(path_of(what, self._captures), where=where)
         if where is not None:
-            raise ValueError(
-                f"where={where!r} selects of a capture or a recorder, not of a session that was read already"
-            )
+            raise ValueError(f"where={where!r} needs a capture or a recorder, not a session that was read already")
         return what
 
     def _compare(self, place: str, session: Session, options: DiffOptions, timed: bool) -> str:
-        """Compare, write where that is asked for, and return what is wrong, empty for nothing."""
+        """Compare, write if allowed, and return what is wrong, empty for nothing."""
         if session.damage:
             return f"{near(session.name)} is damaged, so it cannot be compared: {'; '.join(session.damage)}"
         if not session.links:
-            return f"{near(session.name)} holds no connection, so there is nothing to compare"
+            return f"{near(session.name)} has no connections, so there is nothing to compare"
         path = self._ledger.goldens / place
         if not path.is_file():
             if self._update == NONE:
@@ -125,11 +123,11 @@ class GoldenCheck:
         return _changed(self._shown(place), session, lines) if lines else ""
 
     def _keep(self, place: str, session: Session, timed: bool, kept: set[str]) -> str:
-        """Write a golden and note it among those ``kept``, or return why not."""
-        if self._asked_else():
+        """Write a golden and add it to ``kept``, or return why this is not possible."""
+        if self._has_unmatched():
             return (
                 f"{self._shown(place)} is not written: a fake PLC received a request that was not recorded, "
-                "so what was refused would be kept"
+                "so the golden would contain refused requests"
             )
         path = self._ledger.goldens / place
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -142,7 +140,7 @@ class GoldenCheck:
 
 
 def _differing(path: Path, session: Session, options: DiffOptions, timed: bool) -> list[str]:
-    """Return what changed, a line each, and how much more did."""
+    """Return the differences, one per line, and how many more there are."""
     try:
         golden = load_golden(path)
     except GoldenError as error:
@@ -171,9 +169,9 @@ def _missing(golden: str, session: Session) -> str:
 
 
 def _changed(golden: str, session: Session, lines: list[str]) -> str:
-    told = "\n".join([f"  {line}" for line in lines])
+    listing = "\n".join([f"  {line}" for line in lines])
     return (
-        f"session differs from golden {golden} (was = golden, is = this run):\n{told}\n"
+        f"session differs from golden {golden} (was = golden, is = this run):\n{listing}\n"
         f"  recorded: {near(session.name)}\n"
         "If the change is intended: pytest --s7-update all, then review and commit the changes."
     )

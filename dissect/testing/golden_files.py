@@ -1,4 +1,4 @@
-"""Which golden belongs to which test, and which of them a run wrote, used and left unused. No engine, no file is opened."""
+"""Which goldens belong to which test, and which of them a run wrote, used and left unused. Imports no engine, opens no file."""
 
 from __future__ import annotations
 
@@ -11,43 +11,43 @@ from typing import Any, Final
 from urllib.parse import quote
 
 SUFFIX: Final = ".s7.txt"
-#: Which goldens a run writes: none, those that are missing, all that differ.
+#: Which goldens a run writes: none, missing ones, or all that differ.
 NONE: Final = "none"
 NEW: Final = "new"
 ALL: Final = "all"
-#: What stands for a step upwards, for tests that are not below the folder that the folder of goldens is in.
+#: Replaces ".." in paths, for tests outside of the folder that contains the folder of goldens.
 UP: Final = "__"
-#: What may stand in the name of a file as it stands in the name of a test.
+#: Characters of a test's name that are used in a file name unchanged.
 _PLAIN: Final = " +,-.=@[]_~"
-#: Letters of a name of a test; what is longer is cut, and told apart by a digest.
+#: Maximum length of a test's name in a file name; a longer one is cut, and a digest makes it unique.
 _MAX_STEM: Final = 150
-#: Characters of the name a test gives to one of its goldens; a file name has 255 at most.
+#: Maximum length of the name that a test gives to one of its goldens; file names have at most 255 characters.
 _MAX_NAME: Final = 60
 _DIGEST: Final = 12
 
 
 def folder_of(goldens: Path, module: Path) -> str:
-    """Return the folder in ``goldens`` of a module of tests, with slashes: ``io/test_pump`` for io/test_pump.py."""
+    """Return the folder in ``goldens`` of a test module, with slashes: ``io/test_pump`` for io/test_pump.py."""
     where = module.with_suffix("") if module.suffix == ".py" else module
-    # Up to the folder of the module and not to the module itself: a folder that holds the goldens may have its name.
+    # Up to the folder of the module, not the module itself: a folder that contains the goldens may have the same name.
     steps = (*Path(os.path.relpath(where.parent, goldens.parent)).parts, where.name)
     return "/".join([UP if step == os.pardir else step for step in steps])
 
 
 def module_of(goldens: Path, folder: str) -> Path:
-    """Return the module of tests that a folder of goldens belongs to."""
+    """Return the test module that a folder of goldens belongs to."""
     steps = [os.pardir if step == UP else step for step in folder.split("/")]
     return Path(os.path.normpath(goldens.parent.joinpath(*steps[:-1], f"{steps[-1]}.py")))
 
 
 def stem_of(node_id: str) -> str:
-    """Return how the goldens of a test begin: its name behind its classes, with what no file is called by as ``%..``."""
+    """Return the beginning of a test's goldens: its name after its classes; characters that file names forbid as ``%..``."""
     names = node_id.partition("[")[0].split("::")[1:]
     return _short(quote(".".join(names) + node_id[len(node_id.partition("[")[0]) :], safe=_PLAIN), _MAX_STEM)
 
 
 def _short(text: str, most: int) -> str:
-    """Return a part of a file name; of a longer one the beginning, and what tells it from others that begin alike."""
+    """Return a part of a file name; a longer one is cut, and a digest makes it unique."""
     return text if len(text) <= most else f"{text[:most]}~{hashlib.sha256(text.encode()).hexdigest()[:_DIGEST]}"
 
 
@@ -58,10 +58,10 @@ def golden_of(folder: str, stem: str, name: str | None) -> str:
 
 
 class GoldenFiles:
-    """What a run did with goldens; under xdist each worker keeps one, and the controller adds them up.
+    """The use of goldens in a run; under xdist each worker has its own, and the controller adds them up.
 
-    ``written``, ``changed`` and ``used`` are paths in the folder of goldens. ``whole`` is False when not all tests were asked
-    for in a way that does not tell of which modules.
+    ``written``, ``changed`` and ``used`` are paths in the folder of goldens. ``whole`` is False if pytest was started with
+    arguments from which the complete modules cannot be derived.
     """
 
     def __init__(self, goldens: Path) -> None:
@@ -70,11 +70,11 @@ class GoldenFiles:
         self.changed: set[str] = set()
         self.used: set[str] = set()
         self.whole = True
-        self._folders: dict[Path, str] = {}  # of modules that were seen, empty where there are no goldens
-        self._tests: dict[str, str] = {}  # folder of each test's goldens by its id, for modules that have any
-        self._partial: set[str] = set()  # folders of modules of which tests were left out
+        self._folders: dict[Path, str] = {}  # by module of the tests that were found; empty without goldens
+        self._tests: dict[str, str] = {}  # folder of each test's goldens by its id, for modules with goldens
+        self._partial: set[str] = set()  # folders of modules some of whose tests were left out
         self._ran: set[str] = set()
-        self._failed: set[str] = set()  # also skipped: what these would have used is not known
+        self._failed: set[str] = set()  # also skipped: the goldens that such a test uses are unknown
 
     def _folder(self, module: Path) -> str:
         folder = self._folders.get(module)
@@ -85,20 +85,20 @@ class GoldenFiles:
             self._folders[module] = folder
         return folder
 
-    # ---- what happens -----------------------------------------------------------------------------------------------
+    # ---- events ----------------------------------------------------------------------------------------------------
 
     def collected(self, node_id: str, module: Path) -> None:
-        """A test was found."""
+        """Note a test that was found."""
         folder = self._folder(module)
         if folder:
             self._tests[node_id] = folder
 
     def left_out(self, module: Path) -> None:
-        """Not all tests of a module are wanted."""
+        """Note that some tests of a module are not run."""
         self._partial.add(self._folder(module))
 
     def ended(self, node_id: str, passed: bool, last: bool) -> None:
-        """A phase of a test ended, the last one perhaps."""
+        """Note the end of a phase of a test, perhaps of the last one."""
         if not passed:
             self._failed.add(node_id)
         if last:
@@ -106,8 +106,8 @@ class GoldenFiles:
 
     # ---- from worker to controller ----------------------------------------------------------------------------------
 
-    def told(self) -> dict[str, Any]:
-        """Return what a controller has to know, as plain values; how tests ended it hears by itself."""
+    def results(self) -> dict[str, Any]:
+        """Return the results for a controller as plain values; it learns the outcomes of tests by itself."""
         return {
             "written": sorted(self.written),
             "changed": sorted(self.changed),
@@ -116,21 +116,21 @@ class GoldenFiles:
             "tests": self._tests,
         }
 
-    def add(self, told: dict[str, Any]) -> None:
-        """Take what a worker told."""
-        self.written.update(told["written"])
-        self.changed.update(told["changed"])
-        self.used.update(told["used"])
-        self._partial.update(told["partial"])
-        self._tests.update(told["tests"])
+    def add(self, results: dict[str, Any]) -> None:
+        """Add the results of a worker."""
+        self.written.update(results["written"])
+        self.changed.update(results["changed"])
+        self.used.update(results["used"])
+        self._partial.update(results["partial"])
+        self._tests.update(results["tests"])
 
-    # ---- what is left -----------------------------------------------------------------------------------------------
+    # ---- unused -----------------------------------------------------------------------------------------------------
 
     def unused(self, searched: Iterable[Path] = (), patterns: Iterable[str] = ()) -> list[str]:
-        """Return goldens that no test used, of modules all of whose tests ran.
+        """Return goldens that no test used, for modules all of whose tests ran.
 
-        A golden of a test that failed or was skipped is not among them. Those of modules that are gone are, where their
-        folder was ``searched`` and their name matches ``patterns``.
+        Goldens of failed or skipped tests are left out. Goldens of deleted modules are included if their folder was
+        ``searched`` and their name matches ``patterns``.
         """
         if not self.whole:
             return []
@@ -139,7 +139,7 @@ class GoldenFiles:
         for node_id, folder in self._tests.items():
             owners.setdefault(folder, []).append(node_id)
         known = self.used | self.written | self.changed
-        found = []
+        unused = []
         for folder, names in self._present():
             tests = owners.get(folder)
             if tests is None:
@@ -151,8 +151,8 @@ class GoldenFiles:
             for name in names:
                 path = f"{folder}/{name}"
                 if path not in known and not any([_owns(stem, name) for stem in failed]):
-                    found.append(path)
-        return found
+                    unused.append(path)
+        return unused
 
     def _present(self) -> Iterator[tuple[str, list[str]]]:
         for where, folders, names in os.walk(self.goldens):

@@ -1,7 +1,7 @@
 """Requests and answers of S7comm for a conversation written by hand (`dissect.testing.talk`).
 
-A request is an `Ask`, an answer a `Tell`, which may depend on what was asked. Both are without references: the conversation
-puts them in. What a user writes wrongly raises ValueError.
+A request is an `Ask`, an answer a `Tell`, which may depend on the request. Neither has a reference: the conversation sets it.
+Wrong input raises ValueError.
 """
 
 from __future__ import annotations
@@ -37,16 +37,16 @@ from dissect.s7.tables import (
     WRITE_VAR,
 )
 
-#: What an element of an item may be.
+#: Possible types of an element of an item.
 Scalar = bool | int | float | str
 
-#: The type that goes with the width letter of an address, where none is said.
+#: The default type for the width letter of an address.
 _TYPES: Final = {"": "BIT", "X": "BIT", "B": "BYTE", "W": "WORD", "D": "DWORD"}
 _NUMBERED: Final = {0x1C: "COUNTER", 0x1D: "TIMER", 0x1E: "COUNTER", 0x1F: "TIMER"}
 
 
 class Ask:
-    """A request: its PDU, whatever the reference. Raises ValueError for octets that are shorter than a header."""
+    """A request: its PDU, with any reference. Raises ValueError if it is shorter than a header."""
 
     def __init__(self, octets: bytes) -> None:
         if len(octets) < HEADER_SIZE:
@@ -58,7 +58,7 @@ class Tell(ABC):
     """An answer: `build` makes its PDU for a request."""
 
     @abstractmethod
-    def build(self, asked: Pdu) -> bytes:
+    def build(self, request: Pdu) -> bytes:
         """Return the PDU."""
 
 
@@ -66,7 +66,7 @@ class _Octets(Tell):
     def __init__(self, octets: bytes) -> None:
         self._octets = octets
 
-    def build(self, asked: Pdu) -> bytes:
+    def build(self, request: Pdu) -> bytes:
         return self._octets
 
 
@@ -74,17 +74,17 @@ class _Octets(Tell):
 
 
 def _line(text: str) -> ItemLine:
-    """Read ``DB10.DBW4``, ``DB10.DBD4 REAL x3`` or ``DB10.DBW4 INT = 5``; the type may be left out where the letter says it."""
+    """Parse ``DB10.DBW4``, ``DB10.DBD4 REAL x3`` or ``DB10.DBW4 INT = 5``; the width letter gives the default type."""
     address, _, rest = text.strip().partition(" ")
-    found = parse_address(address)
-    if found is not None and (not rest or rest[0] in "=x"):
-        kind = _NUMBERED.get(found.area) or _TYPES.get(found.width, "")
+    parsed = parse_address(address)
+    if parsed is not None and (not rest or rest[0] in "=x"):
+        kind = _NUMBERED.get(parsed.area) or _TYPES.get(parsed.width, "")
         rest = f"{kind} {rest}".strip()
     return parse_item_text(f"{address} {rest}".rstrip())
 
 
 def read(*items: str) -> Ask:
-    """Read variables: ``read("DB10.DBW4", "DB10.DBD8 REAL", "MB20 x4")``. Raises ValueError for what is no item to read."""
+    """Read variables: ``read("DB10.DBW4", "DB10.DBD8 REAL", "MB20 x4")``. Raises ValueError for an invalid item."""
     lines = [_line(item) for item in items]
     if any([line.data is not None for line in lines]):
         raise ValueError("a read has no values")
@@ -94,7 +94,7 @@ def read(*items: str) -> Ask:
 def write(*items: str) -> Ask:
     """Write variables: ``write("DB10.DBW4 INT = -5", "M0.0 = true", "DB10.DBB0 x2 = <01 02>")``.
 
-    Raises ValueError for what is no item with a value.
+    Raises ValueError for an invalid item or one without a value.
     """
     lines = [_line(item) for item in items]
     if any([line.data is None for line in lines]):
@@ -103,17 +103,17 @@ def write(*items: str) -> Ask:
 
 
 def setup(pdu: int = 480, calling: int = 1, called: int = 1) -> Ask:
-    """Ask for a PDU length and for open jobs each way."""
+    """Request a PDU length and a number of parallel jobs in each direction."""
     return Ask(build_setup(JOB, Setup(calling, called, pdu)))
 
 
 def job(parameters: bytes, data: bytes = b"") -> Ask:
-    """Ask with these octets behind the header."""
+    """Send a job with these octets after the header."""
     return Ask(build_pdu(JOB, parameters, data))
 
 
 def userdata(group: int, subfunction: int, payload: bytes = b"", sequence: int = 0) -> Ask:
-    """Ask by userdata; without ``payload`` the data are the four octets that say there is none."""
+    """Send a userdata request; without ``payload`` the data are the four octets of an empty payload."""
     head = build_userdata_head(REQUEST, group, subfunction, sequence, extended=False)
     return Ask(build_pdu(USERDATA, head, build_payload(payload)))
 
@@ -124,12 +124,12 @@ def szl(szl_id: int, index: int = 0) -> Ask:
 
 
 def push(group: int, subfunction: int, payload: bytes) -> Ask:
-    """Say something that wants no answer: cyclic data, a message."""
+    """Send an unsolicited message: cyclic data, a message."""
     return Ask(build_pdu(USERDATA, build_userdata_head(PUSH, group, subfunction), build_payload(payload)))
 
 
 def pdu(octets: bytes) -> Ask:
-    """Send a PDU as it is, but for its reference."""
+    """Send a PDU; only its reference is replaced."""
     return Ask(octets)
 
 
@@ -137,10 +137,10 @@ def pdu(octets: bytes) -> Ask:
 
 
 class Piece(Tell):
-    """What becomes of one item; alone it is the answer to a read of one item.
+    """The result of one item; alone it is the answer to a read of one item.
 
-    ``data`` are the octets that are read, None where the item is refused with ``code``; ``elements`` are packed by the type
-    that was asked for.
+    ``data`` are the octets that are read, None if the item is refused with ``code``; ``elements`` are packed by the requested
+    type.
     """
 
     def __init__(self, data: bytes | None = None, elements: Sequence[Scalar] = (), code: int = SUCCESS) -> None:
@@ -149,7 +149,7 @@ class Piece(Tell):
         self.code = code
 
     def line(self, item: Item) -> ItemLine:
-        """Return what becomes of ``item``. Raises ValueError where the answer is not as long as the item."""
+        """Return the result of ``item``. Raises ValueError if the answer has a different length from the item."""
         if self.code != SUCCESS:
             return ItemLine(item.octets, None, self.code, 0)
         data = self._data
@@ -160,41 +160,41 @@ class Piece(Tell):
             raise ValueError(f"{item.label} has {item.size} bytes, the answer {len(data)}")
         return ItemLine(item.octets, data, SUCCESS, usual_size(item))
 
-    def build(self, asked: Pdu) -> bytes:
+    def build(self, request: Pdu) -> bytes:
         """Return the answer to a request of one item."""
-        return items(self).build(asked)
+        return items(self).build(request)
 
 
 class _Items(Tell):
     def __init__(self, pieces: Sequence[Piece]) -> None:
         self._pieces = pieces
 
-    def build(self, asked: Pdu) -> bytes:
-        wanted = asked.parameters.items
-        if asked.function not in {READ_VAR, WRITE_VAR}:
-            raise ValueError(f"only a read or a write has items, not {asked.function_name}")
+    def build(self, request: Pdu) -> bytes:
+        wanted = request.parameters.items
+        if request.function not in {READ_VAR, WRITE_VAR}:
+            raise ValueError(f"only a read or a write has items, not {request.function_name}")
         if len(wanted) != len(self._pieces):
             raise ValueError(f"{len(wanted)} items were requested, the answer has {len(self._pieces)}")
         pairs = zip(self._pieces, wanted, strict=True)
-        if asked.function == WRITE_VAR:
+        if request.function == WRITE_VAR:
             return build_answer(WRITE_VAR, [ItemLine(item.octets, None, piece.code, 0) for piece, item in pairs])
         return build_answer(READ_VAR, [piece.line(item) for piece, item in pairs])
 
 
 class _Done(Tell):
-    def build(self, asked: Pdu) -> bytes:
-        wanted = asked.parameters.items
-        if asked.function == WRITE_VAR:
+    def build(self, request: Pdu) -> bytes:
+        wanted = request.parameters.items
+        if request.function == WRITE_VAR:
             return build_answer(WRITE_VAR, [ItemLine(item.octets, None, SUCCESS, 0) for item in wanted])
-        return build_pdu(ACK_DATA, bytes((asked.function & 0xFF,)))
+        return build_pdu(ACK_DATA, bytes((request.function & 0xFF,)))
 
 
 class _Refusal(Tell):
     def __init__(self, code: int) -> None:
         self._code = code
 
-    def build(self, asked: Pdu) -> bytes:
-        return refuse(asked, self._code)
+    def build(self, request: Pdu) -> bytes:
+        return refuse(request, self._code)
 
 
 class _Userdata(Tell):
@@ -202,10 +202,10 @@ class _Userdata(Tell):
         self._payload = payload
         self._code = code
 
-    def build(self, asked: Pdu) -> bytes:
-        head = asked.parameters.userdata
+    def build(self, request: Pdu) -> bytes:
+        head = request.parameters.userdata
         if head is None:
-            raise ValueError(f"{asked.function_name} is not userdata")
+            raise ValueError(f"{request.function_name} is not userdata")
         parameters = build_userdata_head(RESPONSE, head.group, head.subfunction, head.sequence, error=self._code)
         return build_pdu(USERDATA, parameters, build_payload(self._payload))
 
@@ -217,7 +217,7 @@ def _text(element: Scalar) -> str:
 
 
 def values(*elements: Scalar) -> Piece:
-    """The elements of an item, by the type that was asked for: ``values(1.5, 2.5)``, ``values(True)``, ``values("OK")``."""
+    """The elements of an item, in the requested type: ``values(1.5, 2.5)``, ``values(True)``, ``values("OK")``."""
     return Piece(None, elements)
 
 
@@ -225,48 +225,48 @@ def _packed(form: str, numbers: Sequence[float]) -> Piece:
     try:
         return Piece(b"".join([struct.pack(f">{form}", number) for number in numbers]))
     except (struct.error, OverflowError):
-        raise ValueError(f"{numbers}: beyond what the type holds") from None
+        raise ValueError(f"{numbers}: out of range for the type") from None
 
 
 def words(*numbers: int) -> Piece:
-    """Words, 16 bits without sign."""
+    """Words: unsigned, 16 bits."""
     return _packed("H", numbers)
 
 
 def ints(*numbers: int) -> Piece:
-    """Integers of 16 bits with sign."""
+    """Integers: signed, 16 bits."""
     return _packed("h", numbers)
 
 
 def dwords(*numbers: int) -> Piece:
-    """Double words, 32 bits without sign."""
+    """Double words: unsigned, 32 bits."""
     return _packed("I", numbers)
 
 
 def dints(*numbers: int) -> Piece:
-    """Integers of 32 bits with sign."""
+    """Double integers: signed, 32 bits."""
     return _packed("i", numbers)
 
 
 def reals(*numbers: float) -> Piece:
-    """Floating point numbers of 32 bits."""
+    """Floating point numbers: 32 bits."""
     return _packed("f", numbers)
 
 
 def octets(content: bytes) -> Piece:
-    """An item's octets as they are."""
+    """The octets of an item, unchanged."""
     return Piece(content)
 
 
 def refused(code: int = OBJECT_DOES_NOT_EXIST) -> Piece:
-    """An item that is refused with a return code. Raises ValueError for a code that refuses nothing."""
+    """An item that is refused with a return code. Raises ValueError for a code that means success."""
     if not 0 <= code <= 0xFF or code == SUCCESS:
         raise ValueError(f"0x{code:02x} is not a return code for a refusal")
     return Piece(code=code)
 
 
 def items(*pieces: Piece) -> Tell:
-    """What becomes of several items, in the order in which they were asked for; of a write `refused` and `done_item`."""
+    """The results of several items, in the order of the request; for a write `refused` and `done_item`."""
     return _Items(pieces)
 
 
@@ -276,12 +276,12 @@ def done_item() -> Piece:
 
 
 def done() -> Tell:
-    """All was well: each item is written; of other jobs the function without anything else."""
+    """Success: each item is written; for other jobs the answer has only the function."""
     return _Done()
 
 
 def error(code: int = NOT_AVAILABLE) -> Tell:
-    """The request is refused as a whole, with a code of the header or of userdata."""
+    """The whole request is refused, with an error code in the header or of userdata."""
     return _Refusal(code)
 
 
@@ -291,10 +291,10 @@ def granted(pdu: int = 480, calling: int = 1, called: int = 1) -> Tell:
 
 
 def data(payload: bytes = b"", code: int = 0) -> Tell:
-    """The answer to `userdata` and `szl`: what stands behind the four octets of its data, and an error code."""
+    """The answer to `userdata` and `szl`: the payload after the four octets of its data head, and an error code."""
     return _Userdata(payload, code)
 
 
 def answer(octets: bytes) -> Tell:
-    """Answer with a PDU as it is, but for its reference."""
+    """Answer with a PDU; only its reference is replaced."""
     return _Octets(octets)

@@ -1,6 +1,6 @@
 """The pytest plugin: fixtures ``s7_capture``, ``s7_golden``, ``s7_server`` and ``s7_record`` (docs/pytest.md).
 
-Nothing of the engine is imported before a fixture is asked for.
+The engine is only imported when a fixture is used.
 """
 
 from __future__ import annotations
@@ -20,11 +20,11 @@ if TYPE_CHECKING:
     from dissect.testing.servers import Servers
     from dissect.transactions.naming import Naming
 
-#: What a worker's account is called on its way to the controller.
+#: Key of a worker's results on their way to the controller.
 _ACCOUNT: Final = "s7dissect"
-#: Goldens that the summary lists of each kind.
+#: Maximum number of goldens of each kind in the summary.
 _MOST: Final = 20
-#: Entries of the summary: how a path begins, and what is to be done.
+#: Entries of the summary: the prefix of a path, and the advice.
 _WRITTEN: Final = "written"
 _CHANGED: Final = "changed"
 _UNUSED: Final = "unused"
@@ -42,25 +42,25 @@ def pytest_addoption(parser: pytest.Parser) -> None:
         "--s7-update",
         choices=(NONE, NEW, ALL),
         default=NONE,
-        help="Goldens to write: none (the default: a missing one fails), new (those that are missing), all (those that "
-        "differ as well). None is ever deleted.",
+        help="Goldens to write: none (the default: a missing one fails), new (missing goldens), all (also "
+        "goldens that differ). Goldens are never deleted.",
     )
     parser.addini("s7_captures", "Folder of captures, from the ini file.", default="tests/captures")
     parser.addini(
-        "s7_tags", "Files of tags, from the ini file: failures name the values by them.", "linelist", default=[]
+        "s7_tags", "Files of tags, from the ini file: failures show values by their names.", "linelist", default=[]
     )
     parser.addini("s7_goldens", "Folder of goldens, from the ini file.", default="tests/goldens")
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Watch which tests run only where there are goldens that might be left unused."""
+    """Watch which tests run, but only if there are goldens that may be unused."""
     ledger = config.stash[_LEDGER] = GoldenFiles(_folder(config, "s7_goldens"))
     if ledger.goldens.is_dir():
         config.pluginmanager.register(_Watch(ledger), "s7dissect-watch")
 
 
 def _folder(config: pytest.Config, setting: str) -> Path:
-    # Without an ini file pytest's root moves with what is asked for.
+    # Without an ini file, pytest's root depends on its arguments.
     root = config.inipath.parent if config.inipath is not None else config.invocation_params.dir
     return root / str(config.getini(setting))
 
@@ -78,18 +78,18 @@ def s7_capture(pytestconfig: pytest.Config) -> CaptureFolder:
 
 @pytest.fixture
 def s7_golden(request: pytest.FixtureRequest, s7_capture: CaptureFolder) -> GoldenCheck:
-    """Hold a session against the golden of this test: ``s7_golden.check(recorder)``."""
+    """Compare a session with the golden of this test: ``s7_golden.check(recorder)``."""
     from dissect.testing.golden_check import GoldenCheck
 
     config = request.config
     test = (request.node.nodeid, request.node.path)
     update = str(config.getoption("--s7-update"))
     naming = _naming(config)
-    return GoldenCheck(config.stash[_LEDGER], s7_capture, test, update, lambda: _asked_else(request.node), naming)
+    return GoldenCheck(config.stash[_LEDGER], s7_capture, test, update, lambda: _has_unmatched(request.node), naming)
 
 
 def _naming(config: pytest.Config) -> Naming | None:
-    """Return what names values by the files of ``s7_tags``, read once; None for no file."""
+    """Return the names of values from the files of ``s7_tags``, read once; None without files."""
     files = config.getini("s7_tags")
     if not files:
         return None
@@ -103,7 +103,7 @@ def _naming(config: pytest.Config) -> Naming | None:
 
 @pytest.fixture
 def s7_server(request: pytest.FixtureRequest, s7_capture: CaptureFolder) -> Iterator[Servers]:
-    """Start a fake PLC made of a capture: ``s7_server("pump").port``; what it has no answer to fails the test."""
+    """Start a fake PLC from a capture: ``s7_server("pump").port``; a request it cannot answer fails the test."""
     from dissect.testing.servers import Servers
 
     servers = Servers(s7_capture)
@@ -117,7 +117,7 @@ def s7_server(request: pytest.FixtureRequest, s7_capture: CaptureFolder) -> Iter
 
 @pytest.fixture
 def s7_record(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Recorders]:
-    """Record what passes to a PLC: ``s7_record(to=("127.0.0.1", 102)).port``."""
+    """Record the traffic to a PLC: ``s7_record(to=("127.0.0.1", 102)).port``."""
     from dissect.testing.recorder import Recorders
 
     recorders = Recorders(tmp_path)
@@ -128,9 +128,9 @@ def s7_record(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Record
 
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_call(item: pytest.Item) -> Generator[None, object, object]:
-    """Fail a test whose fake PLC was asked what was not recorded; where it fails anyway, say so beside.
+    """Fail a test whose fake PLC received a request that was not recorded; if it fails anyway, add a report section.
 
-    There the problems of recorders are told too: a PLC that cannot be reached is no more than a reset to the client.
+    The problems of recorders are reported there, too: the client sees an unreachable PLC only as a reset.
     """
     try:
         result = yield
@@ -148,9 +148,9 @@ def pytest_runtest_call(item: pytest.Item) -> Generator[None, object, object]:
     return result
 
 
-def _asked_else(item: pytest.Item) -> bool:
+def _has_unmatched(item: pytest.Item) -> bool:
     servers = item.stash.get(_SERVERS, None)
-    return servers is not None and servers.asked_else()
+    return servers is not None and servers.has_unmatched()
 
 
 def _problems(item: pytest.Item) -> list[str]:
@@ -167,45 +167,45 @@ def _complaint(item: pytest.Item) -> str:
 
 
 class _Watch:
-    """Follows which tests were found and how they ended, to know which goldens nobody needs."""
+    """Observes which tests were found and how they ended, to find unused goldens."""
 
     def __init__(self, ledger: GoldenFiles) -> None:
         self._ledger = ledger
 
     def pytest_itemcollected(self, item: pytest.Item) -> None:
-        """A test was found."""
+        """Note a test that was found."""
         self._ledger.collected(item.nodeid, item.path)
 
     def pytest_deselected(self, items: Sequence[pytest.Item]) -> None:
-        """Tests are not to be run."""
+        """Note tests that are not run."""
         for module in {item.path for item in items}:
             self._ledger.left_out(module)
 
     def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
-        """A phase of a test ended; a controller hears it of its workers' tests."""
+        """Note the end of a phase of a test; a controller gets it from its workers."""
         self._ledger.ended(report.nodeid, report.passed, report.when == "teardown")
 
 
 def pytest_sessionfinish(session: pytest.Session) -> None:
-    """Give the account of a worker to its controller."""
+    """Pass the results of a worker to its controller."""
     output = getattr(session.config, "workeroutput", None)
     if output is not None:
-        output[_ACCOUNT] = session.config.stash[_LEDGER].told()
+        output[_ACCOUNT] = session.config.stash[_LEDGER].results()
 
 
 @pytest.hookimpl(optionalhook=True)
 def pytest_testnodedown(node: Any) -> None:
-    """Take the account of a worker, which there is none of when it crashed."""
+    """Take the results of a worker; there are none if it crashed."""
     ledger = node.config.stash[_LEDGER]
-    told = getattr(node, "workeroutput", {}).get(_ACCOUNT)
-    if told is None:
+    results = getattr(node, "workeroutput", {}).get(_ACCOUNT)
+    if results is None:
         ledger.whole = False
     else:
-        ledger.add(told)
+        ledger.add(results)
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter, config: pytest.Config) -> None:
-    """Say which goldens were written, and which nobody needs."""
+    """Report which goldens were written, and which are unused."""
     ledger = config.stash[_LEDGER]
     kinds = (
         (_WRITTEN, sorted(ledger.written), "review and commit them"),

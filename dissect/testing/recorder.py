@@ -1,4 +1,4 @@
-"""`s7_record`: a relay on a port of this machine that keeps what passes as a capture."""
+"""`s7_record`: a relay on a local port that records its traffic as a capture."""
 
 from __future__ import annotations
 
@@ -20,20 +20,20 @@ from dissect.testing.captures import MISTAKES
 if TYPE_CHECKING:
     from dissect.golden.model import Session
 
-#: Where recorders listen and where a bare port is.
+#: The local address, for recorders and for bare ports.
 LOOPBACK: Final = "127.0.0.1"
-#: How long `Recorder.capture` waits for clients to disconnect, in seconds.
+#: Seconds that `Recorder.capture` waits for clients to disconnect.
 PATIENCE_S: Final = 5.0
 _STEP_S: Final = 0.005
 _WAIT_MS: Final = 50
 
 
 class RecordError(Exception):
-    """Something could not be recorded: says what and what to do."""
+    """A recording failed; the message says why and what to do."""
 
 
 def address_of(to: object) -> Address:
-    """Return an address given as (host, port), ``HOST:PORT``, a port of this machine, or something with a ``port``.
+    """Return an address given as (host, port), ``HOST:PORT``, a local port, or an object with a ``port``.
 
     Raises TypeError for anything else.
     """
@@ -62,10 +62,10 @@ class _Keeper(PacketSink):
 
 
 class Recorder:
-    """A relay to a PLC. Clients connect to ``host`` and ``port``; `capture` ends it and gives the file at ``path``."""
+    """A relay to a PLC. Clients connect to ``host`` and ``port``; `capture` ends it and returns the file at ``path``."""
 
     def __init__(self, to: object, path: Path) -> None:
-        """Listen at once. Raises `ProxyError` when that or the look-up of the PLC's name fails."""
+        """Start to listen. Raises `ProxyError` if that fails, or the look-up of the PLC's name."""
         __tracebackhide__ = True
         self.path = path
         tap = Tap()
@@ -91,15 +91,15 @@ class Recorder:
 
     @property
     def problems(self) -> list[str]:
-        """What went wrong that no packet shows, for example a PLC that cannot be reached."""
+        """Problems that no packet shows, for example an unreachable PLC."""
         return [problem.text for problem in self._relay.problems]
 
     def capture(self, wait_s: float = PATIENCE_S) -> Path:
-        """End the recording and return the capture; once ended, return it again.
+        """End the recording and return the capture; later calls return it again.
 
-        Clients that are still connected have ``wait_s`` to disconnect, so that the capture shows how they do. Raises
-        RecordError when they do not, or when what passed could not be kept: who wants a capture without their end calls
-        `close` first.
+        Connected clients have ``wait_s`` to disconnect, so that the capture shows the end of their connections. Raises
+        RecordError if they stay connected, or if packets were lost. Call `close` first for a capture without the ends of
+        connections.
         """
         __tracebackhide__ = True
         if not self._ended:
@@ -110,8 +110,8 @@ class Recorder:
             self.close()
             if active:
                 raise RecordError(
-                    f"{words.count(active, 'client')} did not disconnect within {wait_s:g} s, so the capture would lack "
-                    "how: let clients end before the capture is asked for, or call close() first"
+                    f"{words.count(active, 'client')} did not disconnect within {wait_s:g} s, so the capture lacks the end "
+                    "of their connections: disconnect the clients before you call capture(), or call close() first"
                 )
         for error in self._errors:
             raise RecordError(f"the recording stopped: {error}") from error
@@ -120,13 +120,13 @@ class Recorder:
         return self.path
 
     def session(self, wait_s: float = PATIENCE_S) -> Session:
-        """End the recording and return what a golden would hold of it."""
+        """End the recording and return it as a session, which can be compared with a golden."""
         from dissect.golden.reading import read_session
 
         return read_session(self.capture(wait_s))
 
     def close(self) -> None:
-        """End the recording at once: whoever is connected is disconnected. May be called twice."""
+        """End the recording at once and disconnect all clients. May be called twice."""
         if self._ended:
             return
         self._ended = True
@@ -138,7 +138,7 @@ class Recorder:
     def _work(self) -> None:
         try:
             self._relay.run()
-        except Exception as error:  # noqa: BLE001 - a thread has nobody else who would hear it
+        except Exception as error:  # noqa: BLE001 - nothing else would report an error in a thread
             self._errors.append(error)
 
     def _keep(self) -> None:
@@ -167,7 +167,7 @@ class Recorders:
         self._made: list[Recorder] = []
 
     def __call__(self, to: object) -> Recorder:
-        """Begin to record what passes to the PLC at ``to`` (see `address_of`)."""
+        """Start to record the traffic to the PLC at ``to`` (see `address_of`)."""
         __tracebackhide__ = True
         try:
             recorder = Recorder(to, self._folder / f"recorded-{len(self._made) + 1}.pcapng")
@@ -177,10 +177,10 @@ class Recorders:
         return recorder
 
     def problems(self) -> list[str]:
-        """Return what went wrong that no packet shows, each once."""
+        """Return problems that no packet shows, each once."""
         return list(dict.fromkeys([problem for recorder in self._made for problem in recorder.problems]))
 
     def close(self) -> None:
-        """End all of them."""
+        """End all recorders."""
         for recorder in self._made:
             recorder.close()

@@ -1,4 +1,4 @@
-"""`s7_server`: fake PLCs for a test, and what they were asked that nothing like was recorded of."""
+"""`s7_server`: fake PLCs for a test, and the requests they received that were not recorded."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 FAIL: Final = "fail"
 ALLOW: Final = "allow"
-#: Requests that a failure lists.
+#: Maximum number of requests in a failure.
 _MOST: Final = 10
 
 
@@ -24,7 +24,7 @@ class Servers:
     def __init__(self, captures: CaptureFolder) -> None:
         self._captures = captures
         self._made: list[Server] = []
-        self._watched: dict[int, int] = {}  # how many unmatched requests of a server were told already
+        self._watched: dict[int, int] = {}  # number of unmatched requests of a server that were already reported
 
     def __call__(
         self,
@@ -36,10 +36,10 @@ class Servers:
         latency_ms: float | None = 0,
         faults: Sequence[Fault | str] | Fault | str = (),
     ) -> Server:
-        """Serve a capture or a golden on a free port of this machine; the server has ``host`` and ``port``.
+        """Serve a capture or a golden on a free local port; the server has ``host`` and ``port``.
 
-        ``what`` is a name of the captures' folder, a path, a capture or a recorder. With ``unmatched="allow"`` requests that
-        nothing like was recorded of do not fail the test. The rest is described at `dissect.playback.server.service.Server`.
+        ``what`` is a name in the captures' folder, a path, a capture or a recorder. With ``unmatched="allow"`` a request
+        without a recorded match does not fail the test. For the other options see `dissect.playback.server.service.Server`.
         """
         __tracebackhide__ = True
         if unmatched not in {FAIL, ALLOW}:
@@ -55,30 +55,30 @@ class Servers:
         server.start()
         return server
 
-    def asked_else(self) -> bool:
-        """Tell whether something came that was not recorded and is not told yet."""
+    def has_unmatched(self) -> bool:
+        """Return whether there are requests without a recorded match that were not reported yet."""
         return any([self._made[number].desk.unmatched_total > before for number, before in self._watched.items()])
 
     def complaint(self) -> str:
-        """Return what came that was not recorded, empty for nothing; what was told is not told again."""
-        told = []
+        """Return a report of requests without a recorded match, empty for none; each is reported once."""
+        lines = []
         for number, before in self._watched.items():
             server = self._made[number]
             total = server.desk.unmatched_total
             if total == before:
                 continue
             self._watched[number] = total
-            told.append(f"the fake PLC of {near(server.recording.name)} received a request that was not recorded:")
+            lines.append(f"the fake PLC of {near(server.recording.name)} received a request that was not recorded:")
             new = list(server.unmatched)[before - total :]
-            told += [f"  {printable(str(request))}" for request in new[:_MOST]]
+            lines += [f"  {printable(str(request))}" for request in new[:_MOST]]
             if total - before > _MOST:
-                told.append(f"  and {total - before - _MOST} more")
-        if told:
-            told.append('Record it as well, or use s7_server(..., unmatched="allow") if that is intended.')
-        return "\n".join(told)
+                lines.append(f"  and {total - before - _MOST} more")
+        if lines:
+            lines.append('Record it as well, or use s7_server(..., unmatched="allow") if that is intended.')
+        return "\n".join(lines)
 
     def close(self) -> None:
-        """End all of them; raises what broke one off."""
+        """Close all servers; raise the error that broke one off."""
         for server in self._made:
             server.close()
         for server in self._made:

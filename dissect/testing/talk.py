@@ -1,4 +1,4 @@
-"""Write a conversation, get octets, a capture, a golden session or a recording to serve.
+"""Write a conversation; get octets, a capture, a golden session, or a recording to serve.
 
     from dissect.testing.talk import Talk, read, values, words, write, done
 
@@ -7,9 +7,9 @@
     talk >> write("DB10.DBD8 REAL = 2.5") << done()
     talk.capture("pump.pcapng")
 
-``>>`` is the client, ``<<`` the server. The connection and the setup are spoken first, references are put in. An answer is to
-the oldest request of the other side that is open; a request that is not answered stays open. Messages are made by
-`dissect.testing.messages`, all of which can be had from here.
+``>>`` is the client, ``<<`` the server. The conversation begins with the connection and the setup, and sets references. An
+answer belongs to the oldest open request of the other side; a request without an answer stays open. The messages are those of
+`dissect.testing.messages`, which can all be imported from here.
 """
 
 from __future__ import annotations
@@ -69,7 +69,7 @@ from dissect.testing.messages import (
 CLIENT: Final = 0
 SERVER: Final = 1
 
-#: When a conversation begins unless told otherwise: 2026-01-01 00:00 UTC.
+#: Default beginning of a conversation: 2026-01-01 00:00 UTC.
 START_NS: Final = 1_767_225_600_000_000_000
 _MS: Final = 1_000_000
 _TPDU_OCTETS: Final = 1024
@@ -81,7 +81,7 @@ _RESET: Final = "reset"
 
 
 class _Event:
-    """What happened on the connection, and when."""
+    """An event on the connection, and its time."""
 
     __slots__ = ("kind", "octets", "side", "time_ns")
 
@@ -95,9 +95,9 @@ class _Event:
 class Talk:
     """A connection between a client and a server.
 
-    ``calling`` and ``called`` are the TSAPs, ``pdu`` the PDU length and ``amq`` the open jobs each way that are asked for and
-    granted. With ``begin=False`` nothing is spoken first: neither connection nor setup. Each message takes 1 ms; `wait` makes
-    the next one later.
+    ``calling`` and ``called`` are the TSAPs; ``pdu`` is the requested and negotiated PDU length, ``amq`` the number of parallel
+    jobs in each direction. With ``begin=False`` the conversation begins without connection and setup. Each message takes 1 ms;
+    `wait` delays the next one.
     """
 
     def __init__(
@@ -128,12 +128,12 @@ class Talk:
     # ---- speaking ---------------------------------------------------------------------------------------------------
 
     def __rshift__(self, message: Ask | Tell) -> Self:
-        """The client asks, or answers."""
+        """Let the client send a request or an answer."""
         self._say(CLIENT, message)
         return self
 
     def __lshift__(self, message: Ask | Tell) -> Self:
-        """The server answers, or asks."""
+        """Let the server send an answer or a request."""
         self._say(SERVER, message)
         return self
 
@@ -144,21 +144,21 @@ class Talk:
             if head is None or head.type != PUSH:
                 self._references[side] = self._references[side] % 0xFFFF + 1
                 reference = self._references[side].to_bytes(2, "big")
-            said = with_reference(message.octets, reference)
+            pdu = with_reference(message.octets, reference)
             if head is None or head.type != PUSH:
-                self._open[side].append(said)
+                self._open[side].append(pdu)
         else:
             waiting = self._open[1 - side]
             if not waiting:
                 who = "server" if side == SERVER else "client"
                 raise ValueError(f"the {who} answers, but no request to it is pending")
-            asked = waiting[0]
-            said = with_reference(message.build(parse_pdu(asked)), asked[4:6])
+            request = waiting[0]
+            pdu = with_reference(message.build(parse_pdu(request)), request[4:6])
             waiting.popleft()
-        self._event(_SENT, side, build_tsdu(said, _TPDU_OCTETS))
+        self._event(_SENT, side, build_tsdu(pdu, _TPDU_OCTETS))
 
     def raw(self, side: int, octets: bytes) -> Self:
-        """``side`` (`CLIENT` or `SERVER`) sends octets as they are, TPKT and all."""
+        """Send octets from ``side`` (`CLIENT` or `SERVER`) unchanged, with TPKT."""
         self._event(_SENT, side, octets)
         return self
 
@@ -168,21 +168,21 @@ class Talk:
         return self
 
     def unanswered(self) -> Self:
-        """The oldest open request of the client is not answered any more. Raises ValueError where none is open."""
+        """Leave the oldest open request of the client unanswered. Raises ValueError if none is open."""
         if not self._open[CLIENT]:
             raise ValueError("the client has no pending request")
         self._open[CLIENT].popleft()
         return self
 
     def close(self, side: int = CLIENT) -> Self:
-        """Both sides close the connection, ``side`` first; nothing can be said afterwards."""
+        """Close the connection, ``side`` first; it ends the conversation."""
         self._event(_CLOSED, side)
         self._event(_CLOSED, 1 - side)
         self._over = True
         return self
 
     def reset(self, side: int = SERVER) -> Self:
-        """``side`` breaks the connection off; nothing can be said afterwards."""
+        """Let ``side`` reset the connection; it ends the conversation."""
         self._event(_RESET, side)
         self._over = True
         return self
@@ -193,17 +193,17 @@ class Talk:
         self._events.append(_Event(kind, side, self._now_ns, octets))
         self._now_ns += _MS
 
-    # ---- what comes of it -------------------------------------------------------------------------------------------
+    # ---- results ----------------------------------------------------------------------------------------------------
 
     @property
     def octets(self) -> list[tuple[int, bytes]]:
-        """What was sent, in order: the side and the octets of the stream (TPKTs)."""
+        """The sent messages in order: the side and the octets of the stream (TPKTs)."""
         return [(event.side, event.octets) for event in self._events if event.kind == _SENT]
 
     def frames(self) -> list[tuple[int, bytes]]:
         """Return the conversation as Ethernet frames, each with its time in nanoseconds since 1970."""
         talk = Conversation(self._ends[CLIENT], self._ends[SERVER])
-        found: list[tuple[int, bytes]] = []
+        timed: list[tuple[int, bytes]] = []
         for event in self._events:
             if event.kind == _OPEN:
                 frames = talk.opened()
@@ -211,20 +211,20 @@ class Talk:
                 frames = talk.sent(event.side, event.octets)
             else:
                 frames = talk.closed(event.side) if event.kind == _CLOSED else talk.reset(event.side)
-            found += [(event.time_ns, frame) for frame in frames]
-        return found
+            timed += [(event.time_ns, frame) for frame in frames]
+        return timed
 
     def capture(self, path: str | os.PathLike[str] | None = None) -> bytes:
-        """Return the conversation as the octets of a pcapng file; written to ``path`` too, over what is there."""
+        """Return the conversation as the octets of a pcapng file; with ``path``, also write it, replacing an existing file."""
         blocks = [section_block(application="s7dissect talk"), interface_block(ETHERNET, "talk")]
         blocks += [packet_block(0, time_ns, frame, len(frame)) for time_ns, frame in self.frames()]
-        told = b"".join(blocks)
+        octets = b"".join(blocks)
         if path is not None:
-            save(path, told)
-        return told
+            save(path, octets)
+        return octets
 
     def session(self) -> Session:
-        """Return the conversation as a session, which a capture or a golden can be compared with (`dissect.golden`)."""
+        """Return the conversation as a session, which can be compared with a capture or a golden (`dissect.golden`)."""
         reader = SessionReader("talk")
         self._feed(reader)
         return reader.finish()
@@ -234,7 +234,7 @@ class Talk:
         return golden_text(self.session())
 
     def recording(self) -> Recording:
-        """Return the conversation as what `dissect.playback.server.Server` serves."""
+        """Return the conversation as a recording for `dissect.playback.server.Server`."""
         reader = SessionReader("talk", messages=True)
         self._feed(reader)
         return recording_of(reader.finish())

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from dissect.anonymize.account import KEEP, MASK, SCRAMBLE, Account, Choices
 from dissect.anonymize.addresses import AddressMap
-from dissect.anonymize.messages import draft_tsdu
+from dissect.anonymize.messages import plan_tsdu
 from dissect.anonymize.rules import Rules
 from dissect.s7.build import build_data_item, build_item, build_items, build_variables
 from dissect.s7.tables import ACK_DATA, JOB, READ_VAR, WRITE_VAR
@@ -52,9 +52,9 @@ def test_both_ways_say_the_same(
         octets[fault[0]] = fault[1]
     choices = Choices(values)
     rules = Rules(KEY, AddressMap(KEY), choices)
-    draft_tsdu(whole, rules, Account())  # from here on its parameters are known
+    plan_tsdu(whole, rules, Account())  # from here on its parameters are known
     told, others = Account(), Account()
-    short = draft_tsdu(bytes(octets), rules, told)
-    long = draft_tsdu(bytes(octets), Rules(KEY, AddressMap(KEY), choices), others, codes=NOWHERE)
+    short = plan_tsdu(bytes(octets), rules, told)
+    long = plan_tsdu(bytes(octets), Rules(KEY, AddressMap(KEY), choices), others, codes=NOWHERE)
     assert short.pieces == long.pieces
     assert told.as_dict() == others.as_dict()

@@ -11,7 +11,7 @@ from dissect.anonymize import rules
 from dissect.anonymize.account import KEEP, Account, Choices
 from dissect.anonymize.addresses import AddressMap
 from dissect.anonymize.key import Key
-from dissect.anonymize.messages import draft_tsdu
+from dissect.anonymize.messages import plan_tsdu
 from dissect.anonymize.rewrite_plan import RewritePlan
 from dissect.s7.build import build_data_item, build_item, build_pdu, build_variables, with_reference
 from dissect.s7.data_parts import CONTENT
@@ -128,11 +128,11 @@ def test_the_request_of_a_read_that_comes_again_stays_as_it_did() -> None:
     write = build_variables(JOB, WRITE_VAR, 1, item, build_data_item(0, 4, b"\x12\x34"))
     with_more = build_pdu(JOB, read[10:], b"more")
     for reference in (b"\0\1", b"\0\2"):
-        assert draft_tsdu(with_reference(read, reference), made, account).pieces == [(0, len(read), None)]
+        assert plan_tsdu(with_reference(read, reference), made, account).pieces == [(0, len(read), None)]
         assert account.as_dict() == Account().as_dict()
         assert len(made.known) == 1
     for other in (write, with_more, read + b"x"):
-        pieces = draft_tsdu(other, made, account).pieces
+        pieces = plan_tsdu(other, made, account).pieces
         assert pieces[-1][1] < len(other), "the octets behind the read are not known to tell nothing"
     assert len(made.known) == 1
     assert {kind: size for kind, (_, size) in account.masked.items()} == {"values": 2, "unknown_octets": 5}

@@ -13,12 +13,12 @@ def exchange(number: int) -> Exchange:
 
 def test_what_was_parsed_longest_ago_is_forgotten_and_read_again() -> None:
     first = exchange(7)
-    asked, items = first.asked, first.items
-    assert first.asked is asked
+    request, items = first.request_pdu, first.items
+    assert first.request_pdu is request
     assert first.items is items
     others = [exchange(number) for number in range(module._KEPT)]
     assert [one.items[0].value for one in others] == list(range(module._KEPT))
-    assert first.asked is not asked
+    assert first.request_pdu is not request
     assert (first.items[0].address, first.items[0].value) == (items[0].address, items[0].value) == ("DB10.DBW14", 7)
     kept = sum([one._request is not None for one in [first, *others]])
     assert kept == len(module._kept) == module._KEPT

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from dissect.golden import golden_text, read_session
 from dissect.golden.model import GoldenError, Link, Session
-from dissect.golden.reading import is_golden, said_order
+from dissect.golden.reading import content_order, is_golden
 from dissect.golden.writing import link_lines
 from tests.cases import each
 from tests.golden.support import WRITTEN, reads, session
@@ -59,7 +59,7 @@ def test_connections_stand_in_the_order_of_their_whole_text(shapes: list[tuple[i
         link.transactions = said[skipped : skipped + count]
         links.append(link)
     by_text = sorted(links, key=lambda link: ("\n".join(link_lines(link)), link.addresses))
-    assert said_order(links) == by_text
+    assert content_order(links) == by_text
 
 
 def test_the_same_octets_under_every_hash_seed(capture: object) -> None:

@@ -62,10 +62,10 @@ def test_what_workers_tell_adds_up(tmp_path: Path) -> None:
     workers[0].used.add(f"test_x/test_a{SUFFIX}")
     workers[1].written.add(f"test_x/test_c{SUFFIX}")
     total.ended("test_x.py::test_a", True, True)
-    total.add(workers[0].told())
+    total.add(workers[0].results())
     assert total.unused() == []  # test_b has not ended
     total.ended("test_x.py::test_b", True, True)
-    total.add(workers[1].told())
+    total.add(workers[1].results())
     assert total.unused() == [f"test_x/test_b{SUFFIX}", f"test_x/test_d{SUFFIX}"]
     total.ended("test_x.py::test_b", False, False)
     assert total.unused() == [f"test_x/test_d{SUFFIX}"]

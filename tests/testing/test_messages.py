@@ -110,7 +110,7 @@ def test_answers_to_userdata_and_refusals() -> None:
         (lambda: write("DB10.DBW4 INT = 40000"), "out of range for the type"),
         (lambda: read("X7"), "is not an item|is not an address"),
         (lambda: read("DB1.DBD4 LONG"), "is not a type"),
-        (lambda: words(-1), "beyond what the type holds"),
+        (lambda: words(-1), "out of range for the type"),
         (lambda: refused(0xFF), "is not a return code for a refusal"),
         (lambda: Ask(b"\x32"), "at least 10 bytes"),
         (lambda: said(TWO, words(1)), "2 items were requested, the answer has 1"),

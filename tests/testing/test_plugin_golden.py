@@ -247,7 +247,7 @@ def test_a_capture_without_a_connection_is_no_session(project: Project) -> None:
     project.test(ONE)
     result = project.run("--s7-update", "all")
     result.assert_outcomes(failed=1)
-    result.stdout.fnmatch_lines(["tests/captures/pump.pcapng holds no connection, so there is nothing to compare"])
+    result.stdout.fnmatch_lines(["tests/captures/pump.pcapng has no connections, so there is nothing to compare"])
     assert not project.goldens.exists()
 
 

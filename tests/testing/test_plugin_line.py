@@ -225,7 +225,7 @@ def test_nobody(s7_record, s7_golden):
     result = project.run()
     result.assert_outcomes(failed=1)
     result.stdout.fnmatch_lines(
-        ["*recorded-1.pcapng holds no connection, *", "the recorder: 127.0.0.1:* cannot be reached: *"],
+        ["*recorded-1.pcapng has no connections, *", "the recorder: 127.0.0.1:* cannot be reached: *"],
         consecutive=True,
     )
 

@@ -54,7 +54,7 @@ def find_downloads(transactions: Sequence[Transaction]) -> list[Download]:
     found: list[Download] = []
     going: dict[bytes, Download] = {}
     for transaction in transactions:
-        asked = transaction.exchange.asked if transaction.exchange.kind == S7 else None
+        asked = transaction.exchange.request_pdu if transaction.exchange.kind == S7 else None
         if asked is None or asked.rosctr != JOB:
             continue
         by_client = transaction.asked_by == "client"

@@ -451,5 +451,7 @@ def _belongs(said: Transaction, request: Transaction) -> bool:
     """Tell whether something that the server said is there only because of a request: an answer, or of its function group."""
     if said.outcome != "unsolicited":
         return True
-    heads = [pdu.parameters.userdata for pdu in (said.exchange.told, request.exchange.asked) if pdu is not None]
+    heads = [
+        pdu.parameters.userdata for pdu in (said.exchange.response_pdu, request.exchange.request_pdu) if pdu is not None
+    ]
     return len({head.group if head is not None else -1 for head in heads}) == 1

@@ -92,7 +92,7 @@ class Renewal:
         if asked.rosctr == USERDATA and head is not None:
             key = (head.group, head.subfunction)
             self._live[key] = told
-            recorded = transaction.exchange.told
+            recorded = transaction.exchange.response_pdu
             was = recorded.parameters.userdata if recorded is not None else None
             self._recorded_more[key] = was is not None and was.more
             self._sending[key] = head.more

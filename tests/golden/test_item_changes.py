@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from dissect.golden.asked import other_items
 from dissect.golden.exchange import S7, Exchange
+from dissect.golden.item_changes import item_changes
 from tests.transactions.talk import dbw, item, read, write, written
 
 A, B, C, D = (dbw(10, octet) for octet in (0, 2, 4, 6))
@@ -32,7 +32,7 @@ SEVEN = "DB1.DBW0 WORD, DB1.DBW2 WORD, DB1.DBW4 WORD, DB1.DBW6 WORD, DB1.DBW8 WO
     ],
 )  # fmt: skip
 def test_reads(before: list[bytes], after: list[bytes], text: str, was: str, is_: str) -> None:
-    change = other_items(Exchange(S7, read(1, *before), b""), Exchange(S7, read(2, *after), b""))
+    change = item_changes(Exchange(S7, read(1, *before), b""), Exchange(S7, read(2, *after), b""))
     assert (change.kind, change.text, change.was, change.is_) == ("requests", text, was, is_)
     assert change.targets == ("Read Var",)
 
@@ -40,5 +40,5 @@ def test_reads(before: list[bytes], after: list[bytes], text: str, was: str, is_
 def test_writes() -> None:
     one = Exchange(S7, write(1, [A], written(4, b"\0\1")), b"")
     two = Exchange(S7, write(1, [A, D], written(4, b"\0\1") * 2), b"")
-    assert other_items(one, two).text == "writes DB10.DBW6 WORD as well"
-    assert other_items(two, one).text == "no longer writes DB10.DBW6 WORD"
+    assert item_changes(one, two).text == "writes DB10.DBW6 WORD as well"
+    assert item_changes(two, one).text == "no longer writes DB10.DBW6 WORD"

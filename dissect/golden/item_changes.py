@@ -17,7 +17,7 @@ from dissect.wire.text import some
 _NAMED: Final = 5
 
 
-def other_items(one: Exchange, other: Exchange) -> Change:
+def item_changes(one: Exchange, other: Exchange) -> Change:
     """Describe how the items of two requests differ; both are reads or both are writes."""
     before, after = _names(one), _names(other)
     gone, new = _without(before, after), _without(after, before)
@@ -48,8 +48,8 @@ def _without_verb(what: str) -> str:
 
 
 def _names(exchange: Exchange) -> list[str]:
-    asked = exchange.asked
-    return [short(named_item(item)) for item in asked.parameters.items] if asked is not None else []
+    request = exchange.request_pdu
+    return [short(named_item(item)) for item in request.parameters.items] if request is not None else []
 
 
 def _without(names: Sequence[str], others: Sequence[str]) -> list[str]:
