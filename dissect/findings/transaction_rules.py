@@ -40,6 +40,7 @@ from dissect.s7.tables import (
     INCONSISTENT,
     JOB,
     NUMBERED_AREAS,
+    OWN_SIZE_AREAS,
     PI_SERVICE,
     PLC_STOP,
     READ_SZL,
@@ -91,8 +92,6 @@ from dissect.wire.text import count, duration_text, over_limit, some
 
 #: Jobs that are commands, or that begin or end a transfer; the many jobs that carry pieces of blocks are left out.
 _COMMANDS: Final = frozenset((REQUEST_DOWNLOAD, DOWNLOAD_ENDED, START_UPLOAD, END_UPLOAD, PI_SERVICE, PLC_STOP))
-#: Areas whose items need the transport size of the same number.
-_OWN_SIZE: Final = frozenset((0x1C, 0x1D))
 #: Two capture queues may swap packets that are so close in time; beyond that the clock runs backwards.
 DISORDER_NS: Final = 1_000_000
 #: A request captured so long after its answer is not out of order: TCP sent it again (in practice after 20 ms or more).
@@ -166,7 +165,7 @@ def odd_address(item: Item) -> str:
     if item.db and area not in DB_AREAS:
         return f"DB number {item.db} outside a DB"
     if area in NUMBERED_AREAS:
-        own = area in _OWN_SIZE and item.transport_size != area
+        own = area in OWN_SIZE_AREAS and item.transport_size != area
         return f"transport size {TRANSPORT_SIZES.name(item.transport_size)}" if own else ""
     if item.start_bit >> 19:
         return "bits above the address are set"

@@ -12,6 +12,7 @@ from librt.strings import BytesWriter, read_i32_be, read_i64_be, write_i64_be
 from mypy_extensions import i64
 
 from dissect.s7.address import address_text
+from dissect.s7.plain_items import S7ANY_SIZE
 from dissect.s7.syntaxes import DB_AREA, DB_READ, DB_READ_ITEM, item_text
 from dissect.s7.tables import (
     ANSWER_TRANSPORT_SIZE,
@@ -32,7 +33,6 @@ from dissect.wire.octets import u16, u24, u32
 
 SPECIFICATION: Final = 0x12
 DATA_HEAD: Final = 4
-_S7ANY_SIZE: Final = 12
 #: The parts of `item_heads`: the octets of the data block; then for each item its place and the octets that it begins with.
 _SIZE: Final = struct.Struct(">q")
 _PLACED: Final = struct.Struct(">II")
@@ -58,14 +58,14 @@ class Item:
     """A request item.
 
     ``offset`` is within the parameter block of the PDU; ``octets`` are the whole item, head included. The fields from
-    ``transport_size`` to ``start_bit`` are filled for S7ANY; for every other syntax they are -1 and ``address`` names the
+    ``transport_size`` to ``start_bit`` are filled for S7ANY; for every other syntax they are -1 and `address` names the
     syntax. ``size`` is the number of octets in a good answer, -1 if it cannot be known (a data record may be shorter than
     requested, and devices differ in how they pack several bits). ``areas`` are the areas of data blocks that a DBREAD item
     requests, each as an `Item`; None for other items.
     """
 
     __slots__ = (
-        "address",
+        "_address",
         "area",
         "areas",
         "cell",
@@ -94,13 +94,28 @@ class Item:
         self.start_bit: i64 = -1
         self.size: i64 = -1
         self.areas: list[Item] | None = None
-        self.address: str = ""
+        self._address: str = ""  # made when it is first asked for
         # Cached texts for reports, because polling repeats the same items for hours.
         self.fragment: str = ""  # for JSON
         self.head: bytes = b""  # the same, where lines are built as bytes
         self.cell: bytes = b""  # for CSV: the cells from the address to the value, for an item without an error
         self.shown: str = ""  # for a person
         self.line: bytes = b""  # the same where lines are built as bytes, up to the value
+
+    @property
+    def address(self) -> str:
+        """The address as people write it, for example ``DB10.DBW4``."""
+        if not self._address:
+            if self.transport_size >= 0:
+                self._address = address_text(self.area, self.db, self.start_bit, self.transport_size)
+            else:
+                self._address = item_text(self.octets)
+        return self._address
+
+    @address.setter
+    def address(self, address: str) -> None:
+        """Give the item an address that does not follow from its fields."""
+        self._address = address
 
     def fits(self, size: i64) -> bool:
         """Return whether ``size`` octets fit what the item requests, so that they can be decoded.
@@ -124,7 +139,7 @@ class Item:
 def parse_item(octets: bytes, offset: i64) -> Item:
     """Read one request item, head included (``octets``: at least 3). Never raises."""
     item = Item(octets, offset)
-    if item.syntax_id == S7ANY and len(octets) == _S7ANY_SIZE:
+    if item.syntax_id == S7ANY and len(octets) == S7ANY_SIZE:
         item.transport_size = octets[3]
         item.count = u16(octets, 4)
         item.db = u16(octets, 6)
@@ -133,11 +148,8 @@ def parse_item(octets: bytes, offset: i64) -> Item:
         element: i64 = ELEMENT_OCTETS.get(item.transport_size, -1)
         if element > 0 and item.area != RECORD_AREA and not (item.transport_size == BIT and item.count != 1):
             item.size = element * item.count
-        item.address = address_text(item.area, item.db, item.start_bit, item.transport_size)
-    else:
-        item.address = item_text(octets)
-        if item.syntax_id == DB_READ:
-            item.areas = _areas(octets, offset)
+    elif item.syntax_id == DB_READ:
+        item.areas = _areas(octets, offset)
     return item
 
 
@@ -158,7 +170,6 @@ def _areas(octets: bytes, offset: i64) -> list[Item] | None:
         area.area = DB
         area.db = u16(octets, at + 1)
         area.start_bit = 8 * u16(octets, at + 3)
-        area.address = address_text(DB, area.db, area.start_bit, BYTE)
         areas.append(area)
     return areas
 
@@ -187,8 +198,15 @@ def written_areas(items: list[Item]) -> i64:
     """Return the kinds of areas that a write of these items goes to (`WRITTEN_IO` | `WRITTEN_ELSEWHERE`)."""
     areas: i64 = 0
     for item in items:
-        areas |= WRITTEN_IO if item.area in _IO_AREAS else WRITTEN_ELSEWHERE
+        areas |= written_area(item.area)
     return areas
+
+
+def written_area(area: i64) -> i64:
+    """Return the kind of an area that a write goes to."""
+    if area in _IO_AREAS:
+        return WRITTEN_IO
+    return WRITTEN_ELSEWHERE
 
 
 def parse_items(octets: bytes, at: i64, end: i64, count: i64, malformed: list[Malformed]) -> list[Item]:
@@ -208,9 +226,9 @@ def parse_items(octets: bytes, at: i64, end: i64, count: i64, malformed: list[Ma
         item = parse_item(octets[at : at + size], at)
         if octets[at] != SPECIFICATION:
             malformed.append(Malformed("s7", "bad_value", "item.specification", at, SPECIFICATION, octets[at], "item"))
-        if item.syntax_id == S7ANY and size != _S7ANY_SIZE:
-            reason = "length_below" if size < _S7ANY_SIZE else "trailing_octets"
-            malformed.append(Malformed("s7", reason, "item.length", at + 1, _S7ANY_SIZE - 2, size - 2, "item"))
+        if item.syntax_id == S7ANY and size != S7ANY_SIZE:
+            reason = "length_below" if size < S7ANY_SIZE else "trailing_octets"
+            malformed.append(Malformed("s7", reason, "item.length", at + 1, S7ANY_SIZE - 2, size - 2, "item"))
         items.append(item)
         at += size + item_fill(size, number + 1 == count)
     if at < end:

@@ -12,7 +12,8 @@ from typing import Final
 from librt.strings import read_i64_be
 from mypy_extensions import i64
 
-from dissect.s7.items import SPECIFICATION, Item, answer_layout, item_fill, parse_items, written_areas
+from dissect.s7.items import SPECIFICATION, Item, answer_layout, item_fill, parse_items, written_area, written_areas
+from dissect.s7.plain_items import are_plain, plain_area, plain_size
 from dissect.s7.tables import (
     ACK,
     ACK_DATA,
@@ -176,9 +177,13 @@ _NOTHING_WRONG: Final[list[Malformed]] = []
 
 
 class Parameters:
-    """A parsed parameter block. ``function`` is -1 if the block is empty, ``item_count`` is -1 if the block has none."""
+    """A parsed parameter block. ``function`` is -1 if the block is empty, ``item_count`` is -1 if the block has none.
+
+    If it is ``plain`` (`dissect.s7.plain_items`), its `items` are made when they are first asked for: most runs need none.
+    """
 
     __slots__ = (
+        "_items",
         "answer_size",
         "answer_unjudged",
         "fragment",
@@ -187,9 +192,9 @@ class Parameters:
         "good_heads",
         "good_layout",
         "item_count",
-        "items",
         "malformed",
         "octets",
+        "plain",
         "rosctr",
         "setup",
         "unjudged",
@@ -202,7 +207,8 @@ class Parameters:
         self.rosctr: i64 = rosctr
         self.function: i64 = octets[0] if len(octets) else -1
         self.item_count: i64 = -1
-        self.items: list[Item] = _NO_ITEMS
+        self.plain: bool = False
+        self._items: list[Item] | None = _NO_ITEMS
         self.setup: Setup | None = None
         self.userdata: UserdataHead | None = None
         self.malformed: list[Malformed] = _NOTHING_WRONG
@@ -219,6 +225,55 @@ class Parameters:
         self.good_heads: tuple[int, ...] = ()
         self.unjudged: bool = True  # codes and addresses were not judged yet
         self.answer_unjudged: bool = False  # of a read: the transport sizes of a good answer were not judged yet
+
+    @property
+    def items(self) -> list[Item]:
+        """The items of a Read Var or Write Var request; the same list each time, which nobody changes."""
+        items = self._items
+        if items is None:
+            items = self._items = parse_items(self.octets, 2, len(self.octets), self.item_count, [])
+        return items
+
+    @property
+    def known_items(self) -> i64:
+        """How many `items` there are: ``item_count``, unless the block is malformed."""
+        return self.item_count if self.plain else len(self.items)
+
+    def size_of(self, index: i64) -> i64:
+        """Return the `Item.size` of the item ``index``, from 0."""
+        return plain_size(self.octets, index) if self.plain else self.items[index].size
+
+    def take_items(self) -> None:
+        """Read what a job asks for; of a plain block the `Item` objects come later, and there is nothing to judge."""
+        octets = self.octets
+        count: i64 = self.item_count
+        if are_plain(octets, count):
+            self.plain = True
+            self._items = None
+            self.unjudged = False
+        else:
+            wrong: list[Malformed] = []
+            self._items = parse_items(octets, 2, len(octets), count, wrong)
+            if wrong:
+                self.malformed = wrong
+        if self.function == READ_VAR:
+            self.answer_unjudged = True
+            self.answer_size = self._answer_size()
+        elif self.plain:
+            for index in range(count):
+                self.written |= written_area(plain_area(octets, index))
+        else:
+            self.written = written_areas(self.items)
+
+    def _answer_size(self) -> i64:
+        """Return the octets of the PDU that answers a read: header, function, count, one data item per item (reference 3.5)."""
+        total: i64 = 14
+        left: i64 = self.known_items
+        for index in range(left):
+            left -= 1
+            size: i64 = max(self.size_of(index), 0)
+            total += 4 + size + item_fill(size, left == 0)
+        return total
 
     def note(self, wrong: Malformed) -> None:
         """Add a fault to ``malformed``."""
@@ -296,29 +351,10 @@ def parse_parameters(octets: bytes, rosctr: i64) -> Parameters:
             return parameters
         parameters.item_count = octets[1]
         if rosctr == JOB:
-            wrong: list[Malformed] = []
-            parameters.items = parse_items(octets, 2, size, parameters.item_count, wrong)
-            if wrong:
-                parameters.malformed = wrong
-            if function == WRITE_VAR:
-                parameters.written = written_areas(parameters.items)
-            else:
-                parameters.answer_unjudged = True
-                parameters.answer_size = _answer_size(parameters.items)
+            parameters.take_items()
         elif size > 2:
             _wrong_size(parameters, "item_count", 2, size)
     return parameters
-
-
-def _answer_size(items: list[Item]) -> i64:
-    """Return the octets of the PDU that answers a read: header, function, count, one data item per item (reference 3.5)."""
-    total: i64 = 14
-    left: i64 = len(items)
-    for item in items:
-        left -= 1
-        size: i64 = max(item.size, 0)
-        total += 4 + size + item_fill(size, left == 0)
-    return total
 
 
 def _wrong_size(parameters: Parameters, field: str, needed: i64, available: i64) -> None:

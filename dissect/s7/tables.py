@@ -241,6 +241,9 @@ LETTER_AREAS: Final[dict[str, int]] = {
 #: Areas whose address is a plain object number, not an octet address times 8.
 NUMBERED_AREAS: Final = frozenset((0x1c, 0x1d, 0x1e, 0x1f))
 
+#: Those of them whose items need the transport size of the same number.
+OWN_SIZE_AREAS: Final = frozenset((0x1c, 0x1d))
+
 #: The area of data records, which have no addresses, and the areas of data blocks.
 RECORD_AREA: Final = 0x01
 DB: Final = 0x84

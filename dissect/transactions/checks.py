@@ -9,6 +9,7 @@ from __future__ import annotations
 from mypy_extensions import i64
 
 from dissect.s7.items import (
+    DATA_HEAD,
     Item,
     begin_alike,
     data_size_within,
@@ -16,7 +17,8 @@ from dissect.s7.items import (
     odd_data_code,
     walk_areas,
 )
-from dissect.s7.parameters import Parameters
+from dissect.s7.parameters import ACK_HEADER_SIZE, Parameters
+from dissect.s7.plain_items import plain_answered_as
 from dissect.s7.tables import ACK_DATA, READ_VAR, SETUP_COMMUNICATION, SUCCESS, USERDATA, WRITE_VAR
 from dissect.transactions.results import (
     BAD_DATA,
@@ -72,8 +74,7 @@ def _check_read(transaction: Transaction, count: i64, buf: bytes, at: i64, end: 
         return
     if not expected and not parameters.malformed:
         transaction._flags |= COUNT_MISMATCH  # not for a malformed request, whose item count proves nothing
-    items = parameters.items
-    known: i64 = len(items)
+    known: i64 = parameters.known_items
     good = expected and known == count
     begin: i64 = at
     index: i64 = 0
@@ -87,7 +88,7 @@ def _check_read(transaction: Transaction, count: i64, buf: bytes, at: i64, end: 
         at += 4
         if head >> 24 == SUCCESS:
             size = data_size_within(head >> 16 & 0xFF, head & 0xFFFF, room)
-            if index < known and not _check_size(transaction, items[index], buf, at, size, end):
+            if index < known and not _check_size(transaction, index, buf, at, size, end):
                 good = False
         else:
             size = 0
@@ -105,12 +106,13 @@ def _check_read(transaction: Transaction, count: i64, buf: bytes, at: i64, end: 
             parameters.keep_layout(buf, transaction._response_offset, begin)
 
 
-def _check_size(transaction: Transaction, item: Item, buf: bytes, at: i64, size: i64, end: i64) -> bool:
+def _check_size(transaction: Transaction, index: i64, buf: bytes, at: i64, size: i64, end: i64) -> bool:
     """Compare ``size``, the octets of a data item, with those requested; return whether they agree and nothing else varies."""
-    if item.size < 0:
-        _check_areas(transaction, item, buf, at, min(at + size, end))
+    wanted: i64 = transaction.parameters.size_of(index)
+    if wanted < 0:
+        _check_areas(transaction, transaction.parameters.items[index], buf, at, min(at + size, end))
         return False
-    if item.size != size:
+    if wanted != size:
         transaction._flags |= SIZE_MISMATCH
         return False
     return True
@@ -151,6 +153,9 @@ def check_data_codes(transaction: Transaction) -> None:
     """
     if transaction.response_rosctr != ACK_DATA or transaction._flags & (COUNT_MISMATCH | BAD_DATA | FUNCTION_MISMATCH):
         return
+    if transaction.parameters.plain:
+        _check_plain_codes(transaction, transaction.parameters)
+        return
     for result in transaction.s7_results:
         item = result.item
         answer = result.answer
@@ -158,3 +163,26 @@ def check_data_codes(transaction: Transaction) -> None:
             transaction.parameters.answer_unjudged = False
             if odd_data_code(item, answer):
                 transaction._flags |= ODD_DATA_CODE
+
+
+def _check_plain_codes(transaction: Transaction, asked: Parameters) -> None:
+    """Do that for a plain block, without results; `check_answer` found the data items of the answer to be whole."""
+    answer = transaction.response_parameters
+    if answer is None or answer.function != READ_VAR:
+        return
+    buf = transaction._response_buf
+    at: i64 = transaction._response_offset + ACK_HEADER_SIZE + len(answer.octets)
+    end: i64 = transaction._response_offset + transaction.response_size
+    index: i64 = 0
+    while index < answer.item_count and at + DATA_HEAD <= end:
+        head: i64 = u32(buf, at)
+        transport_size: i64 = head >> 16 & 0xFF
+        at += DATA_HEAD
+        if head >> 24 == SUCCESS:
+            asked.answer_unjudged = False
+            expected: i64 = plain_answered_as(asked.octets, index)
+            if expected and expected != transport_size:
+                transaction._flags |= ODD_DATA_CODE
+            size: i64 = data_size_within(transport_size, head & 0xFFFF, end - at)
+            at += size + (size & 1)  # none comes after the last one, which may have no fill octet
+        index += 1

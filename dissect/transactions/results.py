@@ -14,9 +14,12 @@ from mypy_extensions import i64
 
 from dissect.s7.errors import errors_of
 from dissect.s7.items import (
+    DATA_HEAD,
     DataItem,
     Item,
     ItemResult,
+    data_size_within,
+    item_fill,
     parse_data_items,
     parse_items,
     read_results,
@@ -50,8 +53,7 @@ from dissect.s7plus.tables import RETURN_CODES as PLUS_CODES
 from dissect.transactions.payloads import ScdParameters
 from dissect.wire.codes import coded
 from dissect.wire.copies import leaves
-from dissect.wire.malformed import Malformed
-from dissect.wire.octets import u16
+from dissect.wire.octets import u16, u32
 from dissect.wire.text import duration_text, hex_number, printable
 
 if TYPE_CHECKING:
@@ -168,16 +170,29 @@ def check_written(parameters: Parameters, buf: bytes, at: i64, size: i64) -> i64
     data_at: i64 = at + HEADER_SIZE + len(parameters.octets)
     if parameters.malformed or data_at + u16(buf, at + 8) != at + size:
         return 0
-    told: list[Malformed] = []
-    written = parse_data_items(buf, data_at, at + size, parameters.item_count, False, told)
-    if told:
+    return _check_data(parameters, buf, data_at, at + size)
+
+
+def _check_data(parameters: Parameters, buf: bytes, at: i64, end: i64) -> i64:
+    """Step through the data items of a write as `parse_data_items` reads them, without making objects of them."""
+    flags: i64 = 0
+    count: i64 = parameters.item_count
+    size: i64 = 0
+    for index in range(count):
+        room: i64 = end - at - DATA_HEAD
+        if room < 0:
+            return BAD_REQUEST
+        head: i64 = u32(buf, at)
+        size = data_size_within(head >> 16 & 0xFF, head & 0xFFFF, room)
+        if size > room:
+            return BAD_REQUEST
+        wanted: i64 = parameters.size_of(index)
+        if wanted >= 0 and wanted != size:
+            flags = WRITE_SIZE
+        at += DATA_HEAD + size + item_fill(size, index + 1 == count)
+    if at < end and not (end - at == 1 and size & 1):
         return BAD_REQUEST
-    items = parameters.items
-    for index in range(len(written)):
-        wanted: i64 = items[index].size
-        if wanted >= 0 and wanted != len(written[index].data):
-            return WRITE_SIZE
-    return 0
+    return flags
 
 
 def error_code(rosctr: i64, octets: bytes, parameters: Parameters) -> i64:
