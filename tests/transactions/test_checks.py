@@ -6,8 +6,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from dissect.s7.items import odd_data_code, parse_data_items
 from dissect.s7.parameters import Parameters, parse_parameters
-from dissect.s7.tables import ACK_DATA, JOB, USERDATA
+from dissect.s7.tables import ACK_DATA, ELEMENT_OCTETS, JOB, USERDATA
 from dissect.transactions.results import (
     BAD_DATA,
     BAD_REQUEST,
@@ -21,6 +22,7 @@ from dissect.transactions.results import (
     mismatch,
 )
 from dissect.transactions.transaction import Transaction
+from dissect.wire.malformed import Malformed
 from tests.transactions.talk import (
     Talk,
     ack,
@@ -258,6 +260,62 @@ def test_what_is_written_is_looked_at_within_its_pdu(data: bytes, count: int) ->
         assert not fits or len(data) <= reached + count
         return
     assert not fits
+
+
+SIZES = st.lists(st.sampled_from([(1, 1), (2, 1), (2, 3), (4, 1), (6, 2), (8, 1)]), min_size=1, max_size=3)
+HEADS = st.tuples(st.sampled_from([0xFF, 0xFF, 0x0A, 0]), st.sampled_from([3, 4, 5, 6, 7, 9]), st.integers(0, 40))
+
+
+def asked_for(sizes: list[tuple[int, int]], sound: bool) -> list[bytes]:
+    """Items of these transport sizes and counts; the block is plain if ``sound``, else its first item has an odd address."""
+    return [
+        item(0x84, 1, number * 64 + (0 if sound or number else 1 << 19), *size) for number, size in enumerate(sizes)
+    ]
+
+
+def data_of(heads: list[tuple[int, int, int]], sizes: list[tuple[int, int]], lie: int) -> bytes:
+    """Data items with these return codes and transport sizes, with the right lengths but for ``lie``."""
+    parts: list[bytes] = []
+    for (code, transport, length), (size, count) in zip(heads, sizes, strict=False):
+        octets = ELEMENT_OCTETS[size] * count
+        stated = length if lie else octets * 8 if transport in {3, 4, 5} else octets
+        body = b"" if code == 0x0A else bytes(octets)
+        parts.append(bytes([code, transport]) + stated.to_bytes(2, "big") + body + bytes(len(body) % 2))
+    return b"".join(parts)
+
+
+@given(SIZES, st.lists(HEADS, min_size=3, max_size=3), st.integers(0, 1), st.booleans(), st.integers(0, 2))
+def test_the_data_of_a_write_are_judged_as_its_data_items_are(
+    sizes: list[tuple[int, int]], heads: list[tuple[int, int, int]], lie: int, sound: bool, short: int
+) -> None:
+    data = data_of(heads, sizes, lie)
+    octets = write(1, asked_for(sizes, sound), data[: len(data) - short])
+    asked = parameters(octets)
+    assert asked.plain is sound
+    told: list[Malformed] = []
+    found = parse_data_items(octets, 10 + len(asked.octets), len(octets), len(sizes), False, told)
+    fits = [0 <= one.size == len(each.data) for one, each in zip(asked.items, found, strict=False)]
+    assert check_written(asked, octets, 0, len(octets)) == (BAD_REQUEST if told else 0 if all(fits) else WRITE_SIZE)
+
+
+@given(SIZES, st.lists(HEADS, min_size=3, max_size=3), st.integers(0, 1), st.booleans(), st.integers(0, 2))
+def test_the_transport_sizes_of_an_answer_are_judged_as_its_data_items_are(
+    sizes: list[tuple[int, int]], heads: list[tuple[int, int, int]], lie: int, sound: bool, short: int
+) -> None:
+    data = data_of(heads, sizes, lie)
+    talk = Talk()
+    talk.open(8, 8)
+    talk.ask(read(1, *asked_for(sizes, sound)))
+    talk.tell(ack_data(1, bytes([4, len(sizes)]), data[: len(data) - short]))
+    one = only(talk)
+    assert one.parameters.plain is sound
+    if one._flags & BAD_DATA:
+        assert one.parameters.answer_unjudged
+        return
+    pairs = [(each.item, each.answer) for each in one.s7_results if each.return_code == 0xFF]
+    odd = [item is not None and answer is not None and odd_data_code(item, answer) for item, answer in pairs]
+    assert bool(one._flags & ODD_DATA_CODE) is any(odd)
+    assert one.parameters.answer_unjudged is not bool(pairs)
 
 
 def test_error_codes() -> None:
