@@ -27,7 +27,7 @@ _SUCCESS: Final = 0xFF
 _JOB, _ACK_DATA = 1, 3
 _SIZES: Final = (0x02, 0x04, 0x06, 0x08)
 #: Packets around the reads: the handshake, the connection request and Setup Communication with their answers, and the end.
-_AROUND: Final = 10
+_AROUND: Final = 12
 _PLCS: Final = 30
 
 
@@ -41,7 +41,7 @@ class ManyConnections:
         self._time_ns = EPOCH_NS
 
     def connection(self, number: int, packets: int) -> Iterator[tuple[int, bytes]]:
-        """Yield time in ns and frame of ``packets`` packets of a new connection (of 12 for fewer)."""
+        """Yield time in ns and frame of ``packets`` packets of a new connection (of 15 for fewer)."""
         rng = self._rng
         client = Host(0x0A100000 + number // 50)
         port = 20000 + number % 50 * 7
@@ -52,7 +52,7 @@ class ManyConnections:
         setup = setup_param(1, 1, 240)
         now = self._exchange(made, now, tpkt(request(_JOB, 0, setup)), tpkt(answer(_ACK_DATA, 0, setup)))
         reads = [self._read() for _ in range(rng.randint(3, 11))]
-        for turn in range(max(1, (packets - _AROUND) // 2)):
+        for turn in range(max(1, (packets - _AROUND) // 3)):
             read = reads[turn % len(reads)]
             asked = tpkt(request(_JOB, turn + 1 & 0xFFFF, read.param))
             values = read.values(rng.getrandbits(20), _SUCCESS)
@@ -73,7 +73,7 @@ class ManyConnections:
         made.send(now, CLIENT, [(asked, Unit("DT"))])
         now += self._rng.randrange(2 * MS, 9 * MS)
         made.send(now, PLC, [(answered, Unit("DT"))])
-        return now + MS
+        return made.ack(now + 40 * US, CLIENT) + MS
 
 
 def many_connections(path: Path, packets: int, connections: int) -> int:

@@ -12,7 +12,7 @@ from tests.benchmarks.independent import checksums_right, count
 
 def test_each_connection_is_whole_and_reads_its_own(tmp_path: Path) -> None:
     out = tmp_path / "out.pcap"
-    assert many_connections(out, 1200, 30) == 1200
+    assert many_connections(out, 1350, 30) == 1350
     _, packets = read_capture(out)
     assert all(checksums_right(frame) for _, frame, _ in packets)
     assert [time_ns for time_ns, _, _ in packets] == sorted(time_ns for time_ns, _, _ in packets)
