@@ -1,4 +1,4 @@
-"""A function takes at most eight parameters, but where more is the shape of what it stands for: each such place has its reason."""
+"""A function takes at most eight parameters, but where more is the shape of a thing: each such place has its reason."""
 
 from __future__ import annotations
 
