@@ -4,6 +4,7 @@
 #
 # make browser the analyzer in one HTML file that needs no installation, in build/browser (docs/browser.md)
 # make wheels  the files of a release for this machine, each built and tried (docs/release.md)
+# make bundle  all wheels in one zip that installs without a network; PLATFORM=win_amd64 PYTHON_VERSION=3.12 for another system
 #
 # What is installed is a wheel in .venv, built from this tree. A run of pytest from there tests the tree itself, interpreted,
 # and needs no rebuild; with S7DISSECT_EXPECT=compiled it tests that wheel, and tests/conftest.py refuses a stale one.
@@ -63,7 +64,7 @@ export VENV
 # what it imports.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo test checks docs browser browser-sample wheels container-steps lint types test-installed test-interpreted environment test-environment format coverage fuzz fuzz-installed properties record clean
+.PHONY: demo test checks docs browser browser-sample wheels bundle container-steps lint types test-installed test-interpreted environment test-environment format coverage fuzz fuzz-installed properties record clean
 # Only what `checks` starts goes side by side.
 ifndef BESIDE
 .NOTPARALLEL:
@@ -91,6 +92,14 @@ browser-sample: test-environment
 
 wheels:
 	scripts/wheels.sh
+
+# PLATFORM is a tag of wheels; empty for this system. What was made is installed at once, without a network.
+bundle:
+	$(COMPILED) scripts/environment.sh bundle
+	@mkdir -p build
+	env -u PYTHONSAFEPATH $(BIN)/python -m scripts.bundle --output build/bundle $(if $(PLATFORM),--platform $(PLATFORM)) \
+		$(if $(PYTHON_VERSION),--python $(PYTHON_VERSION)) --wheel "$$(echo $(VENV)/s7dissect-wheel/*.whl)" | tee build/bundle.txt
+	env -u PYTHONSAFEPATH $(BIN)/python -m scripts.try_bundle "$$(sed -n 's/^[0-9a-f]\{64\}  //p' build/bundle.txt)"
 
 # Needs no network once the environment is there. What it warns of is an error: a link that leads nowhere, a page in no group.
 docs:
@@ -137,9 +146,10 @@ test-interpreted: $(INTERPRETED:%=interpreted-%)
 interpreted-%:
 	S7DISSECT_EXAMPLES=$${S7DISSECT_EXAMPLES:-25} S7DISSECT_EXPECT=interpreted PYTHONPATH=$(CURDIR) $(PYTEST) $(UNKEPT) -m "not measured" $($@) $(ONCE:%=--ignore=%)
 
-# What docs/probe/Containerfile says, done in a temporary folder.
+# What docs/probe/Containerfile says, done in a temporary folder; CONTAINER=analysis: docs/container/Containerfile, which installs
+# all extras once more and is no part of `make test`.
 container-steps: environment
-	$(BIN)/python scripts/container_steps.py
+	$(BIN)/python scripts/container_steps.py $(CONTAINER)
 
 format: test-environment
 	$(BIN)/ruff check --fix .

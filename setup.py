@@ -17,6 +17,7 @@ pip shows what a build prints only with ``-v``; ``s7dissect --version`` says whi
 from __future__ import annotations
 
 import ast
+import gzip
 import os
 import re
 import runpy
@@ -24,6 +25,7 @@ import shutil
 import subprocess
 import sys
 import sysconfig
+import tarfile
 import tempfile
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
@@ -32,8 +34,10 @@ from pathlib import Path
 from typing import Any, Final
 
 from setuptools import Extension, setup
+from setuptools.command.bdist_wheel import bdist_wheel
 from setuptools.command.build_ext import build_ext
 from setuptools.command.build_py import build_py
+from setuptools.command.sdist import sdist
 
 # Only importable once setuptools has put its own copy in place.
 from distutils.ccompiler import new_compiler  # isort: skip
@@ -286,6 +290,9 @@ BUSY: Final = (
 
 #: The commands that need the extensions; metadata and editable installs do not (a compiled copy would hide later edits).
 BUILDING: Final = frozenset(("bdist", "bdist_wheel", "build", "build_ext", "install"))
+
+#: When everything in an archive was written, unless SOURCE_DATE_EPOCH says otherwise: 1980, before which no wheel can be.
+EPOCH: Final = "315532800"
 
 #: The library of all compiled modules, as mypyc names it.
 LIBRARY: Final = "s7dissect__mypyc"
@@ -602,10 +609,65 @@ class WithManual(build_py):
         folder.mkdir(parents=True)
         for page in sorted(Path("docs").glob("*.md")):
             shutil.copyfile(page, folder / page.name)
+        usual_modes(Path(self.build_lib))
+
+
+class SameWheel(bdist_wheel):
+    """Packs the wheel so that the umask of whoever checked the sources out leaves no trace in it."""
+
+    def write_wheelfile(self, wheelfile_base: str, *arguments: Any, **options: Any) -> None:
+        """Write what says how the wheel was built, the last of its metadata."""
+        super().write_wheelfile(wheelfile_base, *arguments, **options)
+        usual_modes(Path(wheelfile_base))
+
+
+def usual_modes(folder: Path) -> None:
+    """Give what is in a folder the modes that it has for nearly everybody: an archive keeps them."""
+    for path in folder.rglob("*"):
+        path.chmod(0o755 if path.is_dir() or path.stat().st_mode & 0o100 else 0o644)
+
+
+class SameArchive(sdist):
+    """Packs the source distribution so that the same files give the same bytes: whoever builds it, when and where."""
+
+    def make_archive(self, base_name: str, format: str, *arguments: Any, **options: Any) -> str:  # noqa: A002 - its name there
+        """Pack ``base_dir``; kinds of archives other than the usual one are left to setuptools."""
+        if format != "gztar":
+            made: str = super().make_archive(base_name, format, *arguments, **options)
+            return made
+        folder = Path(options["base_dir"])
+        name, when = f"{base_name}.tar.gz", int(os.environ["SOURCE_DATE_EPOCH"])
+        with (
+            Path(name).open("wb") as file,
+            gzip.GzipFile("", "wb", 9, file, when) as packed,
+            tarfile.open(fileobj=packed, mode="w", format=tarfile.PAX_FORMAT) as archive,
+        ):
+            for path in sorted([folder, *folder.rglob("*")], key=Path.as_posix):
+                archive.add(path, path.as_posix(), recursive=False, filter=_nobodys)
+        return name
+
+
+def _nobodys(entry: tarfile.TarInfo) -> tarfile.TarInfo:
+    """Take away from an entry of an archive whose it is, when it was written and what the umask made of its mode."""
+    entry.mtime = int(os.environ["SOURCE_DATE_EPOCH"])
+    entry.uid, entry.gid, entry.uname, entry.gname = 0, 0, "", ""
+    entry.mode = 0o755 if entry.isdir() or entry.mode & 0o100 else 0o644
+    return entry
+
+
+#: What is done in our way of what setuptools can do.
+COMMANDS: Final = {
+    "bdist_wheel": SameWheel,
+    "build_ext": AllOrNothing,
+    "build_py": WithManual,
+    "sdist": SameArchive,
+}
 
 
 def build() -> None:
     """Run setuptools."""
+    os.environ.setdefault("SOURCE_DATE_EPOCH", EPOCH)
+    os.umask(0o022)
     if not BUILDING.isdisjoint(sys.argv):
         # setuptools packs whatever an earlier build left here, modules that are gone or no longer compiled included.
         for stale in Path("build").glob("lib*"):
@@ -613,9 +675,9 @@ def build() -> None:
         # The pages of `man` are made beside mypyc, which keeps one processor busy.
         with ThreadPoolExecutor(1) as beside:
             WithManual.pages = beside.submit(man_pages).result
-            setup(ext_modules=extensions(), cmdclass={"build_ext": AllOrNothing, "build_py": WithManual})
+            setup(ext_modules=extensions(), cmdclass=COMMANDS)
     else:
-        setup(cmdclass={"build_py": WithManual})
+        setup(cmdclass=COMMANDS)
 
 
 if __name__ == "__main__":

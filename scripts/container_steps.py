@@ -1,12 +1,14 @@
-"""Do what docs/probe/Containerfile says in a temporary folder instead of a container, so that its steps are known to work.
+"""Do what a Containerfile says in a temporary folder instead of a container, so that its steps are known to work.
 
-    python scripts/container_steps.py
+    python scripts/container_steps.py            # docs/probe/Containerfile
+    python scripts/container_steps.py analysis   # docs/container/Containerfile
 
 Copied is what .dockerignore leaves. Every RUN line runs, with the paths of the image below the folder; packages of the system
 are not installed or removed (setcap has to be there), and the package is installed interpreted: that the same sources compile
-is what `make environment` shows, in minutes. At the end the entry point runs with its default command for a second, on
-the loopback interface, as the image's user with CAP_NET_RAW only where
-this machine lets it (setpriv, root), and has to end well.
+is what `make environment` shows, in minutes. At the end the entry point runs as the image's user, where this machine lets it
+(setpriv, root), and has to end well. That of the probe has CAP_NET_RAW only, and listens with its default command for a second
+on the loopback interface. That of the analysis has no capability, and where the kernel allows it no network: it analyzes a capture
+that is read-only, writes a report and an export beside it.
 """
 
 from __future__ import annotations
@@ -23,13 +25,17 @@ import tempfile
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
-CONTAINER = ROOT / "docs" / "probe" / "Containerfile"
+CONTAINERS = {
+    "probe": ROOT / "docs" / "probe" / "Containerfile",
+    "analysis": ROOT / "docs" / "container" / "Containerfile",
+}
+CAPTURE = ROOT / "captures" / "nodes7-poll-missing.pcapng"
 BUILD = {"PIP_DISABLE_PIP_VERSION_CHECK": "1", "PIP_NO_COMPILE": "1", "S7DISSECT_COMPILED": "0"}
 
 
-def instructions() -> list[tuple[str, str]]:
+def instructions(container: Path) -> list[tuple[str, str]]:
     lines = [
-        line for line in CONTAINER.read_text(encoding="utf-8").splitlines() if line.strip() and not line.startswith("#")
+        line for line in container.read_text(encoding="utf-8").splitlines() if line.strip() and not line.startswith("#")
     ]
     joined = re.sub(r"\\\n\s*", " ", "\n".join(lines))
     return [(word, rest.strip()) for word, _, rest in (line.partition(" ") for line in joined.splitlines())]
@@ -82,20 +88,24 @@ def run(root: Path, line: str) -> None:
         subprocess.run(words, check=True, env={**os.environ, **BUILD})
 
 
-def entry_point(root: Path, found: dict[str, str], user: str) -> None:
+def as_user(user: str, program: str, capabilities: str, namespace: tuple[str, ...] = ()) -> list[str]:
+    """Return the words that run the program as the image does, none where this machine refuses."""
+    uid = user.partition(":")[0]
+    words = [*namespace, "setpriv", f"--reuid={uid}", f"--regid={uid}", "--clear-groups", "--no-new-privs"]
+    words += [f"--{kind}=-all{capabilities}" for kind in ("inh-caps", "ambient-caps", "bounding-set")]
+    trial = subprocess.run([*words, program, "--version"], capture_output=True, check=False)
+    if not trial.returncode:
+        return words
+    print(f"  not as {user}: {trial.stderr.decode().strip() or 'setpriv failed'}")
+    return []
+
+
+def probe(root: Path, found: dict[str, str]) -> None:
     words = [below(root, word) for word in (*json.loads(found["ENTRYPOINT"]), *json.loads(found["CMD"]))]
     words = ["lo" if word == "eth0" else "127.0.0.1:0" if word == "127.0.0.1:9102" else word for word in words]
-    state = root / "var" / "lib" / "s7dissect"
-    uid = user.partition(":")[0]
-    setpriv = ["setpriv", f"--reuid={uid}", f"--regid={uid}", "--clear-groups", "--no-new-privs"]
-    setpriv += ["--inh-caps=-all,+net_raw", "--ambient-caps=-all,+net_raw", "--bounding-set=-all,+net_raw"]
-    trial = subprocess.run([*setpriv, words[0], "--version"], capture_output=True, check=False)
-    if trial.returncode:
-        print(f"  not as {user}: {trial.stderr.decode().strip() or 'setpriv failed'}")
-        setpriv = []
     ran = subprocess.run(
-        [*setpriv, *words, "--duration", "1"],
-        cwd=state,
+        [*as_user(found["USER"], words[0], ",+net_raw"), *words, "--duration", "1"],
+        cwd=root / "var" / "lib" / "s7dissect",
         env={**os.environ, "HOME": "/"},  # as it is for a user whom nobody has entered
         capture_output=True,
         text=True,
@@ -108,10 +118,35 @@ def entry_point(root: Path, found: dict[str, str], user: str) -> None:
     assert json.loads(ran.stdout.splitlines()[-1])["event"] == "summary"
 
 
+def analysis(root: Path, found: dict[str, str]) -> None:
+    captures = root / "captures"
+    captures.mkdir(mode=0o777)
+    captures.chmod(0o777)
+    shutil.copyfile(CAPTURE, captures / "trace.pcapng")
+    (captures / "trace.pcapng").chmod(0o444)
+    program = [below(root, word) for word in json.loads(found["ENTRYPOINT"])]
+    without = ("unshare", "--net")
+    user = as_user(found["USER"], program[0], "", without) or as_user(found["USER"], program[0], "")
+    print(f"  {'without' if user[:1] == ['unshare'] else 'WITH'} a network")
+    for arguments in (
+        json.loads(found["CMD"]),
+        ["analyze", "trace.pcapng"],
+        ["report", "trace.pcapng", "-o", "report.html"],
+        ["export", "trace.pcapng", "-o", "tables.parquet"],
+    ):
+        print(f"  s7dissect {shlex.join(arguments)}")
+        words = [*user, *program, *arguments]
+        environment = {**os.environ, "HOME": "/"}
+        subprocess.run(words, cwd=captures, env=environment, check=True, timeout=120, stdout=subprocess.DEVNULL)
+    assert (captures / "report.html").stat().st_size > 10_000
+    assert list(captures.glob("tables*"))
+
+
 def main() -> None:
-    steps = instructions()
-    with tempfile.TemporaryDirectory(prefix="s7dissect-container-") as name:
-        root = Path(name)
+    name = sys.argv[1] if sys.argv[1:] else "probe"
+    steps = instructions(CONTAINERS[name])
+    with tempfile.TemporaryDirectory(prefix="s7dissect-container-") as folder:
+        root = Path(folder)
         root.chmod(0o755)
         (root / "usr" / "local" / "bin").mkdir(parents=True)
         shutil.copy2(Path(sys.executable).resolve(), root / "usr" / "local" / "bin" / "python3.12")
@@ -121,12 +156,10 @@ def main() -> None:
                 copy_sources(root / "source")
             elif word == "RUN":
                 run(root, rest)
-        capability = subprocess.run(
-            ["getcap", str(root / "usr" / "local" / "bin" / "python3.12")], capture_output=True, text=True, check=True
-        )
-        assert "cap_net_raw=ep" in capability.stdout, capability
-        found = dict(steps)
-        entry_point(root, found, found["USER"])
+        python = ["getcap", str(root / "usr" / "local" / "bin" / "python3.12")]
+        capability = subprocess.run(python, capture_output=True, text=True, check=True)
+        assert ("cap_net_raw=ep" in capability.stdout) == (name == "probe"), capability
+        {"probe": probe, "analysis": analysis}[name](root, dict(steps))
     print("every step of the container file works")
 
 

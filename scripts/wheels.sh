@@ -19,14 +19,26 @@ rm -rf dist
 echo "wheels: the source distribution"
 "$python" -m build --sdist --outdir dist . >"$work/log" 2>&1 || { cat "$work/log" >&2; exit 1; }
 sdist=$(echo dist/*.tar.gz)
-mkdir "$work/source"
+mkdir "$work/source" "$work/again"
 tar -xzf "$sdist" -C "$work/source" --strip-components=1
 
-wheel() { # COMPILED, as S7DISSECT_COMPILED
-  S7DISSECT_COMPILED=$1 "$python" -m build --wheel --outdir dist "$work/source" >"$work/log" 2>&1 ||
-    { cat "$work/log" >&2; exit 1; }
-  rm -rf "$work/source/build"
+same() { # A FILE OF dist: a second build of it, made from the source distribution elsewhere, has to have the same bytes
+  cmp "$1" "$work/again/$(basename "$1")"
+  echo "wheels: the same again, $(sha256sum "$1")"
 }
+
+wheel() { # COMPILED, as S7DISSECT_COMPILED, and the folder
+  S7DISSECT_COMPILED=$1 "$python" -m build --wheel --outdir "$2" "$work/source" >"$work/log" 2>&1 ||
+    { cat "$work/log" >&2; exit 1; }
+  rm -rf "$work/source/build" "$work/source/s7dissect.egg-info"
+}
+
+# With another umask and other times, as in the checkout of somebody else.
+cp -r "$work/source" "$work/copy"
+chmod -R go-rwx "$work/copy"
+(umask 077 && "$python" -m build --sdist --outdir "$work/again" "$work/copy" >"$work/log" 2>&1) ||
+  { cat "$work/log" >&2; exit 1; }
+same "$sdist"
 
 try() { # NAME OF THE BUILD, WHEEL
   echo "wheels: trying $2"
@@ -37,11 +49,13 @@ try() { # NAME OF THE BUILD, WHEEL
 }
 
 echo "wheels: the pure wheel"
-wheel 0
+wheel 0 dist
+wheel 0 "$work/again"
+same dist/*-py3-none-any.whl
 try interpreted dist/*-py3-none-any.whl
 
 echo "wheels: the compiled wheel (-O3, takes minutes; one that cannot be compiled is an error)"
-wheel 1
+wheel 1 dist
 try compiled dist/*-cp3*.whl
 
 ls -l dist

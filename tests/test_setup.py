@@ -5,9 +5,13 @@ from __future__ import annotations
 import ast
 import ctypes
 import importlib.util
+import io
+import json
+import os
 import re
 import shutil
 import sys
+import tarfile
 from collections import Counter
 from collections.abc import Iterator
 from functools import partial
@@ -20,7 +24,7 @@ from typing import Any, Final
 import pytest
 from setuptools import Distribution, Extension  # type: ignore[import-untyped]
 
-from scripts.container_steps import ignored
+from scripts.container_steps import CONTAINERS, ignored, instructions
 
 # Only importable once setuptools has put its own copy in place.
 from distutils.ccompiler import new_compiler  # isort: skip
@@ -270,6 +274,8 @@ def test_the_pages_of_man_are_made_while_mypyc_runs(
         return []
 
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("SOURCE_DATE_EPOCH", "315532800")
+    monkeypatch.setattr(setup.os, "umask", lambda _: None)
     monkeypatch.setattr(sys, "argv", ["setup.py", "bdist_wheel"])
     monkeypatch.setattr(setup, "man_pages", man_pages)
     monkeypatch.setattr(setup, "extensions", extensions)
@@ -457,3 +463,73 @@ def test_a_build_without_what_makes_the_pages_of_man_says_so(
     assert told == (
         "s7dissect: the pages of man are NOT built: ModuleNotFoundError: No module named 'no_such_library'\n"
     )
+
+
+def sources(folder: Path, mode: int, times: tuple[int, int]) -> str:
+    """Make a small tree as a checkout with this mode and time leaves it, and return its name."""
+    for name in ("pack-1/b.py", "pack-1/a/run.sh", "pack-1/a/é.txt"):
+        path = folder / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(name, encoding="utf-8")
+        path.chmod(mode | (0o100 if name.endswith(".sh") else 0))
+        os.utime(path, times)
+    (folder / "pack-1" / "a").chmod(mode | 0o100)
+    return "pack-1"
+
+
+def packed(setup: ModuleType, folder: Path, monkeypatch: pytest.MonkeyPatch) -> bytes:
+    monkeypatch.chdir(folder)
+    command = setup.SameArchive(Distribution({"name": "pack"}))
+    return Path(command.make_archive("made", "gztar", base_dir="pack-1")).read_bytes()
+
+
+def test_the_same_sources_make_the_same_archive(
+    setup: ModuleType, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """Of two checkouts that differ in time and umask."""
+    monkeypatch.setenv("SOURCE_DATE_EPOCH", "1700000000")
+    sources(tmp_path / "one", 0o644, (10**9, 10**9))
+    sources(tmp_path / "two", 0o600, (10**9 + 5, 10**9 + 7))
+    one, two = [packed(setup, tmp_path / name, monkeypatch) for name in ("one", "two")]
+    assert one == two
+    with tarfile.open(fileobj=io.BytesIO(one)) as archive:
+        entries = archive.getmembers()
+    assert [entry.name for entry in entries] == sorted(entry.name for entry in entries)
+    assert {entry.mtime for entry in entries} == {1700000000}
+    assert {entry.name: oct(entry.mode) for entry in entries} == {
+        "pack-1": "0o755",
+        "pack-1/a": "0o755",
+        "pack-1/a/run.sh": "0o755",
+        "pack-1/a/é.txt": "0o644",
+        "pack-1/b.py": "0o644",
+    }
+    assert {(entry.uid, entry.uname) for entry in entries} == {(0, "")}
+    monkeypatch.setenv("SOURCE_DATE_EPOCH", "1700000001")
+    assert packed(setup, tmp_path / "one", monkeypatch) != one
+
+
+def test_a_wheel_keeps_no_umask(setup: ModuleType, tmp_path: Path) -> None:
+    sources(tmp_path, 0o600, (0, 0))
+    setup.usual_modes(tmp_path)
+    modes = {path.name: oct(path.stat().st_mode & 0o777) for path in tmp_path.rglob("*")}
+    assert modes == {
+        "pack-1": "0o755",
+        "a": "0o755",
+        "run.sh": "0o755",
+        "é.txt": "0o644",
+        "b.py": "0o644",
+    }
+
+
+@pytest.mark.parametrize("name", CONTAINERS)
+def test_a_container_runs_what_was_installed_and_not_as_root(name: str) -> None:
+    steps = instructions(CONTAINERS[name])
+    found = dict(steps)
+    assert re.fullmatch(r"[1-9]\d+:[1-9]\d+", found["USER"])
+    program, *_ = json.loads(found["ENTRYPOINT"])
+    folder = program.removesuffix("/bin/s7dissect")
+    assert ("COPY", f"--from=build {folder} {folder}") in steps
+    built = next(rest for word, rest in steps if word == "RUN" and "pip install" in rest)
+    assert built.startswith(f"python -m venv {folder} && {folder}/bin/pip install")
+    assert ("ENV", "S7DISSECT_COMPILED=1") in steps
+    assert ("setcap" in str(steps)) == (name == "probe")
