@@ -7,8 +7,8 @@ Copied is what .dockerignore leaves. Every RUN line runs, with the paths of the 
 are not installed or removed (setcap has to be there), and the package is installed interpreted: that the same sources compile
 is what `make environment` shows, in minutes. At the end the entry point runs as the image's user, where this machine lets it
 (setpriv, root), and has to end well. That of the probe has CAP_NET_RAW only, and listens with its default command for a second
-on the loopback interface. That of the analysis has no capability, and where the kernel allows it no network: it analyzes a capture
-that is read-only, writes a report and an export beside it.
+on the loopback interface. That of the analysis has no capability, and where the kernel allows it no network: it analyzes
+a read-only capture, and writes a report and an export beside it.
 """
 
 from __future__ import annotations
