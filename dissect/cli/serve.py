@@ -161,13 +161,13 @@ def _serve(server: Server) -> int:
         while not server.wait(_LOOK_S):
             _tell(server)
     _tell(server)
-    desk = server.desk
-    heard = f"{count(int(server.connections), 'connection')}, {count(desk.total, 'request')}"
-    _say(f"{heard}, {desk.unmatched_total} unmatched")
+    log = server.log
+    heard = f"{count(int(server.connections), 'connection')}, {count(log.total, 'request')}"
+    _say(f"{heard}, {log.unmatched_total} unmatched")
     if server.error is not None:
         _say(f"the server failed: {server.error!r}")
         return EXIT_DAMAGED
-    return EXIT_GATE if desk.unmatched_total else EXIT_OK
+    return EXIT_GATE if log.unmatched_total else EXIT_OK
 
 
 def _tell(server: Server) -> None:

@@ -1,6 +1,6 @@
-"""The sequence number of a BSEND, which its receiver gives and a golden does not hold (reference 4.10).
+"""The sequence number of a BSEND, which its receiver assigns and a golden does not contain (reference 4.10).
 
-The first piece has 0, the answer to it a number, all further pieces and their answers that number.
+The first piece has 0, its answer has a number, and all further pieces and answers have that number.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ _FIRST: Final = 1
 
 
 def is_bsend(pdu: Pdu, type_: int) -> bool:
-    """Tell whether a PDU is a BSEND (``REQUEST``) or the answer to one (``RESPONSE``)."""
+    """Return whether a PDU is a BSEND (``REQUEST``) or the answer to one (``RESPONSE``)."""
     head = pdu.parameters.userdata
     if pdu.rosctr != USERDATA or head is None or len(pdu.octets) <= SEQUENCE:
         return False
@@ -25,15 +25,15 @@ def is_bsend(pdu: Pdu, type_: int) -> bool:
 
 
 def answered_piece(answer: bytes, piece: Pdu) -> bytes:
-    """Return the answer to a piece with the number of the BSEND; what is no such answer as it is."""
-    asked = piece.parameters.userdata
-    if asked is None or not is_bsend(parse_pdu(answer), RESPONSE):
+    """Return the answer to a piece with the number of the BSEND; any other PDU unchanged."""
+    head = piece.parameters.userdata
+    if head is None or not is_bsend(parse_pdu(answer), RESPONSE):
         return answer
-    return _numbered(answer, asked.sequence or answer[SEQUENCE] or _FIRST)
+    return _numbered(answer, head.sequence or answer[SEQUENCE] or _FIRST)
 
 
 def next_piece(piece: bytes, number: int) -> bytes:
-    """Return a piece that goes on with a BSEND with the ``number`` it was given; what is none as it is."""
+    """Return a piece that continues a BSEND with the ``number`` it was given; any other PDU unchanged."""
     pdu = parse_pdu(piece)
     head = pdu.parameters.userdata
     further = is_bsend(pdu, REQUEST) and head is not None and goes_on(head)

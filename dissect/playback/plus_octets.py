@@ -1,4 +1,4 @@
-"""PDUs of S7comm-plus with other numbers: what both who serves a recording and who plays it change of one."""
+"""Changes numbers in PDUs of S7comm-plus, for both the server's and the client's side."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ from dissect.s7plus.message import HEADER_SIZE, parse_plus
 from dissect.wire.octets import u16
 from dissect.wire.varint import VLQ, build_varint
 
-#: What a plain request begins with, before its version.
+#: The beginning of a plain request, before its version.
 PROTOCOL_ID: Final = 0x72
-_SEQUENCE: Final = 7  # where it stands in the data
-_LENGTH: Final = 2  # and the length of a frame in its header
+_SEQUENCE: Final = 7  # its position in the data
+_LENGTH: Final = 2  # and the position of a frame's length in its header
 
 
 def frames_of(octets: bytes) -> list[bytes]:
@@ -23,7 +23,7 @@ def frames_of(octets: bytes) -> list[bytes]:
 
 
 def with_data(octets: bytes, at: int, new: bytes) -> bytes:
-    """Return a PDU with other octets at a place of its data, whatever frames they are in; as it is where it is too short."""
+    """Return a PDU with octets replaced at a position of its data, across frames; unchanged if it is too short."""
     pdu = parse_plus(octets)
     if len(pdu.data) < at + len(new):
         return octets
@@ -34,12 +34,12 @@ def with_data(octets: bytes, at: int, new: bytes) -> bytes:
 
 
 def with_sequence(octets: bytes, sequence: int) -> bytes:
-    """Return a PDU with another sequence number."""
+    """Return a PDU with a different sequence number."""
     return with_data(octets, _SEQUENCE, (sequence & 0xFFFF).to_bytes(2, "big"))
 
 
 def with_integrity(octets: bytes, number: int) -> bytes:
-    """Return a PDU with another integrity id, where it has one."""
+    """Return a PDU with a different integrity id, if it has one."""
     pdu = parse_plus(octets)
     places = [part for part in parse_contents(pdu).parts if part.layout is INTEGRITY_ID]
     if not places:

@@ -1,4 +1,4 @@
-"""Why a session that holds no S7comm can be neither served nor replayed."""
+"""Why a session without S7comm can be neither served nor replayed."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from dissect.s7plus.layouts import DIGEST
 from dissect.s7plus.message import parse_plus
 
 #: Why messages with digests are not served.
-DIGESTS: Final = "its messages carry digests, which cannot be made without the key of the session"
+DIGESTS: Final = "its messages carry digests, which cannot be computed without the session key"
 
 
 def has_digest(octets: bytes) -> bool:
-    """Tell whether a PDU of S7comm-plus carries a digest, which nobody can make without the key of the session."""
+    """Return whether a PDU of S7comm-plus carries a digest, which cannot be computed without the session's key."""
     if not octets:
         return False
     pdu = parse_plus(octets)
@@ -23,13 +23,13 @@ def has_digest(octets: bytes) -> bool:
 
 
 def link_has_digests(link: Link) -> bool:
-    """Tell whether a message on a connection carries a digest, as the recording shows it."""
+    """Return whether a recorded message on a connection carries a digest."""
     exchanges = [one.exchange for one in link.transactions if one.exchange.kind == PLUS]
     return any([has_digest(one.request) or has_digest(one.response) for one in exchanges])
 
 
 def plus_hint(session: Session) -> str:
-    """Return the end of the sentence that there is nothing to play, where what is there is S7comm-plus; else nothing."""
+    """Return the end of the sentence that there is nothing to play, if the session is S7comm-plus; otherwise an empty text."""
     links = [link for link in session.links if any([one.exchange.kind == PLUS for one in link.transactions])]
     if not links:
         return ""

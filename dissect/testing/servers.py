@@ -57,14 +57,14 @@ class Servers:
 
     def has_unmatched(self) -> bool:
         """Return whether there are requests without a recorded match that were not reported yet."""
-        return any([self._made[number].desk.unmatched_total > before for number, before in self._watched.items()])
+        return any([self._made[number].log.unmatched_total > before for number, before in self._watched.items()])
 
     def complaint(self) -> str:
         """Return a report of requests without a recorded match, empty for none; each is reported once."""
         lines = []
         for number, before in self._watched.items():
             server = self._made[number]
-            total = server.desk.unmatched_total
+            total = server.log.unmatched_total
             if total == before:
                 continue
             self._watched[number] = total

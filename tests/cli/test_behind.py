@@ -190,7 +190,7 @@ def test_a_golden_keeps_it(capfdbinary: Capture, path: Path) -> None:
 def test_replay_withholds_what_nobody_answered(capfdbinary: Capture, path: Path) -> None:
     ran = run(capfdbinary, "replay", "--dry-run", "--allow-control", path)
     assert "PLC stop" not in [line for line in (ran.out + ran.err).splitlines() if line.startswith("  send")]
-    assert "it is behind a malformed TPDU header, and nobody answered it" in ran.out + ran.err
+    assert "it follows a malformed TPDU header and was not answered" in ran.out + ran.err
 
 
 def test_tables_say_so(capfdbinary: Capture, path: Path) -> None:

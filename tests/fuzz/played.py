@@ -45,9 +45,9 @@ def check_served(recording: Recording, streams: list[list[bytes]], garbage: byte
         for script in recording.scripts
     ]
     for memory in (False, True):
-        desk = RequestLog(Stage(recording, memory=memory))
+        log = RequestLog(Stage(recording, memory=memory))
         for number, packets in enumerate([*asked, *streams], 1):
-            peer = ClientSession(number, desk)
+            peer = ClientSession(number, log)
             said = Framer()
             said.synced = True
             for octets in [*packets, garbage]:
@@ -58,7 +58,7 @@ def check_served(recording: Recording, streams: list[list[bytes]], garbage: byte
             assert not said.faults
             assert not said.buffered
             assert said.synced
-        for request in desk.requests:
+        for request in log.requests:
             check_line(request.how)
             assert request.how
 

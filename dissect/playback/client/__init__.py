@@ -1,8 +1,8 @@
 """The client's side of a recorded session, played to a real server and checked against the recording (docs/replay.md).
 
-`load_recorded` reads a capture or a golden, `make_plan` says what of it is played, `places_of` where to (this machine, unless
-more is allowed), and `replay` plays it: reads only, unless `Permissions` say more. Its `Outcome` has both sessions for
-`dissect.golden.diff_sessions`.
+`load_recorded` reads a capture or a golden, `make_plan` selects what is played, `places_of` returns the addresses to connect to
+(only of this machine, unless more is allowed), and `replay` plays the plan: only reads, unless `Permissions` allow more. Its
+`Outcome` has both sessions for `dissect.golden.diff_sessions`.
 """
 
 from dissect.playback.client.permissions import Permissions, kind_of

@@ -1,4 +1,4 @@
-"""The client's end of a transport connection on its socket: TSDUs out, TSDUs in, and everything into the record."""
+"""The client's end of a transport connection on its socket: sends and receives TSDUs, and records everything."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ from dissect.net.addresses import Place
 from dissect.playback.client.record import Record, Talk
 from dissect.playback.client.watch import Watch
 
-#: Octets read at once, and octets of messages that wait to be looked at before no more are read: the server has to wait then.
+#: Octets read at once, and maximum size of unprocessed messages: beyond it, reading stops and the server has to wait.
 _PIECE: Final = 65_536
 _MAX_WAITING: Final = 1 << 20
 _DEFAULT_SIZE: Final = 65_531
-#: How long the server may leave what it is sent, in seconds.
+#: How long the server may leave sent data unread, in seconds.
 _SEND_S: Final = 30.0
 _RESET: Final = struct.pack("ii", 1, 0)
 
@@ -30,11 +30,11 @@ THEIRS: Final = 1
 
 
 class UnreachableError(Exception):
-    """No TCP connection could be made: why."""
+    """No TCP connection could be made; the message says why."""
 
 
 def connect(places: Sequence[Place], timeout_s: float) -> socket.socket:
-    """Return a socket that is connected to the first of ``places`` that takes it. Raises `UnreachableError`."""
+    """Return a socket connected to the first of ``places`` that accepts. Raises `UnreachableError`."""
     reason = "nowhere to connect to"
     for place in places:
         one = socket.socket(place.family, socket.SOCK_STREAM)
@@ -51,24 +51,24 @@ def connect(places: Sequence[Place], timeout_s: float) -> socket.socket:
 
 
 class Channel:
-    """A connection. ``ended`` says how the server ended it (empty while it has not); nothing can be sent then.
+    """A connection. ``ended`` says how the server ended it, empty while it is open; nothing can be sent after that.
 
-    ``refused`` tells that the connect request was answered with DR or ER. While it waits, ``watch`` takes what comes on others.
+    ``refused``: the server answered the connect request with DR or ER. While a channel waits, ``watch`` reads the others.
     """
 
     def __init__(self, one: socket.socket, record: Record, watch: Watch | None = None) -> None:
         self.ended = ""
         self.refused = False
         self.their_reference = 0
-        self._gone = False  # the server sends nothing any more
+        self._gone = False  # the server has closed its direction
         self._socket = one
         self._talk: Talk = record.conversation(one.getsockname(), one.getpeername())
         self._framer = Framer()
         self._framer.synced = True
         self._assembler = Assembler()
         self._waiting: deque[bytes] = deque()
-        self._held = 0  # octets of these
-        self._paused = False  # too many to read on
+        self._held = 0  # their size
+        self._paused = False  # too many to continue reading
         self._confirmation: Tpdu | None = None
         self._tpdu_size = _DEFAULT_SIZE
         self._watch = watch or Watch()
@@ -80,8 +80,8 @@ class Channel:
         return self._talk.first_frame
 
     def open(self, connect_request: bytes, until: float) -> bool:
-        """Send the CR; True when it was confirmed before ``until`` (monotonic, seconds)."""
-        asked = parse_tpdu(connect_request).tpdu_size
+        """Send the CR; return True if it was confirmed before ``until`` (monotonic, seconds)."""
+        requested_size = parse_tpdu(connect_request).tpdu_size
         self._send(build_tpkt(connect_request))
         while self._confirmation is None and not self.ended and self._read(until):
             pass
@@ -89,19 +89,19 @@ class Channel:
         if confirmation is None:
             return False
         self.their_reference = max(confirmation.field("src_ref"), 0)
-        self._tpdu_size = min([size for size in (asked, confirmation.tpdu_size) if size] or [_DEFAULT_SIZE])
+        self._tpdu_size = min([size for size in (requested_size, confirmation.tpdu_size) if size] or [_DEFAULT_SIZE])
         return True
 
     def send(self, tsdu: bytes) -> bool:
-        """Send a TSDU, in as many DTs as the negotiated size takes; False when that cannot be done any more."""
+        """Send a TSDU in DTs of the negotiated size; return False if the connection has ended."""
         return self._send(build_tsdu(tsdu, self._tpdu_size))
 
     def send_tpdu(self, octets: bytes) -> bool:
-        """Send a TPDU as it is; False when that cannot be done any more."""
+        """Send a TPDU unchanged; return False if the connection has ended."""
         return self._send(build_tpkt(octets))
 
     def receive(self, until: float) -> bytes | None:
-        """Return the next TSDU; None when none came before ``until``, or none can come any more."""
+        """Return the next TSDU; None if none arrives before ``until``, or the connection has ended."""
         while not self._waiting:
             if self.ended or not self._read(until):
                 return None
@@ -109,14 +109,14 @@ class Channel:
         self._used(len(tsdu))
         return tsdu
 
-    def look(self) -> None:
-        """Take what is there already."""
+    def poll(self) -> None:
+        """Read what has already arrived."""
         self._watch.read(0)
 
     # ---- the end ----------------------------------------------------------------------------------------------------
 
     def close(self, until: float) -> None:
-        """Send no more, take what the server still says, and leave."""
+        """Close our direction, read the rest from the server, and close the socket."""
         if not self._gone:
             try:
                 self._socket.shutdown(socket.SHUT_WR)
@@ -128,14 +128,14 @@ class Channel:
         self._leave()
 
     def reset(self) -> None:
-        """Break off."""
+        """Reset the connection."""
         if not self._gone:
             self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, _RESET)
             self._talk.reset(OURS)
         self._leave()
 
     def await_end(self, until: float, tcp: bool = True) -> None:
-        """Take what comes until the server ends the connection; unless ``tcp``, a DR or ER is an end as well."""
+        """Read until the server ends the connection; unless ``tcp``, a DR or ER also counts as an end."""
         self._forget()
         while not (self._gone or (self.ended and not tcp)) and self._read(until):
             self._forget()
@@ -154,7 +154,7 @@ class Channel:
     def _send(self, octets: bytes) -> bool:
         if self.ended:
             return False
-        # Before it leaves: the answer must not be older than the request.
+        # Before it is sent: the answer must not be recorded earlier than the request.
         self._talk.sent(OURS, octets)
         try:
             self._socket.settimeout(_SEND_S)
@@ -165,11 +165,11 @@ class Channel:
         return True
 
     def _read(self, until: float) -> bool:
-        """Take octets, ours or of others; False when none came before ``until``."""
+        """Read from this socket or others; return False if nothing arrived before ``until``."""
         return time.monotonic() < until and self._watch.read(until)
 
     def _arrived(self) -> None:
-        """Read what has come, or that nothing comes any more."""
+        """Read what has arrived, or the end of the server's direction."""
         try:
             self._socket.settimeout(0)
             octets = self._socket.recv(_PIECE)
@@ -194,7 +194,7 @@ class Channel:
         self._talk.reset(THEIRS)
 
     def _used(self, octets: int) -> None:
-        """Messages of so many octets were looked at."""
+        """Note that messages of this size were processed."""
         self._held -= octets
         if self._paused and self._held < _MAX_WAITING and not self._gone:
             self._paused = False

@@ -1,7 +1,7 @@
-"""Downloads: the PLC asks for a block piece by piece, and the client answers with what was recorded (reference 3.7).
+"""Downloads: the PLC requests a block piece by piece, and the client answers from the recording (reference 3.7).
 
-A recorded download is played whole or not at all. One is whole when the recording has the client's answer to every job of the
-PLC, up to the one that ends it; when the PLC refused it; or when the client sent the pieces by itself.
+A recorded download is played completely or not at all. It is complete if the recording has the client's answer to every job of
+the PLC up to the last one, if the PLC refused it, or if the client sent the pieces without being asked.
 """
 
 from __future__ import annotations
@@ -18,14 +18,14 @@ from dissect.s7.tables import ACK_DATA, DOWNLOAD_BLOCK, DOWNLOAD_ENDED, JOB, REQ
 
 #: Jobs of a PLC that belong to a download.
 DOWNLOADING_JOBS: Final = frozenset((DOWNLOAD_BLOCK, DOWNLOAD_ENDED))
-#: Where the length of the block's name stands in the parameters of all three jobs; the name follows.
+#: Position of the length of the block's name in the parameters of all three jobs; the name follows.
 _NAME_AT: Final = 8
 
 
 class Download:
-    """A recorded download: its Request download, and the jobs of the PLC that belong to it, as they were asked.
+    """A recorded download: its Request download, and the jobs of the PLC that belong to it, in order.
 
-    ``pushed`` tells that the client sent the pieces without being asked, as some libraries do.
+    ``pushed``: the client sent the pieces without being asked, as some libraries do.
     """
 
     def __init__(self, request: Transaction) -> None:
@@ -35,14 +35,14 @@ class Download:
 
     @property
     def whole(self) -> bool:
-        """True when it can be played to its end."""
+        """True if it can be played to its end."""
         if self.request.error_code or self.pushed:
             return True
         answered = all([job.request and job.response for job in self.jobs])
         return answered and bool(self.jobs) and self.jobs[-1].function == DOWNLOAD_ENDED
 
     def refusal(self, pdu_length: int) -> str:
-        """Return why it must not begin where ``pdu_length`` was granted (0 for not known), empty when it may."""
+        """Return why it must not begin with a negotiated ``pdu_length`` (0 if unknown), empty if it may."""
         longest = max([len(job.response) for job in self.jobs], default=0)
         if pdu_length and longest > pdu_length:
             return f"a piece of {longest} bytes does not fit the PDU length of {pdu_length} that was granted"
@@ -50,18 +50,18 @@ class Download:
 
 
 def find_downloads(transactions: Sequence[Transaction]) -> list[Download]:
-    """Return the downloads of a connection, each with the jobs that name its block and come before it is ended."""
-    found: list[Download] = []
+    """Return the downloads of a connection, each with the jobs that name its block before it ends."""
+    downloads: list[Download] = []
     going: dict[bytes, Download] = {}
     for transaction in transactions:
-        asked = transaction.exchange.request_pdu if transaction.exchange.kind == S7 else None
-        if asked is None or asked.rosctr != JOB:
+        request = transaction.exchange.request_pdu if transaction.exchange.kind == S7 else None
+        if request is None or request.rosctr != JOB:
             continue
         by_client = transaction.asked_by == "client"
-        block = _block(asked.parameters.octets)
+        block = _block(request.parameters.octets)
         if transaction.function == REQUEST_DOWNLOAD and by_client:
             going[block] = Download(transaction)
-            found.append(going[block])
+            downloads.append(going[block])
         elif transaction.function in DOWNLOADING_JOBS and block in going:
             if by_client:
                 going[block].pushed = True
@@ -69,7 +69,7 @@ def find_downloads(transactions: Sequence[Transaction]) -> list[Download]:
                 going[block].jobs.append(transaction)
             if transaction.function == DOWNLOAD_ENDED:
                 del going[block]
-    return found
+    return downloads
 
 
 def _block(parameters: bytes) -> bytes:
@@ -78,12 +78,12 @@ def _block(parameters: bytes) -> bytes:
 
 
 class Downloads:
-    """What a server may ask for now: the jobs of the downloads it has accepted, each once, equal ones in recorded order."""
+    """The jobs that a server may send now: those of accepted downloads, each once, equal ones in recorded order."""
 
     def __init__(self, recorded: Sequence[Download]) -> None:
         self._recorded = {id(download.request): download for download in recorded}
-        self._open: dict[bytes, Download] = {}  # by block: what began last
-        # Of each: the jobs that were not asked yet, equal ones together.
+        self._open: dict[bytes, Download] = {}  # by block: the download that began last
+        # For each download: the remaining jobs, equal ones together.
         self._left: dict[bytes, dict[bytes, deque[Transaction]]] = {}
         self._asked: set[int] = set()
 
@@ -95,8 +95,13 @@ class Downloads:
         block = _block(parse_pdu(transaction.request).parameters.octets)
         self._open.pop(block, None)
         self._left.pop(block, None)
-        told = parse_pdu(answer)
-        if told.rosctr != ACK_DATA or told.function != REQUEST_DOWNLOAD or told.error_class or told.error_code:
+        response = parse_pdu(answer)
+        if (
+            response.rosctr != ACK_DATA
+            or response.function != REQUEST_DOWNLOAD
+            or response.error_class
+            or response.error_code
+        ):
             return
         self._open[block] = download
         jobs = self._left[block] = {}
@@ -104,19 +109,19 @@ class Downloads:
             jobs.setdefault(job.request, deque()).append(job)
 
     def next(self, job: bytes) -> Transaction | None:
-        """Return the recorded job that one of the server is, reference apart, and use it up; None when nothing is like it."""
+        """Return and remove the recorded job equal to a job of the server except for its reference; None if there is none."""
         left = self._left.get(_block(parse_pdu(job).parameters.octets), {})
         jobs = left.get(mask_s7(job))
         if not jobs:
             return None
-        found = jobs.popleft()
-        self._asked.add(id(found))
-        return found
+        job = jobs.popleft()
+        self._asked.add(id(job))
+        return job
 
     def was_asked(self, job: Transaction) -> bool:
-        """Tell whether the server has asked what it asked when this was recorded."""
+        """Return whether the server has sent all jobs that it sent in the recording."""
         return id(job) in self._asked
 
     def goes_on(self, download: Download) -> bool:
-        """Tell whether the server has accepted a download."""
+        """Return whether the server has accepted a download."""
         return any([one is download for one in self._open.values()])

@@ -1,7 +1,7 @@
-"""The recording as this replay would repeat it if the server says what it said: what the session that came is compared with.
+"""The session to expect if the server answers as recorded: it is compared with the session that took place.
 
-Left out is what was withheld, and what nobody can expect: how a connection ended that the recording does not see the end of,
-an answer that it does not have. Numbers are those of the recording.
+Left out are requests that were withheld, and facts that the recording does not have: the end of a connection after the
+recording, a missing answer. Numbers are those of the recording.
 """
 
 from __future__ import annotations
@@ -19,9 +19,10 @@ from dissect.transactions.transaction import CONNECTION_CLOSED
 def expected_session(
     name: str, players: Sequence[Player], came: Session, links: Mapping[int, Link]
 ) -> tuple[Session, list[tuple[Session, Session]]]:
-    """Return what was to come, and each connection of it beside the one that came: none where nothing did.
+    """Return the expected session, and each of its connections with the actual one, None if it did not take place.
 
-    ``links`` are the connections of ``came`` by their first packet. Takes from ``came`` what has nothing to be compared with.
+    ``links`` are the connections of ``came`` by their first packet. Transactions without a recorded counterpart are removed
+    from ``came``.
     """
     session = Session(name)
     pairs = []
@@ -63,13 +64,13 @@ def _expected_link(player: Player, came: Link | None) -> Link:
 
 
 def _leave_out(came: Link, player: Player) -> None:
-    """Take from a connection what nothing recorded can stand beside: a Setup of our own, what the server asks here as there."""
+    """Remove transactions without a recorded counterpart: our own Setup, and requests of the server in both sessions."""
     if player.setup_reference:
         ours = [each for each in came.transactions if each.asked_by == "client"]
         setup = [each for each in ours if each.pdu_ref == player.setup_reference]
         came.transactions = [each for each in came.transactions if each not in setup]
     if any([one.reason in {SERVER_ASKED, NO_ANSWER} for one in player.withheld]):
-        answered = {"unsolicited", "answered"}  # what was answered belongs to a download
+        answered = {"unsolicited", "answered"}  # an answered one belongs to a download
         came.transactions = [
             each for each in came.transactions if each.asked_by != "server" or each.outcome in answered
         ]
@@ -77,27 +78,27 @@ def _leave_out(came: Link, player: Player) -> None:
 
 def _take(link: Link, player: Player, came: Link | None) -> None:
     ours = [each for each in came.transactions if each.asked_by == "client"] if came is not None else []
-    told = {each.pdu_ref: each for each in ours if each.request}
+    by_reference = {each.pdu_ref: each for each in ours if each.request}
     references = {id(transaction): number for number, transaction in player.sent.items()}
     left = {id(transaction) for transaction in player.not_sent}
-    asked = False
+    began = False
     for step in player.part.steps:
         transaction = step.transaction
         reference = references.get(id(transaction))
-        if step.kind != ASK and asked and id(transaction) not in player.unheard:
+        if step.kind != ASK and began and id(transaction) not in player.unheard:
             link.transactions.append(_copy(transaction, link, transaction))
         elif step.kind == ASK and (reference is not None or id(transaction) in left):
-            asked = True
-            answer = told.get(reference) if reference is not None else None
+            began = True
+            answer = by_reference.get(reference) if reference is not None else None
             source = answer if step.unknown else None
             if answer is not None and reference is not None and answer.reason and source is None:
-                # Where we gave up, that is why the connection ended.
+                # If we gave up, that is why the connection ended.
                 answer.reason = player.given_up(reference) or answer.reason
             link.transactions.append(_copy(transaction, link, source or transaction))
 
 
 def _copy(transaction: Transaction, link: Link, source: Transaction) -> Transaction:
-    """Return a transaction with the answer of ``source``; one that is not answered is so until the connection ends."""
+    """Return a copy of a transaction with the answer of ``source``; without an answer it ends with the connection."""
     reason = CONNECTION_CLOSED if source.reason and source.outcome == "unanswered" else source.reason
     copy = Transaction(link, transaction.asked_by, source.exchange, source.outcome, reason)
     copy.number = transaction.number

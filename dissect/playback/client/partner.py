@@ -1,4 +1,4 @@
-"""BSENDs of a PLC: what its program sent by itself when this was recorded, and the recorded answers."""
+"""BSENDs of a PLC: those that its program sent in the recording, and the recorded answers."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from dissect.s7.parameters import HEADER_SIZE, PROTOCOL_ID, REQUEST
 
 
 def sent_by_server(transaction: Transaction) -> bool:
-    """Tell whether this is a BSEND of the PLC that the client answered when it was recorded."""
+    """Return whether this is a BSEND of the PLC that the client answered in the recording."""
     if transaction.asked_by != "server" or transaction.exchange.kind != S7 or not transaction.response:
         return False
     return is_bsend(parse_pdu(transaction.request), REQUEST)
 
 
 def may_be_answered(octets: bytes) -> bool:
-    """Tell whether a message of a PLC is a BSEND with nothing malformed or behind its end."""
+    """Return whether a message of a PLC is a well-formed BSEND without extra data."""
     if len(octets) < HEADER_SIZE or octets[0] != PROTOCOL_ID:
         return False
     pdu = parse_pdu(octets)
@@ -29,7 +29,7 @@ def may_be_answered(octets: bytes) -> bool:
 
 
 class Sends:
-    """What a PLC may send now: its recorded BSENDs, each once, equal ones in recorded order."""
+    """The recorded BSENDs that a PLC may send now, each once, equal ones in recorded order."""
 
     def __init__(self, recorded: Iterable[Transaction]) -> None:
         self._left: dict[bytes, deque[Transaction]] = {}
@@ -38,14 +38,14 @@ class Sends:
             self._left.setdefault(mask_s7(transaction.request), deque()).append(transaction)
 
     def answer(self, request: bytes) -> bytes:
-        """Return the recorded answer to a BSEND and use it up; empty when nothing like it was recorded."""
+        """Return the recorded answer to a BSEND and remove it; empty if it was not recorded."""
         left = self._left.get(mask_s7(request))
         if not left:
             return b""
-        found = left.popleft()
-        self._came.add(id(found))
-        return answered_piece(found.response, parse_pdu(request))
+        recorded = left.popleft()
+        self._came.add(id(recorded))
+        return answered_piece(recorded.response, parse_pdu(request))
 
     def came(self, transaction: Transaction) -> bool:
-        """Tell whether the PLC has sent what it sent when this was recorded."""
+        """Return whether the PLC has sent this recorded BSEND."""
         return id(transaction) in self._came

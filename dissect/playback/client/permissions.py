@@ -1,6 +1,6 @@
-"""What a request does to a PLC: reads, writes, or controls, after the effects in `dissect.s7.tables`.
+"""The effect of a request on a PLC: read, write, or control, by the effects in `dissect.s7.tables`.
 
-Nobody's guess: what has no effect there counts as control.
+A request without an effect in the tables counts as control.
 """
 
 from __future__ import annotations
@@ -25,20 +25,20 @@ from dissect.s7.tables import (
     WRITE,
 )
 
-#: What may be sent without permission. Everything else but writes is control, also what no table knows.
+#: Kinds that may be sent without permission. Everything else but writes is control, including unknown requests.
 HARMLESS: Final = frozenset((READ, SESSION, PROGRAM_READ))
 
 #: Why a request is not sent.
 NO_WRITE: Final = "writes are only sent with --allow-write"
 NO_CONTROL: Final = "control requests are only sent with --allow-control"
-NO_ANSWER: Final = "what a PLC sends by BSEND is only answered with --allow-control"
+NO_ANSWER: Final = "BSENDs of a PLC are only answered with --allow-control"
 DOWNLOAD: Final = "the NC would request the file, and requests of an NC are never answered"
 
 
 def kind_of(octets: bytes) -> str:
-    """Return what a PDU does: `READ`, `WRITE`, or `CONTROL`, which everything is that is not surely one of the others.
+    """Return the effect of a PDU: `READ`, `WRITE`, or `CONTROL` for everything that is not certainly one of the others.
 
-    A PDU with anything missing, malformed or behind its end is control.
+    An incomplete or malformed PDU, or one with extra data, is control.
     """
     if len(octets) < HEADER_SIZE or octets[0] != PROTOCOL_ID:
         return CONTROL
@@ -49,7 +49,7 @@ def kind_of(octets: bytes) -> str:
         return _kind(FUNCTIONS.effect(pdu.function))
     head = pdu.parameters.userdata
     if pdu.rosctr == USERDATA and head is not None and head.type == REQUEST and head.group in USERDATA_SUBFUNCTIONS:
-        # An NC goes on with requests of its own also where a file is only read.
+        # An NC sends its own requests even if a file is only read.
         effect = USERDATA_SUBFUNCTIONS[head.group].effect(head.subfunction)
         return _kind(effect) if head.group != GROUP_NC else CONTROL
     return CONTROL
@@ -62,26 +62,26 @@ def _kind(effect: str) -> str:
 
 
 class Permissions(NamedTuple):
-    """What may be sent beside reads."""
+    """What may be sent besides reads."""
 
     write: bool = False
     control: bool = False
 
     def refusal(self, octets: bytes) -> str:
-        """Return why a PDU must not be sent, empty when it may. Whatever is sent has passed here, octet for octet."""
+        """Return why a PDU must not be sent, empty if it may. Every sent PDU is checked here in its final form."""
         kind = kind_of(octets)
         if kind == CONTROL and _begins_nc_download(octets):
             return DOWNLOAD
         return self.refusal_of(kind)
 
     def refusal_of(self, kind: str) -> str:
-        """Return why nothing of this kind must be sent, empty when it may."""
+        """Return why PDUs of this kind must not be sent, empty if they may."""
         if kind == WRITE and not self.write:
             return NO_WRITE
         return NO_CONTROL if kind == CONTROL and not self.control else ""
 
     def answers(self, octets: bytes) -> bool:
-        """Tell whether what a server asks may be answered: jobs of a download and BSENDs, where control is allowed."""
+        """Return whether requests of a server may be answered (jobs of a download and BSENDs): only if control is allowed."""
         if not self.control or len(octets) < HEADER_SIZE or octets[0] != PROTOCOL_ID:
             return False
         pdu = parse_pdu(octets)
@@ -90,6 +90,6 @@ class Permissions(NamedTuple):
 
 
 def _begins_nc_download(octets: bytes) -> bool:
-    """Tell whether an NC goes on with requests of its own."""
+    """Return whether an NC will send requests of its own."""
     head = parse_pdu(octets).parameters.userdata
     return head is not None and (head.group, head.subfunction) == (GROUP_NC, NC_REQUEST_DOWNLOAD)

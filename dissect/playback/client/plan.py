@@ -1,4 +1,4 @@
-"""What is to be played: of each recorded connection its beginning, its requests, what is waited for, and its end."""
+"""The plan of a replay: for each recorded connection its beginning, its requests, the messages to wait for, and its end."""
 
 from __future__ import annotations
 
@@ -28,23 +28,23 @@ ASK: Final = "ask"
 HEAR: Final = "hear"
 SERVE: Final = "serve"
 
-#: What is asked for where the recording does not have the beginning of a connection.
+#: Requested if the recording lacks the beginning of a connection.
 USUAL_CALLING: Final = b"\x01\x00"
 USUAL_CALLED: Final = b"\x01\x02"
 USUAL_TPDU_SIZE: Final = 1024
 USUAL_SETUP: Final = Setup(1, 1, 960)
 
-#: Why something of a recording is not played.
+#: Why a part of a recording is not played.
 NOT_S7: Final = "only S7comm and S7comm-plus over TCP are replayed"
-SERVER_ASKED: Final = "requests of a PLC are only answered in a download, and where it sends by BSEND"
+SERVER_ASKED: Final = "requests of a PLC are only answered in downloads and for its BSENDs"
 NOT_WHOLE: Final = "the recording lacks data that the PLC would request"
 NO_REQUEST: Final = "its request is not in the recording"
 FOLLOWS_WITHHELD: Final = "it belongs to a request that is withheld"
 CLIENT_PUSH: Final = "a client message that is not a request"
-MALFORMED: Final = "it is behind a malformed TPDU header, and nobody answered it"
+MALFORMED: Final = "it follows a malformed TPDU header and was not answered"
 
 _NORMAL: Final = 0x80  # reason of a DR: ended by the user
-#: How either end ends a connection, where the recording sees it.
+#: How either side ends a connection, if the recording shows it.
 _ENDS: Final = {
     "client": frozenset((FIN, RESET, DISCONNECT)),
     "server": frozenset((FIN, RESET, DISCONNECT, ERROR_TPDU)),
@@ -65,19 +65,17 @@ class Withheld(NamedTuple):
 
 
 def withheld(transaction: Transaction, reason: str) -> Withheld:
-    """Say that a transaction is not sent."""
+    """Return the entry for a transaction that is not sent."""
     return Withheld(transaction.connection.number, transaction.number, subject(transaction.exchange), reason)
 
 
 class Step(NamedTuple):
-    """What comes next.
+    """One step of a connection.
 
-    A request to be sent (`ASK`), a message of the server to be waited for that is no answer to any (`HEAR`), or a job of the
-    server to be waited for and answered (`SERVE`). ``download`` is the one that a Request download or such a job belongs to;
-    a BSEND of the server has none.
-    ``heard`` tells that the recording has anything of the server on this connection; ``gap_ns`` is how long the client went
-    on without asking anything else, None where nobody knows. ``effect`` is what a request of S7comm-plus does, empty for all
-    else.
+    Its kind is a request to send (`ASK`), an unsolicited message of the server to wait for (`HEAR`), or a job of the server to
+    wait for and answer (`SERVE`). ``download`` is the download of a Request download or of such a job; a BSEND of the server
+    has none. ``heard``: the recording has data of the server on this connection. ``gap_ns`` is the time until the client's next
+    request, None if unknown. ``effect`` is the effect of an S7comm-plus request, otherwise empty.
     """
 
     kind: str
@@ -88,28 +86,28 @@ class Step(NamedTuple):
     effect: str = ""
 
     def refusal(self, permissions: Permissions) -> str:
-        """Return why this request must not be sent, empty when it may."""
+        """Return why this request must not be sent, empty if it may."""
         return permissions.refusal_of(self.effect) if self.effect else permissions.refusal(self.transaction.request)
 
     @property
     def expected(self) -> bool:
-        """True when the recording has an answer."""
+        """True if the recording has an answer."""
         return self.transaction.outcome != "unanswered"
 
     @property
     def silent(self) -> bool:
-        """True when the server is known to have left the request without answer."""
+        """True if the server is known to have left the request unanswered."""
         known = self.transaction.reason in {CONNECTION_CLOSED, REFERENCE_REUSED}
         return self.heard and known and not self.expected
 
     @property
     def unknown(self) -> bool:
-        """True when the recording does not say whether and how the request was answered."""
+        """True if the recording does not show whether and how the request was answered."""
         return not self.expected and not self.silent
 
     @property
     def lost(self) -> bool:
-        """True when the answer may have come, and only the recording does not have it."""
+        """True if the answer may exist but is missing from the recording."""
         went_on = self.transaction.reason == CAPTURE_ENDED and self.gap_ns is not None
         return self.unknown and not (self.heard and went_on)
 
@@ -117,9 +115,9 @@ class Step(NamedTuple):
 class Part:
     """A connection that is played.
 
-    ``known`` tells that its beginning was recorded; ``own_setup`` is a Setup communication to be sent where none was, else
-    empty. ``end`` is how it ends, ``by_client`` who does that; where the recording does not see it (``end_known``), we do.
-    ``span`` is where it stood in the recording, None where that is not known. ``plus``: it speaks S7comm-plus, without digests.
+    ``known``: its beginning was recorded. ``own_setup`` is a Setup communication to send if none was recorded, otherwise empty.
+    ``end`` is how it ends and ``by_client`` who ends it; if the recording does not show the end (``end_known``), we end it.
+    ``span`` is its position in the recording, None if unknown. ``plus``: it uses S7comm-plus, without digests.
     """
 
     def __init__(self, link: Link, called: bytes | tuple[int, int] | None = None) -> None:
@@ -140,16 +138,16 @@ class Part:
         self.steps: list[Step] = []
         self.withheld: list[Withheld] = []
         self.downloads: list[Download] = []
-        asked = [one.exchange.kind for one in link.transactions]
-        self.plus = link.carrier == "tcp" and PLUS in asked and S7 not in asked
+        kinds = [one.exchange.kind for one in link.transactions]
+        self.plus = link.carrier == "tcp" and PLUS in kinds and S7 not in kinds
         if self.plus:
             self._take_plus()
         else:
             self._take()
         self._see_gaps()
-        asks = [step for step in self.steps if step.kind == ASK and not self.plus]
-        setups = [step for step in asks if step.transaction.function == SETUP_COMMUNICATION]
-        self.own_setup = build_setup(JOB, USUAL_SETUP) if asks and not setups else b""
+        requests = [step for step in self.steps if step.kind == ASK and not self.plus]
+        setups = [step for step in requests if step.transaction.function == SETUP_COMMUNICATION]
+        self.own_setup = build_setup(JOB, USUAL_SETUP) if requests and not setups else b""
 
     def _take(self) -> None:
         self.downloads = find_downloads(self.link.transactions)
@@ -179,7 +177,7 @@ class Part:
                 self.withheld.append(withheld(transaction, NO_REQUEST))
 
     def _take_plus(self) -> None:
-        """Take requests and what the server said by itself, of a session without digests."""
+        """Take the requests and the unsolicited messages of a session without digests."""
         sealed = link_has_digests(self.link)
         kinds = plus_kinds(self.link.transactions)
         for transaction in self.link.transactions:
@@ -194,7 +192,7 @@ class Part:
                 self.withheld.append(withheld(transaction, NO_REQUEST))
 
     def _see_gaps(self) -> None:
-        """Note of each request how long the client waited, and whether the server was there to be heard."""
+        """Set for each request how long the client waited, and whether the server was captured."""
         link = self.link
         heard = bool(link.tpdu_size or link.refused or link.ended_by == "server")
         heard = heard or any([each.response or each.asked_by == "server" for each in link.transactions])
@@ -208,7 +206,7 @@ class Part:
                 end_ns = begin_ns
 
     def connect_request(self, reference: int) -> bytes:
-        """Return the CR. Raises `ReplayError` when it has no room for the TSAPs: a golden may say anything."""
+        """Return the CR. Raises `ReplayError` if it has no room for the TSAPs: those of a golden may have any length."""
         parameters = [size_parameter(self.tpdu_size)] if self.tpdu_size else []
         tsaps = ((CALLING_TSAP, self.calling), (CALLED_TSAP, self.called))
         parameters += [(code, value) for code, value in tsaps if value is not None]
@@ -220,19 +218,19 @@ class Part:
             ) from None
 
     def disconnect_request(self, reference: int, theirs: int) -> bytes:
-        """Return the DR with which the client ended the connection, its reason as it was recorded."""
-        said = self.link.farewell.rpartition(": ")[2]
-        reasons = [row.number for row in DR_REASONS if row.name == said]
+        """Return the DR with which the client ended the connection, with the recorded reason."""
+        reason = self.link.farewell.rpartition(": ")[2]
+        reasons = [row.number for row in DR_REASONS if row.name == reason]
         return build_dr(theirs, reference, reasons[0] if reasons else _NORMAL)
 
 
 def make_plan(
     session: Session, numbers: Sequence[int] = (), called: bytes | tuple[int, int] | None = None
 ) -> list[Part]:
-    """Return the connections to be played, all or those of ``numbers``, in the order in which they began.
+    """Return the connections to play, all or those of ``numbers``, in the order in which they began.
 
-    ``called`` is the TSAP to call instead of the recorded ones, or rack (0 to 7) and slot (0 to 31) to put into them.
-    Raises `ReplayError` for a number that is none, and when nothing can be played.
+    ``called`` is the TSAP to call instead of the recorded ones, or rack (0 to 7) and slot (0 to 31) to put into them. Raises
+    `ReplayError` for an unknown number, and if nothing can be played.
     """
     for number in numbers:
         if not 1 <= number <= len(session.links):
@@ -249,24 +247,24 @@ def make_plan(
             f"{session.name}: no connection in it speaks S7comm over TCP, so there is nothing to replay{plus_hint(session)}"
         )
     for part in playable(parts):
-        part.connect_request(0)  # what cannot be asked for is told before anything is sent
+        part.connect_request(0)  # report an impossible connect request before anything is sent
     return parts
 
 
 def _playable(part: Part) -> bool:
-    """Tell whether a connection is played at all: it asks something, or was refused before it could."""
+    """Return whether a connection can be played: it has requests, or was refused before it could send any."""
     link = part.link
     mute = part.known and not link.transactions and link.protocol in {"", "S7comm"}
     return link.carrier == "tcp" and (mute or any([step.kind == ASK for step in part.steps]))
 
 
 def playable(plan: Sequence[Part]) -> list[Part]:
-    """Return the connections that are played at all."""
+    """Return the connections that can be played."""
     return [part for part in plan if _playable(part)]
 
 
 def _serve_line(step: Step, about: str, permissions: Permissions) -> str:
-    """Say whether something that the PLC asks would be answered."""
+    """Return a line on whether requests of the PLC would be answered."""
     if step.download is None:
         return f"  answer {about}, which the PLC sends" if permissions.control else f"  withhold {about}: {NO_ANSWER}"
     kept = bool(permissions.refusal(step.download.request.request))
@@ -274,7 +272,7 @@ def _serve_line(step: Step, about: str, permissions: Permissions) -> str:
 
 
 def plan_lines(plan: Sequence[Part], permissions: Permissions) -> list[str]:
-    """Say what would be sent and what would not, as far as that is known before the server has said anything."""
+    """Describe what would be sent and what would not, as far as that is known before the server has answered anything."""
     from dissect.iso.tsap import Tsap
 
     lines = []
@@ -284,13 +282,13 @@ def plan_lines(plan: Sequence[Part], permissions: Permissions) -> list[str]:
         lines.append(f"connection {part.link.number}: {does}")
         if part.own_setup and _playable(part):
             lines.append("  send a default SETUP, none was recorded")
-        told = {one.transaction: one.reason for one in part.withheld}
+        reasons = {one.transaction: one.reason for one in part.withheld}
         steps = {step.transaction.number: step for step in part.steps}
         for transaction in part.link.transactions:
             about = f"transaction {transaction.number}, {subject(transaction.exchange)}"
             step = steps.get(transaction.number)
             if step is None:
-                lines.append(f"  withhold {about}: {told[transaction.number]}")
+                lines.append(f"  withhold {about}: {reasons[transaction.number]}")
             elif step.kind == HEAR:
                 lines.append(f"  wait for {about}, which was not requested")
             elif step.kind == SERVE:

@@ -1,4 +1,4 @@
-"""One recorded connection played: each request after what came before it in the recording, each answer waited for."""
+"""Plays one recorded connection: sends each request after its recorded predecessors, and waits for each answer."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from dissect.playback.client.permissions import NO_ANSWER, kind_of
 from dissect.playback.client.plan import ASK, FOLLOWS_WITHHELD, HEAR, SERVE, Part, Step, Withheld, withheld
 from dissect.playback.client.plus import PlusRenewal, plus_kind
 from dissect.playback.client.renewal import Renewal
-from dissect.playback.client.settings import Asked, Shared
+from dissect.playback.client.settings import PendingRequest, Shared
 from dissect.playback.plus_octets import frames_of
 from dissect.s7.build import with_reference
 from dissect.s7.layouts import PDU_REF
@@ -27,9 +27,9 @@ from dissect.s7plus.message import parse_plus
 from dissect.s7plus.tables import RESPONSE as PLUS_RESPONSE
 from dissect.transactions.ending import DISCONNECT, FIN, RESET
 
-#: How long to wait for the other side's end after ours, in seconds.
+#: How long to wait for the server's end after ours, in seconds.
 _END_S: Final = 1.0
-#: Recorded answers in a row that do not come until a server is given up.
+#: Maximum number of consecutive missing answers; then the server is given up.
 MAX_TIMEOUTS: Final = 3
 _FIRST_REFERENCE: Final = 1
 NOT_GRANTED: Final = "the Setup communication was not granted"
@@ -39,13 +39,13 @@ INTERRUPTED: Final = "interrupted"
 
 
 class Player:
-    """Plays ``part`` to a server, in three parts that others may come between: `begin`, `step` for each of its steps, `end`.
+    """Plays ``part`` to a server: `begin`, `step` for each of its steps, `end`; other connections may run in between.
 
-    Afterwards: ``sent`` maps our references to what was asked with them, in that order; ``withheld`` is what was left out,
-    ``not_sent`` what could not be sent any more; ``unheard`` are (by ``id``) messages of the server that were not waited for,
-    as they belong to something withheld. ``requests`` and ``answered`` are counted, ``served`` the jobs of the server that
-    were answered, ``server_jobs`` those that nobody answered. ``problem`` says why it ended early; ``unreachable`` that it did
-    not begin; ``over`` that nothing more is done. ``first_frame`` is where it begins in the record.
+    Results: ``sent`` maps our references to the requests sent with them, in order. ``withheld`` are requests left out on
+    purpose, ``not_sent`` those that could no longer be sent; ``unheard`` are (by ``id``) messages of the server that were not
+    awaited, because they belong to a withheld request. ``requests`` and ``answered`` are counts; ``served`` counts jobs of the
+    server that were answered, ``server_jobs`` those that were not. ``problem`` says why the connection ended early;
+    ``unreachable``: it could not be made; ``over``: it has ended. ``first_frame`` is its first packet in the record.
     """
 
     def __init__(self, part: Part, shared: Shared) -> None:
@@ -75,15 +75,15 @@ class Player:
         self._downloads = Downloads(part.downloads)
         sent = [step.transaction for step in part.steps if step.kind == SERVE and step.download is None]
         self._sends = Sends(sent)
-        self._kept: set[int] = set()  # ids of what was withheld here
-        self._open: dict[int, Asked] = {}  # by reference, the oldest first
-        self._late: dict[int, Asked] = {}  # what is waited for no more, and may come yet
+        self._kept: set[int] = set()  # ids of requests withheld here
+        self._open: dict[int, PendingRequest] = {}  # by reference, the oldest first
+        self._late: dict[int, PendingRequest] = {}  # no longer awaited, but may still arrive
         self._cut_short: set[int] = set()
         self._timeouts = 0
-        self._heard = 0  # messages that are no answers
+        self._heard = 0  # messages that are not answers
         self._awaited = 0
         self._deaf = False
-        self._silenced: Transaction | None = None  # the request before, where it was withheld
+        self._silenced: Transaction | None = None  # the previous request, if it was withheld
         self._at_once = 1
 
     @property
@@ -92,23 +92,23 @@ class Player:
         return bool(self._open)
 
     def given_up(self, reference: int) -> str:
-        """Return in words why the recorded answer to our request was waited for no longer; empty where it was not given up."""
+        """Return in words why we no longer wait for the recorded answer to our request; empty if we still do."""
         if reference in self._cut_short:
             return "the replay was interrupted before an answer came"
-        asked = self._late.get(reference)
-        if asked is None or asked.step is None or not asked.step.expected:
+        pending = self._late.get(reference)
+        if pending is None or pending.step is None or not pending.step.expected:
             return ""
         return f"no answer within {self._settings.timeout_s:g} s"
 
     @property
     def broken(self) -> bool:
-        """True when nothing more can come of it."""
+        """True if the connection cannot continue."""
         return self.over or (self._channel is not None and bool(self._channel.ended))
 
     # ---- begin and end ----------------------------------------------------------------------------------------------
 
     def begin(self, places: Sequence[Place]) -> None:
-        """Connect, and set up where that was not recorded."""
+        """Connect, and send a Setup if none was recorded."""
         channel = self._connect(places)
         if channel is None:
             self._leave(self.part.steps)
@@ -142,7 +142,7 @@ class Player:
         return None
 
     def end(self) -> None:
-        """End it as it was recorded."""
+        """End the connection as recorded."""
         channel, part = self._channel, self.part
         if channel is None or self.over:
             return
@@ -161,7 +161,7 @@ class Player:
         self._channel = None
 
     def interrupt(self, at: int) -> None:
-        """Send nothing from step ``at`` on, because the replay is to end now, and end the connection."""
+        """End the connection early, and send nothing from step ``at`` on."""
         steps = self.part.steps[max(at, 0) :]
         if steps and not self._left:
             self.problem = INTERRUPTED
@@ -170,7 +170,7 @@ class Player:
         self.over = True
 
     def drop(self) -> None:
-        """Break it off, if it is not over."""
+        """Reset the connection if it has not ended."""
         if self._channel is not None and not self.over:
             self._channel.reset()
         self.over = True
@@ -179,7 +179,7 @@ class Player:
         return time.monotonic() + self._settings.timeout_s
 
     def _leave(self, steps: Sequence[Step]) -> None:
-        """Sort out what is not sent any more: what was not to be sent anyhow stays withheld."""
+        """Sort out the requests that can no longer be sent; those to be withheld anyway count as withheld."""
         self._left = True
         for step in steps:
             if step.kind == ASK:
@@ -200,13 +200,13 @@ class Player:
             self.unheard.add(id(transaction))
 
     def _follows_kept(self, step: Step) -> bool:
-        """Tell whether this is a job of the server in a download that is withheld."""
+        """Return whether this is a job of the server in a withheld download."""
         return step.kind == SERVE and step.download is not None and id(step.download.request) in self._kept
 
     # ---- the conversation -------------------------------------------------------------------------------------------
 
     def step(self, at: int) -> None:
-        """Do what comes next. Where nothing more can be sent, the connection ends."""
+        """Take the next step. If nothing more can be sent, end the connection."""
         if self._left or self._channel is None:
             return
         self._prepare(at)
@@ -221,7 +221,7 @@ class Player:
             self._gives_up(at + 1)
 
     def _prepare(self, at: int) -> None:
-        """Wait for what was answered before this step, and until there is room for one request more."""
+        """Wait for the answers that were recorded before this step, and until one more request is allowed."""
         step = self.part.steps[at]
         if step.kind == ASK and self._settings.pipelined:
             self.settle(step.transaction.time_ns)
@@ -238,7 +238,7 @@ class Player:
         return True
 
     def _take_step(self, channel: Channel, at: int) -> int:
-        """Return the first step that cannot be taken any more; the number of them when all is well."""
+        """Return the index of the first step that cannot be taken; the number of steps if all can."""
         steps = self.part.steps
         step = steps[at]
         if step.kind == HEAR:
@@ -258,7 +258,7 @@ class Player:
         return len(steps)
 
     def _set_up(self, channel: Channel) -> bool:
-        """Agree on a PDU length where the recording does not have that."""
+        """Negotiate a PDU length if the recording has no Setup."""
         number, octets = self._renewal.renewed(self.part.own_setup)
         self.setup_reference = number
         self._send(channel, number, octets, None)
@@ -268,7 +268,7 @@ class Player:
         return bool(self._renewal.pdu_length)
 
     def _ask(self, channel: Channel, steps: Sequence[Step], at: int) -> bool:
-        """Send a request, or withhold it; False when nothing can be sent any more."""
+        """Send a request, or withhold it; return False if nothing can be sent any longer."""
         step = steps[at]
         transaction = step.transaction
         reason = step.refusal(self._permissions) or self._renewal.refusal(transaction)
@@ -281,13 +281,13 @@ class Player:
             self._keep(transaction, reason)
             return True
         number, octets = self._renewed(transaction.request)
-        if channel.ended or self._refusal(octets):  # what is sent is what was allowed
+        if channel.ended or self._refusal(octets):  # send exactly what was checked
             return False
         self._send(channel, number, octets, step)
         self.sent[number] = transaction
         follows = at + 1 < len(steps) and steps[at + 1].kind != ASK
         if follows and not step.expected and not step.lost:
-            del self._open[number]  # its answer comes late, and is what is waited for next
+            del self._open[number]  # its answer is late, and is awaited next
         elif not self._settings.pipelined or transaction.function == SETUP_COMMUNICATION:
             self.settle()
         return True
@@ -296,50 +296,50 @@ class Player:
         return (self._plus or self._renewal).renewed(request)
 
     def _refusal(self, octets: bytes) -> str:
-        """Return why octets must not be sent, empty when they may."""
+        """Return why a PDU must not be sent, empty if it may."""
         if self._plus is None:
             return self._permissions.refusal(octets)
         return self._permissions.refusal_of(plus_kind(octets, self._plus.own))
 
     def _setup_failed(self, transaction: Transaction) -> bool:
-        """Tell whether this is a Setup communication that was granted when it was recorded, and now is not."""
+        """Return whether a Setup communication failed that was granted in the recording."""
         if transaction.function != SETUP_COMMUNICATION or self._renewal.pdu_length:
             return False
         return transaction.exchange.setup[1] is not None
 
     def _send(self, channel: Channel, number: int, octets: bytes, step: Step | None) -> None:
         self._late.pop(number, None)
-        self._open[number] = Asked(step, time.monotonic() + self._patience.seconds(step))
+        self._open[number] = PendingRequest(step, time.monotonic() + self._patience.seconds(step))
         self.requests += 1
         for message in frames_of(octets) if self._plus is not None else [octets]:
             channel.send(message)
 
     def settle(self, time_ns: int | None = None) -> None:
-        """Wait for the answers to all that is open; with ``time_ns``, to what was answered by then when it was recorded."""
-        self._settle([number for number, asked in self._open.items() if asked.due(time_ns)])
+        """Wait for the answers to all open requests; with ``time_ns``, to those that were answered by then in the recording."""
+        self._settle([number for number, pending in self._open.items() if pending.due(time_ns)])
 
     def _settle(self, due: Sequence[int]) -> None:
-        """Wait until none of these requests is open, each as long as it may take."""
+        """Wait until none of these requests is open, for each at most its own time limit."""
         channel = self._channel
         if channel is None or not due:
             return
-        channel.look()
+        channel.poll()
         for number in due:
             while number in self._open:
-                asked = self._open[number]
-                tsdu = channel.receive(asked.until)
+                pending = self._open[number]
+                tsdu = channel.receive(pending.until)
                 if tsdu is not None:
                     self._take(channel, tsdu)
                 elif channel.ended or self._shared.watch.halted:
                     self._cut_short.update(self._open if not channel.ended else ())
                     self._open.clear()
-                elif time.monotonic() >= asked.until:
+                elif time.monotonic() >= pending.until:
                     self._late[number] = self._open.pop(number)
-                    self._patience.missed(asked.step)
-                    self._timeouts += asked.step is None or asked.step.expected
+                    self._patience.missed(pending.step)
+                    self._timeouts += pending.step is None or pending.step.expected
 
     def _hear(self, channel: Channel, transaction: Transaction) -> None:
-        """Wait for a message that is no answer; once one did not come, no further ones are waited for."""
+        """Wait for an unsolicited message; after the first missing one, no more are awaited."""
         if self._silenced is not None and _belongs(transaction, self._silenced):
             self._keep(transaction, FOLLOWS_WITHHELD)
             return
@@ -353,9 +353,9 @@ class Player:
             self._take(channel, tsdu)
 
     def _serve(self, channel: Channel, step: Step) -> bool:
-        """Wait until the server has asked what it asked in a recorded download; False when it does not go on like that.
+        """Wait for a job of the server in a recorded download; return False if it does not come.
 
-        What follows is not to be sent then: it may put into force what is only half there.
+        The rest must not be sent then: it could activate a half-loaded block.
         """
         download = step.download
         if download is None or self._follows_kept(step):
@@ -370,7 +370,7 @@ class Player:
         return True
 
     def _take_send(self, channel: Channel, transaction: Transaction) -> None:
-        """Wait until the server has sent what it sent by BSEND; once one did not come, no further ones are waited for."""
+        """Wait for a recorded BSEND of the server; after the first missing one, no more are awaited."""
         if not self._permissions.control:
             self._keep(transaction, NO_ANSWER)
             return
@@ -383,7 +383,7 @@ class Player:
             self._take(channel, tsdu)
 
     def _answered_job(self, channel: Channel, job: bytes) -> bool:
-        """Answer what the server asks as it was recorded, if it may be and was."""
+        """Answer a job of the server as recorded, if allowed."""
         if not self._permissions.answers(job):
             return False
         recorded = self._downloads.next(job)
@@ -395,7 +395,7 @@ class Player:
         return True
 
     def _take(self, channel: Channel, tsdu: bytes) -> None:
-        """Look at a message of the server. What it asks is answered where `Permissions.answers` allows it only."""
+        """Process a message of the server. Its requests are only answered if `Permissions.answers` allows it."""
         if self._plus is not None:
             self._take_plus(self._plus, tsdu)
             return
@@ -405,9 +405,9 @@ class Player:
             pdu.rosctr == USERDATA and head is not None and head.type == RESPONSE
         )
         whole = len(tsdu) >= HEADER_SIZE and tsdu[0] == PROTOCOL_ID
-        asked = self._open.pop(pdu.pdu_ref, None) or self._late.pop(pdu.pdu_ref, None) if whole and answers else None
-        if asked is not None:
-            self._answered(asked, pdu)
+        pending = self._open.pop(pdu.pdu_ref, None) or self._late.pop(pdu.pdu_ref, None) if whole and answers else None
+        if pending is not None:
+            self._answered(pending, pdu)
             return
         if whole and self._answered_job(channel, tsdu):
             return
@@ -415,43 +415,45 @@ class Player:
         self._heard += 1
 
     def _take_plus(self, renewal: PlusRenewal, tsdu: bytes) -> None:
-        """Look at a frame of S7comm-plus."""
+        """Process a frame of S7comm-plus."""
         octets = self._joined.push(tsdu)
         if not octets:
             return
         pdu = parse_plus(octets)
         number = int(pdu.sequence) if pdu.opcode == PLUS_RESPONSE else -1
-        asked = self._open.pop(number, None) or self._late.pop(number, None)
-        if asked is None:
+        pending = self._open.pop(number, None) or self._late.pop(number, None)
+        if pending is None:
             self._heard += 1
             return
-        self._came(asked)
-        if asked.step is not None:
-            renewal.answered(asked.step.transaction, octets)
+        self._came(pending)
+        if pending.step is not None:
+            renewal.answered(pending.step.transaction, octets)
 
-    def _came(self, asked: Asked) -> None:
+    def _came(self, pending: PendingRequest) -> None:
         """Count an answer, in time or late."""
         self.answered += 1
         self._timeouts = 0
-        self._patience.came(asked.step)
+        self._patience.came(pending.step)
 
-    def _answered(self, asked: Asked, pdu: Pdu) -> None:
-        """Take an answer."""
-        self._came(asked)
+    def _answered(self, pending: PendingRequest, pdu: Pdu) -> None:
+        """Process an answer."""
+        self._came(pending)
         setup = pdu.parameters.setup
         if setup is not None:
             self._renewal.pdu_length = setup.pdu_length
             self._at_once = max(setup.max_amq_called, 1)
-        if asked.step is not None:
-            self._renewal.answered(asked.step.transaction, pdu.octets)
-            self._downloads.answered(asked.step.transaction, pdu.octets)
+        if pending.step is not None:
+            self._renewal.answered(pending.step.transaction, pdu.octets)
+            self._downloads.answered(pending.step.transaction, pdu.octets)
 
 
-def _belongs(said: Transaction, request: Transaction) -> bool:
-    """Tell whether something that the server said is there only because of a request: an answer, or of its function group."""
-    if said.outcome != "unsolicited":
+def _belongs(message: Transaction, request: Transaction) -> bool:
+    """Return whether a message of the server was caused by a request: an answer, or one of the same function group."""
+    if message.outcome != "unsolicited":
         return True
     heads = [
-        pdu.parameters.userdata for pdu in (said.exchange.response_pdu, request.exchange.request_pdu) if pdu is not None
+        pdu.parameters.userdata
+        for pdu in (message.exchange.response_pdu, request.exchange.request_pdu)
+        if pdu is not None
     ]
     return len({head.group if head is not None else -1 for head in heads}) == 1

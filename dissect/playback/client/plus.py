@@ -1,4 +1,4 @@
-"""Requests of S7comm-plus as this session has to send them, and what each of them does to a PLC."""
+"""Adapts recorded requests of S7comm-plus to the current session, and determines their effect on a PLC."""
 
 from __future__ import annotations
 
@@ -30,55 +30,55 @@ from dissect.s7plus.tables import (
     SET_VARIABLE,
 )
 
-#: Functions that read whatever they are about.
+#: Functions that only read, whatever their object is.
 _READS: Final = frozenset((EXPLORE, GET_LINK, GET_MULTI_VARIABLES, GET_VAR_SUBSTREAMED, GET_VARIABLE, INIT_SSL))
-#: Requests of a session are counted in two rows: those that change something, and all others.
+#: Requests of a session are counted in two sequences: those that change something, and all others.
 _CHANGES: Final = frozenset((CREATE_OBJECT, DELETE_OBJECT, SET_MULTI_VARIABLES, SET_VAR_SUBSTREAMED, SET_VARIABLE))
-#: Classes of objects that belong to the session of the client: itself, its container of subscriptions, subscriptions of
-#: values and of alarms.
+#: Classes of objects that belong to the client's session: the session, its subscription container, subscriptions of values and
+#: of alarms.
 _OWN: Final = frozenset((SERVER_SESSION, 255, SUBSCRIPTION, 2662))
-#: Attributes of these that a client sets to use them: the version of the session, the credit of a subscription.
+#: Attributes of these objects that a client sets to use them: the version of the session, the credit of a subscription.
 _USED: Final = frozenset((306, 1053))
-#: The session of whoever has none yet.
+#: The session id before a session exists.
 _NO_SESSION: Final = 0x120
-_SESSION: Final = 9  # where the session id stands in the data of a request
-_OBJECT: Final = 14  # and the object that it is about
+_SESSION: Final = 9  # position of the session id in the data of a request
+_OBJECT: Final = 14  # and of the object it refers to
 _WIDTH: Final = 4
-_FILL: Final = 4  # octets behind an integrity id
+_FILL: Final = 4  # octets after an integrity id
 
 
 def plus_kind(octets: bytes, own: AbstractSet[int]) -> str:
-    """Return what a request does: `READ`, `WRITE`, or `CONTROL`, which everything is that is not surely one of the others.
+    """Return the effect of a request: `READ`, `WRITE`, or `CONTROL` for everything that is not certainly one of the others.
 
-    ``own`` are the objects that the session of the client has made.
+    ``own`` are the objects that the client's session has created.
     """
     pdu = parse_plus(octets)
-    found = parse_contents(pdu)
+    contents = parse_contents(pdu)
     if pdu.opcode != REQUEST or not pdu.readable or not pdu.whole or pdu.malformed:
         return CONTROL
     if pdu.function in _READS:
-        return READ  # also with octets behind its end: some clients fill what they read by up
-    if found.malformed:
+        return READ  # also with extra data: some clients fill up read requests
+    if contents.malformed:
         return CONTROL
     if pdu.function == CREATE_OBJECT:
-        return READ if found.objects and all([one.class_id in _OWN for one in found.every]) else CONTROL
+        return READ if contents.objects and all([one.class_id in _OWN for one in contents.every]) else CONTROL
     if pdu.function == DELETE_OBJECT:
-        return READ if found.object_id in own else CONTROL
-    if pdu.function in {SET_VARIABLE, SET_MULTI_VARIABLES} and found.object_id in own:
-        return READ if found.ids and _USED.issuperset(found.ids) else CONTROL
+        return READ if contents.object_id in own else CONTROL
+    if pdu.function in {SET_VARIABLE, SET_MULTI_VARIABLES} and contents.object_id in own:
+        return READ if contents.ids and _USED.issuperset(contents.ids) else CONTROL
     if pdu.function == SET_MULTI_VARIABLES:
-        return WRITE if _are_variables(found) else CONTROL
+        return WRITE if _are_variables(contents) else CONTROL
     return CONTROL
 
 
-def _are_variables(found: Contents) -> bool:
-    areas = [int(address.area) for address in found.addresses]
+def _are_variables(contents: Contents) -> bool:
+    areas = [int(address.area) for address in contents.addresses]
     variables = bool(areas) and all([area in AREAS or area >> 16 == DATA_BLOCK for area in areas])
-    return variables and found.object_id <= 0 and not found.ids
+    return variables and contents.object_id <= 0 and not contents.ids
 
 
 def plus_kinds(transactions: Sequence[Transaction]) -> dict[int, str]:
-    """Return, by ``id``, what each recorded request of a connection does."""
+    """Return the effect of each recorded request of a connection, by ``id``."""
     own: set[int] = set()
     kinds: dict[int, str] = {}
     for one in transactions:
@@ -89,17 +89,21 @@ def plus_kinds(transactions: Sequence[Transaction]) -> dict[int, str]:
 
 
 def made_by(request: bytes, answer: bytes) -> list[int]:
-    """Return the ids of the objects that a request made for its session; empty for all else."""
+    """Return the ids of the objects that a request created for its session; empty for all others."""
     if not answer:
         return []
-    asked, told = parse_plus(request), parse_plus(answer)
-    if asked.function != CREATE_OBJECT or told.function != CREATE_OBJECT or plus_kind(request, frozenset()) != READ:
+    request_pdu, response_pdu = parse_plus(request), parse_plus(answer)
+    if (
+        request_pdu.function != CREATE_OBJECT
+        or response_pdu.function != CREATE_OBJECT
+        or plus_kind(request, frozenset()) != READ
+    ):
         return []
-    return [int(number) for number in parse_contents(told).ids]
+    return [int(number) for number in parse_contents(response_pdu).ids]
 
 
 class PlusRenewal:
-    """The state of one session that requests are made of: sequence number, session, integrity ids, objects by recorded ids."""
+    """The state of one session for adapting requests: sequence number, session, integrity ids, objects by recorded ids."""
 
     def __init__(self) -> None:
         self.own: set[int] = set()
@@ -109,19 +113,19 @@ class PlusRenewal:
         self._objects: dict[int, int] = {}
 
     def renewed(self, request: bytes) -> tuple[int, bytes]:
-        """Return the sequence number that a request has now, and the request."""
+        """Return the new sequence number of a request, and the adapted request."""
         self._sequence = self._sequence % 0xFFFF + 1
         pdu = parse_plus(request)
-        found = parse_contents(pdu)
+        contents = parse_contents(pdu)
         octets = with_sequence(request, self._sequence)
         if pdu.function != INIT_SSL:
             octets = with_data(octets, _SESSION, self._session.to_bytes(_WIDTH, "big"))
-        octets = self._about(octets, pdu, found)
-        return self._sequence, self._counted(octets, pdu, found)
+        octets = self._about(octets, pdu, contents)
+        return self._sequence, self._counted(octets, pdu, contents)
 
-    def _counted(self, octets: bytes, pdu: PlusPdu, found: Contents) -> bytes:
-        """Give a request its integrity id. One that a golden has as 0 looks like the fill behind it; a 1 there does not."""
-        if found.integrity_id < 0:
+    def _counted(self, octets: bytes, pdu: PlusPdu, contents: Contents) -> bytes:
+        """Set the integrity id of a request. An id that is 0 in a golden looks like the fill octet after it; 1 does not."""
+        if contents.integrity_id < 0:
             octets = with_data(tried := octets, len(pdu.data) - _FILL - 1, b"\x01")
             if parse_contents(parse_plus(octets)).integrity_id != 1:
                 return tried
@@ -129,14 +133,14 @@ class PlusRenewal:
         self._counts[row] += 1
         return with_integrity(octets, self._counts[row])
 
-    def _about(self, octets: bytes, pdu: PlusPdu, found: Contents) -> bytes:
-        """Put in the object that stands here for the recorded one."""
-        now = self._objects.get(int(found.object_id))
-        stands = int.from_bytes(pdu.data[_OBJECT : _OBJECT + _WIDTH], "big") == found.object_id
+    def _about(self, octets: bytes, pdu: PlusPdu, contents: Contents) -> bytes:
+        """Replace the recorded object by its current counterpart."""
+        now = self._objects.get(int(contents.object_id))
+        stands = int.from_bytes(pdu.data[_OBJECT : _OBJECT + _WIDTH], "big") == contents.object_id
         return with_data(octets, _OBJECT, now.to_bytes(_WIDTH, "big")) if now is not None and stands else octets
 
     def answered(self, transaction: Transaction, answer: bytes) -> None:
-        """Take the answer to what stands for a recorded transaction."""
+        """Take the answer to the request that was sent for a recorded transaction."""
         recorded = made_by(transaction.request, transaction.response)
         now = made_by(transaction.request, answer)
         if not now:

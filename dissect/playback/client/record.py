@@ -1,4 +1,4 @@
-"""What is exchanged, as packets: into the pipeline, which makes a session of it as of any capture, and into a file."""
+"""Records the exchange as packets: passes them to the pipeline, which builds a session as for any capture, and to a file."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ if TYPE_CHECKING:
 
 
 class Record:
-    """Takes what passes. A file that cannot be written any more costs the file, not the replay; ``trouble`` says so.
+    """Records packets. If the file cannot be written, the replay goes on without it; ``trouble`` says why.
 
-    Once it is finished, ``links`` are its connections by the packet that each began with: addresses may come again.
+    When it is finished, ``links`` are its connections by their first packets, because addresses may be used again.
     """
 
     def __init__(self, name: str, writer: PcapngWriter | None = None, decoder: PayloadDecoder | None = None) -> None:
@@ -30,7 +30,7 @@ class Record:
         self._writer = writer
         self._count = 0
         self._frames = 0
-        # Wall time where it begins, and from there on a clock that never goes back.
+        # Wall-clock time at the beginning, then advanced by a clock that never goes back.
         self._offset_ns = time.time_ns() - time.monotonic_ns()
 
     def conversation(self, client: tuple[Any, ...], server: tuple[Any, ...]) -> Talk:
@@ -39,7 +39,7 @@ class Record:
         return Talk(self, Conversation(endpoint_of(client), endpoint_of(server), self._count), self._frames + 1)
 
     def put(self, frames: list[bytes]) -> None:
-        """Take packets that pass now."""
+        """Take packets at the current time."""
         now_ns = time.monotonic_ns() + self._offset_ns
         self._frames += len(frames)
         for frame in frames:
@@ -53,7 +53,7 @@ class Record:
             self.trouble = why.strerror or str(why)
 
     def finish(self) -> Session:
-        """End everything and return the session."""
+        """End the recording and return the session."""
         if self._writer is not None:
             try:
                 self._writer.close()
@@ -66,7 +66,7 @@ class Record:
 
 
 class Talk:
-    """A connection as it is taken. ``first_frame`` is the number of its first packet, from 1."""
+    """A connection that is recorded. ``first_frame`` is the number of its first packet, from 1."""
 
     def __init__(self, record: Record, conversation: Conversation, first_frame: int) -> None:
         self.first_frame = first_frame
@@ -77,18 +77,18 @@ class Talk:
         record.put(conversation.opened())
 
     def sent(self, side: int, octets: bytes) -> None:
-        """A side (0 is ours) sent octets."""
+        """Record octets sent by a side (0 is ours)."""
         if not self._over and side not in self._closed:
             self._record.put(self._conversation.sent(side, octets))
 
     def closed(self, side: int) -> None:
-        """A side sends no more."""
+        """Record that a side closed its direction."""
         if not self._over and side not in self._closed:
             self._closed.add(side)
             self._record.put(self._conversation.closed(side))
 
     def reset(self, side: int) -> None:
-        """A side broke off."""
+        """Record a reset by a side."""
         if not self._over:
             self._over = True
             self._record.put(self._conversation.reset(side))

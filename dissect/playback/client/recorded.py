@@ -1,4 +1,4 @@
-"""The session that is played: of a capture or a golden, in the order in which its connections began."""
+"""The session to play, from a capture or a golden, in the order in which its connections began."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ if TYPE_CHECKING:
 
 
 class ReplayError(CaptureError):
-    """A replay that cannot begin, or cannot reach its server: one line that says why and what to do."""
+    """A replay that cannot begin, or cannot reach its server; the message says in one line why and what to do."""
 
 
 def load_recorded(path: str | os.PathLike[str], decoder: PayloadDecoder | None = None) -> Session:
-    """Read a capture or a golden. Raises `CaptureError` for what is neither, `ReplayError` for a golden that is wrong."""
+    """Read a capture or a golden. Raises `CaptureError` for any other file, `ReplayError` for a wrong golden."""
     try:
         return read_session(path, decoder=decoder)
     except GoldenError as error:

@@ -1,4 +1,4 @@
-"""A whole replay: all connections, then what came beside what was recorded."""
+"""A whole replay: plays all connections, then compares the result with the recording."""
 
 from __future__ import annotations
 
@@ -24,16 +24,16 @@ if TYPE_CHECKING:
     from dissect.engine.exchange import PayloadDecoder
     from dissect.source.pcapng_writer import PcapngWriter
 
-#: Transaction numbers that a line of the summary names.
+#: Maximum number of transaction numbers in a line of the summary.
 _NAMED: Final = 10
 
 
 class Outcome:
-    """What a replay came to. ``expected`` is what was to come, ``came`` what did; `differences` compares them.
+    """The result of a replay. ``expected`` and ``came`` are the expected and the actual session; `differences` compares them.
 
-    ``withheld`` was left out on purpose; ``not_sent`` could not be sent any more; ``problems`` say why. ``unreachable`` counts
-    connections that could not be made; ``interrupted`` tells that the replay was halted before its end; ``file_trouble`` is why
-    the capture file is not whole, else empty.
+    ``withheld`` was left out on purpose; ``not_sent`` could no longer be sent; ``problems`` say why. ``unreachable`` counts
+    connections that could not be made. ``interrupted``: the replay was halted before its end. ``file_trouble`` is why the
+    capture file is incomplete, otherwise empty.
     """
 
     def __init__(self, name: str, came: Session, links: Mapping[int, Link], players: Sequence[Player]) -> None:
@@ -58,12 +58,12 @@ class Outcome:
                 self.problems.append(f"connection {number}: {player.problem}")
 
     def differences(self, options: DiffOptions | None = None) -> Iterator[Difference]:
-        """Yield what changed from the recording to what came. Which connection is which is known, so none is looked for."""
+        """Yield the differences between the recording and the replay. The pairs of connections are known."""
         for one, other in self._pairs:
             yield from differences(one, other, options)
 
     def summary(self) -> list[str]:
-        """Say what was done and what was left out, in lines safe to show but for what the system said."""
+        """Describe what was done and what was left out, in lines safe to show except for texts of the operating system."""
         answers = words.count(self.answered, "answer")
         lines = [
             f"{words.count(self.requests, 'request')} sent on {words.count(self.connections, 'connection')}, {answers}"
@@ -114,13 +114,13 @@ def replay(
     decoder: PayloadDecoder | None = None,
     watch: Watch | None = None,
 ) -> Outcome:
-    """Play the connections of ``plan`` (`make_plan`) to ``places`` (`places_of`), those together that were open together.
+    """Play the connections of ``plan`` (`make_plan`) to ``places`` (`places_of`); connections overlap as in the recording.
 
-    Raises `ReplayError` when these are too many, before anything is sent.
+    Raises `ReplayError` if too many are open at once, before anything is sent.
 
-    Only reads are sent unless ``permissions`` say more. ``writer`` keeps what is exchanged, ``decoder`` decodes SCD in it.
-    A ``watch`` that is halted (`Watch.halt`) ends it early: nothing more is sent, connections are closed, and the outcome is
-    of what was sent.
+    Only reads are sent unless ``permissions`` allow more. ``writer`` stores the exchange, ``decoder`` decodes SCD in it. A
+    ``watch`` that is halted (`Watch.halt`) ends the replay early: nothing more is sent, connections are closed, and the outcome
+    covers what was sent.
     """
     settings = settings or Settings()
     if not settings.one_by_one:

@@ -1,4 +1,4 @@
-"""What comes when: the beginnings, steps and ends of all connections in the order in which they were recorded."""
+"""The schedule: beginnings, steps and ends of all connections in the order in which they were recorded."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from dissect.playback.client.player import Player
 from dissect.playback.client.recorded import ReplayError
 from dissect.playback.client.settings import Shared
 
-#: Connections that are open at once: a system grants a process about 1,000 files, some as few as 256.
+#: Maximum number of open connections: a system allows a process about 1,000 files, some as few as 256.
 MAX_OPEN: Final = 200
-#: Stands for the beginning of a connection where else the number of a step is; the end is the number behind the last.
+#: Marks the beginning of a connection instead of the number of a step; the end has the number after the last step.
 CONNECT: Final = -1
 
 
 class Moment(NamedTuple):
-    """When a connection (``part`` in the plan) begins, takes the step ``at``, or ends. ``time_ns`` is None where not known."""
+    """When a connection (``part`` in the plan) begins, takes the step ``at``, or ends. ``time_ns`` is None if unknown."""
 
     frame: int
     part: int
@@ -30,7 +30,7 @@ class Moment(NamedTuple):
 
 
 def moments(parts: Sequence[Part], one_by_one: bool) -> Iterator[Moment]:
-    """Give what is to be done: as recorded, or ``one_by_one``; that also where nobody knows what was recorded when."""
+    """Return what is to be done: in recorded order, or ``one_by_one``; the latter also if recorded times are unknown."""
     lanes = [_lane(index, part) for index, part in enumerate(parts)]
     if one_by_one or not _known(parts):
         return chain.from_iterable(lanes)
@@ -42,7 +42,7 @@ def _known(parts: Sequence[Part]) -> bool:
 
 
 def _lane(index: int, part: Part) -> Iterator[Moment]:
-    """Give the moments of one connection, each no earlier than the one before."""
+    """Return the moments of one connection, each no earlier than its predecessor."""
     span = part.span
     frame = span.first_frame if span is not None else 0
     yield Moment(frame, index, CONNECT, span.first_ns if span is not None else None)
@@ -55,7 +55,7 @@ def _lane(index: int, part: Part) -> Iterator[Moment]:
 
 
 def open_at_once(plan: Sequence[Part]) -> int:
-    """Return how many connections of a plan were open at the same time, 1 where nobody knows."""
+    """Return how many connections of a plan were open at the same time, 1 if unknown."""
     parts = playable(plan)
     if not _known(parts):
         return min(len(parts), 1)
@@ -70,7 +70,7 @@ def open_at_once(plan: Sequence[Part]) -> int:
 
 
 def expect_few(plan: Sequence[Part]) -> None:
-    """Refuse to play more connections at once than there may be sockets. Raises `ReplayError`."""
+    """Raise `ReplayError` if more connections are open at once than there may be sockets."""
     most = open_at_once(plan)
     if most > MAX_OPEN:
         raise ReplayError(
@@ -80,7 +80,7 @@ def expect_few(plan: Sequence[Part]) -> None:
 
 
 class Clock:
-    """The recording's time while it is played: ``pace`` multiplies its pauses, None makes none."""
+    """The recording's time during a replay: ``pace`` multiplies its pauses, None leaves them out."""
 
     def __init__(self, pace: float | None) -> None:
         self._pace = pace
@@ -88,7 +88,7 @@ class Clock:
         self._began = 0.0
 
     def turn(self, time_ns: int | None) -> float:
-        """Return when (monotonic, seconds) it is the turn of what was recorded at ``time_ns``. The first begins it."""
+        """Return the time (monotonic, seconds) for an event recorded at ``time_ns``. The first call starts the clock."""
         if self._pace is None or time_ns is None:
             return 0.0
         if self._first_ns is None:
@@ -98,7 +98,7 @@ class Clock:
 
 
 def perform(players: Sequence[Player], places: Sequence[Place], shared: Shared) -> None:
-    """Play connections. One that breaks does not stop the others; none is open afterwards."""
+    """Play connections. One that fails does not stop the others; all are closed at the end."""
     settings = shared.settings
     parts = [player.part for player in players]
     clock = Clock(settings.pace)
@@ -112,7 +112,7 @@ def perform(players: Sequence[Player], places: Sequence[Place], shared: Shared) 
                 clock = Clock(settings.pace)
             if _is_paced(player, moment.at):
                 shared.watch.sleep(clock.turn(moment.time_ns), lambda: player.broken)  # noqa: B023 - called at once
-            # What was answered before this when it was recorded is answered before it now.
+            # Answers that came before this in the recording must come before it now.
             for other in waiting.values():
                 if other is not player:
                     other.settle(moment.time_ns)
@@ -129,7 +129,7 @@ def perform(players: Sequence[Player], places: Sequence[Place], shared: Shared) 
 
 
 def _is_paced(player: Player, at: int) -> bool:
-    """Tell whether this is done by the client, when it wants; what the server does is waited for."""
+    """Return whether the client decides when this is done; messages of the server are awaited instead."""
     steps = player.part.steps
     return steps[at].kind == ASK if 0 <= at < len(steps) else at == CONNECT or player.part.by_client
 

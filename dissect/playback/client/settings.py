@@ -1,4 +1,4 @@
-"""How a replay is done: what a user chooses, what its connections have in common, and what each of them waits for."""
+"""How a replay is done: the user's settings, the state that its connections share, and the requests they wait for."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from dissect.playback.client.watch import Watch
 
 
 class Settings:
-    """How it is played.
+    """The settings of a replay.
 
-    ``pace`` multiplies the recorded pauses, None asks as soon as possible. ``timeout_s`` is for each answer, ``lost_s`` for one
-    that the recording lost (`Timeouts`). ``pipelined`` sends requests before earlier ones are answered where the recording
-    does, as many at once as the server grants. ``retries`` are attempts to connect after the first; no request is ever sent
-    twice. ``one_by_one`` plays connections one after another that were open at the same time.
+    ``pace`` multiplies the recorded pauses, None sends as soon as possible. ``timeout_s`` is the limit for each answer,
+    ``lost_s`` for one that the recording lost (`Timeouts`). ``pipelined`` sends requests before earlier ones are answered if
+    the recording does, up to the number that the server grants. ``retries`` are attempts to connect after the first; no request
+    is ever sent twice. ``one_by_one`` plays connections one after another that were open at the same time.
     """
 
     def __init__(
@@ -38,7 +38,7 @@ class Settings:
 
 
 class Shared:
-    """What the connections of one replay have in common. ``half_loaded`` tells that a download did not come to its end."""
+    """The state that the connections of one replay share. ``half_loaded``: a download did not reach its end."""
 
     def __init__(
         self, permissions: Permissions, settings: Settings, record: Record, watch: Watch | None = None
@@ -51,15 +51,15 @@ class Shared:
         self.patience = Timeouts(settings.timeout_s, settings.lost_s)
 
 
-class Asked(NamedTuple):
-    """A request that is open: by when its answer is late; ``step`` is None for one of our own."""
+class PendingRequest(NamedTuple):
+    """An open request: the time limit for its answer; ``step`` is None for a request of our own."""
 
     step: Step | None
     until: float
 
     def due(self, time_ns: int | None) -> bool:
-        """Tell whether its answer was recorded before ``time_ns``, or nobody knows."""
-        asked = self.step.transaction if self.step is not None else None
-        if time_ns is None or asked is None or asked.time_ns is None or asked.latency_ns is None:
+        """Return whether its answer was recorded before ``time_ns``, or at an unknown time."""
+        recorded = self.step.transaction if self.step is not None else None
+        if time_ns is None or recorded is None or recorded.time_ns is None or recorded.latency_ns is None:
             return True
-        return asked.time_ns + asked.latency_ns <= time_ns
+        return recorded.time_ns + recorded.latency_ns <= time_ns

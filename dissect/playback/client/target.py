@@ -1,4 +1,4 @@
-"""Where a replay goes: this machine, unless more was asked for."""
+"""The target of a replay: this machine, unless another one is allowed."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from dissect.playback.client.recorded import ReplayError
 
 
 def read_target(text: str) -> Address:
-    """Read ``HOST[:PORT]``, port 102 unless said. Raises `ReplayError`."""
+    """Refuse a numeric address of another machine. Resolves nothing. Raises `ReplayError`."""
     try:
         return read_address(text, PLC_PORT)
     except AddressError as why:
@@ -26,7 +26,7 @@ def read_target(text: str) -> Address:
 
 
 def expect_allowed(address: Address, allow_remote: bool) -> None:
-    """Refuse an address in numbers that is not of this machine. Resolves nothing. Raises `ReplayError`."""
+    """Refuse a numeric address of another machine. Resolves nothing. Raises `ReplayError`."""
     try:
         ipaddress.ip_address(address.host.partition("%")[0])
     except ValueError:
@@ -36,9 +36,9 @@ def expect_allowed(address: Address, allow_remote: bool) -> None:
 
 
 def places_of(address: Address, allow_remote: bool) -> list[Place]:
-    """Return what to connect to, in this order: every address that the name stands for must be of this machine.
+    """Return the addresses to connect to, in order: every address of the name must be one of this machine.
 
-    With ``allow_remote`` any may be. The name is resolved here and nowhere else. Raises `ReplayError`.
+    With ``allow_remote`` any is accepted. Only this function resolves the name. Raises `ReplayError`.
     """
     expect_allowed(address, allow_remote)
     try:
@@ -52,7 +52,7 @@ def places_of(address: Address, allow_remote: bool) -> list[Place]:
 
 
 def _remote(address: Address, host: str) -> ReplayError:
-    # One of a network interface of this machine is refused as well: it may be a container's, or forwarded.
+    # An address of one of our network interfaces is refused as well: it may belong to a container, or be forwarded.
     which = f"{address} is" if address.host == host else f"{address} is {host},"
     return ReplayError(
         f"{which} not a loopback address of this machine: nothing was sent; add --allow-remote if that is intended"

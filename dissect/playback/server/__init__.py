@@ -1,9 +1,9 @@
-"""A PLC that says what a capture says: for clients that are to be tested without one (docs/serve.md).
+"""A fake PLC that answers from a capture, to test clients without a PLC (docs/serve.md).
 
-recording, model       what was asked and answered on each recorded connection, of a capture or a golden
-answer_index, player   which recorded answer a request gets; reads and writes put together of recorded items
+recording, model       requests and answers of each recorded connection, from a capture or a golden
+answer_index, player   the recorded answer for a request; reads and writes built from recorded items
 image.Image            the memory of ``memory=True``
-faults, request_log    what goes wrong on request; what was asked, and for which requests nothing was recorded
+faults, request_log    faults on demand; the requests, and those without a recorded match
 session.ClientSession  one client, without its socket: TPKT, COTP, messages
 socket, service        sockets, time, bounds: `Server`
 """

@@ -1,4 +1,4 @@
-"""Where an answer is looked up: recorded requests by how much they are like the one that is asked."""
+"""Finds recorded answers: recorded requests are indexed by their similarity to a request."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from dissect.s7.message import Pdu, parse_pdu
 from dissect.s7.parameters import HEADER_SIZE, REQUEST
 from dissect.s7.tables import ACK_DATA, GROUP_TIME, JOB, READ_VAR, SUCCESS, USERDATA, WRITE_VAR
 
-#: How like the recorded request is, the best first: to the octet but for its reference; but for all that counts (sequence
-#: numbers, upload ids: `dissect.golden.masking`); but for what is written, or the time that a clock is set to.
+#: Levels of similarity, the best first: equal except for the reference; except for all counters (sequence numbers, upload ids:
+#: `dissect.golden.masking`); except for the written data, or the time that a clock is set to.
 LEVELS: Final = ("same", "counted", "valued")
-#: Answers to single items that a book keeps.
+#: Maximum number of answers to single items that an index keeps.
 MAX_ITEMS: Final = 1_000_000
 
 
 class ItemAnswer:
-    """What became of an item: ``octets`` are its data item, of a write its return code; ``latency_ns`` is the answer's."""
+    """The result of an item: ``octets`` are its data item, for a write its return code; ``latency_ns`` is the answer's."""
 
     __slots__ = ("latency_ns", "octets")
 
@@ -31,12 +31,12 @@ class ItemAnswer:
 
     @property
     def good(self) -> bool:
-        """True when the item was not refused."""
+        """True if the item was not refused."""
         return self.octets[0] == SUCCESS
 
 
 def keys_of(octets: bytes, pdu: Pdu) -> tuple[bytes, bytes, bytes]:
-    """Return what a request is found by, in the order of `LEVELS`; empty where it cannot be found so."""
+    """Return the keys of a request, in the order of `LEVELS`; empty for a level that does not apply."""
     if len(octets) < HEADER_SIZE:
         return octets, b"", b""
     masked = mask_s7(octets)
@@ -55,28 +55,28 @@ def _without_values(masked: bytes, pdu: Pdu) -> bytes:
 
 
 def item_key(function: int, item: Item) -> bytes:
-    """Return what an item is found by."""
+    """Return the key of an item."""
     return bytes((function,)) + item.octets
 
 
-def item_answers(asked: Pdu, answer: bytes) -> list[bytes]:
-    """Return the data items of a read answer, or the return codes of a write answer, one for each item asked for.
+def item_answers(request: Pdu, answer: bytes) -> list[bytes]:
+    """Return the data items of a read answer, or the return codes of a write answer, one for each requested item.
 
-    Empty when the answer is not of that form.
+    Empty if the answer has a different form.
     """
-    told = parse_pdu(answer)
-    count = len(asked.parameters.items)
-    if told.rosctr != ACK_DATA or told.function != asked.function or told.parameters.item_count != count:
+    response = parse_pdu(answer)
+    count = len(request.parameters.items)
+    if response.rosctr != ACK_DATA or response.function != request.function or response.parameters.item_count != count:
         return []
-    if asked.function == WRITE_VAR:
-        codes = told.data
+    if request.function == WRITE_VAR:
+        codes = response.data
         return [bytes((code,)) for code in codes] if len(codes) == count else []
-    found = [answer[item.offset : item.offset + DATA_HEAD + len(item.data)] for item in told.data_items()]
-    return found if len(found) == count else []
+    items = [answer[item.offset : item.offset + DATA_HEAD + len(item.data)] for item in response.data_items()]
+    return items if len(items) == count else []
 
 
 class AnswerIndex:
-    """The steps of scripts by their keys, in recorded order; the items of their reads and writes when somebody asks."""
+    """The steps of scripts by their keys, in recorded order; items of reads and writes are indexed on demand."""
 
     def __init__(self, scripts: Sequence[Script]) -> None:
         self._steps: list[dict[bytes, list[Step]]] = [{}, {}, {}]
@@ -98,17 +98,17 @@ class AnswerIndex:
             self.setup = step
 
     def steps(self, level: int, key: bytes) -> list[Step]:
-        """Return the recorded requests that are alike at a level."""
+        """Return the recorded requests that are equal at a level."""
         return self._steps[level].get(key, [])
 
     def items(self, key: bytes) -> list[ItemAnswer]:
-        """Return what became of an item each time it was asked for."""
+        """Return the recorded results of an item."""
         if self._items is None:
             self._items = self._gather()
         return self._items.get(key, [])
 
     def _gather(self) -> dict[bytes, list[ItemAnswer]]:
-        found: dict[bytes, list[ItemAnswer]] = {}
+        answers: dict[bytes, list[ItemAnswer]] = {}
         known: dict[tuple[bytes, bytes], list[tuple[bytes, bytes]]] = {}
         count = 0
         for script in self._scripts:
@@ -120,18 +120,18 @@ class AnswerIndex:
                 count += len(pairs)
                 if count > MAX_ITEMS:
                     self.full = True
-                    return found
+                    return answers
                 for key, octets in pairs:
-                    found.setdefault(key, []).append(ItemAnswer(octets, step.latency_ns))
-        return found
+                    answers.setdefault(key, []).append(ItemAnswer(octets, step.latency_ns))
+        return answers
 
 
 def _pairs(step: Step) -> list[tuple[bytes, bytes]]:
-    asked = parse_pdu(step.request)
-    if asked.rosctr != JOB or asked.function not in {READ_VAR, WRITE_VAR} or not step.answer:
+    request = parse_pdu(step.request)
+    if request.rosctr != JOB or request.function not in {READ_VAR, WRITE_VAR} or not step.answer:
         return []
-    answers = item_answers(asked, step.answer)
-    items = asked.parameters.items if answers else []
+    answers = item_answers(request, step.answer)
+    items = request.parameters.items if answers else []
     return [
-        (item_key(asked.function, item), octets) for item, octets in zip(items, answers, strict=True) if item.octets
+        (item_key(request.function, item), octets) for item, octets in zip(items, answers, strict=True) if item.octets
     ]

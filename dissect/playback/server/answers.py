@@ -1,4 +1,4 @@
-"""Messages the fake PLC makes itself, where the recording has none that fits: confirmations, setups, refusals, items."""
+"""Messages that the fake PLC makes itself if the recording has none that fits: confirmations, setups, refusals, items."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ from dissect.s7.parameters import RESPONSE, Setup
 from dissect.s7.tables import ACK, ACK_DATA, OBJECT_DOES_NOT_EXIST, USERDATA, WRITE_VAR
 from dissect.transactions.ending import DISCONNECT, ERROR_TPDU
 
-#: "Function not available": what a CPU answers a job that it does not know with (reference 3.3).
+#: "Function not available": a CPU's answer to an unknown job (reference 3.3).
 NOT_AVAILABLE: Final = 0x8104
-#: "Wrong PDU size": the answer is larger than this client agreed to.
+#: "Wrong PDU size": the answer is larger than the PDU length of this client.
 WRONG_PDU_SIZE: Final = 0x8500
 
-#: What is granted where no setup was recorded.
+#: Granted if no setup was recorded.
 USUAL_SETUP: Final = Setup(8, 8, 480)
 
 _USUAL_SIZE: Final = 1024
@@ -44,7 +44,7 @@ class Confirmation(NamedTuple):
 
 
 def confirm(request: Tpdu, recorded: bytes) -> Confirmation:
-    """Return the confirmation of a connect request: as it was recorded, for the reference, TSAPs and size of this client.
+    """Return the confirmation of a connect request as recorded, with the reference, TSAPs and size of this client.
 
     A recorded parameter that this client did not send is left out; the size is the smaller of both.
     """
@@ -71,63 +71,65 @@ def confirm(request: Tpdu, recorded: bytes) -> Confirmation:
             value = coded_size(granted)
         elif code == PREFERRED_SIZE and granted:
             value = (granted // 128).to_bytes(max(len(value), 1), "big")
-        if connect_size([*granted_parameters, (code, value)]) <= MAX_HEADER:  # TSAPs may leave no room for what is ours
+        if (
+            connect_size([*granted_parameters, (code, value)]) <= MAX_HEADER
+        ):  # TSAPs may leave no room for our parameters
             granted_parameters.append((code, value))
     tpdu = build_connect(CC, max(request.field("src_ref"), 0), own, granted_parameters, options)
     return Confirmation(tpdu, parse_tpdu(tpdu).tpdu_size or LARGEST_TPDU)
 
 
-def farewell(how: str, said: str = "") -> bytes:
-    """Return the TPDU of an end by DR or ER, its reason as findings and goldens name it; empty for another end."""
+def farewell(how: str, reason_name: str = "") -> bytes:
+    """Return the TPDU of an end by DR or ER, with the reason as findings and goldens name it; empty for any other end."""
     if how == DISCONNECT:
-        reason = next((number for number in range(256) if DR_REASONS.name(number) == said), _NORMAL)
+        reason = next((number for number in range(256) if DR_REASONS.name(number) == reason_name), _NORMAL)
         return build_dr(0, _OWN_REFERENCE, reason)
     if how == ERROR_TPDU:
-        cause = next((number for number in range(256) if ER_CAUSES.name(number) == said), 0)
+        cause = next((number for number in range(256) if ER_CAUSES.name(number) == reason_name), 0)
         return build_er(0, cause)
     return b""
 
 
-def refuse(asked: Pdu, code: int = NOT_AVAILABLE) -> bytes:
+def refuse(request: Pdu, code: int = NOT_AVAILABLE) -> bytes:
     """Return the answer that refuses a request as a whole: an Ack without parameters, or userdata with an error code."""
-    reference = asked.octets[PDU_REF]
-    head = asked.parameters.userdata
-    if asked.rosctr != USERDATA:
+    reference = request.octets[PDU_REF]
+    head = request.parameters.userdata
+    if request.rosctr != USERDATA:
         return with_reference(build_pdu(ACK, b"", b"", code), reference)
     group, subfunction, sequence = (head.group, head.subfunction, head.sequence) if head is not None else (0, 0, 0)
     parameters = build_userdata_head(RESPONSE, group, subfunction, sequence, error=code)
     return with_reference(build_pdu(USERDATA, parameters, NO_PAYLOAD), reference)
 
 
-def grant(asked: Pdu, recorded: bytes) -> bytes:
-    """Return the answer to a setup that asks otherwise than the recorded one: what was granted, but no more than is asked.
+def grant(request: Pdu, recorded: bytes) -> bytes:
+    """Return the answer to a setup that differs from the recorded one: the recorded values, but no more than requested.
 
-    Without a recorded answer `USUAL_SETUP` is; one that refused refuses again.
+    Without a recorded answer, `USUAL_SETUP` is granted; a recorded refusal is repeated.
     """
-    setup = asked.parameters.setup
+    setup = request.parameters.setup
     if setup is None:
-        return refuse(asked)
+        return refuse(request)
     granted = USUAL_SETUP
     if recorded:
         model = parse_pdu(recorded).parameters.setup
         if model is None:
-            return with_reference(recorded, asked.octets[PDU_REF])
+            return with_reference(recorded, request.octets[PDU_REF])
         granted = model
     least = Setup(
         min(setup.max_amq_calling, granted.max_amq_calling),
         min(setup.max_amq_called, granted.max_amq_called),
         min(setup.pdu_length, granted.pdu_length),
     )
-    return with_reference(build_setup(ACK_DATA, least), asked.octets[PDU_REF])
+    return with_reference(build_setup(ACK_DATA, least), request.octets[PDU_REF])
 
 
-def answer_items(asked: Pdu, items: Sequence[bytes]) -> bytes:
-    """Return the answer to a read or write made of data items or of return codes, one for each item asked for."""
-    function = asked.parameters.function
+def answer_items(request: Pdu, items: Sequence[bytes]) -> bytes:
+    """Return the answer to a read or write, built from data items or return codes, one for each requested item."""
+    function = request.parameters.function
     data = b"".join(items) if function == WRITE_VAR else build_items(items)
-    return with_reference(build_variables(ACK_DATA, function, len(items), b"", data), asked.octets[PDU_REF])
+    return with_reference(build_variables(ACK_DATA, function, len(items), b"", data), request.octets[PDU_REF])
 
 
 def missing_item(writes: bool) -> bytes:
-    """Return what an item is answered with that nobody knows."""
+    """Return the answer for an item that was not recorded."""
     return bytes((OBJECT_DOES_NOT_EXIST,)) if writes else NO_PAYLOAD

@@ -1,4 +1,4 @@
-"""From the transactions of a connection to its script: what the client sent, and behind which of it the server spoke."""
+"""Builds the script of a connection from its transactions: the client's messages, and the server's own messages after them."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ from collections.abc import Sequence
 from typing import Final
 
 from dissect.golden.model import Transaction
-from dissect.playback.server.model import Recording, Said, Script, Step
+from dissect.playback.server.model import Recording, Script, ServerMessage, Step
 from dissect.report import words
 from dissect.transactions.transaction import BEHIND_MALFORMED, HOLE, OUTCOMES, PUSH, UNANSWERED
 
-#: What a message of S7comm-plus begins with.
+#: The beginning of an S7comm-plus message.
 _PLUS: Final = b"\x72"
 _PUSH: Final = OUTCOMES[PUSH]
 _UNANSWERED: Final = OUTCOMES[UNANSWERED]
@@ -19,7 +19,7 @@ _BEHIND: Final = OUTCOMES[BEHIND_MALFORMED]
 
 
 class Seen:
-    """A transaction of a session as octets; ``number`` is its place where the session does not know the packets."""
+    """A transaction of a session as octets; ``number`` is its position if the packets are unknown."""
 
     __slots__ = ("answer", "by_client", "latency_ns", "outcome", "over", "place", "reason", "request")
 
@@ -29,41 +29,40 @@ class Seen:
         self.reason = transaction.reason
         self.latency_ns = max(transaction.latency_ns or 0, 0)
         self.by_client = transaction.asked_by == "client"
-        self.place = transaction.place or number  # the packet that puts it in order
-        self.over = transaction.last_frame or number  # the packet it was over with
+        self.place = transaction.place or number  # the packet that determines the order
+        self.over = transaction.last_frame or number  # the packet that completed it
 
     @property
     def is_step(self) -> bool:
-        """True for what the client sends: a request, or a message that wants no answer."""
+        """True for messages of the client: a request, or a message without an answer."""
         if self.outcome == _PUSH and self.request[:1] == _PLUS:
-            return self.by_client  # a request that wants no response
+            return self.by_client  # a request without a response
         if self.outcome == _PUSH:
-            return not self.by_client  # it has no request: who is told of it counts as who asks
+            return not self.by_client  # it has no request: its receiver is listed as the requester
         return self.by_client and bool(self.request)
 
     @property
     def is_said(self) -> bool:
-        """True for what the server says without being asked, an answer whose request is missing included."""
+        """True for unsolicited messages of the server, including an answer whose request is missing."""
         return not self.is_step and (self.by_client or bool(self.request))
 
     @property
     def is_answered_job(self) -> bool:
-        """True for what the server asked and the client answered."""
+        """True for jobs of the server that the client answered."""
         return not self.by_client and bool(self.request) and bool(self.answer)
 
 
 def arrange(script: Script, seen: Sequence[Seen], recording: Recording) -> None:
-    """Make steps of what the client sent, in its order; what the server said otherwise follows the step before it.
+    """Make a step of each message of the client, in order; the server's own messages follow the step before them.
 
-    Not what answers a request that may be among octets missing from the recording: it was asked for, and is no answer out of
-    its turn.
+    An answer to a request that may be among missing octets is left out: it was requested, and is not unsolicited.
     """
     lost = early = unheard = 0
-    over: list[tuple[int, int]] = []  # when each step was over
+    over: list[tuple[int, int]] = []  # completion of each step
     others: list[Seen] = []
     for one in seen:
         if one.outcome == _BEHIND:
-            continue  # nothing answers it, and it answers nothing
+            continue  # without an answer, and not an answer itself
         if one.is_step:
             over.append((one.over, len(script.steps)))
             script.steps.append(_step(one))
@@ -73,7 +72,7 @@ def arrange(script: Script, seen: Sequence[Seen], recording: Recording) -> None:
         elif one.is_said:
             others.append(one)
     over.sort()
-    said: list[Seen] = []
+    messages: list[Seen] = []
     behind: list[Step] = []  # the step that each of these follows
     at, latest = 0, -1
     for one in others:
@@ -81,24 +80,24 @@ def arrange(script: Script, seen: Sequence[Seen], recording: Recording) -> None:
             latest = max(latest, over[at][1])
             at += 1
         if latest >= 0:
-            said.append(one)
+            messages.append(one)
             behind.append(script.steps[latest])
         elif one.outcome == _PUSH or one.request:
             early += 1
         else:
             lost += 1
-    for one, step, waits in zip(said, behind, _waits(said), strict=True):
+    for one, step, waits in zip(messages, behind, _waits(messages), strict=True):
         octets = one.answer or one.request if one.by_client else one.request
-        step.then.append(Said(octets, one.is_answered_job, waits))
+        step.then.append(ServerMessage(octets, one.is_answered_job, waits))
     _note_losses(script, recording, lost, unheard, early)
 
 
-def _waits(said: Sequence[Seen]) -> list[int]:
-    """Return, for each thing the server said, how many answers of the client came between it and the next one."""
-    answers = sorted([one.over for one in said if one.is_answered_job])
+def _waits(messages: Sequence[Seen]) -> list[int]:
+    """Return, for each message of the server, how many answers of the client came before its next message."""
+    answers = sorted([one.over for one in messages if one.is_answered_job])
     waits, given = [], 0
-    for index in range(len(said)):
-        before = bisect_left(answers, said[index + 1].place) if index + 1 < len(said) else len(answers)
+    for index in range(len(messages)):
+        before = bisect_left(answers, messages[index + 1].place) if index + 1 < len(messages) else len(answers)
         waits.append(before - given)
         given = before
     return waits

@@ -1,4 +1,4 @@
-"""What passes the fake PLC as a capture file, packet by packet as it passes."""
+"""Writes the fake PLC's traffic to a capture file, packet by packet."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ SERVER: Final = 1
 
 
 class CaptureWriter:
-    """Writes to ``writer``. A file that cannot be written any more (the disk is full) costs the file, not the server."""
+    """Writes to ``writer``. If the file cannot be written (the disk is full), the server goes on without it."""
 
     def __init__(self, writer: PcapngWriter) -> None:
         self.trouble = ""
@@ -23,32 +23,32 @@ class CaptureWriter:
         self._done: dict[int, set[int]] = {}  # sides that have closed
 
     def opened(self, number: int, client: tuple[Any, ...], server: tuple[Any, ...]) -> None:
-        """A client has connected."""
+        """Record that a client connected."""
         talk = Conversation(endpoint_of(client), endpoint_of(server), number)
         self._talks[number] = talk
         self._done[number] = set()
         self._write(talk.opened())
 
     def sent(self, number: int, side: int, octets: bytes) -> None:
-        """``side`` (0 the client, 1 the server) sent octets."""
+        """Record octets sent by ``side`` (0 the client, 1 the server)."""
         if number in self._talks and side not in self._done[number]:
             self._write(self._talks[number].sent(side, octets))
 
     def closed(self, number: int, side: int) -> None:
-        """``side`` sends no more."""
+        """Record that ``side`` closed its direction."""
         if number in self._talks and side not in self._done[number]:
             self._done[number].add(side)
             self._write(self._talks[number].closed(side))
 
     def reset(self, number: int, side: int) -> None:
-        """``side`` broke off."""
+        """Record a reset by ``side``."""
         talk = self._talks.pop(number, None)
         self._done.pop(number, None)
         if talk is not None:
             self._write(talk.reset(side))
 
     def forget(self, number: int) -> None:
-        """Nothing more will come of a connection."""
+        """Drop the state of a connection that has ended."""
         self._talks.pop(number, None)
         self._done.pop(number, None)
 

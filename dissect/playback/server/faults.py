@@ -1,4 +1,4 @@
-"""Faults on request: what goes wrong, and at which request."""
+"""Faults on demand: their kinds, and the requests they apply to."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ CUT: Final = "cut"
 WRONG_REF: Final = "wrong-ref"
 SPLIT: Final = "split"
 
-#: Each fault and what it does.
+#: The faults and their effects.
 KINDS: Final = {
     DROP: "no answer",
     DELAY: "the answer comes MS milliseconds later",
@@ -28,7 +28,7 @@ KINDS: Final = {
 }
 _MAX_MS: Final = 3_600_000
 _HEX: Final = re.compile("0x[0-9a-fA-F]{1,4}")
-#: What would be a pattern that nothing matches: refuse:3:8104, drop:3:250.
+#: Texts that would otherwise be patterns without a match: refuse:3:8104, drop:3:250.
 _NUMBER_AND_MORE: Final = re.compile("[0-9]+:.*")
 
 
@@ -43,19 +43,19 @@ class Fault(NamedTuple):
     pattern: str = ""
     value: float = 0
 
-    def hits(self, number: int, asked: Pdu) -> bool:
-        """Tell whether it happens at a request: by its number, its function or the address of one of its items."""
-        return self.named(number, [asked.function_name, *[item.address for item in asked.parameters.items]])
+    def hits(self, number: int, request: Pdu) -> bool:
+        """Return whether it applies to a request, by its number, its function or the address of one of its items."""
+        return self.named(number, [request.function_name, *[item.address for item in request.parameters.items]])
 
     def named(self, number: int, names: Sequence[str]) -> bool:
-        """Tell whether it happens at a request with a number, known by any of these names."""
+        """Return whether it applies to a request with a number and any of these names."""
         if self.number:
             return number == self.number
         return any([fnmatchcase(name.upper(), self.pattern.upper()) for name in names])
 
 
 def parse_fault(text: str) -> Fault:
-    """Read ``KIND:WHERE``, of a delay ``delay:WHERE:MS``, of a refusal also ``refuse:WHERE:0xCODE``. Raises ValueError.
+    """Parse ``KIND:WHERE``, for a delay ``delay:WHERE:MS``, for a refusal also ``refuse:WHERE:0xCODE``. Raises ValueError.
 
     WHERE is the number of a request or a pattern with ``*`` and ``?`` for the name of a function or an address.
     """
@@ -77,7 +77,7 @@ def parse_fault(text: str) -> Fault:
         where, _, code = where.rpartition(":")
         value = int(code, 16)
         if not where or not value:
-            raise ValueError(f"{text!r}: a refusal is refuse:WHERE or refuse:WHERE:0xCODE, and 0 refuses nothing")
+            raise ValueError(f"{text!r}: a refusal is refuse:WHERE or refuse:WHERE:0xCODE, and CODE is not 0")
     if _NUMBER_AND_MORE.fullmatch(where):
         forms = {DELAY: "delay:WHERE:MS", REFUSE: "refuse:WHERE or refuse:WHERE:0xCODE"}
         form = forms.get(kind, f"{kind}:WHERE")

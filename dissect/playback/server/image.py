@@ -1,6 +1,6 @@
-"""The memory of the fake PLC: what the recording shows of its areas, and what clients have written since.
+"""The memory of the fake PLC: the recorded contents of its areas, and what clients have written since.
 
-Bit by bit: only what was read or written in the recording is known, and only that can be read or written again.
+Each bit is known or unknown: only data that were read or written in the recording can be read or written again.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from dissect.s7.tables import (
 )
 
 _PAGE: Final = 256
-#: Pages of 256 octets that are kept, all areas together.
+#: Maximum number of pages of 256 octets, over all areas.
 MAX_PAGES: Final = 65_536
 _ALL: Final = 0xFF
 
@@ -44,12 +44,12 @@ class _Page:
 
 
 class Image:
-    """The areas of a recording. ``full`` tells that not all of them were kept (`MAX_PAGES`)."""
+    """The areas of a recording. ``full``: some data were dropped (`MAX_PAGES`)."""
 
     def __init__(self, recording: Recording) -> None:
         self.full = False
         self._pages: dict[_Key, _Page] = {}
-        self._sizes: dict[int, int] = {}  # data transport sizes this server answered with, by that of the item
+        self._sizes: dict[int, int] = {}  # data transport sizes in this server's answers, by those of the items
         seen: set[tuple[bytes, bytes]] = set()
         for script in recording.scripts:
             for step in () if script.plus else script.steps:
@@ -59,14 +59,14 @@ class Image:
                     self._learn(step.request, step.answer)
 
     def _learn(self, request: bytes, answer: bytes) -> None:
-        """Take what a read or write shows of octets that nothing was known of before."""
-        asked = parse_pdu(request)
-        if asked.rosctr != JOB or asked.function not in {READ_VAR, WRITE_VAR}:
+        """Take the contents of a read or write for octets that are still unknown."""
+        request_pdu = parse_pdu(request)
+        if request_pdu.rosctr != JOB or request_pdu.function not in {READ_VAR, WRITE_VAR}:
             return
-        writes = asked.function == WRITE_VAR
-        told = item_answers(asked, answer)
-        written = asked.data_items() if writes else []
-        for index, (item, octets) in enumerate(zip(asked.parameters.items, told, strict=False)):
+        writes = request_pdu.function == WRITE_VAR
+        results = item_answers(request_pdu, answer)
+        written = request_pdu.data_items() if writes else []
+        for index, (item, octets) in enumerate(zip(request_pdu.parameters.items, results, strict=False)):
             if octets[0] != SUCCESS or not holds(item):
                 continue
             if writes:
@@ -80,16 +80,16 @@ class Image:
     # ---- reading and writing ----------------------------------------------------------------------------------------
 
     def read(self, item: Item) -> bytes | None:
-        """Return the data item that a read is answered with, None when not all of it is known."""
+        """Return the data item for a read, None if some of it is unknown."""
         data = self.get(item)
         if data is None:
             return None
-        asked = int(item.transport_size)
-        size = self._sizes.get(asked, ANSWER_TRANSPORT_SIZE.get(asked, DATA_BYTES))
+        requested = int(item.transport_size)
+        size = self._sizes.get(requested, ANSWER_TRANSPORT_SIZE.get(requested, DATA_BYTES))
         return build_data_item(SUCCESS, size, data)
 
     def get(self, item: Item) -> bytes | None:
-        """Return the octets of an item, None when not all of them are known."""
+        """Return the octets of an item, None if some of them are unknown."""
         if not holds(item):
             return None
         if item.transport_size == BIT:
@@ -111,14 +111,14 @@ class Image:
         return bytes(data)
 
     def write(self, item: Item, data: bytes) -> bool:
-        """Write an item; False when it is not known, and nothing is written then. ``data`` must have its size."""
+        """Write an item; return False, without writing, if it is unknown. ``data`` must have its size."""
         if self.get(item) is None:
             return False
         self._put(item, data, False)
         return True
 
     def _put(self, item: Item, data: bytes, fresh: bool) -> None:
-        """Set octets, or with ``fresh`` only those bits that are not known yet."""
+        """Set octets, or with ``fresh`` only bits that are still unknown."""
         if item.transport_size == BIT:
             bit = 1 << (int(item.start_bit) & 7)
             self._set(item, int(item.start_bit) >> 3, bit if data[0] & 1 else 0, bit, fresh)
@@ -147,12 +147,12 @@ class Image:
 
 
 def holds(item: Item) -> bool:
-    """Tell whether an item names octets or one bit, so that it can be kept in memory."""
+    """Return whether an item consists of octets or one bit, so that it can be kept in memory."""
     if item.size <= 0 or item.area == RECORD_AREA or int(item.transport_size) not in ELEMENT_OCTETS:
         return False
     return item.transport_size == BIT or item.area in NUMBERED_AREAS or item.start_bit & 7 == 0
 
 
 def _first_octet(item: Item) -> int:
-    """Return where an item begins; timers and counters are numbered, two octets each."""
+    """Return the first octet of an item; timers and counters are numbered, two octets each."""
     return int(item.start_bit) * 2 if item.area in NUMBERED_AREAS else int(item.start_bit) >> 3

@@ -1,4 +1,4 @@
-"""What is served: recorded connections, on each what was asked, what was answered, what the server said by itself."""
+"""What is served: recorded connections with requests, answers, and unsolicited messages of the server."""
 
 from __future__ import annotations
 
@@ -9,15 +9,15 @@ from dissect.transactions.ending import DISCONNECT, ERROR_TPDU, FIN, RESET
 
 MAX_NOTES: Final = 100
 
-#: How a server ends a connection, as far as that can be done again.
+#: Ends by the server that can be repeated.
 ENDS: Final = frozenset((FIN, RESET, DISCONNECT, ERROR_TPDU))
 
 
-class Said:
-    """What the server said without being asked: a push, a job of its own, an answer out of turn.
+class ServerMessage:
+    """An unsolicited message of the server: a push, a job, an answer out of turn.
 
-    ``answered`` tells that the client answered it. ``waits`` is how many answers of the client, to this and to what was said
-    before, came before the server went on.
+    ``answered``: the client answered it. ``waits`` is the number of the client's answers, to this and to earlier messages,
+    before the server's next message.
     """
 
     __slots__ = ("answered", "octets", "waits")
@@ -29,7 +29,7 @@ class Said:
 
 
 class Step:
-    """A request as recorded, its answer (empty when there was none) and how long that took; then what the server said."""
+    """A recorded request, its answer (empty if there was none) and answer time, and the server's messages after it."""
 
     __slots__ = ("answer", "latency_ns", "request", "then")
 
@@ -37,16 +37,16 @@ class Step:
         self.request = request
         self.answer = answer
         self.latency_ns = latency_ns
-        self.then: list[Said] = []
+        self.then: list[ServerMessage] = []
 
 
 class Script:
-    """A recorded connection: its steps in the order in which they were asked.
+    """A recorded connection: its steps in order.
 
-    TSAPs are None where not recorded. ``confirm`` is the TPDU that answered the connect request (CC, DR or ER), empty where
-    there is none; ``refused`` tells that the connect request was seen and never confirmed. ``end`` is how the server ended
-    it (`ENDS`), else empty; ``farewell`` the DR or ER with which it did. ``pdu_length`` was granted, 0 when nobody knows.
-    ``plus``: it speaks S7comm-plus. ``numbered`` tells that references are those of the recording: a golden has none.
+    TSAPs are None if not recorded. ``confirm`` is the TPDU that answered the connect request (CC, DR or ER), empty if there is
+    none. ``refused``: the connect request was captured and never confirmed. ``end`` is how the server ended the connection
+    (`ENDS`), otherwise empty; ``farewell`` the DR or ER with which it did. ``pdu_length`` was negotiated, 0 if unknown.
+    ``plus``: it uses S7comm-plus. ``numbered``: references are those of the recording; a golden has none.
     """
 
     __slots__ = (
@@ -78,7 +78,7 @@ class Script:
 
 
 class Recording:
-    """The connections of a capture on which S7comm or S7comm-plus was spoken over TCP; ``notes`` say what is not served."""
+    """The connections of a capture with S7comm or S7comm-plus over TCP; ``notes`` describe what is not served."""
 
     __slots__ = ("name", "notes", "scripts")
 
@@ -93,11 +93,13 @@ class Recording:
         return sum([len(script.steps) for script in self.scripts])
 
     def unserved(self, number: int, protocol: str, carrier: str, reason: str = "") -> None:
-        """Note a connection that speaks something else, or over something else than TCP."""
-        said = " over ".join(dict.fromkeys([part for part in (PROTOCOLS.get(protocol, protocol), carrier) if part]))
-        self.note(f"connection {number} speaks {said}, which is not served{reason}")
+        """Note a connection with a different protocol or without TCP."""
+        protocol_name = " over ".join(
+            dict.fromkeys([part for part in (PROTOCOLS.get(protocol, protocol), carrier) if part])
+        )
+        self.note(f"connection {number} speaks {protocol_name}, which is not served{reason}")
 
     def note(self, text: str) -> None:
-        """Keep what a user should know; the first hundred."""
+        """Keep a note for the user; only the first hundred are kept."""
         if len(self.notes) < MAX_NOTES:
             self.notes.append(text)

@@ -1,4 +1,4 @@
-"""Names the recorded requests that are nearest to one that has no recording, for whoever looks for the reason."""
+"""Names the recorded requests that are nearest to an unrecorded one, to help find the reason."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from dissect.s7.tables import GROUP_CPU, READ_SZL, READ_VAR, USERDATA, WRITE_VAR
 from dissect.s7plus.message import PlusPdu, parse_plus
 from dissect.wire.text import printable, shortened
 
-#: How many are named, recorded requests that are looked at, and characters of each.
+#: Maximum number of names, of recorded requests that are compared, and of characters of each name.
 _NAMED: Final = 3
 _MOST: Final = 2_000
 _LONG: Final = 100
@@ -25,55 +25,55 @@ _LIST: Final = 4
 
 
 def request_name(octets: bytes) -> str:
-    """Return what a request of S7comm asks for, an SZL with id and index; safe to show."""
+    """Return the name of a request of S7comm, for an SZL with id and index; safe to show."""
     pdu = parse_pdu(octets)
     name = subject(Exchange(S7, octets, b""))
-    asked = _szl(pdu)
-    return f"{name}, index 0x{asked[1]:04x}" if asked is not None and asked[1] else name
+    szl = _szl(pdu)
+    return f"{name}, index 0x{szl[1]:04x}" if szl is not None and szl[1] else name
 
 
-def near(asked: Pdu, recorded: Iterable[bytes]) -> str:
-    """Return the end of a sentence: `` (nearest recorded: …)``, empty where nothing of the kind was recorded."""
+def near(request: Pdu, recorded: Iterable[bytes]) -> str:
+    """Return the end of a sentence: `` (nearest recorded: …)``, empty if nothing of the kind was recorded."""
     ranked: dict[str, tuple[int, ...]] = {}
     for octets in _few(recorded):
         rosctr, function_name, items, szl, name = _known(octets)
-        if rosctr != asked.rosctr or function_name != asked.function_name:
+        if rosctr != request.rosctr or function_name != request.function_name:
             continue
-        if asked.function in {READ_VAR, WRITE_VAR} and asked.parameters.items:
-            _rank_items(ranked, asked.parameters.items, items)
+        if request.function in {READ_VAR, WRITE_VAR} and request.parameters.items:
+            _rank_items(ranked, request.parameters.items, items)
         else:
-            ranked.setdefault(name, _distance(_szl(asked), szl))
+            ranked.setdefault(name, _distance(_szl(request), szl))
     return _told(ranked)
 
 
-def near_plus(asked: PlusPdu, recorded: Iterable[bytes]) -> str:
-    """Return the same for a request of S7comm-plus: those of its function that have most of what it is about in common."""
-    wanted = set(map(repr, plus_subject(asked.octets)))
+def near_plus(request: PlusPdu, recorded: Iterable[bytes]) -> str:
+    """Return the same for a request of S7comm-plus: recorded requests of its function with the most in common."""
+    wanted = set(map(repr, plus_subject(request.octets)))
     ranked: dict[str, tuple[int, ...]] = {}
     for octets in _few(recorded):
         function, about, name = _known_plus(octets)
-        if function == asked.function:
+        if function == request.function:
             ranked.setdefault(name, (-len(wanted & about),))
     return _told(ranked)
 
 
-# Recorded requests are the same whatever is asked, and a client that polls asks again and again.
+# Cached: recorded requests do not change, and a client that polls repeats its requests.
 @lru_cache(_MOST)
 def _known(octets: bytes) -> tuple[int, str, Sequence[Item], tuple[int, int] | None, str]:
-    """Return of a recorded request its ROSCTR, function, items, list, and what it asks for."""
+    """Return ROSCTR, function, items, list and name of a recorded request."""
     pdu = parse_pdu(octets)
     return int(pdu.rosctr), pdu.function_name, pdu.parameters.items, _szl(pdu), request_name(octets)
 
 
 @lru_cache(_MOST)
 def _known_plus(octets: bytes) -> tuple[int, frozenset[str], str]:
-    """Return of a recorded request of S7comm-plus its function, what it is about, and that in words."""
+    """Return function, objects and name of a recorded request of S7comm-plus."""
     about = frozenset(map(repr, plus_subject(octets)))
     return parse_plus(octets).function, about, subject(Exchange(PLUS, octets, b""))
 
 
 def _few(recorded: Iterable[bytes]) -> list[bytes]:
-    """Return the first recorded requests, each once but for its reference."""
+    """Return the first recorded requests, each once regardless of its reference."""
     few: dict[bytes, bytes] = {}
     for octets in recorded:
         few.setdefault(octets[:4] + octets[6:], octets)
@@ -95,7 +95,7 @@ def _rank_items(ranked: dict[str, tuple[int, ...]], wanted: Sequence[Item], ther
 
 
 def _szl(pdu: Pdu) -> tuple[int, int] | None:
-    """Return id and index of the list that a request reads, None where it reads none."""
+    """Return id and index of the list that a request reads, None if it reads none."""
     head = pdu.parameters.userdata
     if pdu.rosctr != USERDATA or head is None or head.group != GROUP_CPU or head.subfunction != READ_SZL:
         return None
@@ -106,7 +106,7 @@ def _szl(pdu: Pdu) -> tuple[int, int] | None:
 def _distance(one: tuple[int, int] | None, other: tuple[int, int] | None) -> tuple[int, ...]:
     if one is None or other is None:
         return (0,)
-    # The low byte says which list; the high one, which extract of it.
+    # The low byte identifies the list; the high one, which extract of it.
     return int(one[0] & 0xFF != other[0] & 0xFF), abs(one[0] - other[0]), abs(one[1] - other[1])
 
 

@@ -1,9 +1,9 @@
 """The fake PLC of S7comm-plus: recorded answers for requests of versions without digests.
 
-A request is looked for by its octets without what counts (sequence number, session id, integrity id), then, where it writes
-or creates, without the values that go with it. An answer gets the sequence number of the request, and the integrity id that
-belongs to it where the recorded one has an id (response id = request id + sequence number). Session ids stay those of the
-recording: the answer to CreateObject tells the client which one it has.
+A request is looked up by its octets without counters (sequence number, session id, integrity id); then, if it writes or
+creates, also without its values. An answer gets the sequence number of the request, and, if the recorded one has an integrity
+id, the matching one (response id = request id + sequence number). Session ids stay those of the recording: the answer to
+CreateObject tells the client its session id.
 """
 
 from __future__ import annotations
@@ -38,36 +38,38 @@ _LISTS: Final = {GET_MULTI_VARIABLES: 2, SET_MULTI_VARIABLES: 1}
 _FLAGS: Final = 0x34
 
 
-def renewed(answer: bytes, asked: PlusPdu) -> bytes:
-    """Return a recorded answer as one to ``asked``: with its sequence number, and the integrity id that follows of it."""
-    octets = with_sequence(answer, asked.sequence)
-    return with_integrity(octets, max(parse_contents(asked).integrity_id, 0) + asked.sequence)
+def renewed(answer: bytes, request: PlusPdu) -> bytes:
+    """Return a recorded answer adapted to ``request``: with its sequence number and the resulting integrity id."""
+    octets = with_sequence(answer, request.sequence)
+    return with_integrity(octets, max(parse_contents(request).integrity_id, 0) + request.sequence)
 
 
-def refuse_plus(asked: PlusPdu, value: int = UNKNOWN_REQUEST) -> bytes:
+def refuse_plus(request: PlusPdu, value: int = UNKNOWN_REQUEST) -> bytes:
     """Return the answer that refuses a request as a whole."""
-    return answer_with(asked, value, bytes(_LISTS.get(asked.function, 0)))
+    return answer_with(request, value, bytes(_LISTS.get(request.function, 0)))
 
 
-def answer_with(asked: PlusPdu, value: int, body: bytes) -> bytes:
-    """Return an answer with a return value and what follows that."""
-    id_ = parse_contents(asked).integrity_id
-    tail = build_varint((id_ + asked.sequence) & 0xFFFFFFFF, VLQ) if id_ >= 0 else b""
-    head = bytes((RESPONSE, 0, 0)) + asked.function.to_bytes(2, "big") + bytes(2) + asked.sequence.to_bytes(2, "big")
-    said = bytes((_FLAGS,)) + build_varint(value, VLQ64) + body + tail + bytes(4)
-    data = head + said
-    trailer = bytes((PROTOCOL_ID, asked.version, 0, 0))
-    return bytes((PROTOCOL_ID, asked.version)) + len(data).to_bytes(2, "big") + data + trailer
+def answer_with(request: PlusPdu, value: int, body: bytes) -> bytes:
+    """Return an answer with a return value and the data after it."""
+    id_ = parse_contents(request).integrity_id
+    tail = build_varint((id_ + request.sequence) & 0xFFFFFFFF, VLQ) if id_ >= 0 else b""
+    head = (
+        bytes((RESPONSE, 0, 0)) + request.function.to_bytes(2, "big") + bytes(2) + request.sequence.to_bytes(2, "big")
+    )
+    rest = bytes((_FLAGS,)) + build_varint(value, VLQ64) + body + tail + bytes(4)
+    data = head + rest
+    trailer = bytes((PROTOCOL_ID, request.version, 0, 0))
+    return bytes((PROTOCOL_ID, request.version)) + len(data).to_bytes(2, "big") + data + trailer
 
 
 def plus_keys(octets: bytes, pdu: PlusPdu) -> tuple[bytes, bytes]:
-    """Return what a request is found by: all that counts, then without values; empty where values cannot differ."""
+    """Return the keys of a request: without counters, then also without values; empty if values must not differ."""
     about = repr((pdu.function, plus_subject(octets))).encode() if pdu.function in _VALUED else b""
     return mask_plus(octets), about
 
 
 def plus_name(octets: bytes) -> str:
-    """Return what a request asks for, safe to show."""
+    """Return the name of a request, safe to show."""
     return subject(Exchange(PLUS, octets, b""))
 
 
@@ -84,10 +86,10 @@ class PlusIndex:
                         steps.setdefault(key, []).append(step)
 
     def steps(self, level: int, key: bytes) -> list[Step]:
-        """Return the recorded requests that are alike at a level."""
+        """Return the recorded requests that are equal at a level."""
         return self._steps[level].get(key, [])
 
 
-def wants_answer(asked: PlusPdu) -> bool:
-    """Tell whether a message is a request that an answer is due to."""
-    return asked.opcode == REQUEST and asked.readable and asked.wants_response
+def wants_answer(request: PlusPdu) -> bool:
+    """Return whether a message is a request that needs an answer."""
+    return request.opcode == REQUEST and request.readable and request.wants_response

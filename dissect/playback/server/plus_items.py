@@ -1,4 +1,4 @@
-"""A read of several variables of S7comm-plus put together of recorded items: what became of each variable each time."""
+"""Answers a read of several variables of S7comm-plus from the recorded results of its variables."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ from dissect.s7plus.message import PlusPdu, parse_plus
 from dissect.s7plus.tables import GET_MULTI_VARIABLES
 from dissect.wire.varint import VLQ, VLQ64, build_varint
 
-#: Answers to single items that are kept.
+#: Maximum number of answers to single items that are kept.
 MAX_ITEMS: Final = 1_000_000
-#: What an item is refused with that nobody knows: what a server answered for a block that does not exist.
+#: The error for an item that was not recorded: a server's answer for a block that does not exist.
 NO_ITEM: Final = 0x8104
 
 Key = tuple[int, ...]
 
 
 class ItemAnswer:
-    """What became of an item: ``value`` are its octets with flags and type, empty where it was refused with ``code``."""
+    """The result of an item: ``value`` are its octets with flags and type, empty if it was refused with ``code``."""
 
     __slots__ = ("code", "latency_ns", "value")
 
@@ -43,14 +43,14 @@ class PlusItems:
                 left -= self._add(step) if left > 0 else 0
 
     def _add(self, step: Step) -> int:
-        asked, told = parse_plus(step.request), parse_plus(step.answer)
-        if asked.function != GET_MULTI_VARIABLES or told.function != GET_MULTI_VARIABLES or told.malformed:
+        request, response = parse_plus(step.request), parse_plus(step.answer)
+        if request.function != GET_MULTI_VARIABLES or response.function != GET_MULTI_VARIABLES or response.malformed:
             return 0
-        keys = _keys(parse_contents(asked))
-        found = parse_contents(told)
-        for number, value in found.items:
-            self._enter(keys, number, ItemAnswer(bytes(told.data[value.offset : value.end]), 0, step.latency_ns))
-        for number, code in found.refusals:
+        keys = _keys(parse_contents(request))
+        contents = parse_contents(response)
+        for number, value in contents.items:
+            self._enter(keys, number, ItemAnswer(bytes(response.data[value.offset : value.end]), 0, step.latency_ns))
+        for number, code in contents.refusals:
             self._enter(keys, number, ItemAnswer(b"", code, step.latency_ns))
         return len(keys)
 
@@ -59,12 +59,12 @@ class PlusItems:
             self._items.setdefault(keys[number - 1], []).append(answer)
 
     def of(self, key: Key) -> list[ItemAnswer]:
-        """Return what became of a variable each time it was read."""
+        """Return the recorded results of a variable."""
         return self._items.get(key, [])
 
 
 class Together:
-    """An answer put together: ``octets``, how long the slowest of its items took, and the labels of unknown items."""
+    """An answer built from items: ``octets``, the answer time of its slowest item, and the labels of unknown items."""
 
     __slots__ = ("latency_ns", "missing", "octets")
 
@@ -74,14 +74,14 @@ class Together:
         self.missing: list[str] = []
 
 
-def put_together(asked: PlusPdu, of: Callable[[Key], ItemAnswer | None]) -> Together | None:
-    """Return the answer to a read of which at least one item was recorded; None for anything else."""
-    found = parse_contents(asked)
-    if asked.function != GET_MULTI_VARIABLES or not found.addresses or not asked.whole:
+def put_together(request: PlusPdu, of: Callable[[Key], ItemAnswer | None]) -> Together | None:
+    """Return the answer to a read with at least one recorded item; None for anything else."""
+    contents = parse_contents(request)
+    if request.function != GET_MULTI_VARIABLES or not contents.addresses or not request.whole:
         return None
     together = Together()
     values = refusals = b""
-    for number, address in enumerate(found.addresses, 1):
+    for number, address in enumerate(contents.addresses, 1):
         answer = of(address.key)
         if answer is None:
             together.missing.append(address.label)
@@ -92,11 +92,11 @@ def put_together(asked: PlusPdu, of: Callable[[Key], ItemAnswer | None]) -> Toge
             values += index + answer.value
         else:
             refusals += index + build_varint(answer.code if answer is not None else NO_ITEM, VLQ64)
-    if len(together.missing) == len(found.addresses):
+    if len(together.missing) == len(contents.addresses):
         return None
-    together.octets = answer_with(asked, 0, values + b"\0" + refusals + b"\0")
+    together.octets = answer_with(request, 0, values + b"\0" + refusals + b"\0")
     return together
 
 
-def _keys(found: Contents) -> list[Key]:
-    return [address.key for address in found.addresses]
+def _keys(contents: Contents) -> list[Key]:
+    return [address.key for address in contents.addresses]

@@ -1,4 +1,4 @@
-"""What one client of S7comm-plus hears of the fake PLC (`dissect.playback.server.plus`)."""
+"""The fake PLC for one client of S7comm-plus (`dissect.playback.server.plus`)."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from dissect.playback.server.plus_items import ItemAnswer, Key, put_together
 from dissect.s7plus.message import PlusPdu
 from dissect.wire.text import some
 
-#: The number of items among the books of turns.
+#: The number of items for which turns are counted.
 _ITEM: Final = -1
 
 
@@ -28,27 +28,27 @@ class PlusPlayer:
         self._heard: set[int] = set()
         self._items = stage.plus_items
 
-    def reply(self, asked: PlusPdu) -> Reply:
-        """Return what is said to a request. Never raises, whatever the request is."""
-        for level, key in enumerate(plus_keys(asked.octets, asked)):
+    def reply(self, request: PlusPdu) -> Reply:
+        """Return the reply to a request. Never raises, whatever the request contains."""
+        for level, key in enumerate(plus_keys(request.octets, request)):
             for number, book in enumerate(self._books):
                 steps = book.steps(level, key) if key else []
                 if steps:
                     step = steps[self._turn((number, level, key), len(steps))]
-                    answer = renewed(step.answer, asked) if step.answer else b""
+                    answer = renewed(step.answer, request) if step.answer else b""
                     end = self._end_after(step) if number == 0 else ""
                     return Reply(answer, LEVELS[level + 1], step.latency_ns, tuple(step.then), end)
-        together = put_together(asked, self._item)
+        together = put_together(request, self._item)
         if together is not None:
             missing = together.missing
             lacking = f"not recorded: {some(missing, 5)}" if missing else ""
             how = "unmatched" if missing else "items"
             return Reply(together.octets, how, together.latency_ns, lacking=lacking)
-        lacking = "no similar request was recorded" + near_plus(asked, self._books[1].requests)
-        return Reply(refuse_plus(asked) if wants_answer(asked) else b"", "unmatched", lacking=lacking)
+        lacking = "no similar request was recorded" + near_plus(request, self._books[1].requests)
+        return Reply(refuse_plus(request) if wants_answer(request) else b"", "unmatched", lacking=lacking)
 
     def _item(self, key: Key) -> ItemAnswer | None:
-        """Return what became of a variable when it was read this time, None where it never was."""
+        """Return the result of a variable for this read, None if it was never recorded."""
         answers = self._items.of(key)
         return answers[self._turn((_ITEM, 0, repr(key).encode()), len(answers))] if answers else None
 

@@ -1,4 +1,4 @@
-"""What a capture or a golden says of a server: scripts, made of a recorded session (`dissect.golden.model`)."""
+"""Builds scripts for the server from a recorded session (`dissect.golden.model`)."""
 
 from __future__ import annotations
 
@@ -17,23 +17,23 @@ from dissect.playback.server.model import ENDS, Recording, Script
 from dissect.source.packet import CaptureError
 from dissect.transactions.ending import DISCONNECT, ERROR_TPDU
 
-#: Requests of a recording; what is longer is no test any more.
+#: Maximum number of requests in a recording; a test is never longer.
 MAX_STEPS: Final = 200_000
 
-#: Ends that a TPDU tells.
+#: Ends that a TPDU announces.
 _TOLD: Final = frozenset((DISCONNECT, ERROR_TPDU))
 _SERVED: Final = frozenset((S7, PLUS))
 _OURS: Final = frozenset(("", "s7comm"))
 
 
 class ServerError(CaptureError):
-    """A server cannot be made of this, or cannot begin: one line that says why and what to do."""
+    """A server that cannot be built from this, or cannot begin; the message says in one line why and what to do."""
 
 
 def load_recording(path: str | os.PathLike[str], *more: str | os.PathLike[str]) -> Recording:
     """Return what can be served of a capture (or of several, as `dissect.open` reads them) or of a golden.
 
-    Raises `CaptureError` for what is no capture and `ServerError` when nothing in it can be served, or too much.
+    Raises `CaptureError` for a file that is no capture, and `ServerError` if it has nothing to serve, or too much.
     """
     try:
         return recording_of(read_session(path, *more, messages=True))
@@ -42,17 +42,17 @@ def load_recording(path: str | os.PathLike[str], *more: str | os.PathLike[str]) 
 
 
 def recording_of(session: Session) -> Recording:
-    """Return what can be served of a session. Raises `ServerError` when nothing can, or when it is too long."""
+    """Return what can be served of a session. Raises `ServerError` if there is nothing to serve, or too much."""
     recording = Recording(session.name)
-    asked = {link.number: [one for one in link.transactions if one.exchange.kind in _SERVED] for link in session.links}
-    if sum([len(transactions) for transactions in asked.values()]) > MAX_STEPS:
+    served = {link.number: [one for one in link.transactions if one.exchange.kind in _SERVED] for link in session.links}
+    if sum([len(transactions) for transactions in served.values()]) > MAX_STEPS:
         raise ServerError(f"{session.name}: more than {MAX_STEPS} transactions; cut it first (s7dissect cut)")
     for link in session.as_begun:
         if link.carrier == "tcp" and link.protocol not in _OURS and link_has_digests(link):
             number = link.span.number if link.span is not None else link.number
             recording.unserved(number, link.protocol, "", f": {DIGESTS}")
             continue
-        _add(recording, link, asked[link.number])
+        _add(recording, link, served[link.number])
     for text in session.damage:
         recording.note(text)
     if not recording.scripts:
@@ -76,7 +76,7 @@ def _add(recording: Recording, link: Link, transactions: list[Transaction]) -> N
     script.end = link.ended if link.ended in ENDS and link.ended_by == "server" else ""
     tpdus = link.tpdus
     if tpdus is None:
-        # A golden has the end and the refusal in words, and no numbers that count.
+        # A golden has the end and the refusal in words, and no counters.
         script.numbered = False
         script.farewell = farewell(script.end, link.farewell.rpartition(": ")[2])
         script.refused = link.begun and not link.tpdu_size and not link.transactions
@@ -91,7 +91,7 @@ def _add(recording: Recording, link: Link, transactions: list[Transaction]) -> N
         script.confirm = tpdus.confirm
         script.refused = tpdus.requested and (not tpdus.confirm or parse_tpdu(tpdus.confirm).type != CC)
         if script.refused and transactions:
-            script.refused = False  # it goes on: only the confirmation was not captured
+            script.refused = False  # it continues: only the confirmation was not captured
             script.confirm = b""
         script.pdu_length = tpdus.pdu_length
     arrange(script, [Seen(one, number) for number, one in enumerate(transactions, 1)], recording)

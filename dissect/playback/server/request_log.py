@@ -1,4 +1,4 @@
-"""What all clients share: the stage, the faults, the count of requests, and what became of each."""
+"""The state that all clients share: the stage, the faults, the count of requests, and their results."""
 
 from __future__ import annotations
 
@@ -17,23 +17,23 @@ from dissect.s7.message import Pdu
 from dissect.s7plus.message import PlusPdu
 from dissect.wire.text import some
 
-#: Requests that are remembered, and of them those that nothing like was recorded of; all are counted.
+#: Maximum number of requests that are kept, and of unmatched ones among them; all are counted.
 MAX_REQUESTS: Final = 10_000
 MAX_UNMATCHED: Final = 1_000
 MAX_PROBLEMS: Final = 1_000
 
-#: Octets and addresses of a request that are remembered; more than a PDU of 960 octets has.
+#: Maximum number of octets and addresses that are kept of a request; a PDU of 960 octets has fewer.
 MAX_KEPT: Final = 1_024
 MAX_ADDRESSES: Final = 100
 
 
 class Request(NamedTuple):
-    """A request that came.
+    """A received request.
 
     ``number`` counts from 1 over all connections, setups included; ``connection`` counts those. ``function`` is the name,
-    ``addresses`` are those of a read or write (text from the wire, not escaped), ``octets`` the PDU; of long ones the beginning
-    (`MAX_ADDRESSES`, `MAX_KEPT`). ``how`` says where the answer is from (`player.Reply`), ``lacking`` what the
-    recording has nothing for, ``faults`` what was made wrong.
+    ``addresses`` are those of a read or write (text from the wire, not escaped), ``octets`` the PDU; of long ones only the
+    beginning (`MAX_ADDRESSES`, `MAX_KEPT`). ``how`` is the origin of the answer (`player.Reply`), ``lacking`` names what was
+    not recorded, ``faults`` are those that were applied.
     """
 
     number: int
@@ -57,10 +57,10 @@ class Request(NamedTuple):
 
 
 class RequestLog:
-    """Answers requests of all clients, in the order in which they come. One thread works it; others may look."""
+    """Answers requests of all clients, in order of arrival. One thread runs it; others may read it."""
 
     def __init__(self, stage: Stage, faults: Sequence[Fault] = (), latency_ms: float | None = 0) -> None:
-        """``latency_ms`` is how long an answer takes, None for as long as it was recorded."""
+        """``latency_ms`` is the answer time, None for the recorded one."""
         self.stage = stage
         self.total = 0
         self.unmatched_total = 0
@@ -74,34 +74,34 @@ class RequestLog:
 
     @property
     def requests(self) -> list[Request]:
-        """The last requests (`MAX_REQUESTS`), in the order in which they came."""
+        """The last requests (`MAX_REQUESTS`), in order of arrival."""
         with self._lock:
             return list(self._requests)
 
     @property
     def unmatched(self) -> list[Request]:
-        """The last of those that nothing like was recorded of (`MAX_UNMATCHED`)."""
+        """The last requests without a recorded match (`MAX_UNMATCHED`)."""
         with self._lock:
             return list(self._unmatched)
 
-    def answer(self, connection: int, player: Player, asked: Pdu) -> tuple[Reply, list[Fault], float]:
-        """Return what is said to a request, what is to go wrong with it, and after how many seconds it is said."""
+    def answer(self, connection: int, player: Player, request: Pdu) -> tuple[Reply, list[Fault], float]:
+        """Return the reply to a request, the faults to apply, and the delay in seconds."""
         self.total += 1
-        reply = player.reply(asked)
-        hits = [fault for fault in self._faults if fault.hits(self.total, asked)]
-        addresses = tuple([item.label for item in asked.parameters.items[:MAX_ADDRESSES]])
-        name = asked.function_name or "no function"
+        reply = player.reply(request)
+        hits = [fault for fault in self._faults if fault.hits(self.total, request)]
+        addresses = tuple([item.label for item in request.parameters.items[:MAX_ADDRESSES]])
+        name = request.function_name or "no function"
         if reply.how == "unmatched" and not addresses:
-            name = request_name(asked.octets) or name
-        self._note(connection, name, addresses, asked.octets, reply, hits)
+            name = request_name(request.octets) or name
+        self._note(connection, name, addresses, request.octets, reply, hits)
         return reply, hits, self._delay_s(reply)
 
-    def answer_plus(self, connection: int, player: PlusPlayer, asked: PlusPdu) -> tuple[Reply, list[Fault], float]:
+    def answer_plus(self, connection: int, player: PlusPlayer, request: PlusPdu) -> tuple[Reply, list[Fault], float]:
         """Return the same for a request of S7comm-plus."""
         self.total += 1
-        reply = player.reply(asked)
-        hits = [fault for fault in self._faults if fault.named(self.total, [asked.function_name])]
-        self._note(connection, plus_name(asked.octets) or asked.kind, (), asked.octets, reply, hits)
+        reply = player.reply(request)
+        hits = [fault for fault in self._faults if fault.named(self.total, [request.function_name])]
+        self._note(connection, plus_name(request.octets) or request.kind, (), request.octets, reply, hits)
         return reply, hits, self._delay_s(reply)
 
     def _note(
@@ -122,7 +122,7 @@ class RequestLog:
         return latency_ms / 1000
 
     def stranger(self, connection: int, octets: bytes, what: str) -> None:
-        """Take note of what a client sent that is no request of S7comm, and that nothing is said to."""
+        """Note a message of a client that is not a request of S7comm and gets no answer."""
         self.total += 1
         kept = octets[:MAX_KEPT]
         self._keep(Request(self.total, connection, time.time_ns(), what, (), kept, "unmatched", "ignored"))

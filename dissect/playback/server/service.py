@@ -1,4 +1,4 @@
-"""The fake PLC on its sockets: one thread, one selector, any client bounded in time, octets and number."""
+"""The fake PLC on its sockets: one thread, one selector; time, data and number of clients are bounded."""
 
 from __future__ import annotations
 
@@ -21,21 +21,21 @@ from dissect.playback.server.model import Recording
 from dissect.playback.server.player import CYCLE, LAST, Stage
 from dissect.playback.server.recording import ServerError, load_recording
 from dissect.playback.server.request_log import Request, RequestLog
-from dissect.playback.server.session import ABORT, CLOSE, ClientSession, Deed
+from dissect.playback.server.session import ABORT, CLOSE, Action, ClientSession
 from dissect.playback.server.socket import BrokenError, ClientSocket
 
 if TYPE_CHECKING:
     from dissect.source.pcapng_writer import PcapngWriter
 
-#: Clients at once; more wait in the system's queue.
+#: Maximum number of clients; more wait in the system's queue.
 MAX_CLIENTS: Final = 100
-#: How long a client may take to ask for a connection, in seconds.
+#: How long a client may take to request a connection, in seconds.
 CONNECT_S: Final = 10.0
-#: How long a client may leave what it is sent, in seconds.
+#: How long a client may leave sent data unread, in seconds.
 TAKE_S: Final = 30.0
-#: How long it waits for the client's end after its own, in seconds.
+#: How long the server waits for the client's end after its own, in seconds.
 LEAVE_S: Final = 2.0
-#: The longest that an answer may be made to take, in milliseconds.
+#: Longest answer time that can be set, in milliseconds.
 MAX_LATENCY_MS: Final = 3_600_000
 _LOOK_S: Final = 0.5
 _DANGER: Final = "which would mistake it for a PLC"
@@ -46,7 +46,7 @@ _WRITE: Final = selectors.EVENT_WRITE
 
 
 def places_to_serve(address: Address, allow_remote: bool) -> list[Place]:
-    """Return what to listen on; what other machines can reach only with ``allow_remote``. Raises `ServerError`."""
+    """Return the addresses to listen on; those that other machines can reach need ``allow_remote``. Raises `ServerError`."""
     try:
         return places_to_listen(address, allow_remote, _DANGER)
     except ProxyError as why:
@@ -54,16 +54,16 @@ def places_to_serve(address: Address, allow_remote: bool) -> list[Place]:
 
 
 class Server:
-    """A PLC that says what a recording says (docs/serve.md).
+    """A PLC that answers from a recording (docs/serve.md).
 
         with Server("pump.pcapng") as server:
             client.connect("127.0.0.1", 0, 1, server.port)
         assert not server.unmatched
 
-    ``repeat``: what comes when all recorded answers to a request were given, ``last`` the last one again, ``cycle`` the first
-    one. ``memory``: reads give what was written. ``latency_ms``: how long an answer takes, None for as long as it was
-    recorded. ``faults``: what is to go wrong (`parse_fault`), one or several. ``writer`` records what passes. Listening begins
-    at once; raises `ServerError` when it cannot, `ValueError` for a fault or a latency that is none.
+    ``repeat``: which answer comes when the recorded ones to a request are used up, ``last`` the last one again, ``cycle`` the
+    first one. ``memory``: reads return written data. ``latency_ms``: the answer time, None for the recorded one. ``faults``:
+    one or several faults (`parse_fault`). ``writer`` records the traffic. The server listens at once; it raises `ServerError`
+    if it cannot, `ValueError` for an invalid fault or latency.
     """
 
     def __init__(
@@ -88,49 +88,49 @@ class Server:
         if latency_ms is not None and not 0 <= latency_ms <= MAX_LATENCY_MS:
             raise ValueError(f"latency_ms={latency_ms}: give 0 to {MAX_LATENCY_MS}, or None for what was recorded")
         several = [faults] if isinstance(faults, (str, Fault)) else faults
-        told = [parse_fault(fault) if isinstance(fault, str) else fault for fault in several]
-        self.desk = RequestLog(Stage(self.recording, repeat, memory), told, latency_ms)
+        parsed = [parse_fault(fault) if isinstance(fault, str) else fault for fault in several]
+        self.log = RequestLog(Stage(self.recording, repeat, memory), parsed, latency_ms)
         self.connections = 0
         self.error: Exception | None = None
-        self._tape = CaptureWriter(writer) if writer is not None else None
-        self._lines: set[ClientSocket] = set()
-        self._plans: list[tuple[float, int, ClientSocket, Deed]] = []
+        self._capture = CaptureWriter(writer) if writer is not None else None
+        self._clients: set[ClientSocket] = set()
+        self._plans: list[tuple[float, int, ClientSocket, Action]] = []
         self._count = 0
         self._thread: threading.Thread | None = None
         try:
-            self._door = Listener(places, MAX_CLIENTS, self.desk.problems.append)
+            self._listener = Listener(places, MAX_CLIENTS, self.log.problems.append)
         except ProxyError as why:
-            if self._tape is not None:
-                self._tape.close()
+            if self._capture is not None:
+                self._capture.close()
             raise ServerError(str(why)) from None
-        self.listening = self._door.listening
+        self.listening = self._listener.listening
 
-    # ---- what a user asks -------------------------------------------------------------------------------------------
+    # ---- for users ------------------------------------------------------------------------------------------------
 
     @property
     def host(self) -> str:
-        """The address where it listens."""
+        """The address on which it listens."""
         return str(self.listening[0].address[0])
 
     @property
     def port(self) -> int:
-        """The port where it listens, the one that the system chose where it was to."""
+        """The port on which it listens, perhaps one that the system chose."""
         return int(self.listening[0].address[1])
 
     @property
     def requests(self) -> list[Request]:
-        """What was asked, in the order in which it came (the last 10,000)."""
-        return self.desk.requests
+        """The requests, in order of arrival (the last 10,000)."""
+        return self.log.requests
 
     @property
     def unmatched(self) -> list[Request]:
-        """What nothing like was recorded of (the last 1,000)."""
-        return self.desk.unmatched
+        """The requests without a recorded match (the last 1,000)."""
+        return self.log.unmatched
 
     @property
     def problems(self) -> deque[str]:
-        """What a user should hear of, a line each; taken from its left by whoever tells it."""
-        return self.desk.problems
+        """Problems for the user, one line each; whoever reports them removes them from the left."""
+        return self.log.problems
 
     def __enter__(self) -> Self:
         self.start()
@@ -147,13 +147,13 @@ class Server:
         self._thread.start()
 
     def wait(self, timeout_s: float) -> bool:
-        """Wait for its end; True when it has come."""
+        """Wait for its end; return True when it has ended."""
         if self._thread is not None:
             self._thread.join(timeout_s)
         return self._thread is None or not self._thread.is_alive()
 
     def close(self) -> None:
-        """Disconnect everybody and end the thread. May be called twice."""
+        """Disconnect all clients and end the thread. May be called twice."""
         self.stop()
         if self._thread is None:
             self._close()
@@ -161,8 +161,8 @@ class Server:
             self._thread.join(_JOIN_S)
 
     def stop(self) -> None:
-        """Ask it to end. May be called from any thread and from a signal handler, and twice."""
-        self._door.stop()
+        """Request its end. May be called from any thread and from a signal handler, and twice."""
+        self._listener.stop()
 
     def _work(self) -> None:
         try:
@@ -175,135 +175,135 @@ class Server:
     def run(self) -> None:
         """Serve until `stop` is called."""
         try:
-            while not self._door.stopping:
-                for what, events in self._door.wait(self._patience()):
+            while not self._listener.stopping:
+                for what, events in self._listener.wait(self._patience()):
                     if isinstance(what, Accepted):
                         self._welcome(what)
-                    elif what in self._lines:  # an event before this one may have ended it
+                    elif what in self._clients:  # an earlier event may have ended it
                         self._work_on(what, events)
                 self._due(time.monotonic())
         finally:
             self._close()
 
     def _patience(self) -> float | None:
-        if not self._lines and self._door.is_open:
+        if not self._clients and self._listener.is_open:
             return None
         due = self._plans[0][0] if self._plans else float("inf")
-        due = min([due, *[line.not_before for line in self._lines if line.not_before]])
+        due = min([due, *[client.not_before for client in self._clients if client.not_before]])
         return min(max(due - time.monotonic(), 0), _LOOK_S)
 
-    def _welcome(self, client: Accepted) -> None:
+    def _welcome(self, accepted: Accepted) -> None:
         self.connections += 1
-        peer = ClientSession(self.connections, self.desk)
-        line = ClientSocket(self.connections, client.socket, peer, time.monotonic() + CONNECT_S, self._tape)
-        self._lines.add(line)
-        if self._tape is not None:
-            self._tape.opened(line.number, client.name, client.socket.getsockname())
-        self._watch(line)
-        self._door.count(len(self._lines))
+        peer = ClientSession(self.connections, self.log)
+        client = ClientSocket(self.connections, accepted.socket, peer, time.monotonic() + CONNECT_S, self._capture)
+        self._clients.add(client)
+        if self._capture is not None:
+            self._capture.opened(client.number, accepted.name, accepted.socket.getsockname())
+        self._watch(client)
+        self._listener.count(len(self._clients))
 
-    def _work_on(self, line: ClientSocket, events: int) -> None:
+    def _work_on(self, client: ClientSocket, events: int) -> None:
         try:
-            if events & _READ and line.wants_read:
-                octets = line.read()
+            if events & _READ and client.wants_read:
+                octets = client.read()
                 if octets is not None:
-                    self._take(line, octets)
-            self._flush(line)
+                    self._take(client, octets)
+            self._flush(client)
         except BrokenError:
-            self._drop(line, CLIENT)
+            self._drop(client, CLIENT)
         except Exception as bug:  # noqa: BLE001 - whatever is wrong with one client must not cost the others theirs
-            self.problems.append(f"connection {line.number} is aborted: {type(bug).__name__}: {bug}")
-            self._drop(line, SERVER)
+            self.problems.append(f"connection {client.number} is aborted: {type(bug).__name__}: {bug}")
+            self._drop(client, SERVER)
 
-    def _take(self, line: ClientSocket, octets: bytes) -> None:
-        if line.leaving:
+    def _take(self, client: ClientSocket, octets: bytes) -> None:
+        if client.leaving:
             return
         if octets:
-            deeds = line.peer.feed(octets)
-        else:  # who has no more to say may still listen
-            line.peer.over = True
-            deeds = [Deed(CLOSE, last=True)]
+            actions = client.peer.feed(octets)
+        else:  # a client that has closed its direction may still read
+            client.peer.over = True
+            actions = [Action(CLOSE, last=True)]
         now = time.monotonic()
-        for deed in deeds:
-            line.held += len(deed.octets)
-            due = max(now + deed.delay_s, line.latest) if deed.last else now + deed.delay_s
+        for action in actions:
+            client.held += len(action.octets)
+            due = max(now + action.delay_s, client.latest) if action.last else now + action.delay_s
             if due > now:
                 self._count += 1
-                line.planned += 1
-                line.latest = max(line.latest, due)
-                heapq.heappush(self._plans, (due, self._count, line, deed))
+                client.planned += 1
+                client.latest = max(client.latest, due)
+                heapq.heappush(self._plans, (due, self._count, client, action))
             else:
-                line.put(deed, now)
+                client.put(action, now)
 
-    def _flush(self, line: ClientSocket) -> None:
-        end = line.flush(time.monotonic())
+    def _flush(self, client: ClientSocket) -> None:
+        end = client.flush(time.monotonic())
         if end == ABORT:
-            self._drop(line, SERVER)
+            self._drop(client, SERVER)
             return
         if end == CLOSE:
-            line.leave(time.monotonic() + LEAVE_S)
-        if line.leaving and line.finished:
-            self._part(line)
+            client.leave(time.monotonic() + LEAVE_S)
+        if client.leaving and client.finished:
+            self._part(client)
         else:
-            self._watch(line)
+            self._watch(client)
 
-    def _watch(self, line: ClientSocket) -> None:
-        events = (_READ if line.wants_read else 0) | (_WRITE if line.queue and not line.not_before else 0)
-        self._door.watch(line.socket, line.events, events, line)
-        line.events = events
+    def _watch(self, client: ClientSocket) -> None:
+        events = (_READ if client.wants_read else 0) | (_WRITE if client.queue and not client.not_before else 0)
+        self._listener.watch(client.socket, client.events, events, client)
+        client.events = events
 
     def _due(self, now: float) -> None:
-        """Do what is planned for now, and see to those whom nothing happens to."""
+        """Do what is due now, and check clients without events for timeouts."""
         while self._plans and self._plans[0][0] <= now:
-            _, _, line, deed = heapq.heappop(self._plans)
-            if line in self._lines:
-                line.planned -= 1
-                line.put(deed, now)
-                self._work_on(line, 0)
-        for line in list(self._lines):
-            if line.leaving:
-                if now > line.leaving:
-                    self._part(line)
-            elif line.not_before:
-                if now >= line.not_before:
-                    self._work_on(line, 0)
-            elif line.queue and now - line.moved > TAKE_S:
-                self.problems.append(f"connection {line.number} is ended: it accepted no data for {TAKE_S:g} s")
-                self._drop(line, SERVER)
-            elif now > line.deadline and not line.peer.connected:
-                self.problems.append(f"connection {line.number} is ended: no connect request within {CONNECT_S:g} s")
-                self._drop(line, SERVER)
-        self._door.count(len(self._lines))
+            _, _, client, action = heapq.heappop(self._plans)
+            if client in self._clients:
+                client.planned -= 1
+                client.put(action, now)
+                self._work_on(client, 0)
+        for client in list(self._clients):
+            if client.leaving:
+                if now > client.leaving:
+                    self._part(client)
+            elif client.not_before:
+                if now >= client.not_before:
+                    self._work_on(client, 0)
+            elif client.queue and now - client.moved > TAKE_S:
+                self.problems.append(f"connection {client.number} is ended: it accepted no data for {TAKE_S:g} s")
+                self._drop(client, SERVER)
+            elif now > client.deadline and not client.peer.connected:
+                self.problems.append(f"connection {client.number} is ended: no connect request within {CONNECT_S:g} s")
+                self._drop(client, SERVER)
+        self._listener.count(len(self._clients))
 
     # ---- ends -------------------------------------------------------------------------------------------------------
 
-    def _drop(self, line: ClientSocket, side: int) -> None:
-        if self._tape is not None:
-            self._tape.reset(line.number, side)
-        self._forget(line)
-        close_with_reset(line.socket)
+    def _drop(self, client: ClientSocket, side: int) -> None:
+        if self._capture is not None:
+            self._capture.reset(client.number, side)
+        self._forget(client)
+        close_with_reset(client.socket)
 
-    def _part(self, line: ClientSocket) -> None:
-        self._forget(line)
-        line.socket.close()
+    def _part(self, client: ClientSocket) -> None:
+        self._forget(client)
+        client.socket.close()
 
-    def _forget(self, line: ClientSocket) -> None:
-        self._lines.discard(line)
-        if line.planned:
-            self._plans = [plan for plan in self._plans if plan[2] is not line]
+    def _forget(self, client: ClientSocket) -> None:
+        self._clients.discard(client)
+        if client.planned:
+            self._plans = [plan for plan in self._plans if plan[2] is not client]
             heapq.heapify(self._plans)
-        if self._tape is not None:
-            self._tape.forget(line.number)
-        self._door.unwatch(line.socket)
+        if self._capture is not None:
+            self._capture.forget(client.number)
+        self._listener.unwatch(client.socket)
 
     def _close(self) -> None:
-        for line in list(self._lines):
-            if self._tape is not None:
-                self._tape.closed(line.number, SERVER)
-            self._part(line)
-        self._door.close()
-        if self._tape is not None:
-            self._tape.close()
-            if self._tape.trouble:
-                self.problems.append(f"the capture file is incomplete: {self._tape.trouble}")
-                self._tape.trouble = ""
+        for client in list(self._clients):
+            if self._capture is not None:
+                self._capture.closed(client.number, SERVER)
+            self._part(client)
+        self._listener.close()
+        if self._capture is not None:
+            self._capture.close()
+            if self._capture.trouble:
+                self.problems.append(f"the capture file is incomplete: {self._capture.trouble}")
+                self._capture.trouble = ""

@@ -5,13 +5,13 @@ from __future__ import annotations
 from dissect.golden.exchange import S7, Exchange
 from dissect.golden.model import Link, Transaction
 from dissect.playback.client.plan import ASK, Step
-from dissect.playback.client.settings import Asked
+from dissect.playback.client.settings import PendingRequest
 
 
-def asked(time_ns: int | None, latency_ns: int | None) -> Asked:
+def asked(time_ns: int | None, latency_ns: int | None) -> PendingRequest:
     transaction = Transaction(Link(), "client", Exchange(S7, b"", b""), "answered")
     transaction.time_ns, transaction.latency_ns = time_ns, latency_ns
-    return Asked(Step(ASK, transaction), 0.0)
+    return PendingRequest(Step(ASK, transaction), 0.0)
 
 
 def test_what_was_answered_before_is_due_and_what_was_answered_after_is_not() -> None:
@@ -25,4 +25,4 @@ def test_what_nobody_knows_is_due() -> None:
     assert asked(1000, 500).due(None)
     assert asked(None, 500).due(0)
     assert asked(1000, None).due(0)
-    assert Asked(None, 0.0).due(0)
+    assert PendingRequest(None, 0.0).due(0)

@@ -45,7 +45,7 @@ def test_a_fault_is_read(text: str, fault: Fault) -> None:
         ("delay:3:-1", "for example delay:3:250"),
         ("delay:3:nan", "for example delay:3:250"),
         ("delay::5", "for example delay:3:250"),
-        ("refuse:1:0x0", "0 refuses nothing"),
+        ("refuse:1:0x0", "and CODE is not 0"),
         ("refuse:0x1", "a refusal is"),
         ("refuse:3:8104", "expected refuse:WHERE or refuse:WHERE:0xCODE, WHERE a number or a pattern"),
         ("drop:3:250", "expected drop:WHERE, WHERE a number or a pattern"),

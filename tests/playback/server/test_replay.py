@@ -160,7 +160,7 @@ def test_the_tables_of_exceptions_name_captures() -> None:
 @pytest.mark.parametrize("name", ["crafted/plus-plant", "crafted/plus-answers"])
 def test_a_capture_of_nothing_but_s7comm_plus_with_digests_is_refused_in_a_sentence(name: str) -> None:
     path = FOLDER / f"{name}.pcapng"
-    why = "it speaks S7comm-plus; its messages carry digests, which cannot be made without the key of the session"
+    why = "it speaks S7comm-plus; its messages carry digests, which cannot be computed without the session key"
     with pytest.raises(ServerError) as refused:
         load_recording(path)
     text = str(refused.value)

@@ -435,7 +435,7 @@ def test_what_is_remembered_is_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
             client.ask(szl(0x7777))
         assert [one.number for one in server.requests] == [4, 5, 6, 7, 8]
         assert [one.number for one in server.unmatched] == [6, 7, 8]
-        assert (server.desk.total, server.desk.unmatched_total) == (8, 8)
+        assert (server.log.total, server.log.unmatched_total) == (8, 8)
 
 
 def test_an_empty_recording_has_nothing_to_serve() -> None:

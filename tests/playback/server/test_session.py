@@ -6,10 +6,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dissect.playback.server.model import Said
+from dissect.playback.server.model import ServerMessage
 from dissect.playback.server.player import Stage
 from dissect.playback.server.request_log import RequestLog
-from dissect.playback.server.session import ABORT, CLOSE, SEND, ClientSession, Deed
+from dissect.playback.server.session import ABORT, CLOSE, SEND, Action, ClientSession
 from dissect.testing.talk import Talk, read, words
 from tests.playback.server.support import CONNECT, dt, small
 
@@ -18,18 +18,18 @@ READ = dt(read("DB10.DBW4").octets)
 LEAVE = bytes.fromhex("0300000b0680000100010080")[:11]
 
 
-def deeds(*pieces: bytes, stage: Stage = STAGE) -> list[Deed]:
+def actions(*pieces: bytes, stage: Stage = STAGE) -> list[Action]:
     peer = ClientSession(1, RequestLog(stage))
     return [deed for piece in pieces for deed in peer.feed(piece)]
 
 
 def test_whole_and_cut_at_every_octet_it_is_the_same() -> None:
     said = CONNECT + READ + READ + LEAVE
-    whole = deeds(said)
+    whole = actions(said)
     assert [deed.kind for deed in whole] == [SEND, SEND, SEND, SEND, CLOSE]
     for at in range(1, len(said)):
-        assert deeds(said[:at], said[at:]) == whole
-    assert deeds(*[bytes((octet,)) for octet in said]) == whole
+        assert actions(said[:at], said[at:]) == whole
+    assert actions(*[bytes((octet,)) for octet in said]) == whole
 
 
 def test_a_request_in_several_tpdus_is_one() -> None:
@@ -38,11 +38,11 @@ def test_a_request_in_several_tpdus_is_one() -> None:
         [b"\x03\x00" + (len(part) + 7).to_bytes(2, "big") + b"\x02\xf0" + end + part
          for part, end in ((pdu[:5], b"\x00"), (pdu[5:9], b"\x00"), (pdu[9:], b"\x80"))]
     )  # fmt: skip
-    assert deeds(CONNECT, parts) == deeds(CONNECT, READ)
+    assert actions(CONNECT, parts) == actions(CONNECT, READ)
 
 
 def test_an_empty_tpdu_is_everyday_and_nothing_comes_of_it() -> None:
-    assert deeds(CONNECT, bytes.fromhex("0300000702f000"), READ) == deeds(CONNECT, READ)
+    assert actions(CONNECT, bytes.fromhex("0300000702f000"), READ) == actions(CONNECT, READ)
 
 
 @given(st.lists(st.binary(max_size=200), max_size=5), st.booleans())
@@ -88,10 +88,10 @@ def test_the_end_comes_when_all_was_asked(end: str, kinds: list[str]) -> None:
 
 
 def test_nothing_is_said_behind_the_end() -> None:
-    assert deeds(CONNECT + LEAVE + READ)[-1] == Deed(CLOSE)
+    assert actions(CONNECT + LEAVE + READ)[-1] == Action(CLOSE)
 
 
-def ending(end: str, farewell: bytes = b"") -> list[Deed]:
+def ending(end: str, farewell: bytes = b"") -> list[Action]:
     """Play a request and the end of a connection that was recorded with this one."""
     talk = Talk()
     talk >> read("MW0") << words(1)
@@ -116,8 +116,8 @@ def test_a_dr_or_er_is_that_of_the_recording_with_the_reference_of_the_client(
     end: str, recorded: str, said: str
 ) -> None:
     answer, farewell, close = ending(end, bytes.fromhex(recorded))
-    assert farewell == Deed(SEND, bytes.fromhex(said), last=True)
-    assert close == Deed(CLOSE, last=True)
+    assert farewell == Action(SEND, bytes.fromhex(said), last=True)
+    assert close == Action(CLOSE, last=True)
     assert answer.delay_s == 0.005
 
 
@@ -127,7 +127,7 @@ def test_the_end_comes_behind_what_the_client_still_answers() -> None:
     talk >> read("MW0") << words(1)
     recording = talk.recording()
     recording.scripts[0].steps = recording.scripts[0].steps[1:]
-    recording.scripts[0].steps[0].then = [Said(job, True, 1), Said(b"\x32\x07" + bytes(8))]
+    recording.scripts[0].steps[0].then = [ServerMessage(job, True, 1), ServerMessage(b"\x32\x07" + bytes(8))]
     recording.scripts[0].end = "fin"
     peer = ClientSession(1, RequestLog(Stage(recording)))
     peer.feed(CONNECT)
@@ -146,14 +146,18 @@ def test_jobs_that_the_server_asked_at_once_are_answered_in_any_order() -> None:
     talk = Talk()
     talk >> read("MW0") << words(1)
     recording = talk.recording()
-    recording.scripts[0].steps[-1].then = [Said(job(1), True), Said(job(2), True, 2), Said(job(3), False)]
-    desk = RequestLog(Stage(recording))
-    peer = ClientSession(1, desk)
+    recording.scripts[0].steps[-1].then = [
+        ServerMessage(job(1), True),
+        ServerMessage(job(2), True, 2),
+        ServerMessage(job(3), False),
+    ]
+    log = RequestLog(Stage(recording))
+    peer = ClientSession(1, log)
     peer.feed(CONNECT)
     assert [deed.octets[7:] for deed in peer.feed(dt(read("MW0").octets))][1:] == [job(1), job(2)]
     assert peer.feed(answer(2)) == []
     assert [deed.octets[7:] for deed in peer.feed(answer(1))] == [job(3)]
     assert peer.feed(answer(3)) == []  # nobody answered it when it was recorded; nothing is wrong with an answer
-    assert desk.unmatched == []
+    assert log.unmatched == []
     peer.feed(answer(3))
-    assert [request.lacking for request in desk.unmatched] == ["ignored"]
+    assert [request.lacking for request in log.unmatched] == ["ignored"]
