@@ -1,6 +1,6 @@
-"""Rows of a task on their way to whoever writes the output: too many to be held in memory, so they wait in a file.
+"""Rows of a task on their way to the process that writes the output: there may be too many for memory, so they wait in a file.
 
-Where both can reach a folder, the file is in it, and the result of the task is its name. Where they cannot, as with a worker on
+If both sides can reach a folder, the file is in it, and the result of the task is its name. Otherwise, as with a worker on
 another machine, the rows are in the result itself, compressed and bounded.
 """
 
@@ -16,17 +16,17 @@ from typing import IO, Final, NamedTuple
 
 from dissect.jobs.tasks import FileError
 
-#: What the name of a folder begins with that holds nothing but rows on their way, in the one for temporary files.
+#: Prefix of folders for such rows, in the folder for temporary files.
 ROWS_FOLDER: Final = "s7dissect-rows-"
-#: Compressed bytes of rows that one result may carry.
+#: Maximum size of compressed rows in a result.
 MOST_CARRIED: Final = 64 * 1024 * 1024
-#: Bytes that are taken together.
+#: Bytes that are read at once.
 _BLOCK: Final = 1024 * 1024
-#: Rows of more bytes than this go to their file as they are.
+#: Larger rows are written to their file directly.
 _SMALL: Final = 16 * 1024
-#: What the name of a file begins with that nobody needs any more, until somebody writes another one.
+#: Prefix of spare files, which can be reused for new rows.
 _SPARE: Final = "spare-"
-#: How long rows and their index are.
+#: The sizes of the rows and of their index.
 _PAIR: Final = struct.Struct("<QQ")
 
 
@@ -38,7 +38,7 @@ class Spooled(NamedTuple):
 
 
 class Spool:
-    """Takes the rows of one task; they go to the file ``name`` in ``folder``, or where that is empty into the result."""
+    """Takes the rows of one task; writes them to the file ``name`` in ``folder``, or into the result if that is empty."""
 
     def __init__(self, folder: str, name: str) -> None:
         self._path = str(Path(folder, name)) if folder else ""
@@ -49,11 +49,11 @@ class Spool:
 
     @property
     def file(self) -> IO[bytes]:
-        """The file to write to. Raises OSError when the disk is full."""
+        """The file to write to. Raises OSError if the disk is full."""
         return self._file
 
     def write(self, octets: bytes) -> None:
-        """Take rows. Raises `FileError` for more than a result may carry, OSError when the disk is full."""
+        """Take rows. Raises `FileError` if they exceed the size of a result, OSError if the disk is full."""
         try:
             self._file.write(octets)
         except OSError as error:
@@ -64,33 +64,33 @@ class Spool:
             )
 
     def write_indexed(self, octets: bytes, index: bytes) -> None:
-        """Take rows and where their numbers stand (`dissect.jobs.spots`), for `indexed`. Raises as `write` does."""
+        """Take rows and the positions of their numbers (`dissect.jobs.spots`), for `indexed`. Raises as `write` does."""
         for part in (_PAIR.pack(len(octets), len(index)), octets, index):
             self.write(part)
 
     def done(self) -> Spooled:
-        """Return the rows; nothing can be written any more. Raises OSError when the disk is full."""
+        """Return the rows and end the spool. Raises OSError if the disk is full."""
         if self._path:
-            self._file.truncate()  # where it was a longer one
+            self._file.truncate()  # the reused file may have been longer
         self._file.close()
         return Spooled(self._path, self._memory.getvalue())
 
     def abandon(self) -> None:
-        """Forget the rows; may be called whatever became of them."""
+        """Drop the rows; may be called in every state."""
         try:
             self._file.close()
         except OSError:
-            self._memory.close()  # the disk is full: what there is of the file goes as well
+            self._memory.close()  # the disk is full: the partial file is deleted as well
         if self._path:
             Path(self._path).unlink(missing_ok=True)
 
 
 def _begun(path: Path) -> IO[bytes]:
-    """Return a new file, where there is one to spare that: room that the system already has costs half as much to write."""
+    """Return an empty file, if possible a spare one: space that is already allocated costs half as much to write."""
     for spare in path.parent.glob(f"{_SPARE}*"):
         try:
             spare.rename(path)
-        except FileNotFoundError:  # somebody else has it
+        except FileNotFoundError:  # another task took it
             continue
         return path.open("r+b", _SMALL)
     return path.open("wb", _SMALL)
@@ -98,7 +98,7 @@ def _begun(path: Path) -> IO[bytes]:
 
 @contextmanager
 def opened(spooled: Spooled, spare: bool = False) -> Iterator[IO[bytes]]:
-    """Give a file with the rows, which is there for this once; with ``spare`` rows to come may take its place in its folder."""
+    """Return the file with the rows, which can be read once; with ``spare``, later rows may reuse its space."""
     if not spooled.path:
         with gzip.GzipFile(fileobj=io.BytesIO(spooled.carried)) as packed:
             yield packed  # type: ignore[misc]  # it reads as a file does
@@ -109,20 +109,20 @@ def opened(spooled: Spooled, spare: bool = False) -> Iterator[IO[bytes]]:
     finally:
         path = Path(spooled.path)
         if spare:
-            with suppress(FileNotFoundError):  # it was gone, as whoever reads it is told
+            with suppress(FileNotFoundError):  # the file is gone, which the reader reports
                 path.replace(path.with_name(f"{_SPARE}{path.name}"))
         else:
             path.unlink(missing_ok=True)
 
 
 def indexed(file: IO[bytes]) -> Iterator[tuple[bytes, bytes]]:
-    """Yield rows and their index, as they went to `Spool.write_indexed`."""
+    """Yield rows and their index, as they were passed to `Spool.write_indexed`."""
     while head := file.read(_PAIR.size):
         octets, index = _PAIR.unpack(head)
         yield file.read(octets), file.read(index)
 
 
 def whole_lines(file: IO[bytes]) -> Iterator[bytes]:
-    """Yield what a file holds in pieces that end where a line ends."""
+    """Yield the contents of a file in pieces that end at line ends."""
     while block := file.read(_BLOCK):
         yield block if block.endswith(b"\n") else block + file.readline()

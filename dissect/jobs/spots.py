@@ -1,9 +1,8 @@
-"""Where in rows the numbers stand that count over all files: found by who makes the rows, for who puts them together.
+"""Positions of the numbers in rows that count over all files: the task that makes the rows finds them for their recipient.
 
-To look for marked numbers in rows (`dissect.jobs.numbers`) takes a third of the time that it takes to make them. In some
-formats a line names its transaction and its connection once, side by side (`dissect.report.writer.Writer.joint`). There they
-are found by a look at where they stood in the line before, and whoever writes the rows copies what is between them without
-looking at it.
+A search for marked numbers in rows (`dissect.jobs.numbers`) takes a third of the time that it takes to make the rows. In some
+formats, a line names its transaction and its connection once, next to each other (`dissect.report.writer.Writer.joint`). There
+the position in the previous line is tried first, and the recipient copies everything in between unread.
 """
 
 from __future__ import annotations
@@ -15,12 +14,12 @@ from mypy_extensions import i64
 
 from dissect.wire.digits import write_decimal
 
-#: Digits of a mark, and those of the number behind it; the first eight of a mark are compared at once.
+#: Digits of a mark, and of the number after it; the first eight of a mark are compared at once.
 _MARK: Final = 9
 _DIGITS: Final = 9
 _WHOLE: Final = _MARK + _DIGITS
 _ZERO: Final = 0x30
-#: Octets of a spot in an index: how many of the rows are before it and behind the last one, transaction, connection.
+#: Size of a spot in an index: the octets of rows before it, the octets after the last one, transaction, connection.
 _SPOT: Final = 24
 
 
@@ -34,11 +33,11 @@ class _Mark:
         self._hint: i64 = 0
 
     def is_at(self, octets: bytes, at: i64, end: i64) -> bool:
-        """Return whether a marked number stands there."""
+        """Return whether there is a marked number at this position."""
         return at + _WHOLE <= end and read_i64_be(octets, at) == self._begin and octets[at + _MARK - 1] == self._last
 
     def find(self, octets: bytes, start: i64, end: i64) -> i64:
-        """Return where the marked number of a line stands, -1 for nowhere."""
+        """Return the position of the marked number of a line, -1 for none."""
         if self.is_at(octets, start + self._hint, end):
             return start + self._hint
         at: i64 = octets.find(self._mark, start, end)
@@ -49,7 +48,7 @@ class _Mark:
 
 
 def _number(octets: bytes, at: i64) -> i64:
-    """Return the number behind a mark."""
+    """Return the number after a mark."""
     number: i64 = 0
     for place in range(at + _MARK, at + _WHOLE):
         number = number * 10 + i64(octets[place]) - _ZERO
@@ -57,7 +56,7 @@ def _number(octets: bytes, at: i64) -> i64:
 
 
 class Spots:
-    """Finds the spots of rows: a marked number of a transaction, ``joint``, and one of a connection; or the last alone.
+    """Finds the spots of rows: a marked number of a transaction, ``joint``, and one of a connection; or only the last.
 
     ``transaction`` and ``connection`` are marks.
     """
@@ -68,7 +67,7 @@ class Spots:
         self._joint: bytes = joint
 
     def index(self, octets: bytes, lengths: list[int]) -> bytes:
-        """Return the spots of rows, 24 octets each; ``lengths`` are those of the lines, without the line feed behind each."""
+        """Return the spots of rows, 24 octets each; ``lengths`` are those of the lines, without line feeds."""
         out = BytesWriter()
         start: i64 = 0
         passed: i64 = 0
@@ -96,7 +95,7 @@ class Spots:
 
 
 def pieces(octets: bytes, index: bytes, transactions: i64, connections: i64, joint: bytes) -> list[bytes]:
-    """Return rows with the numbers of the whole, in pieces; ``transactions`` and ``connections`` are how many came before."""
+    """Return rows with the numbers of the whole run, in pieces; ``transactions`` and ``connections`` count earlier ones."""
     made: list[bytes] = []
     out = BytesWriter()
     at: i64 = 0

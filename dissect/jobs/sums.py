@@ -1,4 +1,4 @@
-"""What runs over one file each found, on its way to whoever adds it up, and what their pipelines counted, added up.
+"""Results of a run over one file, on their way to be added up, and the sum of the counters of all pipelines.
 
 A part is made of an observer that `dissect.jobs.sending` can send, after the run that filled it (`part_of`). A `Sum` takes the
 parts in the order of the files.
@@ -19,7 +19,7 @@ from dissect.source.packet import SourceFile
 
 
 class FilePart(NamedTuple):
-    """What was found in the file ``name``; ``loss`` is what is wrong with it, ``first_ns`` 0 where it has no packet."""
+    """The results of the file ``name``; ``loss`` describes damage, ``first_ns`` is 0 if the file has no packets."""
 
     name: str
     loss: str
@@ -30,12 +30,12 @@ class FilePart(NamedTuple):
 
     @property
     def about(self) -> About:
-        """The file, for whoever takes results of all kinds."""
+        """The file, for recipients of all kinds of results."""
         return About(*self[:5])
 
 
 def part_of(found: Observer, pipeline: Pipeline, files: list[SourceFile]) -> FilePart:
-    """Return what a run over one file found, after it has finished."""
+    """Return the results of a finished run over one file."""
     counted = counted_by(pipeline)
     file = files[0]
     return FilePart(
@@ -44,7 +44,7 @@ def part_of(found: Observer, pipeline: Pipeline, files: list[SourceFile]) -> Fil
 
 
 def unread(name: str, why: str, found: Observer) -> FilePart:
-    """Return the part of a file that could not be read; ``found`` is an observer of its kind that has found nothing."""
+    """Return the part for an unreadable file; ``found`` is an empty observer of its kind."""
     file = SourceFile(name, 1)
     file.damage = why
     pipeline = Pipeline(found)
@@ -54,9 +54,9 @@ def unread(name: str, why: str, found: Observer) -> FilePart:
 
 
 class Sum:
-    """What the pipelines of all parts so far counted, as one ``pipeline``, and the ``files`` they read.
+    """The counters of all pipelines so far, as one ``pipeline``, and the ``files`` they read.
 
-    ``options`` are those of the run that the parts are parts of.
+    ``options`` are those of the whole run.
     """
 
     def __init__(self, options: Options) -> None:
@@ -65,7 +65,7 @@ class Sum:
         self._given_keys = len(self.pipeline.tls.keys)
 
     def take(self, part: FilePart) -> Any:
-        """Add the part of the file that comes next; return what was found there, with its numbers in the whole."""
+        """Add the part of the next file; return its observer, with the numbers of the whole run."""
         pipeline = self.pipeline
         packets, connections = pipeline.frames, int(pipeline.connections.count)
         received: tuple[Any, Counted, list[SourceFile]] = receive(

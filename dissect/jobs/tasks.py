@@ -1,18 +1,18 @@
-"""Files that stand for themselves, a task each, done by any executor; results come in the order of the files.
+"""Reads independent files, one task for each, with any executor; results come in the order of the files.
 
-A task whose process died is done once more, and given up then; what a task itself cannot do is its failure at once. Nothing is
-done twice otherwise, and nothing is left out: every file has a result or the reason why there is none.
+A task whose process died is tried once more and then given up; an error of the task itself fails at once. Nothing else is done
+twice, and nothing is left out: every file has a result or the reason why there is none.
 
-The seam between those who want tasks done and those who do them (processes of this machine, workers of a cluster):
+The interface between the callers and the executors of tasks (processes of this machine, workers of a cluster):
 
-* An executor is one of `concurrent.futures`. What it gets, the function and its arguments, can be pickled and holds nothing of
-  the process that gives it. The last two arguments are the place of the file among all, from 0, and its name.
-* A result can be pickled, stands for itself, and is bounded, however large the file is; ``about`` says which file it is of.
-* Rows are not bounded. One argument of a task (`dissect.cli.task.work`) is a folder that both sides can reach: rows go to a
-  file in it, and the result names that file (`dissect.jobs.spool.Spooled`); whoever takes the result removes it. Where there is
-  no such folder the argument is empty, and the rows are in the result, compressed and bounded, so large ones are refused.
-* An export to Parquet is divided: its tasks write files of their own into that folder, which is then the one the export goes
-  to, in a subfolder for each task. They are moved to their place when the result is taken, so a task that died leaves nothing.
+* An executor is one of `concurrent.futures`. The function and its arguments can be pickled and contain nothing of the calling
+  process. The last two arguments are the position of the file among all, from 0, and its name.
+* A result can be pickled, is complete in itself, and is bounded, however large the file is; ``about`` names the file.
+* Rows are not bounded. One argument of a task (`dissect.cli.task.work`) is a folder that both sides can reach: rows are written
+  to a file in it, and the result names that file (`dissect.jobs.spool.Spooled`); the recipient removes it. Without such a
+  folder the argument is empty, and the rows are in the result, compressed and bounded, so large ones are refused.
+* An export to Parquet is divided: its tasks write their files to a subfolder each of that folder, which is then the target of
+  the export. The files are moved into place when the result is taken, so a task that died leaves nothing behind.
 * Numbers that count over all files are marked in rows (`dissect.jobs.numbers`), and replaced when the result is taken.
 """
 
@@ -22,16 +22,16 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, wait
 from typing import Any, Final, NamedTuple
 
-#: Seconds after which it is looked whether somebody wants to stop.
+#: Seconds between checks for a request to stop.
 _LOOK_S: Final = 0.2
-#: Results for each process that may wait for one that comes before them.
+#: Number of results per process that may wait for an earlier one.
 _AHEAD: Final = 4
-#: What is said of a task whose process died.
+#: The message for a task whose process died.
 DIED: Final = "the process that read it ended: it was killed, or there was no memory left"
 
 
 class About(NamedTuple):
-    """A file that was read: ``loss`` is what is wrong with it, ``first_ns`` and ``last_ns`` are 0 where it has no packet."""
+    """A file that was read: ``loss`` describes damage; ``first_ns`` and ``last_ns`` are 0 if it has no packets."""
 
     name: str
     loss: str
@@ -41,9 +41,9 @@ class About(NamedTuple):
 
 
 class Done(NamedTuple):
-    """The task of ``file`` is over: with ``result``, or ``why`` there is none, and ``where`` that was, "" for this machine.
+    """The task of ``file`` has ended: with ``result``, or with the reason ``why`` and the machine ``where`` ("" for this one).
 
-    ``tries`` says how often it was begun.
+    ``tries`` is the number of attempts.
     """
 
     file: str
@@ -54,7 +54,7 @@ class Done(NamedTuple):
 
 
 class FileError(Exception):
-    """What a task cannot do, in words for a person, and ``where`` it cannot, "" for this machine."""
+    """An error of a task, in words for people, and the machine ``where`` it occurred, "" for this one."""
 
     def __init__(self, why: str, where: str = "") -> None:
         super().__init__(why)
@@ -62,11 +62,11 @@ class FileError(Exception):
 
 
 class Files:
-    """Does ``work(*arguments, place, file)`` for each of ``files``, ``at_once()`` at a time.
+    """Runs ``work(*arguments, place, file)`` for each of ``files``, ``at_once()`` at a time.
 
-    ``queued`` more tasks may wait in the executor, so that nobody waits for one while a result is taken. ``lost`` are
-    exceptions by which an executor says that a process died; ``retried`` is told of a file that is begun again, and where the
-    process that died was.
+    ``queued`` more tasks may wait in the executor, so that no process is idle while a result is taken. ``lost`` are the
+    exceptions of an executor for a process that died; ``retried`` is called with each file that is tried again, and the machine
+    of the process that died.
     """
 
     def __init__(
@@ -88,7 +88,7 @@ class Files:
         self._queued = queued
 
     def run(self, files: Sequence[str], stop: Callable[[], bool]) -> Iterator[Done]:
-        """Yield what became of each file, in their order; ends early once ``stop`` returns True."""
+        """Yield the outcome of each file, in order; end early once ``stop`` returns True."""
         running: dict[Future[Any], int] = {}
         done: dict[int, Done] = {}
         tries = [0] * len(files)
@@ -116,7 +116,7 @@ class Files:
                         again.append(at)
                     else:
                         done[at] = outcome
-                if shown in done:  # one, so that nobody waits for a task while several are taken
+                if shown in done:  # one, so that no process waits for a task while several results are taken
                     yield done.pop(shown)
                     shown += 1
         finally:
@@ -124,7 +124,7 @@ class Files:
                 future.cancel()
 
     def _outcome(self, future: Future[Any], file: str, tries: int) -> Done | None:
-        """Return what became of a task, None when it is to be done again."""
+        """Return the outcome of a task, None if it is to be tried again."""
         try:
             return Done(file, future.result(), tries=tries)
         except self._lost as error:

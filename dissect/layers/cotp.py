@@ -56,7 +56,7 @@ class COTP(WireLayer):
         return pkt + pay
 
     def guess_payload_class(self, payload: bytes) -> type[Packet]:
-        """User data of a TPDU that is no DT is not looked into (Scapy's interface)."""
+        """Return Raw: user data of a TPDU other than DT are not dissected (Scapy's interface)."""
         return Raw
 
     def hashret(self) -> bytes:
@@ -64,7 +64,7 @@ class COTP(WireLayer):
         return b""
 
     def answers(self, other: Packet) -> int:
-        """Tell whether this TPDU answers ``other`` (Scapy's interface)."""
+        """Return whether this TPDU answers ``other`` (Scapy's interface)."""
         return 0
 
     def line(self) -> str:
@@ -72,7 +72,7 @@ class COTP(WireLayer):
         return f"COTP {tables.TPDU_TYPES.name(self.type)}"
 
     def parameter(self, code: int) -> bytes | None:
-        """Return the value of the parameter ``code``; the last one counts when it stands twice. None when it is not there."""
+        """Return the value of the parameter ``code``, the last one if it is repeated; None if it is missing."""
         values = [p.value for p in self.parameters if isinstance(p, COTP_Parameter) and p.code == code]
         return values[-1] if values else None
 
@@ -119,7 +119,7 @@ class COTP_CC(COTP):
         return int(self.dst_ref).to_bytes(2, "big")
 
     def answers(self, other: Packet) -> int:
-        """Tell whether ``other`` is the CR that this confirms (Scapy's interface)."""
+        """Return whether ``other`` is the CR that this confirms (Scapy's interface)."""
         return int(isinstance(other, COTP_CR) and self.dst_ref == other.src_ref)
 
     def line(self) -> str:
@@ -139,7 +139,7 @@ class COTP_DR(COTP):
         return int(self.dst_ref).to_bytes(2, "big")
 
     def answers(self, other: Packet) -> int:
-        """Tell whether ``other`` is the CR that this refuses (Scapy's interface)."""
+        """Return whether ``other`` is the CR that this refuses (Scapy's interface)."""
         return int(isinstance(other, COTP_CR) and self.dst_ref == other.src_ref)
 
     def line(self) -> str:
@@ -159,7 +159,7 @@ class COTP_DC(COTP):
         return int(self.src_ref).to_bytes(2, "big")
 
     def answers(self, other: Packet) -> int:
-        """Tell whether ``other`` is the DR that this confirms (Scapy's interface)."""
+        """Return whether ``other`` is the DR that this confirms (Scapy's interface)."""
         return int(isinstance(other, COTP_DR) and self.dst_ref == other.src_ref and self.src_ref == other.dst_ref)
 
 
@@ -177,17 +177,17 @@ class COTP_DT(Joining, COTP):
     fields_desc = _tpdu_fields(layouts.DT, tables.DT, eot=1)
 
     def guess_payload_class(self, payload: bytes) -> type[Packet]:
-        """Return S7 or S7Plus for what is one, else Raw (Scapy's interface)."""
+        """Return S7 or S7Plus for a PDU of these protocols, else Raw (Scapy's interface)."""
         if self.eot and is_s7(payload):
             return S7
         return S7Plus if self.eot and is_s7plus(payload) else Raw
 
     def hashret(self) -> bytes:
-        """Return what the PDU inside has in common with its answer (Scapy's interface)."""
+        """Return a key that the PDU inside shares with its answer (Scapy's interface)."""
         return self.payload.hashret()
 
     def answers(self, other: Packet) -> int:
-        """Tell whether the PDU inside answers the one in ``other`` (Scapy's interface)."""
+        """Return whether the PDU inside answers the one in ``other`` (Scapy's interface)."""
         if not isinstance(other, COTP_DT) or isinstance(self.payload, S7) != isinstance(other.payload, S7):
             return 0
         return self.payload.answers(other.payload)
@@ -299,7 +299,7 @@ class COTP_ER(COTP):
         return int(self.dst_ref).to_bytes(2, "big")
 
     def answers(self, other: Packet) -> int:
-        """Tell whether ``other`` is the CR that this rejects (Scapy's interface)."""
+        """Return whether ``other`` is the CR that this rejects (Scapy's interface)."""
         return int(isinstance(other, COTP_CR) and self.dst_ref == other.src_ref)
 
     def line(self) -> str:

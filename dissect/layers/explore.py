@@ -1,9 +1,9 @@
 """Makes these layers known to Scapy: ``explore("s7dissect")``, ``load_layer("s7")``, ``load_contrib("s7")``, ``conf.exts``.
 
-Scapy looks only among modules called ``scapy.layers.…`` and ``scapy.contrib.…``, and its window does not open at all while a
-layer of any other module is known. So the package goes by further names there, which are those of an extension in
-``conf.exts``. Importing `dissect.layers` enters it; ``conf.exts.load("s7dissect")`` cannot, because Scapy takes nothing by
-that way but what is under the GPL version 2.
+Scapy only searches modules called ``scapy.layers.…`` and ``scapy.contrib.…``, and its window does not open at all if it knows a
+layer of any other module. So the package has additional names there, those of an extension in ``conf.exts``. Importing
+`dissect.layers` registers it; ``conf.exts.load("s7dissect")`` cannot, because Scapy only accepts packages under the GPL version
+2 there.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ def show_in_scapy(package: ModuleType) -> None:
     for module in extension.specs:
         known[module] = layers
         sys.modules[module] = package  # the same classes by any name, and not a second copy of them
-        # The window of explore() looks at scapy.layers.NAME, and older versions of Scapy want each name to be there.
+        # The window of explore() searches scapy.layers.NAME, and older versions of Scapy require each name to exist.
         first, _, rest = module.removeprefix("scapy.layers.").partition(".")
         setattr(scapy.layers, first, sys.modules[first] if rest else package)
     conf.exts.exts.append(extension)

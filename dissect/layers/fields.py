@@ -1,8 +1,8 @@
-"""How Scapy's fields are made from the layouts, and the few fields that Scapy lacks.
+"""Makes Scapy's fields from the layouts, and defines the few fields that Scapy lacks.
 
-Two things are kept for every layer here: dissecting never raises, whatever the octets, and what was dissected builds the
-same octets again, also after ``clear_cache()``. So a length field that lies is kept as it stands, and octets that fit
-nowhere stay in a field of their own or in a `Raw` behind the layer.
+Two rules hold for every layer here: dissecting never raises, whatever the octets, and a dissected packet builds the same octets
+again, also after ``clear_cache()``. So a wrong length field keeps its value, and octets that fit nowhere are kept in a separate
+field or in a `Raw` after the layer.
 """
 
 from __future__ import annotations
@@ -41,18 +41,18 @@ from dissect.wire.layout import REST, Field, Layout, Means
 from dissect.wire.text import printable
 from dissect.wire.varint import build_varint, read_varint
 
-#: What stands in a layer's list of fields: Scapy's fields, generic in two types that differ from field to field.
+#: Elements of a layer's list of fields: Scapy's fields, generic in two types that differ from field to field.
 ScapyField = Any
 
 #: Most octets that ``fuzz()`` puts into one field.
 _FUZZED: Final = 64
 
-#: Names that an error lists; of more of them it gives those that are most like the one that is none.
+#: Maximum number of names in an error; of more, it lists those that are most similar to the wrong one.
 _LISTED: Final = 24
 
 
 def no_such_name(field: str, name: str, names: Iterable[str]) -> ValueError:
-    """Return the error for a name that no value of a field has: it says which there are."""
+    """Return the error for an unknown name of a value; it lists the known ones."""
     known = list(names)
     close = get_close_matches(name, known)
     listed = known if len(known) <= _LISTED else close
@@ -63,10 +63,10 @@ def no_such_name(field: str, name: str, names: Iterable[str]) -> ValueError:
 
 
 class Named:
-    """Of a Scapy field with names: one that is not known is a ValueError that says which there are."""
+    """For a Scapy field with names: an unknown name is a ValueError that lists the known ones."""
 
     def any2i(self, pkt: Packet | None, x: Any) -> Any:
-        """Take a number or its name, or a list of these (Scapy's interface). Raises ValueError for a name that is none."""
+        """Take a number or its name, or a list of these (Scapy's interface). Raises ValueError for an unknown name."""
         field: Any = self
         try:
             return field.taken(pkt, x)
@@ -121,7 +121,7 @@ class _Number:
 
 
 def _number(base: type[ScapyField]) -> type[ScapyField]:
-    """Return a field class of Scapy as a `_Number`, called as it is: ``ls()`` shows that."""
+    """Return a field class of Scapy as a `_Number` with the same name, which ``ls()`` shows."""
     body = {"__doc__": base.__doc__, "taken": base.any2i}
     return new_class(base.__name__, (_Number, base), exec_body=lambda names: names.update(body))
 
@@ -149,9 +149,9 @@ def header_fields(
 ) -> list[ScapyField]:
     """Return the Scapy fields of a layout, in wire order.
 
-    ``defaults`` are the values of a new packet (0 or no octets where none is given, None for a field that building fills in);
-    ``replace`` puts another Scapy field in the place of one of the layout's. Bits that no field names get one called
-    ``spare``. Raises ValueError for a name that the layout does not have.
+    ``defaults`` are the values of a new packet (0 or no octets by default, None for a field that building fills in).
+    ``replace`` replaces fields of the layout by other Scapy fields. Bits without a field get one called ``spare``. Raises
+    ValueError for a name that the layout does not have.
     """
     defaults = dict(defaults or {})
     replace = dict(replace or {})
@@ -177,13 +177,13 @@ def header_fields(
 
 
 def scapy_name(name: str) -> str:
-    """Return the name of a layout's field in Scapy: with ``_`` behind it where packets use the name, or Python does."""
+    """Return the name of a layout's field in Scapy: with ``_`` appended if packets or Python use the name."""
     taken = hasattr(WireLayer, name) or name in Packet.__slots__ or name == "layout" or iskeyword(name)
     return f"{name}_" if taken else name
 
 
 def _spare(fields: list[ScapyField], bits: int) -> ScapyField:
-    """Return a field for bits that have no meaning, with a name of its own."""
+    """Return a field for bits that have no meaning, with a unique name."""
     count = sum(field.name.startswith("spare") for field in fields)
     return XBitField(f"spare{count + 1 if count else ''}", 0, bits)
 
@@ -206,7 +206,7 @@ def _spared(field: Field, fields: list[ScapyField], unnamed: int) -> int:
 
 
 def _names(codes: CodeTable) -> dict[int, str]:
-    """Return names by number, the lowest number last: for Scapy a name that several have stands for the last of them."""
+    """Return names by number, the lowest number last: Scapy takes the last number of a name that several have."""
     return dict(sorted(codes.names().items(), reverse=True))
 
 
@@ -265,10 +265,10 @@ class OctetsField(XStrField):
 
 
 class MeaningField(XStrField):
-    """Octets that say something to a person, shown with what they say; ``size`` octets of them, or all that are left (`REST`).
+    """Octets with a meaning, which is shown with them; ``size`` octets, or all that are left (`REST`).
 
-    Takes octets, or a text, which becomes Latin-1. Too few octets for ``size`` are made up with zeros when building; too many
-    raise ValueError.
+    Takes octets, or a text, which becomes Latin-1. Too few octets for ``size`` are zero-padded when building; too many raise
+    ValueError.
     """
 
     __slots__ = ["means", "size"]
@@ -299,7 +299,7 @@ class MeaningField(XStrField):
         return octets.ljust(self.size, b"\0")
 
     def i2repr(self, pkt: Packet | None, x: Any) -> str:
-        """Return what ``show()`` prints: a text as it is, anything else with its octets (Scapy's interface)."""
+        """Return the form for ``show()``: a text as it is, anything else with its octets (Scapy's interface)."""
         if not isinstance(x, bytes):
             return repr(x)
         told = self.means(self.i2m(pkt, x)) if self.size == REST or len(x) <= self.size else None
@@ -321,7 +321,7 @@ class MeaningField(XStrField):
 
 
 class Overlong(int):
-    """A number of variable size in other octets than those it needs: they are kept, so that they are built again."""
+    """A variable-size number in a longer encoding than necessary: the octets are kept, so that they are built again."""
 
     octets: bytes
 
@@ -338,9 +338,9 @@ class Overlong(int):
 
 
 class VarintField(ScapyFieldBase[Any, Any]):
-    """A number of variable size (`dissect.wire.varint`), or the name of one in ``codes``.
+    """A variable-size number (`dissect.wire.varint`), or the name of one in ``codes``.
 
-    Octets that are none, and those of a number that needs fewer, are an `Overlong`. ``text`` says what the number is.
+    Invalid octets, and a longer encoding than necessary, are an `Overlong`. ``text`` is the meaning of the number.
     """
 
     __slots__ = ["codes", "kind", "text"]
@@ -352,7 +352,7 @@ class VarintField(ScapyFieldBase[Any, Any]):
         super().__init__(name, default, "B")
 
     def any2i(self, pkt: Packet | None, x: Any) -> Any:
-        """Take a number or its name (Scapy's interface). Raises ValueError for a name that is none."""
+        """Take a number or its name (Scapy's interface). Raises ValueError for an unknown name."""
         if isinstance(x, str) and self.codes is not None:
             number = next((row.number for row in self.codes if row.name == x), None)
             if number is None:
@@ -391,13 +391,13 @@ class VarintField(ScapyFieldBase[Any, Any]):
 
 
 class Leftover(ConditionalField):
-    """Octets that stand where nothing is expected. Shown and built only when there are any."""
+    """Octets where none are expected. Shown and built only if there are any."""
 
     def __init__(self, name: str, size: Callable[[Packet, bytes], int]) -> None:
         super().__init__(OctetsField(name, size), lambda pkt: bool(pkt.getfieldval(name)))
 
     def getfield(self, pkt: Packet, s: bytes) -> tuple[bytes, bytes | None]:
-        """Take the octets; None tells Scapy that the field is not there."""
+        """Take the octets; None tells Scapy that there is no such field."""
         rest, octets = self.fld.getfield(pkt, s)
         return rest, octets or None
 
@@ -407,16 +407,16 @@ class Leftover(ConditionalField):
 
 
 class FillField(ConditionalField):
-    """The octet that makes an odd item even: what is left of the item's octets.
+    """The fill octet after an odd item: the remaining octets of the item.
 
-    None, the default, lets the list that holds the item decide. Shown only when there is one.
+    None, the default, lets the list that contains the item decide. Shown only if there is one.
     """
 
     def __init__(self) -> None:
         super().__init__(XStrField("fill", None), lambda pkt: bool(pkt.getfieldval("fill")))
 
     def getfield(self, pkt: Packet, s: bytes) -> tuple[bytes, bytes]:
-        """Take what is left (Scapy's interface)."""
+        """Take the remaining octets (Scapy's interface)."""
         return b"", s
 
     def i2h(self, pkt: Packet | None, val: Any) -> Any:
@@ -424,14 +424,14 @@ class FillField(ConditionalField):
         return val
 
 
-#: What may stand in a list: `RawVal` and values still to be drawn are Scapy's.
+#: Possible elements of a list: `RawVal` and random values are Scapy's.
 _PIECES: Final = (Packet, bytes, bytearray, RawVal, VolatileValue)
 #: One element of a list: its class and its octets.
 Piece = tuple[type[Packet], bytes]
 
 
 class PiecesField(PacketListField):
-    """A list of packets whose octets ``carve(packet, octets left)`` cuts apart; what it leaves goes to the next field."""
+    """A list of packets that ``carve(packet, octets left)`` separates; the remaining octets go to the next field."""
 
     __slots__ = ["carve"]
 
@@ -440,7 +440,7 @@ class PiecesField(PacketListField):
         self.carve = carve
 
     def any2i(self, pkt: Packet | None, x: Any) -> list[Any]:
-        """Take packets, or octets that stand for one; None is no packet. Raises ValueError for anything else."""
+        """Take packets, or octets instead of one; None is no packet. Raises ValueError for anything else."""
         if x is None:
             return []
         if isinstance(x, Iterable) and not isinstance(x, (*_PIECES, str)):
@@ -453,7 +453,7 @@ class PiecesField(PacketListField):
         return taken
 
     def hint(self, wrong: Any) -> str:
-        """Return what may have been meant by something that is no packet."""
+        """Return a suggestion for a value that is not a packet."""
         return ""
 
     def getfield(self, pkt: Packet, s: bytes) -> tuple[bytes, list[Any]]:
@@ -464,7 +464,7 @@ class PiecesField(PacketListField):
 
 
 class ItemsField(PiecesField):
-    """Items, each with a `FillField`, and fill octets between them: where ``fill`` is None, the engine's rule decides."""
+    """Items, each with a `FillField`, and fill octets between them: if ``fill`` is None, the engine's rule decides."""
 
     def hint(self, wrong: Any) -> str:
         """Return how an address becomes an item."""
@@ -520,7 +520,7 @@ class WireLayer(Packet):
 
     @classmethod
     def cut_short(cls, octets: bytes) -> bool:
-        """Tell whether ``octets`` are too few for the layer's fixed part."""
+        """Return whether ``octets`` are too few for the layer's fixed part."""
         return len(octets) < cls.least
 
     def mysummary(self) -> Any:
@@ -528,7 +528,7 @@ class WireLayer(Packet):
         return self.line() if settled(self) and settled(self.payload) else ""
 
     def line(self) -> Any:
-        """Return what the layer says in one line: a text, or what Scapy takes from ``mysummary``."""
+        """Return the layer's content in one line: a text, or the form for Scapy's ``mysummary``."""
         return ""
 
 
@@ -572,7 +572,7 @@ class Joining:
 
 
 def settled(packet: Packet) -> bool:
-    """Tell whether every field of a layer has a value, in the packets of its lists too: ``fuzz()`` leaves them to be drawn."""
+    """Return whether every field of a layer has a value, also in the packets of its lists: ``fuzz()`` leaves random ones."""
     for values in (packet.fields, packet.overloaded_fields, packet.default_fields) if packet.fields_desc else ():
         for value in values.values():
             listed = value if isinstance(value, list) else [value]

@@ -1,8 +1,8 @@
-"""IBH-NetLink as Scapy layers: what lies between TCP port 1099 and S7 on a gateway from Ethernet to MPI (docs/ibh.md).
+"""IBH-NetLink as Scapy layers: the layers between TCP port 1099 and S7 on a gateway from Ethernet to MPI (docs/ibh.md).
 
-``IBH / MPI / S7`` to the gateway, ``IBH / MPI_Long / S7`` from it; acknowledgements and connects are the same without `S7`.
-A segment with several packets gives a chain, as with TPKT. The flags of `IBH` say which MPI header follows, so they come from
-the layer put behind it when they are left out.
+``IBH / MPI / S7`` to the gateway, ``IBH / MPI_Long / S7`` from it; acknowledgements and connects are the same without `S7`. A
+segment with several packets gives a chain, as with TPKT. The flags of `IBH` determine the MPI header after it; if they are left
+out, they are set by the layer that follows.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ _GATEWAY: Final = 0xFF
 
 
 class IBH_Rest(Raw):
-    """Octets behind the last whole packet of a segment; no part of it."""
+    """Octets after the last whole packet of a segment, which belong to no packet."""
 
     name = "Raw"
     match_subclass = True
@@ -57,7 +57,7 @@ def _size_at(octets: bytes, at: int) -> int:
 
 
 def _size_behind(packet: Packet) -> int:
-    """Return the octets just built of the packets behind the one that ``packet`` is a layer of."""
+    """Return the octets just built of the packets after the one that ``packet`` is a layer of."""
     layer = packet.payload
     while not isinstance(layer, NoPayload):
         if isinstance(layer, IBH):
@@ -93,7 +93,7 @@ class IBH(WireLayer):
     def dispatch_hook(
         cls, _pkt: bytes | None = None, *_args: Any, _underlayer: Packet | None = None, **_kwargs: Any
     ) -> Any:
-        """Tell a packet from what is none: strictly under TCP, by size alone elsewhere."""
+        """Return the class for the octets: a packet is recognised strictly under TCP, by size alone elsewhere."""
         if not _pkt:
             return cls
         if isinstance(_underlayer, TCP) and not (_size_at(_pkt, 0) and flags_fit(bytes(_pkt), 0)):
@@ -114,7 +114,7 @@ class IBH(WireLayer):
         return packet
 
     def do_dissect_payload(self, s: bytes) -> None:
-        """Dissect this packet's content, then the packets behind it (Scapy's interface)."""
+        """Dissect this packet's content, then the packets after it (Scapy's interface)."""
         at = self.length
         super().do_dissect_payload(s[:at])
         for _ in range(CHAIN_LIMIT - 1):
@@ -127,7 +127,7 @@ class IBH(WireLayer):
             self.add_payload(IBH_Rest(s[at:], _internal=1))
 
     def guess_payload_class(self, payload: bytes) -> type[Packet]:
-        """Return the MPI header that the flags announce, Raw when there is none or not all of it (Scapy's interface)."""
+        """Return the MPI header that the flags announce, Raw if there is none or it is incomplete (Scapy's interface)."""
         if len(payload) == self.length:
             if self.r_flags == MPI_REQUEST and len(payload) > SHORT_HEAD:
                 return MPI
@@ -156,20 +156,20 @@ class IBH(WireLayer):
         return octets
 
     def post_build(self, pkt: bytes, pay: bytes) -> bytes:
-        """Fill in the length, which does not count the packets behind this one (Scapy's interface)."""
+        """Fill in the length, which does not count the packets after this one (Scapy's interface)."""
         if self.getfieldval("length") is None:
             pkt = fill_number(pkt, _LENGTH_AT, 1, len(pay) - _size_behind(self), "the IBH length")
         return pkt + pay
 
     def answers(self, other: Packet) -> int:
-        """Tell whether the PDU in here answers the one in ``other`` (Scapy's interface)."""
+        """Return whether the PDU in here answers the one in ``other`` (Scapy's interface)."""
         return self.payload.answers(other.payload) if isinstance(other, IBH) else 0
 
 
 class MPI(Joining, WireLayer):
     """The short MPI header, to the gateway. ``length`` counts from ``function`` on and is filled in when left out.
 
-    A data packet carries `S7`; any other, also a fragment that goes on in the next packet, has what follows its number as
+    A data packet carries `S7`; any other, also a fragment that the next packet continues, has the octets after its number as
     `Raw`. A packet whose length ends with the function (a disconnect) has no number: ``number`` is None.
     """
 
@@ -196,12 +196,12 @@ class MPI(Joining, WireLayer):
         return rest
 
     def self_build(self) -> bytes:
-        """Build the header, without its number where that is None (Scapy's interface)."""
+        """Build the header, without its number if that is None (Scapy's interface)."""
         octets: bytes = super().self_build()
         return octets[:-1] if self.getfieldval("number") is None and len(octets) > self.head + 1 else octets
 
     def line(self) -> str:
-        """Return what the packet does."""
+        """Return the meaning of the packet."""
         return f"{self.name} {FUNCTIONS.name(self.function)}"
 
     def guess_payload_class(self, payload: bytes) -> type[Packet]:
@@ -216,7 +216,7 @@ class MPI(Joining, WireLayer):
         return pkt + pay
 
     def answers(self, other: Packet) -> int:
-        """Tell whether the PDU in here answers the one in ``other``, between the same connection (Scapy's interface)."""
+        """Return whether the PDU in here answers the one in ``other``, on the same connection (Scapy's interface)."""
         if not isinstance(other, MPI) or (self.src_conn, self.mpi) != (other.src_conn, other.mpi):
             return 0
         return self.payload.answers(other.payload)

@@ -11,7 +11,7 @@ from dissect.s7.tables import BIT, NUMBERED_AREAS, RECORD_AREA, TRANSPORT_SIZES
 
 #: Transport size of a width letter. No letter is one bit.
 _WIDTHS: Final = {"": 0x01, "X": 0x01, "B": 0x02, "W": 0x04, "D": 0x06, "L": 0x0F}
-#: What a width letter stands for.
+#: The meanings of width letters.
 _NOUNS: Final = {"B": "byte", "W": "word", "D": "double word", "L": "long word"}
 _MAX_WORD: Final = 65535
 #: A count, as summaries write it: ``DB10.DBW4 x3``.
@@ -36,8 +36,8 @@ def at(address: str, count: int | None = None, transport_size: str | int | None 
     It takes all addresses that summaries print (``DB10.DBW4 x3``, ``SF200:B0``, ``RECORD1@2``), peripheral ones (``PIW256``),
     and pointers (``P#DB10.DBX4.0 BYTE 10``). ``count`` is in elements, 1 unless the text gives one. The transport size follows
     from the width letter (B BYTE, W WORD, D DWORD, none or X BIT, L DATE_AND_TIME) or the type of the pointer;
-    ``transport_size`` names another for the same place, for example ``"REAL"`` for ``DB1.DBD8``. Raises ValueError for what is
-    no address.
+    ``transport_size`` sets a different one for the same address, for example ``"REAL"`` for ``DB1.DBD8``. Raises ValueError for
+    an invalid address.
     """
     text = address.strip().upper()
     if (pointer := _POINTER.fullmatch(text)) and (found := parse_address(_written(pointer[1]))) is not None:
@@ -57,7 +57,7 @@ def at(address: str, count: int | None = None, transport_size: str | int | None 
 
 
 def _advice(text: str) -> str:
-    """Return how to write what is no address: the class of another kind of item, if it is written like one."""
+    """Return how to write a text that is not an address: the class of a different kind of item, if it looks like one."""
     for pattern, kinds in _OTHERS.items():
         if re.match(pattern, text):
             return f"items of this kind are made with their fields, {kinds}"
@@ -65,7 +65,7 @@ def _advice(text: str) -> str:
 
 
 def _of_bits(text: str) -> str:
-    """Return how to write a bit, and what is wider, in the place of a text that mixes the two."""
+    """Return how to write a bit, and a wider element, for a text that mixes the two."""
     area, width, number, bit = re.fullmatch(r"(.*?)([XBWDL]?)([0-9]+)(?:\.([0-7]))?", text).groups()  # type: ignore[union-attr]
     wide = "" if width == "X" else width
     letter = "X" if area.endswith((".DB", ".DI", ":")) else ""

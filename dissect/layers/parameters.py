@@ -35,9 +35,9 @@ class _ValueField(OctetsField):
 
 
 def tsap_octets(tsap: str | bytes) -> bytes:
-    """Return the octets of a TSAP written as people do: ``01.02`` (two octets in hexadecimal) or ``SIMATIC-ROOT-HMI``.
+    """Return the octets of a TSAP in the usual notation: ``01.02`` (two octets in hexadecimal) or ``SIMATIC-ROOT-HMI``.
 
-    Octets are returned as they are. Raises ValueError for a text that is not ASCII.
+    Octets are returned unchanged. Raises ValueError for a text that is not ASCII.
     """
     if isinstance(tsap, bytes):
         return tsap

@@ -1,7 +1,7 @@
-"""A Scapy class for each row of `dissect.layers.part_tables`, under the name that the row gives it.
+"""A Scapy class for each row of `dissect.layers.part_tables`, with the name in the row.
 
-The names are put into this module as it is imported; ``part_classes.pyi`` beside it, made by ``scripts/layers_stub.py``, tells
-them to type checkers and editors.
+The names are added to this module when it is imported; ``part_classes.pyi``, made by ``scripts/layers_stub.py``, declares them
+for type checkers and editors.
 """
 
 from __future__ import annotations

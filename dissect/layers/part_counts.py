@@ -1,6 +1,6 @@
-"""What the fields of some parts count that no layout says (`dissect.layers.part_tables`).
+"""Values of counting fields that no layout defines (`dissect.layers.part_tables`).
 
-Each function takes the field, the parts behind its own in the block, and their sizes in octets; it returns the number.
+Each function takes the field, the parts after its own in the block, and their sizes in octets; it returns the number.
 """
 
 from __future__ import annotations
@@ -34,12 +34,12 @@ _PARAMETERS: Final = frozenset((
 
 
 def octets_behind(field: Field, behind: list[Packet], sizes: list[int]) -> int:
-    """Return the octets of all parts behind, as they are when there is one piece only."""
+    """Return the octets of all following parts, unchanged if there is only one piece."""
     return sum(sizes)
 
 
 def payload_behind(field: Field, behind: list[Packet], sizes: list[int]) -> int:
-    """Return what a field of the data head is: with a payload behind it, or without."""
+    """Return the value of a field of the data head, which depends on whether a payload follows."""
     if field.name == "length":
         return sum(sizes)
     codes = (SUCCESS, OCTET_STRING) if sum(sizes) else (OBJECT_DOES_NOT_EXIST, 0)
@@ -47,20 +47,20 @@ def payload_behind(field: Field, behind: list[Packet], sizes: list[int]) -> int:
 
 
 def block_size(field: Field, behind: list[Packet], sizes: list[int]) -> int:
-    """Return the octets of the parameter block, which the parts behind begin with, or those of the data block."""
+    """Return the size of the parameter block, with which the following parts begin, or of the data block."""
     count = next((number for number, part in enumerate(behind) if layout_of(part) not in _PARAMETERS), len(behind))
     return sum(sizes[:count] if field.name == "parameter_size" else sizes[count:])
 
 
 def variables_behind(field: Field, behind: list[Packet], sizes: list[int]) -> int:
-    """Return how many addresses follow, or values, or return codes where there are no addresses."""
+    """Return how many addresses follow, or values, or return codes if there are no addresses."""
     kinds = [layout_of(part) for part in behind]
     addresses = kinds.count(programmer_layouts.TEST_ADDRESS) + kinds.count(programmer_layouts.TEST_BIT)
     return addresses or kinds.count(layouts.DATA_ITEM) or kinds.count(RETURN_CODE)
 
 
 def local_data(field: Field, behind: list[Packet], sizes: list[int]) -> int:
-    """Return the octets of the local data behind."""
+    """Return the octets of the local data that follow."""
     pairs = zip(behind, sizes, strict=True)
     return sum([size for part, size in pairs if layout_of(part) is programmer_layouts.LSTACK_DATA])
 

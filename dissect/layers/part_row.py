@@ -16,11 +16,11 @@ Computing = Callable[[Packet], int]
 
 
 class Row(NamedTuple):
-    """A class: its name, its layout, what it is in a sentence or two, and the values of a new packet.
+    """A class: its name, its layout, its description in a sentence or two, and the values of a new packet.
 
-    A default of None is a field that building fills in. ``counted`` names the classes whose parts a field counts;
-    ``counting`` is what counts anything else behind the part, ``computed`` what follows from the part itself. ``replace`` puts
-    other Scapy fields in the place of the layout's. ``title`` is what Scapy shows, where that is not the layout's name.
+    A default of None is a field that building fills in. ``counted`` names the classes whose parts a field counts; ``counting``
+    computes counts of anything else after the part, ``computed`` values from the part itself. ``replace`` replaces fields of
+    the layout by other Scapy fields. ``title`` is the name that Scapy shows, if it differs from the layout's.
     """
 
     name: str

@@ -1,7 +1,7 @@
 """The parts of S7 bodies that become Scapy classes: one row each, from which `dissect.layers.part_classes` makes the class.
 
-A row names the layout that the class is made of (`dissect.s7`), says what it is, and gives the values of a new packet where
-they are not 0. The sections are those of docs/layers-parts.md.
+A row names the layout of the class (`dissect.s7`), describes it, and gives the values of a new packet that are not 0. The
+sections are those of docs/layers-parts.md.
 """
 
 from __future__ import annotations

@@ -1,11 +1,11 @@
-"""Parts of message bodies as Scapy packets: one class for each structure, lists of them cut by the engine's own parsers.
+"""Parts of message bodies as Scapy packets: one class for each structure, lists of them separated by the engine's own parsers.
 
 A job other than Read Var, Write Var and Setup communication, its answer, and the payload of userdata are lists of parts: a
-structure of fixed size, or one whose last field takes what is left. Which follows which is known to `dissect.s7.bodies` alone;
-here its parts become packets, and packets become octets again. So any packets may be put into such a list in any order.
+structure of fixed size, or one whose last field takes the rest. Only `dissect.s7.bodies` knows their order; here its parts
+become packets, and packets become octets again. So such a list may contain any packets in any order.
 
-Fields that count something are filled in when left out: the octets behind them in the same part, the octets of the parts
-behind, or how many parts of one kind follow (`dissect.wire.layout.Field.counts`).
+Counting fields are filled in when left out: they count the octets after them in the same part, the octets of the following
+parts, or how many parts of one kind follow (`dissect.wire.layout.Field.counts`).
 """
 
 from __future__ import annotations
@@ -30,10 +30,10 @@ REPEATED: Final[set[Layout]] = set()
 
 
 class S7_Part(WireLayer):
-    """A part of a body; ``packet[S7_Part]`` finds any. Called itself it is an `S7_Octets`, as nothing says which part is meant.
+    """A part of a body; ``packet[S7_Part]`` finds any. `S7_Part` itself makes an `S7_Octets`, because the kind is unknown.
 
-    ``layout`` is what a part is made of; the classes of parts set it. ``counted`` names fields that count parts of the classes
-    named, ``counting`` is what counts anything else, where no layout says so; ``computed`` follows from the part itself.
+    ``layout`` is the layout of a part; the classes of parts set it. ``counted`` names fields that count parts of certain
+    classes; ``counting`` computes counts of anything else that no layout defines; ``computed`` values from the part itself.
     """
 
     name = "S7 part"
@@ -52,7 +52,7 @@ class S7_Part(WireLayer):
 
     @classmethod
     def cut_short(cls, octets: bytes) -> bool:
-        """Tell whether ``octets`` are too few for the part's fields."""
+        """Return whether ``octets`` are too few for the part's fields."""
         return len(octets) < cls.least or len(cls.layout.read(octets)) < len(cls.layout.fields)
 
     @classmethod
@@ -81,7 +81,7 @@ class S7_Part(WireLayer):
     def count_of(self, field: Field, behind: list[Packet], sizes: list[int]) -> int:
         """Return the number of a field that was left out; -1 for one that does not depend on the parts ``behind``.
 
-        Parts are counted up to the next one like this one, which counts for itself.
+        Parts are counted up to the next one like this one, which has its own count.
         """
         counting = type(self).counting
         if counting is not None:

@@ -1,4 +1,4 @@
-"""What the fields of S7comm-plus parts count that no layout says (`dissect.layers.plus_tables`)."""
+"""Values of counting fields in S7comm-plus parts that no layout defines (`dissect.layers.plus_tables`)."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from scapy.packet import Packet
 from dissect.s7plus import layouts
 from dissect.wire.layout import Field, Layout
 
-#: Numbers of an address that is counted, beside its LIDs.
+#: Numbers of an address that are counted besides its LIDs.
 _ADDRESS: Final = 4
 _IN_BLOCK: Final = frozenset((layouts.LIST_ID, layouts.VARIABLE, layouts.VARIABLE_NAME))
 _IDS: Final = frozenset((layouts.ATTRIBUTE_ID, layouts.OBJECT_ID, layouts.OBJECT_ID_VLQ))

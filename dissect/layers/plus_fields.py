@@ -26,10 +26,10 @@ _FUZZED: Final = 64
 
 
 class ContentField(XStrField):
-    """The content of a value, as its ``flags`` and ``type`` have it: a number, a text, a list (`dissect.s7plus.values.Value`).
+    """The content of a value, by its ``flags`` and ``type``: a number, a text, a list (`dissect.s7plus.values.Value`).
 
-    Of a structure it is the id; of an array of structures a list of id and count; the members are parts of their own. Octets
-    are put there as they are, and stand for what cannot be read, or is not built the same again.
+    For a structure it is the id, for an array of structures a list of id and count; the members are separate parts. Octets are
+    written unchanged; unreadable values, and those that would be built differently, are kept as octets.
     """
 
     islist = 1  # else Scapy takes a list for several packets
@@ -83,7 +83,7 @@ def _content(flags: int, type_: int, octets: bytes) -> Any:
 
 
 def _struct_head(flags: int, octets: bytes) -> Any:
-    """Return what stands before the members of a structure, None for what is no such thing."""
+    """Return the head of a structure before its members, None for any other value."""
     if flags & SPARSE_ARRAY or len(octets) < _ID:
         return None
     id_ = int.from_bytes(octets[:_ID], "big")
@@ -107,7 +107,7 @@ def _built(flags: int, type_: int, content: Any) -> bytes | None:
 
 
 class TextField(XStrField):
-    """A text in UTF-8 that takes the rest of its part, with ``end`` behind it; octets where it is none."""
+    """A text in UTF-8 that takes the rest of its part, followed by ``end``; octets if it is invalid."""
 
     __slots__ = ["end"]
 

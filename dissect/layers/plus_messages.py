@@ -78,8 +78,8 @@ def plus_frames(
 ) -> list[S7Plus]:
     """Return the frames of a message, each with up to ``most`` octets of it, the last one with the trailer.
 
-    Each `S7Plus_Piece` of a stream gets a frame of its own, as the protocol wants it, however long. ``digests`` are those of
-    the frames in version 3, zeros where there are none: they need the session's key.
+    Each `S7Plus_Piece` of a stream gets a separate frame, as the protocol requires, whatever its size. ``digests`` are those of
+    the frames in version 3, zeros by default: they need the session's key.
     """
     cuts = _cuts(message, most)
     frames = []
@@ -119,7 +119,7 @@ def plus_reply(request: S7Plus, *body: Packet, return_value: int = 0) -> S7Plus:
     known = [part for part in asked.body if isinstance(part, S7Plus_IntegrityId)]
     if known:
         id_ = S7Plus_IntegrityId(integrity_id=(known[0].integrity_id + asked.sequence) & 0xFFFFFFFF)
-        # The answer to Explore has it behind the object's id, every other one at its end.
+        # The answer to Explore has it after the object's id, every other one at its end.
         early = asked.function == tables.EXPLORE and request.version == tables.V3
         at = next((number + 1 for number, part in enumerate(parts) if isinstance(part, S7Plus_ObjectId)), len(parts))
         parts.insert(at if early else len(parts), id_)

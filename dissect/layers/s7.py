@@ -41,7 +41,7 @@ NOTE: Final = 80
 
 
 def is_s7(octets: bytes) -> bool:
-    """Tell whether a TSDU is S7comm: protocol id 0x32 and a ROSCTR that exists."""
+    """Return whether a TSDU is S7comm: protocol id 0x32 and a known ROSCTR."""
     return len(octets) >= 2 and octets[0] == PROTOCOL_ID and octets[1] in tables.ROSCTR
 
 
@@ -70,7 +70,7 @@ class S7(WireLayer):
 
     @classmethod
     def dispatch_hook(cls, _pkt: bytes | None = None, *_args: Any, **_kwargs: Any) -> Any:
-        """A header that is not whole stays Raw; which size it has stands in ROSCTR."""
+        """Return the class for the octets: an incomplete header stays Raw; ROSCTR determines its size."""
         if not _pkt:
             return cls
         return cls if len(_pkt) >= cls.least and len(_pkt) >= header_size(_pkt[1]) else Raw
@@ -108,7 +108,7 @@ class S7(WireLayer):
         return kind + int(self.pdu_ref).to_bytes(2, "big")
 
     def answers(self, other: Packet) -> int:
-        """Tell whether this PDU answers ``other``, whoever of the two is the PLC (reference section 5.1)."""
+        """Return whether this PDU answers ``other``, regardless of which side is the PLC (reference section 5.1)."""
         if not isinstance(other, S7) or self.pdu_ref != other.pdu_ref:
             return 0
         mine, theirs = self.payload, other.payload
@@ -170,9 +170,9 @@ def pdu_of(body: Packet) -> Pdu | None:
 
 
 def notes_of(body: Packet) -> str:
-    """Return what the engine notes of the parts of a body (a file name, an SZL id …), made safe to show.
+    """Return the engine's notes on the parts of a body (a file name, an SZL id …), safe to show.
 
-    Empty for a body without a header, and while a value of the user's own cannot be built.
+    Empty for a body without a header, and while a value set by the user cannot be built.
     """
     pdu = pdu_of(body)
     if pdu is None:
@@ -181,7 +181,7 @@ def notes_of(body: Packet) -> str:
 
 
 def parameters_left(pkt: Packet, rest: bytes) -> int:
-    """Return how many octets of the parameter block the fields before left over, while dissecting a body.
+    """Return how many octets of the parameter block are left after the previous fields, while dissecting a body.
 
     A body dissected by itself, without an S7 header under it, takes everything as parameters.
     """
@@ -200,21 +200,21 @@ def data_left(pkt: Packet, rest: bytes) -> int:
 
 
 def body_fields(*parameters: ScapyField, data: Sequence[ScapyField] = ()) -> list[ScapyField]:
-    """Return the fields of a body: parameter block, data block, and what is left over in each."""
+    """Return the fields of a body: parameter block, data block, and the remaining octets of each."""
     return [*parameters, Leftover("parameter_rest", parameters_left), *data, Leftover("data_rest", data_left)]
 
 
 class S7_Body(WireLayer):
     """A body: ``data_fields`` names the fields of the data block, all others are the parameter block.
 
-    ``parameter_rest`` and ``data_rest`` keep octets of the blocks that stand where nothing is expected. Called itself it is an
-    `S7_Function`, as only a header says which body is meant.
+    ``parameter_rest`` and ``data_rest`` keep octets of the blocks where none are expected. If it is called itself, it is an
+    `S7_Function`, because only a header determines the body.
     """
 
     name = "S7 body"
     show_summary = False
     data_fields: ClassVar[tuple[str, ...]] = ("data_rest",)
-    #: ROSCTR of a body that is dissected by itself, without an S7 header under it.
+    #: ROSCTR of a body that is dissected without an S7 header under it.
     rosctr_alone: ClassVar[int] = tables.JOB
 
     @classmethod
@@ -223,13 +223,13 @@ class S7_Body(WireLayer):
         return S7_Function
 
     def responds_to(self, other: Packet) -> bool:
-        """Tell whether this is the userdata response to the userdata request ``other`` (of the same PDU reference)."""
+        """Return whether this is the userdata response to the userdata request ``other`` (of the same PDU reference)."""
         return False
 
     def self_build(self) -> bytes:
-        """Build both blocks, and tell the header their sizes (Scapy's interface).
+        """Build both blocks, and set their sizes in the header (Scapy's interface).
 
-        The sizes are those of the octets just built: a second build would draw other values for what ``fuzz()`` left open.
+        The sizes are those of the octets just built: a second build would draw other random values for ``fuzz()``.
         """
         octets = b""
         if self.raw_packet_cache is not None:
@@ -247,7 +247,7 @@ class S7_Body(WireLayer):
         return octets
 
     def _field_octets(self, octets: bytes, name: str) -> bytes:
-        """Return ``octets`` with those of a field behind them."""
+        """Return ``octets`` with those of a field appended."""
         field, value = self.getfield_and_val(name)
         built: bytes = octets + bytes(value) if isinstance(value, RawVal) else field.addfield(self, octets, value)
         return built
@@ -258,7 +258,7 @@ class S7_Body(WireLayer):
         return tables.FUNCTIONS.name(function) if function is not None else ""
 
     def detail(self) -> str:
-        """Return what this body says, for the summary's end."""
+        """Return the description of this body, for the end of the summary."""
         return ""
 
 
@@ -291,7 +291,7 @@ def _parameters_of(body: Packet, block: bytes) -> Parameters:
 
 
 def carve_parameters(pkt: Packet, s: bytes) -> list[Piece]:
-    """Cut what is left of the parameter block into parts, as the engine does."""
+    """Cut the rest of the parameter block into parts, as the engine does."""
     end = min(len(pkt.original), len(pkt.original) - len(s) + parameters_left(pkt, s))
     block = bytes(pkt.original[:end])
     parts = parse_parameter_parts(block, 0, end, _parameters_of(pkt, block), [])
@@ -323,7 +323,7 @@ class S7_Function(S7_Body):
         return octets[0] if octets else None
 
     def detail(self) -> str:
-        """Return what the parts say; that there is an error is said with it."""
+        """Return the description of the parts, including an error."""
         notes = notes_of(self)
         header = self.underlayer
         refused = isinstance(header, S7) and header.rosctr in _ANSWERS and (header.error_class or header.error_code)

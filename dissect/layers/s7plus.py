@@ -1,9 +1,9 @@
 """S7comm-plus as Scapy layers: a frame, its message, and the parts of that (docs/s7plus.md).
 
 ``S7Plus(content=[S7Plus_Request(function="GetMultiVariables", sequence=5, session_id=0x386, body=…)])`` builds a whole PDU of
-one frame: lengths and trailer are filled in. A frame that goes on in the next TSDU has ``trailer=b""``; one that continues
-another has a `Raw` for content; `plus_message` and `plus_frames` join and cut them. What follows the fixed part is a list of
-parts, in ``body``: those of `dissect.layers.plus_tables`, cut by the engine's own parser, or octets.
+one frame: lengths and trailer are filled in. A frame that the next TSDU continues has ``trailer=b""``; a continuation has a
+`Raw` as content; `plus_message` and `plus_frames` join and cut them. After the fixed part comes a list of parts, in ``body``:
+those of `dissect.layers.plus_tables`, separated by the engine's own parser, or octets.
 """
 
 from __future__ import annotations
@@ -35,12 +35,12 @@ _HEADER: Final = layouts.HEADER.size
 
 
 def is_s7plus(octets: bytes) -> bool:
-    """Tell whether a TSDU is S7comm-plus."""
+    """Return whether a TSDU is S7comm-plus."""
     return classify(octets, 0, len(octets)) == S7COMM_PLUS
 
 
 def _carve_body(pkt: Packet, rest: bytes) -> list[Piece]:
-    """Return the parts of a message that stands whole in one frame; of any other its octets."""
+    """Return the parts of a message that is completely in one frame; for any other its octets."""
     frame = pkt.parent
     if isinstance(frame, S7Plus) and rest:
         pdu = parse_plus(frame.original)
@@ -51,13 +51,13 @@ def _carve_body(pkt: Packet, rest: bytes) -> list[Piece]:
 
 
 class S7Plus_Body(WireLayer):
-    """What a frame carries: the fixed part by its layout, ``body`` for the parts behind it."""
+    """The content of a frame: the fixed part by its layout, ``body`` for the parts after it."""
 
     name = "S7comm-plus body"
     show_summary = False
 
     def line(self) -> str:
-        """Return what it is and says."""
+        """Return a description of it."""
         return ""
 
 
@@ -115,7 +115,7 @@ class S7Plus_NotificationV1(S7Plus_Body):
     fields_desc = _fields(layouts.NOTIFICATION_V1, opcode=tables.NOTIFICATION)
 
     def line(self) -> str:
-        """Return what it is."""
+        """Return a description of it."""
         return "Notification"
 
 
@@ -140,7 +140,7 @@ _BODIES: Final[dict[int, type[S7Plus_Body]]] = {
 
 
 def body_class(version: int, opcode: int) -> type[S7Plus_Body] | None:
-    """Return the class of what a frame carries, None where that is not known."""
+    """Return the class of the content of a frame, None if it is unknown."""
     if version == tables.SYSTEM_EVENT:
         return S7Plus_Event
     if version == tables.V1 and opcode == tables.NOTIFICATION:
@@ -149,7 +149,7 @@ def body_class(version: int, opcode: int) -> type[S7Plus_Body] | None:
 
 
 def _carve(pkt: Packet, rest: bytes) -> list[Piece]:
-    """Return the content of a frame as one piece, none when there is none."""
+    """Return the content of a frame as one piece, none if it is empty."""
     octets = rest[: max(0, _frame_end(pkt) - consumed(pkt, rest))]
     if not octets:
         return []
@@ -166,7 +166,7 @@ def _has_digest(pkt: Packet) -> bool:
 
 
 class _TrailerField(OctetsField):
-    """What stands behind the frame. None, the default, is the trailer; a system event has none."""
+    """The trailer of a frame. None, the default, is the usual trailer; a system event has none."""
 
     def __init__(self) -> None:
         super().__init__("trailer", lambda _, s: len(s))
@@ -202,7 +202,7 @@ class S7Plus(WireLayer):
 
     @classmethod
     def dispatch_hook(cls, _pkt: bytes | None = None, *_args: Any, **_kwargs: Any) -> Any:
-        """Tell the keep-alive from the others; a header that is not whole stays Raw."""
+        """Return the class for the octets: the keep-alive has its own; an incomplete header stays Raw."""
         if not _pkt:
             return cls
         if len(_pkt) < cls.least or (_pkt[1] == tables.V3 and len(_pkt) == _HEADER and any(_pkt[2:4])):
@@ -221,7 +221,7 @@ class S7Plus(WireLayer):
 
     @property
     def body(self) -> Packet | None:
-        """What the frame carries, None when it is empty."""
+        """The content of the frame, None if it is empty."""
         return self.content[0] if self.content else None
 
     def hashret(self) -> bytes:
@@ -232,7 +232,7 @@ class S7Plus(WireLayer):
         return b"P"
 
     def answers(self, other: Packet) -> int:
-        """Tell whether this is the response to the request ``other`` (Scapy's interface)."""
+        """Return whether this is the response to the request ``other`` (Scapy's interface)."""
         mine, theirs = self.body, other.body if isinstance(other, S7Plus) else None
         if not isinstance(mine, S7Plus_Response) or not isinstance(theirs, S7Plus_Request):
             return 0

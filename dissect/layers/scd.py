@@ -42,7 +42,7 @@ from dissect.wire.text import count, printable
 CHAIN_LIMIT: Final = 32
 #: Classes that are kept for the dictionaries they were made for.
 _MOST_CLASSES: Final = 64
-#: Values that a summary tells, and octets of data where there is no dictionary.
+#: Maximum number of values in a summary, and of octets of data without a dictionary.
 _MOST_TOLD: Final = 8
 _MOST_OCTETS: Final = 16
 
@@ -67,7 +67,7 @@ class SCD(WireLayer):
     def dispatch_hook(
         cls, _pkt: bytes | None = None, *_args: Any, _underlayer: Packet | None = None, **_kwargs: Any
     ) -> Any:
-        """Tell a message from what is none: by its begin under another layer, by size alone elsewhere."""
+        """Return the class for the octets: recognised by their beginning under another layer, by size alone elsewhere."""
         if not _pkt:
             return cls
         if len(_pkt) < cls.least:
@@ -96,9 +96,9 @@ class SCD(WireLayer):
 
     @classmethod
     def using(cls, dictionary: Dictionary | Codec | str | os.PathLike[str]) -> type[SCD]:
-        """Return `SCD` by a dictionary, a codec, or the file of a dictionary, compiled or source.
+        """Return `SCD` for a dictionary, a codec, or the file of a dictionary, compiled or source.
 
-        Raises `Error` for a dictionary that describes an envelope of its own, `DictionaryError` and OSError for a file.
+        Raises `Error` for a dictionary with its own envelope, `DictionaryError` and OSError for a file.
         """
         return _class_of(load(dictionary) if isinstance(dictionary, (str, os.PathLike)) else dictionary)
 
@@ -113,7 +113,7 @@ class SCD(WireLayer):
     ) -> SCD:
         """Return a PDO ("T1", "R65" or its name) with ``values`` by name or address; ``fields`` are those of the layer.
 
-        Raises `Error` as `Codec.encode` does: a missing value is E_COUNT, with ``partial`` its default stands in.
+        Raises `Error` as `Codec.encode` does: a missing value is E_COUNT; with ``partial``, its default is used.
         """
         layer, codec = _layer_of(dictionary)
         data = codec.encode(pdo, values, partial=partial)
@@ -122,7 +122,7 @@ class SCD(WireLayer):
 
     @classmethod
     def read(cls, dictionary: Dictionary | Codec, variable: str | tuple[int, int], **fields: Any) -> SCD:
-        """Return the request to read a variable; raises `Error` when there is none."""
+        """Return the request to read a variable; raises `Error` for an unknown one."""
         layer, codec = _layer_of(dictionary)
         index, sub = codec.dictionary.variable(variable).address
         return layer(**{"kind": NUMBERS["read"], "index": index, "sub": sub, **fields})
@@ -131,17 +131,17 @@ class SCD(WireLayer):
     def write(
         cls, dictionary: Dictionary | Codec, variable: str | tuple[int, int], value: object, **fields: Any
     ) -> SCD:
-        """Return the request to write ``value`` to a variable; raises `Error` for what it cannot hold."""
+        """Return the request to write ``value`` to a variable; raises `Error` for an impossible value."""
         layer, codec = _layer_of(dictionary)
         index, sub = codec.dictionary.variable(variable).address
         data = codec.encode_value((index, sub), value)
         return layer(**{"kind": NUMBERS["write"], "index": index, "sub": sub, "data": data, **fields})
 
     def respond(self, value: object = None, **fields: Any) -> SCD:
-        """Return the good answer to this request, that to a read with ``value`` (or ``data=`` octets).
+        """Return the positive answer to this request; for a read with ``value`` (or ``data=`` octets).
 
-        Raises ValueError for what is no request, and for a value without dictionary or in the answer to a write; `Error` for a
-        value that the variable cannot hold.
+        Raises ValueError if this is not a request, and for a value without a dictionary or in the answer to a write; `Error`
+        for an impossible value of the variable.
         """
         echoed = self._echoed()
         if value is not None:
@@ -152,7 +152,7 @@ class SCD(WireLayer):
         return type(self)(**{**echoed, **fields})
 
     def refuse(self, err: int | str = -1, **fields: Any) -> SCD:
-        """Return the abort of this request; ``err`` is a number or its text. Raises ValueError for what is no request."""
+        """Return the abort of this request; ``err`` is a number or its text. Raises ValueError if this is not a request."""
         return type(self)(**{**self._echoed(), "abort": 1, "err": err, **fields})
 
     def _echoed(self) -> dict[str, Any]:
@@ -164,7 +164,7 @@ class SCD(WireLayer):
 
     @property
     def message(self) -> Message | None:
-        """What the dictionary makes of this message: values by address, flags, what is wrong. None without a dictionary."""
+        """The message decoded by the dictionary: values by address, flags, errors. None without a dictionary."""
         return None if self.codec is None else self.codec.parse_message(self.self_build())
 
     @property
@@ -183,18 +183,18 @@ class SCD(WireLayer):
         return type(self) if depth < CHAIN_LIMIT else Raw
 
     def hashret(self) -> bytes:
-        """Return what a request and its answer have in common (Scapy's interface)."""
+        """Return a key that a request shares with its answer (Scapy's interface)."""
         return bytes((self.tid & 0xFF, self.index & 0xFF, self.index >> 8 & 0xFF, self.sub & 0xFF))
 
     def answers(self, other: Packet) -> int:
-        """Tell whether this answers the request ``other``: same kind, tid, index and sub (Scapy's interface)."""
+        """Return whether this answers the request ``other``: same kind, tid, index and sub (Scapy's interface)."""
         if not isinstance(other, SCD) or not self.response or other.response or other.abort:
             return 0
         mine, theirs = ((one.kind, one.tid, one.index, one.sub) for one in (self, other))
         return int(mine == theirs and self.kind != NUMBERS["pdo"])
 
     def line(self) -> tuple[str, list[type[Packet]]]:
-        """Return what the message says (``SCD read response tid=7 0x6041:0 Status = 567``), each one of a chain for itself."""
+        """Return the message in one line (``SCD read response tid=7 0x6041:0 Status = 567``), without others in its chain."""
         service = KINDS.get(self.kind, f"kind 0x{self.kind:02x}")
         phase = " abort" if self.abort else " response" if self.response else ""
         told = f"SCD {service}{phase} tid={self.tid} {self._place()}{self._content()}"
@@ -254,10 +254,10 @@ def _layer_of(dictionary: Dictionary | Codec) -> tuple[type[SCD], Codec]:
 def bind_scd(
     port: int, transport: str = "udp", dictionary: Dictionary | Codec | str | os.PathLike[str] | None = None
 ) -> type[SCD]:
-    """Have Scapy look for messages to and from ``port``, before any layer of its own, and return the class it uses there.
+    """Make Scapy recognise messages to and from ``port``, before its own layers, and return the class for them.
 
-    ``transport`` is "udp" or "tcp". Another dictionary bound to the port before is forgotten. Raises ValueError for no port or
-    transport, and what `SCD.using` raises.
+    ``transport`` is "udp" or "tcp". A dictionary bound to the port earlier is replaced. Raises ValueError for an invalid port
+    or transport, and the errors of `SCD.using`.
     """
     if not 0 < port < 65536:
         message = f"{port} is not a port: give one of 1 to 65535"

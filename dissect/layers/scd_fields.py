@@ -1,4 +1,4 @@
-"""The fields of `SCD`, made from the description of the default envelope, and how names and values are told."""
+"""The fields of `SCD`, made from the description of the default envelope, and the display of names and values."""
 
 from __future__ import annotations
 
@@ -78,13 +78,13 @@ class SCDDataField(OctetsField):
         super().__init__(name, lambda pkt, _rest: pkt.getfieldval("size"))
 
     def i2repr(self, pkt: Packet | None, x: Any) -> str:
-        """Return octets, then names and values, or what is wrong (Scapy's interface)."""
+        """Return octets, then names and values, or the error (Scapy's interface)."""
         octets = x.hex() if isinstance(x, bytes) else repr(x)
         layer = _layer(pkt)
         if layer is None or not settled(layer):
             return octets
         message = readable(layer)
-        if message is None or (message.error is not None and message.error.code == E_CRC):  # the crc itself tells that
+        if message is None or (message.error is not None and message.error.code == E_CRC):  # shown with the crc itself
             return octets
         told = printable(str(message.error)) if message.error is not None else joined(told_values(layer, message))
         return f"{octets} ({told})" if octets and told else octets or told
@@ -171,7 +171,7 @@ def built(layer: Packet) -> bytes | None:
 
 
 def readable(layer: SCD) -> Message | None:
-    """Return what the dictionary makes of a message, None without one or while it cannot be built."""
+    """Return the message decoded by the dictionary, None without one or while the message cannot be built."""
     octets = None if layer.codec is None else built(layer)
     return None if layer.codec is None or octets is None else layer.codec.parse_message(octets)
 
@@ -192,7 +192,7 @@ def name_of_index(layer: SCD | None, index: int) -> str:
 
 
 def key_name(dictionary: Dictionary, key: Key) -> str:
-    """Return what a variable is called: its name where that leads back to it, else its address."""
+    """Return the name of a variable if it is unique, otherwise its address."""
     if isinstance(key, str):
         return key
     variable = _variable(dictionary, key)

@@ -60,12 +60,12 @@ class _Found:
         self.pdu = b""
         self.ack = max(0, int(side.last_ack))
         framer = side.framer if side.ibh is None else side.ibh
-        # The sequence number behind it; gaps are no octets that the framer got.
+        # The sequence number after it; the framer gets no octets for gaps.
         self.end = (int(side.stream.start_seq) + int(framer.passed) + int(side.missing)) & _MASK
 
 
 class _Witness(Observer):
-    """Collects what the pipeline finds until `S7Session` asks for it."""
+    """Collects the pipeline's results until `S7Session` fetches them."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -82,7 +82,7 @@ class _Witness(Observer):
         self.found.append(_Found(side, time_ns, octets, not side.assembler.clear, False))
 
     def pdu(self, frame: int, time_ns: int, side: Side, octets: bytes, cut: bool) -> None:
-        """An S7 PDU: that of the packet told just before, or one the capture cut."""
+        """Keep an S7 PDU: that of the packet just reported, or one the capture cut."""
         if cut:
             self.found.append(_Found(side, time_ns, octets, False, True))
         else:
@@ -98,14 +98,14 @@ class S7Session(DefaultSession):
     """Delivers one packet for each whole TPKT or IBH-NetLink packet, whatever the segmentation, and none of other protocols.
 
     * The packet's time is that of the packet which completed the TPKT. Addresses, ports and VLAN are those of the direction;
-      MAC addresses are known when the completing packet has them. Sequence and acknowledgement numbers are those of the
-      stream, so that what ``wrpcap`` writes is a stream again, with its gaps.
-    * An S7 PDU spread over several DTs hangs as `S7` on the last of them, whole, while the earlier DTs hold their fragments as
-      `Raw`. Each builds what was on the wire: ``bytes(packet[S7])`` is the whole PDU, ``bytes(packet)`` ends with its piece.
+      MAC addresses are known if the completing packet has them. Sequence and acknowledgement numbers are those of the
+      stream, so that ``wrpcap`` writes a complete stream, with its gaps.
+    * An S7 PDU spread over several DTs is attached as `S7` to the last of them, whole, while the earlier DTs contain their
+      fragments as `Raw`. Each builds its own octets: ``bytes(packet[S7])`` is the whole PDU, ``bytes(packet)`` ends with a piece.
     * A PDU that the capture cut comes as ``TCP / S7`` without TPKT, as far as it was captured.
 
-    Each capture or interface that ``sniff`` reads has a pipeline of its own; ``pipelines`` holds them, with the counts of what
-    became of every packet and octet.
+    Each capture or interface that ``sniff`` reads has a separate pipeline; ``pipelines`` contains them, with counters for all
+    packets and octets.
     """
 
     def __init__(self, supersession: Any = None) -> None:
@@ -113,7 +113,7 @@ class S7Session(DefaultSession):
         self.pipelines: dict[SuperSocket | None, Pipeline] = {}
 
     def recv(self, sock: SuperSocket) -> Iterator[Packet]:
-        """Take a packet from ``sock``, deliver what it completed (Scapy's interface). At the end, what was held comes too."""
+        """Take a packet from ``sock``, deliver completed TPKTs (Scapy's interface), at the end also pending ones."""
         try:
             packet = sock.recv(stop_dissection_after=TCP)
         except EOFError:
@@ -123,11 +123,11 @@ class S7Session(DefaultSession):
             yield from self._taken(sock, packet)
 
     def feed(self, packet: Packet) -> Iterator[Packet]:
-        """Take a packet of your own, deliver what it completed: without ``sniff``, for packets in their order."""
+        """Take one of your own packets, deliver the TPKTs it completed: for packets in order, without ``sniff``."""
         yield from self._taken(None, packet)
 
     def finish(self) -> Iterator[Packet]:
-        """Deliver what is still held of the packets that `feed` took: nothing more comes."""
+        """Deliver what is pending from the packets that `feed` took, at their end."""
         yield from self._ended(None)
 
     def process(self, pkt: Packet) -> Packet | None:

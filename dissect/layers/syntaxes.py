@@ -1,4 +1,4 @@
-"""Request items of other syntaxes than S7ANY as Scapy packets (`dissect.s7.syntaxes`)."""
+"""Request items with syntaxes other than S7ANY as Scapy packets (`dissect.s7.syntaxes`)."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def _item_fields(layout: Layout, *behind: ScapyField, **defaults: int | None) ->
 
 
 def _carve(cls: type[S7_Part], head: int) -> Callable[[Packet, bytes], list[Piece]]:
-    """Return what cuts the rest of an item, as its length says, into parts of one size; ``head`` octets stand before them."""
+    """Return a function that cuts the rest of an item, by its length, into parts of one size after ``head`` octets."""
 
     def carve(pkt: Packet, s: bytes) -> list[Piece]:
         step = cls.layout.size
@@ -76,7 +76,7 @@ class S7_DBReadItem(S7_Item):
 
 
 class S7_Symbol(S7_Item):
-    """A symbol of an S7-1200 by the check of its name and the steps to it; where it is, no source tells."""
+    """A symbol of an S7-1200, identified by the checksum of its name and the path to it; no source describes its location."""
 
     name = "S7 symbol"
     least = syntaxes.SYMBOL_ELSEWHERE.size

@@ -30,7 +30,7 @@ _VERSION: Final = 3
 
 
 class TPKT_Rest(Raw):
-    """Octets behind the last whole TPKT of a segment; no part of that TPKT, whose ``length`` does not count them."""
+    """Octets after the last whole TPKT of a segment; the ``length`` of that TPKT does not count them."""
 
     name = "Raw"
     match_subclass = True
@@ -62,7 +62,7 @@ class TPKT(WireLayer):
     def dispatch_hook(
         cls, _pkt: bytes | None = None, *_args: Any, _underlayer: Packet | None = None, **_kwargs: Any
     ) -> Any:
-        """Tell a TPKT from what is none: strictly under TCP, by size alone elsewhere."""
+        """Return the class for the octets: a TPKT is recognised strictly under TCP, by size alone elsewhere."""
         if not _pkt:
             return cls
         if isinstance(_underlayer, TCP) and not (_size_at(_pkt, 0) and plausible(bytes(_pkt), 0, len(_pkt))):
@@ -98,11 +98,13 @@ class TPKT(WireLayer):
         return None if metadata else _Unfinished.waiting(data, session)
 
     def do_dissect_payload(self, s: bytes) -> None:
-        """Dissect this TPKT's content, then those behind it (Scapy's interface)."""
+        """Dissect this TPKT's content, then the TPKTs after it (Scapy's interface)."""
         at = max(0, self.length - HEADER)
         super().do_dissect_payload(s[:at])
         for _ in range(CHAIN_LIMIT - 1):
-            step = _size_at(s, at) if self.length >= HEADER else 0  # a length below 4 says nothing of what follows
+            step = (
+                _size_at(s, at) if self.length >= HEADER else 0
+            )  # a length below 4 gives no position for the next one
             if not step:
                 break
             self.add_payload(TPKT(s[at : at + step], _internal=1, stop_dissection_after=self.stop_dissection_after))
@@ -121,7 +123,7 @@ class TPKT(WireLayer):
         return octets
 
     def post_build(self, pkt: bytes, pay: bytes) -> bytes:
-        """Fill in the length, which does not count the TPKTs behind this one (Scapy's interface)."""
+        """Fill in the length, which does not count the TPKTs after this one (Scapy's interface)."""
         if self.getfieldval("length") is None:
             size = len(pkt) + len(pay) - self._size_behind()
             pkt = fill_number(pkt, 2, 2, size, "the TPKT length")
@@ -139,7 +141,7 @@ class TPKT(WireLayer):
         return 0
 
     def answers(self, other: Packet) -> int:
-        """Tell whether the (first) PDU in here answers the one in ``other`` (Scapy's interface)."""
+        """Return whether the (first) PDU in here answers the one in ``other`` (Scapy's interface)."""
         return self.payload.answers(other.payload) if isinstance(other, TPKT) else 0
 
 

@@ -46,7 +46,7 @@ class S7_Userdata(S7_Body):
         return known if known is not None and issubclass(known, S7_Userdata) and len(_pkt) >= known.least else Raw
 
     def responds_to(self, other: Packet) -> bool:
-        """Tell whether this is a response and ``other`` a request of the same group and subfunction."""
+        """Return whether this is a response and ``other`` a request of the same group and subfunction."""
         return (
             isinstance(other, S7_Userdata)
             and self.type == RESPONSE
@@ -55,7 +55,7 @@ class S7_Userdata(S7_Body):
         )
 
     def detail(self) -> str:
-        """Return why it was refused, if it was, and what the parts say."""
+        """Return the reason of a refusal, if any, and the description of the parts."""
         code = self.error_code if "error_code" in self.default_fields else 0
         pdu = pdu_of(self)
         refusing = pdu.refusing_code if pdu is not None else NOT_REFUSED
@@ -101,7 +101,7 @@ class S7_UserdataExtended(S7_Userdata):
 
 
 class S7_ModeTransition(S7_Body):
-    """The push that tells a change of the operating mode: userdata with a parameter block of its own."""
+    """The push for a change of the operating mode: userdata with a special parameter block."""
 
     name = "S7 mode transition"
     least = layouts.MODE_TRANSITION.size
@@ -115,7 +115,7 @@ class S7_ModeTransition(S7_Body):
 
 
 class S7_USEND(S7_Body):
-    """Data that a program sends without being asked: userdata with a parameter block of its own, ``data`` without data head."""
+    """Data that a program sends unsolicited: userdata with a special parameter block, ``data`` without data head."""
 
     name = "S7 USEND"
     least = pbc.USEND_HEAD.size

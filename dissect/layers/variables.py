@@ -103,7 +103,7 @@ class S7_Any(S7_Item):
 
 
 class S7_OtherItem(S7_Item):
-    """An item of a syntax nobody knows, or of another size than its syntax has: its address is kept in ``octets``."""
+    """An item with an unknown syntax, or with a different size from its syntax: its address is kept in ``octets``."""
 
     name = "S7 item"
     least = layouts.ITEM_HEAD.size
@@ -159,14 +159,14 @@ class S7_WriteDataItem(S7_DataItem):
 
 
 def _carve_items(pkt: Packet, s: bytes) -> list[Piece]:
-    """Cut the request items of a parameter block; what is no item is left over."""
+    """Cut the request items of a parameter block; octets after the last item are left over."""
     return [piece for piece in carve_parameters(pkt, s) if piece[0] is not S7_Surplus]
 
 
 def _carve_data(
     cls: type[Packet], response: bool, count: Callable[[Packet], int]
 ) -> Callable[[Packet, bytes], list[Piece]]:
-    """Return what cuts a data block into items. In a response, an item that is no success is its head alone."""
+    """Return a function that cuts a data block into items. In a response, a refused item has only its head."""
 
     def carve(pkt: Packet, s: bytes) -> list[Piece]:
         end = min(len(s), data_left(pkt, s))
@@ -207,7 +207,7 @@ def _items_text(items: list[Packet]) -> str:
 
 
 def _codes_text(codes: list[int]) -> str:
-    """Return what the items came to: how many were well, and the names of the refusals."""
+    """Return the results of the items: how many succeeded, and the names of the refusals."""
     refused = [tables.RETURN_CODES.name(code) for code in codes if code != tables.SUCCESS]
     well = len(codes) - len(refused)
     return joined([*([f"{well} ok"] if well or not refused else []), *refused])
@@ -243,7 +243,7 @@ class S7_WriteVarRequest(S7_Body):
 
 
 class S7_ReadVarAnswer(S7_Body):
-    """Answer to Read Var: a data item for each variable asked for. ``item_count`` is filled in when left out."""
+    """Answer to Read Var: a data item for each requested variable. ``item_count`` is filled in when left out."""
 
     name = "S7 Read Var answer"
     rosctr_alone = tables.ACK_DATA
@@ -255,7 +255,7 @@ class S7_ReadVarAnswer(S7_Body):
     )
 
     def detail(self) -> str:
-        """Return what became of the items."""
+        """Return the results of the items."""
         return _codes_text([item.return_code for item in self.data if isinstance(item, S7_DataItem)])
 
 
@@ -276,7 +276,7 @@ class S7_WriteVarAnswer(S7_Body):
     )
 
     def detail(self) -> str:
-        """Return what became of the items."""
+        """Return the results of the items."""
         return _codes_text(self.return_codes)
 
 

@@ -114,9 +114,9 @@ class Downloads:
         jobs = left.get(mask_s7(job))
         if not jobs:
             return None
-        job = jobs.popleft()
-        self._asked.add(id(job))
-        return job
+        recorded = jobs.popleft()
+        self._asked.add(id(recorded))
+        return recorded
 
     def was_asked(self, job: Transaction) -> bool:
         """Return whether the server has sent all jobs that it sent in the recording."""
