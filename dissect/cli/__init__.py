@@ -1,1 +1,1 @@
-"""The command line: one file per command, loaded only when the command is asked for."""
+"""The command line: one file per command, loaded only when the command runs."""

@@ -54,13 +54,13 @@ def command(reading: Reading, format_: Format, brief: bool, per_file: bool) -> i
         analysis = reading.sum(Analysis, _analyses)
         write_outcome(format_, ANALYSIS, Summary(analysis, reading.interrupted, clock(), hosts(), brief))
     reading.complain()
-    if reading.possible() and (brief or per_file):  # the report says what was selected
+    if reading.possible() and (brief or per_file):  # the report names the selection
         reading.match()
     return reading.gated()
 
 
 def _analyses(options: Options) -> Analyses:
-    from dissect.jobs.analyses import Analyses  # late: most runs need none of it
+    from dissect.jobs.analyses import Analyses  # imported late: most runs do not need it
 
     return Analyses(options)
 

@@ -1,4 +1,4 @@
-"""`s7dissect anonymize`: a capture that can be shared, and an account of what was replaced in it."""
+"""`s7dissect anonymize`: a capture that can be shared, and a summary of the replacements."""
 
 from __future__ import annotations
 
@@ -133,7 +133,7 @@ def command(
 
 
 class _Replaced(Outcome):
-    """The account of what was replaced."""
+    """The summary of the replacements."""
 
     layout = WIDE_PAGE
 

@@ -1,4 +1,4 @@
-"""`s7dissect baseline`: learn what is normal from captures, or report what is not."""
+"""`s7dissect baseline`: learns normal traffic from captures, or reports deviations."""
 
 from __future__ import annotations
 
@@ -251,9 +251,9 @@ def _baseline(path: str) -> Baseline:
 
 
 def _rules(path: str) -> AlertRules:
-    """Return the rules of a file as they can be tried on a capture.
+    """Return the rules of a file in a form that can be tried on a capture.
 
-    Between transactions nobody tells the time there, so silence is measured on transactions.
+    No clock runs between transactions, so silence is measured on transactions.
     """
     from dissect.alerts import RuleError, load_rules
     from dissect.alerts.rules import SILENCE

@@ -39,7 +39,7 @@ _LANGUAGES: Final = ("STL", "AWL")
 
 
 class _Command(click.Command):
-    """Lets the language behind ``--code`` be left out, although files follow."""
+    """Allows ``--code`` without a language, although files follow."""
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         """Put in the default language."""
@@ -119,7 +119,7 @@ def command(
 
 
 def _shown(told: BlockList, language: str | None, references: bool, naming: Naming | None) -> Outcome:
-    """Return the blocks in the form that was asked for."""
+    """Return the blocks in the requested form."""
     if language is None and not references:
         return told
     from dissect.carve.code import CodeListing, References
@@ -155,7 +155,7 @@ def _read(reading: Reading, files: tuple[str, ...]) -> tuple[Sequence[CarvedBloc
 
 
 def _none(reading: Reading) -> str:
-    """Return what to say where there is no block."""
+    """Return the message for a capture without blocks."""
     return "no block was downloaded or uploaded" if reading.chosen.where is None else nothing("block", reading.chosen)
 
 
@@ -168,7 +168,7 @@ def _refuse_selection(path: str, chosen: Chosen) -> None:
 
 
 def _check_folder(output: str, names: Sequence[str], force: bool) -> None:
-    """Refuse a folder that is none, or has files that would be overwritten."""
+    """Refuse an invalid folder, or one with files that would be overwritten."""
     from dissect.carve.folder import occupied
 
     home = Path(output)
@@ -193,7 +193,7 @@ def _write(output: str, told: BlockList, force: bool) -> None:
 
 
 def _alike(first: Sequence[CarvedBlock], second: Sequence[CarvedBlock], alone: bool) -> str:
-    """Return what to say of blocks without a difference; ``alone``: they are of one capture."""
+    """Return the message for blocks without differences; ``alone``: they are from one capture."""
     from dissect.program.compare import versions
 
     kept = [versions(blocks, True).values() for blocks in (first, second)]

@@ -1,4 +1,4 @@
-"""Tasks of ``--separate`` on a Dask cluster (option --cluster): which workers take part, and what they are given."""
+"""Tasks of ``--separate`` on a Dask cluster (option --cluster): the workers that take part, and their data."""
 
 from __future__ import annotations
 

@@ -50,7 +50,7 @@ def command(address: str, format_: Format) -> int:
 
 
 class _Check(Outcome):
-    """Workers, and what stands in the way of each, "" for nothing; ``ours`` is this machine."""
+    """Workers, and the problem of each, "" for none; ``ours`` is this machine."""
 
     def __init__(self, address: str, ours: Machine, checked: Sequence[tuple[Worker, str]]) -> None:
         self._address = address
@@ -58,7 +58,7 @@ class _Check(Outcome):
         self._checked = checked
 
     def text(self) -> Iterator[Line]:
-        """Return what is here, and two or three lines for each worker."""
+        """Return the versions here, and two or three lines for each worker."""
         from dissect.cluster.workers import lacks
 
         yield Line(f"this machine: {_about(self._ours)}", PLAIN, 2)

@@ -4,6 +4,6 @@ from __future__ import annotations
 
 from typing import Final
 
-#: How many objects are made before it looks at the young ones, and how often it looks at the older (`gc.set_threshold`). A
-#: short run makes fewer: those of its modules, which stay. To look through them took a twentieth of such a run.
+#: Number of new objects before a collection of the young ones, and how often older ones are included (`gc.set_threshold`). A
+#: short run makes fewer: those of its modules, which stay. To collect them took a twentieth of such a run.
 RARELY: Final = (100_000, 20, 100)

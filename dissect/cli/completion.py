@@ -1,4 +1,4 @@
-"""`s7dissect completion`: what a shell loads to complete commands, options, fields and files."""
+"""`s7dissect completion`: scripts that a shell loads to complete commands, options, fields and files."""
 
 from __future__ import annotations
 
@@ -24,6 +24,6 @@ def command(shell: str) -> int:
     """
     found = get_completion_class(shell)
     assert found is not None
-    # Not the class's own `source`: it starts bash to ask for its version.
+    # Not the class's own `source`, which starts bash to find out its version.
     write(ShellComplete.source(found(group, {}, "s7dissect", COMPLETION)).strip("\n").split("\n"))
     return EXIT_OK

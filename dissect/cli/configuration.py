@@ -36,7 +36,7 @@ _WANTED: Final = frozenset(("tags", "encoding", "scd", "checksums"))
 
 
 def wants_config(command: click.Command) -> bool:
-    """Tell whether a command has an option that belongs to the analysis of captures."""
+    """Return whether a command has an option that belongs to the analysis of captures."""
     return any([parameter.name in _WANTED for parameter in command.params])
 
 
@@ -75,12 +75,12 @@ def read_again() -> None:
 
 
 def settings_now() -> Mapping[str, Any]:
-    """Return what the settings of the command at hand make the defaults of its options, by parameter."""
+    """Return the defaults of the current command's options by its settings, by parameter."""
     return dict(click.get_current_context().default_map or {})
 
 
 def _apply(ctx: click.Context, _param: click.Parameter, value: str | None) -> None:
-    """Read the files and make what they say the defaults of the command."""
+    """Read the files and make their settings the defaults of the command."""
     if value is not None:
         ctx.meta[_TYPED] = [value]
     if value == _NONE or ctx.resilient_parsing:
@@ -116,7 +116,7 @@ def _apply(ctx: click.Context, _param: click.Parameter, value: str | None) -> No
 
 
 def _takes(key: str, parameter: click.Parameter, setting: object) -> bool:
-    """Tell whether a parameter can have a setting: ``slow`` where it is a threshold, ``format`` where the command has it."""
+    """Return whether a parameter can have a setting: ``slow`` if it is a threshold, ``format`` if the command has it."""
     if key == "slow":
         return parameter.default is not None  # elsewhere it chooses transactions
     if key != "format":

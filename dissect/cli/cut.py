@@ -1,4 +1,4 @@
-"""`s7dissect cut`: a part of a capture as a pcapng file, with what was found in it as comments of its packets."""
+"""`s7dissect cut`: a part of a capture as a pcapng file, with the results as comments of its packets."""
 
 from __future__ import annotations
 
@@ -147,7 +147,7 @@ def command(
 
 
 def _write(files: Sequence[str], output: str, choice: Choice, around: Around) -> int:
-    """Read the files again, write what is wanted, and tell how much that was."""
+    """Read the files again, write the selected packets, and report how many there were."""
     from dissect.recording.cutter import Cutter
 
     with written_whole(output) as writer:

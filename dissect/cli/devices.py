@@ -1,4 +1,4 @@
-"""`s7dissect devices`: which devices there are, what each is, and who talks to whom."""
+"""`s7dissect devices`: the devices, their kinds, and their communication partners."""
 
 from __future__ import annotations
 
@@ -41,6 +41,6 @@ def command(reading: Reading, format_: Format) -> int:
 
 
 def _inventories(options: Options) -> Inventories:
-    from dissect.jobs.inventories import Inventories  # late: most runs need none of it
+    from dissect.jobs.inventories import Inventories  # imported late: most runs do not need it
 
     return Inventories(options)

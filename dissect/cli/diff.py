@@ -102,7 +102,7 @@ def command(
 class Comparison(Outcome):
     """The differences of two sessions, of which ``rest`` more are not shown.
 
-    ``errors`` (kind, text) are what could not be tried. Other values stand before and behind the differences in JSON.
+    ``errors`` (kind, text) are tests that could not run. In JSON, other values come before and after the differences.
     """
 
     layout = WIDE_PAGE

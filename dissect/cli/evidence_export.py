@@ -101,7 +101,7 @@ def _filled(out: Path, chosen: Chosen, place: Path, begin_ns: int, end_ns: int) 
 
 
 def _range(window: str | None, alert: str | None, around_s: int) -> tuple[int, int]:
-    """Return the time that is asked for."""
+    """Return the requested time range."""
     from dissect.recording.incident import resolved, window_of
 
     try:
@@ -142,7 +142,7 @@ def _content(alert: str) -> bytes:
 
 
 def _made(out: Path, files: list[Path], begin_ns: int, end_ns: int) -> list[Path]:
-    """Write the packets of that time, and a report of them; return what was made."""
+    """Write the packets of that time, and a report of them; return the files."""
     from dissect.cli.cut import command as cut
     from dissect.cli.report import command as report
 

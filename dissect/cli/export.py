@@ -1,4 +1,4 @@
-"""`s7dissect export`: what a capture holds as tables and logs that other tools read."""
+"""`s7dissect export`: the contents of a capture as tables and logs for other tools."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from dissect.wire.text import encodable, printable
 if TYPE_CHECKING:
     from dissect.export.forms import Target
 
-#: The file by which a folder is known as an export of ours, which --force may replace.
+#: The file that marks a folder as our export, which --force may replace.
 MARK = "s7dissect.json"
 
 _EXIT_CODES = (
@@ -153,7 +153,7 @@ def _exported(
 
 
 def _said(name: str, count: int, found: int) -> str:
-    """Return how many rows a table has; of findings only so many are in detail of all that were ``found``."""
+    """Return the number of rows of a table; for findings also how many there were (``found``), since not all are in detail."""
     if name == "findings" and found > count:
         return f"{count} of {found} findings in detail"
     return f"{count} {(name if count != 1 else name.removesuffix('s')).replace('_', ' ')}"
@@ -205,7 +205,7 @@ def saved(target: Target) -> Iterator[Path]:
 
 
 def mark_of(form: str, counts: object, files: Sequence[str]) -> bytes:
-    """Return what says of a folder who made it, of which captures, and how many rows it has."""
+    """Return the content of that file: the program, the captures, and the number of rows."""
     told = {"schema": "s7dissect-export/1", "version": __version__, "form": form, "files": list(files), "rows": counts}
     return (json.dumps(told, indent=1) + "\n").encode()
 

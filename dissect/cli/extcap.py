@@ -1,6 +1,6 @@
-"""`s7dissect extcap`: S7 traffic for Wireshark, live or from a file, with what was found in it as comments of its packets.
+"""`s7dissect extcap`: S7 traffic for Wireshark, live or from a file, with the results as comments of its packets.
 
-Wireshark starts the programs in its extcap folder: at its own start to ask what they offer, and to capture. ``--install``
+Wireshark starts the programs in its extcap folder: at its own start to query their interfaces, and to capture. ``--install``
 puts a wrapper of this command there.
 """
 
@@ -44,7 +44,7 @@ _EXIT_CODES: Final = (
 )
 #: Octets of packets from a file that are gathered before they are written; live ones are written one by one.
 _BATCH: Final = 65_536
-#: Said of a folder that the user named.
+#: Message about a folder that the user named.
 _ELSEWHERE: Final = "if that is an extcap folder of Wireshark (Help, About, Folders), it lists after a restart"
 #: Seconds that a program may take to say where its folders are.
 _PATIENCE_S: Final = 30
@@ -152,7 +152,7 @@ def _write_options(interface: str, reload_option: str | None) -> None:
 
 
 def _complaints(interface: str, expression: str) -> list[str]:
-    """Return what is wrong with a capture filter, in a line; none when it can be used."""
+    """Return the errors in a capture filter, in one line; none if it can be used."""
     from dissect.source.live.filter import complaint_about
 
     if interface == sentences.FILE:

@@ -1,4 +1,4 @@
-"""What `s7dissect extcap` tells Wireshark of itself: the sentences of the extcap protocol (wireshark's doc/README.extcap)."""
+"""The answers of `s7dissect extcap` to Wireshark: the sentences of the extcap protocol (wireshark's doc/README.extcap)."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from dissect.wire.text import printable
 if TYPE_CHECKING:
     from dissect.source.live.interfaces import NetworkInterface
 
-#: The two interfaces that Wireshark lists, and what it calls them.
+#: The two interfaces that Wireshark lists, and their names.
 LIVE: Final = "s7dissect"
 FILE: Final = "s7dissect-file"
 INTERFACES: Final = {
@@ -35,7 +35,7 @@ def interface_sentences(version: str) -> Iterator[str]:
 
 
 def link_sentences() -> Iterator[str]:
-    """Return the link type that is likely; what is written says its own for each interface."""
+    """Return the probable link type; each interface in the output has its own."""
     yield sentence("dlt", ("number", LINKTYPE_ETHERNET), ("name", "EN10MB"), ("display", "Ethernet"))
 
 

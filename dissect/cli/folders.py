@@ -1,4 +1,4 @@
-"""Folders in the place of files: which captures they hold, and that these are read one by one."""
+"""Folders as arguments: the captures in them, which are read one by one."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ import click
 
 from dissect.wire.text import printable
 
-#: Under this the context of a command keeps the folders that were named, each with the files in it that are no captures.
+#: Key in the context of a command: the named folders, each with its files that are not captures.
 _FOLDERS: Final = "dissect.cli.folders.foreign"
-#: What a folder of blocks has, which `blocks` reads as it is.
+#: The file that marks a folder of blocks, which `blocks` reads directly.
 _BLOCKS: Final = "manifest.json"
 
 
 def expanded(names: tuple[str, ...]) -> list[str]:
-    """Return names with the captures of each folder in its place, in the order of the times of their packets.
+    """Return the names, with each folder replaced by its captures in the order of the times of their packets.
 
     Raises ClickException for a folder without a capture.
     """
@@ -70,7 +70,7 @@ def _known_first() -> Callable[[str], int | None]:
     from dissect.index.lookup import Indexes
     from dissect.source.order import first_ns
 
-    indexes = Indexes(__version__)  # one that cannot be used is no trouble here
+    indexes = Indexes(__version__)  # an unusable one is ignored here
 
     def first(path: str) -> int | None:
         facts = indexes.facts(path)

@@ -1,4 +1,4 @@
-"""The option ``-T`` of all commands, and how what a format makes is written."""
+"""The option ``-T`` of all commands, and how the output of a format is written."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ def _commands_with(row: Format) -> list[str]:
 
 
 def _walk(command: click.Command, name: str) -> Iterator[tuple[str, click.Command]]:
-    """Yield each command that is not a group, with its name as it is typed."""
+    """Yield each command that is not a group, with its full name."""
     if not isinstance(command, click.Group):
         yield name, command
         return
@@ -88,9 +88,9 @@ def _walk(command: click.Command, name: str) -> Iterator[tuple[str, click.Comman
 
 
 def format_option(kind: str, *, optional: bool = False, help: str = "") -> Callable[[Any], Any]:  # noqa: A002 - as click
-    """Return the option ``-T`` of a command that writes results of a kind; the command is given a `Format` as ``format_``.
+    """Return the option ``-T`` of a command that writes results of a kind; the command gets a `Format` as ``format_``.
 
-    The first format is the default, or with ``optional`` None, for which ``help`` says what happens then.
+    The first format is the default; with ``optional`` None is, for which ``help`` describes the behaviour.
     """
 
     def listed() -> str:
@@ -108,7 +108,7 @@ def format_option(kind: str, *, optional: bool = False, help: str = "") -> Calla
 
 
 def write_out(lines: Iterable[Written]) -> None:
-    """Write what a format made: text as it is, lines with a style as the terminal wants them."""
+    """Write the output of a format: text unchanged, lines with a style as the terminal needs them."""
     source = iter(lines)
     first = next(source, None)
     if first is None:

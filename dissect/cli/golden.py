@@ -74,7 +74,7 @@ def command(reading: Reading, output: str, force: bool, extras: frozenset[str]) 
 
 
 def load(reading: Reading, files: tuple[str, ...]) -> Session:
-    """Return the session of captures or of a golden; what was odd is reported on stderr."""
+    """Return the session of captures or of a golden; damage is reported on stderr."""
     if len(files) == 1 and files[0] != "-" and Path(files[0]).is_file() and is_golden(files[0]):
         if reading.chosen.where is not None:
             raise click.UsageError(
@@ -86,7 +86,7 @@ def load(reading: Reading, files: tuple[str, ...]) -> Session:
     reader = SessionReader(files[0])
     run = reading.run(reader)
     if reading.interrupted:
-        complain(run, EXIT_DAMAGED)  # what was read is not shown
+        complain(run, EXIT_DAMAGED)  # the session itself is not shown
         click.echo("s7dissect: interrupted; nothing was written", err=True)
     else:
         reading.complain()

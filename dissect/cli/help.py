@@ -19,7 +19,7 @@ _PACKAGE: Final = Path(__file__).resolve().parent.parent
 #: Where the pages are in an installed package, and in the source tree.
 _FOLDERS: Final = (_PACKAGE / "help", _PACKAGE.parent / "docs")
 _SUFFIX: Final = ".md"
-#: The list of the pages, in groups: what `s7dissect help` shows, what the order in README and on the site is.
+#: The list of the pages, in groups: the contents of `s7dissect help`, and the order in README and on the site.
 _LIST: Final = "index"
 #: A group of that list, and a page in it.
 _GROUP: Final = re.compile(r"^## (.+)$", re.MULTILINE)
@@ -50,7 +50,7 @@ _PICTURE: Final = re.compile(r"^!\[[^\]]*\]\([^)]*\)\n\n?", re.MULTILINE)
 #: A table: its head, the line below that, its rows. And the border between two cells.
 _TABLE: Final = re.compile(r"^(\|.+)\n\|[-:| ]+\|\n((?:\|.+\n?)*)", re.MULTILINE)
 _BORDER: Final = re.compile(r"(?<!\\)\|")
-#: Columns of long texts that stand well beside each other.
+#: Width of long texts that can be read side by side.
 _TEXTS: Final = 2
 #: Columns beyond which text is hard to read.
 _WIDEST: Final = 110
@@ -66,7 +66,7 @@ def pages() -> dict[str, Path]:
 
 
 def groups() -> dict[str, dict[str, str]]:
-    """Return the groups of topics in the order of the list, each with its topics and what they are about."""
+    """Return the groups of topics in the order of the list, each with its topics and their descriptions."""
     path = _folder() / f"{_LIST}{_SUFFIX}"
     _, *pieces = _GROUP.split(path.read_text(encoding="utf-8") if path.is_file() else "")
     return {title: dict(_LISTED.findall(body)) for title, body in zip(pieces[::2], pieces[1::2], strict=True)}
@@ -79,7 +79,7 @@ def page(topic: str) -> str:
 
 
 def unfolded(text: str, columns: int) -> str:
-    """Return a page whose tables fit so many columns: what would not fit is a list, each row a term and what is said of it."""
+    """Return a page whose tables fit into so many columns: a wider table becomes a list of terms and descriptions."""
     return _TABLE.sub(lambda table: table[0] if _fits(table, columns) else _rows(table), text)
 
 
@@ -167,7 +167,7 @@ def _show(text: str) -> None:
 
 
 def formatted(text: str, columns: int, colours: bool = False) -> str:
-    """Return Markdown as a terminal of so many columns shows it."""
+    """Return Markdown as a terminal with so many columns shows it."""
     from rich.console import Console
     from rich.markdown import Markdown
 

@@ -145,7 +145,7 @@ def _complain(changes: Changes | None) -> int:
 
 
 def _write_raw(folder: str, files: list[FileFacts]) -> None:
-    """Write the names as they are, each ended by a NUL."""
+    """Write the names unchanged, each ended by a NUL."""
     sys.stdout.buffer.write(b"".join([os.fsencode(_path(folder, facts)) + b"\0" for facts in files]))
     sys.stdout.buffer.flush()
 
@@ -156,9 +156,9 @@ def _path(folder: str, facts: FileFacts) -> str:
 
 
 class Listing(Outcome):
-    """Files of an index, and what bringing it up to date changed, None where that was not done; as text ``names`` alone.
+    """Files of an index, and the changes by the update, None without one; as text only ``names``.
 
-    ``continued`` are files that go on where another one ends, each with that one.
+    ``continued`` are files that continue another one, each with that one.
     """
 
     def __init__(

@@ -41,7 +41,7 @@ def command(format_: Format) -> int:
 
 
 class _Interfaces(Outcome):
-    """The interfaces, and what the engines can do."""
+    """The interfaces, and the abilities of the engines."""
 
     def __init__(self, interfaces: list[NetworkInterface], states: list[EngineState]) -> None:
         self._interfaces = interfaces

@@ -1,7 +1,7 @@
-"""How results look to a person: colours, the width they are wrapped at, the time zone. One way for all commands.
+"""The appearance of results: colours, the width at which they are wrapped, the time zone. The same for all commands.
 
 `dissect.cli.main` gives every command ``--color``, and ``--local-time`` to those that show times. Neither is an argument of the
-command: they are kept with the click context and asked for here.
+command: they are kept in the click context and read here.
 """
 
 from __future__ import annotations
@@ -80,13 +80,13 @@ def coloured(terminal: bool) -> bool:
 
 
 def plain() -> bool:
-    """Return whether lines with a style are written as they are, neither wrapped nor coloured."""
+    """Return whether lines with a style are written unchanged, neither wrapped nor coloured."""
     terminal = sys.stdout.isatty()
     return not terminal and not coloured(terminal)
 
 
 def write_lines(lines: Iterable[Line]) -> None:
-    """Write lines that have a style: on a terminal in its width, in colours where they are wanted, else as they are."""
+    """Write lines with a style: on a terminal in its width, in colours if enabled, otherwise unchanged."""
     terminal = sys.stdout.isatty()
     width = _columns() if terminal else 0
     write(_dressed(lines, width, coloured(terminal)))
@@ -99,7 +99,7 @@ def _columns() -> int:
 
 
 def write_text(lines: Iterable[str], hang: int = 4) -> None:
-    """Write lines without a style; on a terminal they are wrapped, what is continued begins in column ``hang``."""
+    """Write lines without a style; on a terminal they are wrapped, with continuations indented to column ``hang``."""
     from dissect.report.styled import PLAIN, Line
 
     write_lines([Line(line, PLAIN, hang) for line in lines])

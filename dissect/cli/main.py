@@ -1,7 +1,7 @@
-"""The command ``s7dissect``: its subcommands by name, its exit codes, and nothing that takes time to import.
+"""The command ``s7dissect``: its subcommands by name, its exit codes, and no slow imports.
 
-A subcommand lives in ``dissect/cli/<name>.py`` as a click command called ``command`` and is imported when it runs or when
-its own help is asked for; the list of commands is printed from the table below.
+A subcommand is in ``dissect/cli/<name>.py`` as a click command called ``command`` and is imported when it runs or shows its own
+help; the list of commands is printed from the table below.
 
 Exit codes: 0 fine, 1 a gate failed, 2 usage or unreadable input, 3 finished on damaged input, 5 the output could not be
 written, 130 interrupted. A command returns its code; ``None`` means 0.
@@ -110,13 +110,13 @@ _COMMON: Final = frozenset(
 #: Words that people type as if they were commands, and the option that does it.
 _WORDS: Final = {"version": "--version"}
 
-#: What the system says when an output has no room, whatever its name is.
+#: Errors of the system for an output without room, whatever its name is.
 FULL: Final = frozenset((errno.ENOSPC, errno.EDQUOT, errno.EFBIG))
 
 #: Under this the context keeps the arguments of the whole command line.
 ARGUMENTS: Final = "dissect.cli.main.arguments"
 
-#: Set by the shell when it asks for completions.
+#: Set by the shell when it requests completions.
 COMPLETION: Final = "_S7DISSECT_COMPLETE"
 
 
@@ -144,7 +144,7 @@ class LazyGroup(click.Group):
         return list(self.summaries())
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
-        """Import and return the command, None when there is none of that name."""
+        """Import and return the command, None if there is none of that name."""
         if cmd_name not in self.summaries():
             return None
         return _equipped(self.load(cmd_name), self.prefix + cmd_name)
@@ -152,7 +152,7 @@ class LazyGroup(click.Group):
     def resolve_command(
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
-        """Find the command; of a wrong name, say what may have been meant."""
+        """Find the command; for a wrong name, suggest similar ones."""
         name = args[0]
         if name in self.summaries() or name.startswith("-") or ctx.resilient_parsing:
             return super().resolve_command(ctx, args)
@@ -171,7 +171,7 @@ class LazyGroup(click.Group):
         return {"Commands": self.summaries()}
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """Write the list of commands without importing one; all stand in one column."""
+        """Write the list of commands, aligned in one column, without importing any."""
         listed = self.headings()
         width = max([len(name) for names in listed.values() for name in names])
         for heading, names in listed.items():
@@ -180,7 +180,7 @@ class LazyGroup(click.Group):
 
 
 class _Main(LazyGroup):
-    """The whole command line: words that are used in the place of options, and a file in the place of a command."""
+    """The whole command line: words that replace options, and a file in place of a command."""
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         """Take ``s7dissect version`` for ``--version``, and a file, or ``-r FILE`` as tshark has it, for ``analyze FILE``."""
@@ -193,7 +193,7 @@ class _Main(LazyGroup):
         return super().parse_args(ctx, args)
 
     def headings(self) -> dict[str, dict[str, str]]:
-        """Return the list of commands under headings; commands that have none stand last."""
+        """Return the list of commands under headings; commands without a heading come last."""
         named = {name for names in HEADINGS.values() for name in names}
         rest = {name: line for name, line in COMMANDS.items() if name not in named}
         return {**HEADINGS, "More": rest} if rest else dict(HEADINGS)
@@ -276,7 +276,7 @@ def run(arguments: list[str] | None = None) -> int:
     except SystemExit:
         if COMPLETION in os.environ:
             raise
-        # In this mode click ends the process by itself for a closed pipe only, and with the code of a failed gate.
+        # In this mode click ends the process itself only for a closed pipe, and with the code of a failed gate.
         return _system_refused(BrokenPipeError(errno.EPIPE, "Broken pipe"))
     except Exception as exc:
         from dissect.source.packet import CaptureError
@@ -298,7 +298,7 @@ def _say(text: str) -> None:
 
 
 def _show(exc: click.ClickException, arguments: list[str]) -> None:
-    """Write what click says of wrong use, with nothing in it that a name could do to a terminal."""
+    """Write click's error about wrong use, with names escaped for the terminal."""
     vars(exc)["message"] = exc.message + _meant(exc, arguments)
     for word in arguments:
         if not word.isprintable():  # click breaks its own lines; a name must not
@@ -325,9 +325,9 @@ def _meant(exc: click.ClickException, arguments: list[str]) -> str:
 
 
 def _system_refused(exc: OSError) -> int:
-    """Return the exit code for what the system refused: a file the user named, or else the output.
+    """Return the exit code for an error of the system: about a file that the user named, or else about the output.
 
-    A closed pipe is no fault of ours: whoever read it has seen enough.
+    A closed pipe is not our error: its reader has seen enough.
     """
     if exc.filename is not None:
         full = exc.errno in FULL

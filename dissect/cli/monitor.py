@@ -59,13 +59,13 @@ _EXIT_CODES: Final = (
 )
 
 
-#: Notes of a file that are told at the end, and characters of one.
+#: Maximum number of notes on a file that are reported at the end, and of characters of one.
 _NOTES: Final = 5
 _LONGEST: Final = 400
 
 
 def _seconds(ctx: click.Context, param: click.Parameter, value: str | None) -> int:
-    """Return what an option says in seconds as nanoseconds, 0 when it was not given."""
+    """Return the value of an option in seconds as nanoseconds, 0 if it was not given."""
     if value is None:
         return 0
     try:
@@ -206,7 +206,7 @@ def command(
             ],
             limits=Limits(duration_ns, packets or 0),
             name=name,
-            # The screens, and an expression, look at all that happens.
+            # The screens, and an expression, need all events.
             kinds=kinds_of(() if on_screens or chosen.where is not None else topics),
         )
         scrape.watch(session)
@@ -256,7 +256,7 @@ def _opener(
 
 
 def _watchdog() -> list[Companion]:
-    """Return the heartbeat, where systemd asks for one."""
+    """Return the heartbeat, if systemd requests one."""
     from dissect.live.watchdog import of_environment
 
     found = of_environment()
@@ -296,7 +296,7 @@ def _show(session: Session, shower: Shower, chosen: Chosen, reloading: Reloading
     selected = chosen.events(session)
     while True:
         reloading.look()
-        running = session.running  # asked before: what it does last is taken then
+        running = session.running  # read before: the last values are taken then
         events = session.poll(POLL_S, POLL_MOST)
         write_events(shower, selected.of(events) if selected is not None else events, lost.lines())
         if not events and not running:
@@ -311,7 +311,7 @@ def _summarise(session: Session, status: Status) -> None:
     for failure in session.run.failures:
         click.echo(f"s7dissect: {printable(failure)}", err=True)
     file = session.run.file
-    if session.engine == "file":  # what a live source has to say stands among the lines
+    if session.engine == "file":  # messages of a live source are written among the lines
         for note in file.notes[:_NOTES]:
             click.echo(f"s7dissect: {printable(file.name)}: {shortened(note, _LONGEST)}", err=True)
         if len(file.notes) > _NOTES:
@@ -344,7 +344,7 @@ def _on_screens(session: Session, slow_ns: int, chosen: Chosen, wanted: WantedSe
     from dissect.report.words import Places
 
     if not coloured(True):
-        os.environ["NO_COLOR"] = "1"  # what draws the screens asks for it when it is imported
+        os.environ["NO_COLOR"] = "1"  # the library for the screens reads it when it is imported
     try:
         run_app = importlib.import_module("dissect.monitor.app").run_app
     except ImportError as error:
@@ -359,7 +359,7 @@ def _on_screens(session: Session, slow_ns: int, chosen: Chosen, wanted: WantedSe
             try:
                 interrupted = run_app(session, slow_ns, clock(), chosen.where, Places([], False, hosts()), wanted)
             finally:
-                beside.watch(session, False)  # what is said from now on, nobody would see there
+                beside.watch(session, False)  # messages from now on would not be seen there
                 session.close()
     except NoKeyboardError as error:
         raise click.ClickException(f"the screens need a terminal for the keys ({error}); use --plain") from None

@@ -24,9 +24,9 @@ _SHOWN = 200
 
 
 class Shown:
-    """Writes the results of a command, and says why where there are none.
+    """Writes the results of a command, and says why if there are none.
 
-    ``noun`` is what a result is called; an output begins with ``heading`` lines that are none.
+    ``noun`` is the name of a result; an output begins with ``heading`` lines that are not results.
     """
 
     def __init__(self, noun: str, heading: int = 0) -> None:
@@ -48,7 +48,7 @@ class Shown:
 
 
 def nothing(noun: str, chosen: Chosen, narrowed: Iterable[str] = ()) -> str:
-    """Return that there is nothing that is called ``noun``; ``narrowed`` are other options that select."""
+    """Return the message that there is no ``noun``; ``narrowed`` are other options that select."""
     wanted = [*narrowed, *([shortened(chosen.where.text, _SHOWN)] if chosen.where is not None else [])]
     said = f"matches {' and '.join(wanted)}" if wanted else "in what was read"
     return f"no {noun} {said}" if noun else f"nothing {said}"
@@ -60,7 +60,7 @@ def complain_nothing(noun: str, chosen: Chosen, narrowed: Iterable[str] = ()) ->
 
 
 def _unknown(run: Run, chosen: Chosen) -> list[str]:
-    """Return what is wrong with the variables that a selection names in brackets: one that is misspelt matches nothing."""
+    """Return an error about unknown variables in the brackets of a selection, because a misspelt one matches nothing."""
     if chosen.where is None or not chosen.where.variables:
         return []
     from dissect.select.literals import place_of
@@ -83,9 +83,9 @@ def _unknown(run: Run, chosen: Chosen) -> list[str]:
 
 
 def complain_impossible(run: Run, chosen: Chosen) -> bool:
-    """Say on stderr that there is nothing of a number or time that was asked for; False where there may be something.
+    """Report on stderr a number or time that does not exist; return False if it may exist.
 
-    A number that nothing has is wrong use, which `Chosen.ended` makes the exit code.
+    An unknown number is wrong use, which `Chosen.ended` makes the exit code.
     """
     wrong = _wrong_number(run, chosen)
     impossible = wrong or _no_time(run, chosen)
@@ -104,7 +104,7 @@ def expect_possible(run: Run, chosen: Chosen) -> None:
 
 
 def _wrong_number(run: Run, chosen: Chosen) -> str:
-    """Return which connections of a selection are not in what was read; empty where all are."""
+    """Return which connections of a selection do not exist in the captures; empty if all do."""
     if chosen.full:
         return ""  # the rest was not read
     total = int(run.pipeline.connections.count)
@@ -117,7 +117,7 @@ def _wrong_number(run: Run, chosen: Chosen) -> str:
 
 
 def _no_time(run: Run, chosen: Chosen) -> str:
-    """Return that the time of a selection is not in what was read; empty where it may hold something."""
+    """Return the message that the time of a selection is not in the captures; empty if it may be."""
     pipeline = run.pipeline
     if chosen.window is not None and pipeline.frames and not chosen.full:
         first, last = int(pipeline.first_ns), int(pipeline.now_ns)

@@ -1,4 +1,4 @@
-"""`s7dissect open`: a capture, or a part of it, in Wireshark, with what was found in it as comments of its packets."""
+"""`s7dissect open`: a capture, or a part of it, in Wireshark, with the results as comments of its packets."""
 
 from __future__ import annotations
 
@@ -112,13 +112,13 @@ def _place(output: str | None) -> Iterator[str]:
     if output is not None:
         yield output
         return
-    # Nobody else on the machine can look into this folder: captures hold passwords.
+    # No other user may read this folder: captures contain passwords.
     with tempfile.TemporaryDirectory(prefix="s7dissect-") as folder:
         yield str(Path(folder, "s7dissect.pcapng"))
 
 
 def _write(files: Sequence[str], path: str, choice: Choice, around: Around, mark: int) -> Cutter:
-    """Read the files again, and write what is wanted."""
+    """Read the files again, and write the selected packets."""
     from dissect.recording.cutter import Cutter
 
     with written_whole(path, "open") as writer:
@@ -133,7 +133,7 @@ def _write(files: Sequence[str], path: str, choice: Choice, around: Around, mark
 
 
 def _target(cutter: Cutter, choice: Choice, frame: int | None) -> int:
-    """Return the number, in what was written, of the packet to go to."""
+    """Return the number, in the written file, of the packet to go to."""
     numbers = cutter.numbers
     if frame is not None:
         return numbers[frame]
@@ -141,7 +141,7 @@ def _target(cutter: Cutter, choice: Choice, frame: int | None) -> int:
 
 
 class _Waiting(Signals):
-    """Signals while Wireshark runs: it is asked to end as we are, and ends by itself on an interruption from the keyboard."""
+    """Signals while Wireshark runs: it is terminated as we are; it handles an interruption from the keyboard itself."""
 
     def __init__(self, child: subprocess.Popen[bytes]) -> None:
         super().__init__()

@@ -45,5 +45,5 @@ def command(reading: Reading, format_: Format, kinds: tuple[str, ...]) -> int:
 
 
 def _choice(kinds: frozenset[str]) -> OperationChoice | None:
-    """Return what tells whether an operation is of one of ``kinds``; None when all are."""
+    """Return a function that selects operations of ``kinds``; None for all."""
     return (lambda operation: operation.kind in kinds) if kinds else None

@@ -163,7 +163,7 @@ def _capture_file(output: str, force: bool) -> CaptureFile:
 
 
 class _Lines:
-    """What is written: to standard output while that can be, and nothing that fails there stops the relay."""
+    """Writes to standard output while that is possible; an error there does not stop the relay."""
 
     def __init__(self, session: Session, relay: RelayProcess | RelayThread, shower: Shower | None) -> None:
         self.code = EXIT_OK
@@ -187,7 +187,7 @@ class _Lines:
             self._write(lambda: write_events(shower, events, lost))
 
     def summarise(self) -> None:
-        """Write what it all came to."""
+        """Write the summary."""
         from dissect.live.lines import summary_lines
         from dissect.report import words
 
@@ -249,7 +249,7 @@ class _Proxy:
         return self._code()
 
     def _follow(self) -> None:
-        """Show what happens until nothing more does: the relay has ended, and all that passed is told."""
+        """Show events until the relay has ended and all traffic is reported."""
         told = False
         while True:
             running, relaying = self._session.running, self._relay.is_alive()  # asked before: what comes last is taken

@@ -1,7 +1,7 @@
-"""How a command reads captures: as one, each by itself, by several processes or machines, or as a task of these.
+"""How a command reads captures: as one, each separately, with several processes or machines, or as a task of these.
 
-A command gives an observer, an adder or rows, and writes what was found; `Reading` knows the rest: files, selection, options of
-the engine, exit code, and what is said on stderr. `dissect.cli.options.reading` makes one of the options of a command.
+A command provides an observer, an adder or rows, and writes the results; `Reading` does the rest: files, selection, options of
+the engine, exit code, and messages on stderr. `dissect.cli.options.reading` makes one of the options of a command.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ F = TypeVar("F", "Analysis", "Inventory")
 
 
 class Looked(Protocol):
-    """What was found in a file that stands for itself."""
+    """The results of a file that is read separately."""
 
     @property
     def about(self) -> About:
@@ -51,7 +51,7 @@ L = TypeVar("L", bound=Looked)
 
 
 class Adder(Protocol[F]):
-    """Adds up what was found in files, in their order; ``found`` is the sum."""
+    """Adds up the results of files, in their order; ``found`` is the sum."""
 
     found: F
 
@@ -59,15 +59,14 @@ class Adder(Protocol[F]):
         """Add the part of the file that comes next."""
 
     def finish(self) -> None:
-        """There are no more files."""
+        """End the sum, after the last file."""
 
 
 class Reading:
-    """Captures, what is read of them, and how: what the options of a command say.
+    """Captures, and how to read them, by the options of a command.
 
-    ``separate`` is None for a command that reads all files as one capture, those of a folder as well.
-    ``whole_only`` are values of options that do not go with files that stand for themselves, and what is said of them.
-    Afterwards ``code`` is the exit code so far.
+    ``separate`` is None for a command that always reads all files as one capture, also those of a folder. ``whole_only`` are
+    values of options that do not apply to separate files, with their messages. Afterwards ``code`` is the exit code so far.
     """
 
     def __init__(
@@ -101,16 +100,16 @@ class Reading:
         self._counts: Any = {}
         self._shown: Shown | None = None
         self._rows, self._noun = 0, ""
-        self._part: Part | None = None  # of files that stand for themselves
+        self._part: Part | None = None  # for separate files
 
     @property
     def separate(self) -> bool:
-        """Whether each file stands for itself. Raises UsageError where other options do not go with that."""
+        """Whether each file is read separately. Raises UsageError if other options exclude that."""
         return self._asked_separate is not None and check_jobs(self._asked_separate, self.jobs)
 
     @property
     def named(self) -> Sequence[str]:
-        """The files, of which a task has but one: where it matters whether packets are named with their file."""
+        """The files; a task has only one, but must know whether packets are named with their file."""
         of = current()
         return self.files if of is None else of.files
 
@@ -140,13 +139,13 @@ class Reading:
         return sieve.findings if sieve is not None else None
 
     def part(self, run: Run) -> Part | None:
-        """Return what the analysis of a selection is of; None where it is of everything."""
+        """Return a description of the selection for an analysis; None for everything."""
         return self._reading.part(run.pipeline) if self._reading is not None else None
 
     # ---- as one -----------------------------------------------------------------------------------------------------
 
     def prepared(self, observer: Observer, sieved: bool = True, make: Callable[..., Run] | None = None) -> Run:
-        """Return a run over the files that tells ``observer`` of what is selected, or of everything if not ``sieved``.
+        """Return a run over the files that reports to ``observer`` the selection, or everything if not ``sieved``.
 
         ``make`` makes it of files, observer and options.
         """
@@ -177,20 +176,20 @@ class Reading:
     # ---- one by one, here or elsewhere ------------------------------------------------------------------------------
 
     def as_task(self, work: Callable[[Task], None]) -> None:
-        """Where this is the task of one file: have ``work`` leave in it what it finds, and end the command."""
+        """If this is the task of one file, let ``work`` store its results there, and end the command."""
         of = current()
         if of is not None:
             work(of)
             raise click.exceptions.Exit(EXIT_OK)
 
     def check(self) -> None:
-        """Raise UsageError for options on how to read that do not go together; else that is said when reading begins."""
+        """Raise UsageError for contradictory options on how to read; otherwise this happens when reading begins."""
         check_jobs(bool(self._asked_separate), self.jobs)
 
     def stand_alone(self) -> bool:
-        """Return whether the files stand for themselves; then those that the index rules out are left out.
+        """Return whether the files are read separately; if so, leave out those that the index rules out.
 
-        Raises UsageError for options that do not go with that.
+        Raises UsageError for options that exclude that.
         """
         if not self.separate:
             return False
@@ -213,7 +212,7 @@ class Reading:
         self.code = separately(self.files, self.jobs, take, direct, folder, kept)
 
     def one_by_one(self, look: Callable[[str], L], take: Callable[[str, L], None]) -> None:
-        """Have ``look`` look at each file by itself, as its task does, and give ``take`` what it found."""
+        """Let ``look`` read each file separately, as its task does, and pass the results to ``take``."""
         if self.separate:
             self.apart(lambda done: None if done.why else take(done.file, done.result))
             return
@@ -284,25 +283,25 @@ class Reading:
         return total
 
     def write(self, lines: list[Written], results: bool) -> None:
-        """Write lines after `rows`; ``results`` tells whether they are some."""
+        """Write lines after `rows`; ``results`` tells whether they count as results."""
         if results and self._shown is not None:
             self._shown.write(lines)
         else:
             write_out(lines)
 
     def sieves(self, rows: Rows) -> bool:
-        """Return whether the findings of a selection have to be told from others."""
+        """Return whether the findings of a selection must be separated from others."""
         return rows.sieved and bool(self.fail_on)
 
     # ---- the end ----------------------------------------------------------------------------------------------------
 
     def complain(self) -> None:
-        """Say on stderr what the results alone do not show: damaged files, an interruption."""
-        if self._run is not None:  # of files that stand for themselves it was said
+        """Report on stderr problems that the results do not show: damaged files, an interruption."""
+        if self._run is not None:  # for separate files this was done
             complain(self._run, self.code)
 
     def possible(self) -> bool:
-        """Return whether there may be what was selected; say on stderr where there is no such number or time."""
+        """Return whether the selection may match; otherwise report an unknown number or time on stderr."""
         return self._run is None or not complain_impossible(self._run, self.chosen)
 
     def expect_possible(self) -> None:
@@ -312,14 +311,14 @@ class Reading:
             self.match()
 
     def explain(self, narrowed: Iterable[str] = ()) -> None:
-        """Say on stderr why there are no rows, where that is so; ``narrowed`` are other options that select."""
+        """Explain on stderr why there are no rows, if so; ``narrowed`` are other options that select."""
         if self._shown is not None and self._run is not None:
             self._shown.explain(self._run, self.chosen, narrowed)
         elif not self._rows and not self.interrupted:
             complain_nothing(self._noun, self.chosen, narrowed)
 
     def match(self) -> None:
-        """Say on stderr where a selection matches nothing of what was read."""
+        """Report on stderr a selection that matches nothing."""
         sieve = self._reading.sieve if self._reading is not None else None
         nothing = sieve.nothing if sieve is not None else self._part is not None and not self._part.passed
         if nothing and not self.chosen.impossible:
@@ -332,7 +331,7 @@ class Reading:
         return gate(self._run, self.fail_on, self.chosen.ended(self.code), self.findings)
 
     def ended(self) -> int:
-        """Say all that and return the exit code, for a command with one result."""
+        """Report all that and return the exit code, for a command with one result."""
         self.complain()
         self.possible()
         return self.gated()

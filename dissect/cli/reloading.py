@@ -1,7 +1,7 @@
 """`Reloading`: at SIGHUP a probe reads its rules, baseline, tags and settings again, and begins new files of evidence.
 
-Files are read in the thread of the command while the capture goes on; what they say is put in force between two packets. A file
-that cannot be used leaves all as it was.
+Files are read in the thread of the command while the capture continues; their contents take effect between two packets. If a
+file cannot be used, nothing changes.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ _HUP: Final = getattr(signal, "SIGHUP", None)
 
 
 class Reloading:
-    """Takes SIGHUP while a ``with`` lasts, and acts on it in `look`. A process that ignores the signal (`nohup`) goes on to."""
+    """Handles SIGHUP during a ``with``, and acts on it in `look`. If a process ignores the signal (`nohup`), it stays so."""
 
     def __init__(self, session: Session, beside: Beside) -> None:
         self._session = session
@@ -49,7 +49,7 @@ class Reloading:
         self._asked = True
 
     def look(self) -> None:
-        """Read the files again if that was asked for. Call it often; while an earlier change is under way it waits."""
+        """Read the files again if a signal arrived. Call it often; during an earlier change it waits."""
         alerting = self._beside.alerting
         if not self._asked or self._pending or (alerting is not None and not alerting.settled):
             return
@@ -70,7 +70,7 @@ class Reloading:
         self._session.say(f"HUP: rules, baseline, tags and hosts stay as they were: {why}; new files begin")
 
     def _change(self, rules: Callable[[], None] | None, naming: Naming | None, names: Mapping[str, str]) -> None:
-        """Put in force what was read; called between two packets, in another thread than the command's."""
+        """Apply the new contents; called between two packets, in a different thread from the command's."""
         try:
             if rules is not None:
                 rules()
@@ -79,5 +79,5 @@ class Reloading:
                 self._beside.reporting.name_hosts(names)
             self._session.run.renew()
         finally:
-            self._pending = False  # whatever fails is told by the run, and the next signal is heard
+            self._pending = False  # the run reports a failure; the next signal is handled as usual
         self._session.say("HUP: rules, baseline, tags and hosts were read again; new files begin")

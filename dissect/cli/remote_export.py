@@ -58,7 +58,7 @@ def saved_remotely(target: Target, force: bool, mark: str) -> Iterator[RemoteFol
         yield folder
         folder.remove(UNFINISHED)
     except BaseException:
-        with suppress(OSError):  # the reason of which is the one that is said
+        with suppress(OSError):  # its reason is the one that is reported
             folder.clear()
         raise
 
@@ -71,7 +71,7 @@ def remote_export(folder: RemoteFolder, only: Sequence[str], names: Sequence[str
 
 
 def close_wanted(folder: RemoteFolder, export: Export) -> None:
-    """Write the rest of a task's rows. Raises `FileError` when the export was broken off: nobody would remove them."""
+    """Write the rest of a task's rows. Raises `FileError` if the export was aborted: nothing would remove the rows."""
     if not folder.has(UNFINISHED):
         raise FileError(f"{folder.name}: the export was broken off meanwhile")
     export.close()
@@ -94,7 +94,7 @@ def export_separately_remotely(
     """Export each file to ``folder``, the one of ``target``; return the rows by table."""
     tables = chosen_tables(only)
     metadata = metadata_of(__version__, [encodable(name) for name in reading.files])
-    needed("pyarrow.parquet")  # what is missing is said before anything is read
+    needed("pyarrow.parquet")  # report a missing library before anything is read
     counts: Counter[str] = Counter()
     places = itertools.count(1)
 
@@ -102,7 +102,7 @@ def export_separately_remotely(
         place = next(places)
         if done.result is not None:
             counts.update(done.result.counts)
-        else:  # what a process left that died is not whole
+        else:  # files of a process that died are incomplete
             folder.remove_matching(f"*/*/part-{place:04}-*.parquet")
 
     reading.apart(take, folder=target.path, kept=False)

@@ -52,7 +52,7 @@ def needs_template_engine() -> None:
 
 
 def _two_captures(ctx: click.Context, param: click.Parameter, both: tuple[str, str] | None) -> tuple[str, str] | None:
-    """Refuse an option in the place of the second capture: click would miss it elsewhere."""
+    """Refuse an option in place of the second capture: click would report it as missing elsewhere."""
     if both is not None and both[1].startswith("-"):
         raise click.BadParameter(f"expected two captures, got {both[0]!r} and the option {both[1]!r}.", ctx, param)
     return both
@@ -132,7 +132,7 @@ def command(
 def _read(
     reading: Reading, files: tuple[str, ...], plots: WantedSet | None, full_paths: bool, beside: Observer | None = None
 ) -> tuple[Side, int]:
-    """Read captures for a report, and for another observer beside it; return what was gathered and the exit code so far."""
+    """Read captures for a report and one more observer; return the contents and the exit code so far."""
     from dissect.live.run import Fanout
     from dissect.page.gathered import Gathered, span_of
     from dissect.page.rendering import Side
@@ -149,7 +149,7 @@ def _read(
 
     reading.files = files
     run = reading.run(observer, begin)
-    # A report of a part spans what was selected.
+    # A report of a part covers the selected time.
     gathered.take(run.pipeline, run.files, span_of(run.pipeline) if reading.chosen.where is None else None)
     gathered.analysis.part = reading.part(run)
     if not reading.interrupted:
@@ -159,7 +159,7 @@ def _read(
 
 
 def _reading() -> list[tuple[str, str]]:
-    """Return the options that say how captures are read, as they were typed: what the page says to type needs them as well."""
+    """Return the options for reading captures, as typed: the page shows them in commands to type."""
     params = click.get_current_context().params
     found = [("--config", name) for name in config_typed()]
     for option, parameter in _READING.items():

@@ -1,4 +1,4 @@
-"""How `monitor` and `extcap` open an interface, and what they give up then: hostile packets are parsed without any rights."""
+"""How `monitor` and `extcap` open an interface, and drop privileges then: hostile packets are parsed without privileges."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 #: The user whom -Z names to keep everything.
 _ROOT: Final = "root"
-#: Rooms of which something is imported only when it is met in a packet, and codecs, which are imported too.
+#: Rooms with imports that are delayed until a packet needs them, and codecs, which are imported likewise.
 _ROOMS: Final = ("s7", "s7plus", "transactions", "findings", "report", "select", "export", "live", "recording")
 _CODECS: Final = ("ascii", "latin-1", "utf-16-be", "utf-16-le", "idna")
 
@@ -33,7 +33,7 @@ def check_user(user: str, engine: str) -> None:
 
 
 def _relinquish(beside: Beside | None, become: User | None, on_screens: bool) -> None:
-    """Give up all rights, and see that what has to be written and read afterwards can be."""
+    """Drop all privileges, and check that the files needed later can be written and read."""
     from dissect.source.live import privileges
 
     if become is not None:
@@ -56,9 +56,9 @@ def open_interface(
     on_screens: bool,
     buffer_mib: int,
 ) -> LiveReader:
-    """Open an interface, or several, and give up all rights, as far as the engine allows that; ``beside`` goes on without them.
+    """Open an interface, or several, and drop all privileges as far as the engine allows; ``beside`` continues without them.
 
-    Root reads by the ring where it can: whoever started a dumpcap as root must stay root to end it.
+    Root reads from the ring if possible: a process that started dumpcap as root must stay root to end it.
     """
     from dissect.source.live import privileges
     from dissect.source.live.opening import open_all
@@ -73,7 +73,7 @@ def open_interface(
     if become is not None and engine == "auto":
         try:
             reader = open_all(names, expression, "ring", buffer_mib=buffer_mib)
-        except LiveError as why:  # dumpcap may, or says why nobody can
+        except LiveError as why:  # dumpcap may have the privilege, or reports why not
             if user:
                 remedies = why.advice or (f"-Z {user} needs the ring; -Z root keeps all privileges",)
                 raise LiveError(str(why), remedies) from None
@@ -95,14 +95,14 @@ def open_interface(
 
 
 def _import_all() -> None:
-    """Import what a line may need later: a Python below /root is none that nobody may read."""
+    """Import modules that may be needed later: a Python below /root can no longer be read then."""
     import pkgutil
 
     import dissect
 
     for name in _CODECS:
         "".encode(name)
-    importlib.import_module(f"{dissect.__name__}.source.statistics")  # at the end of a file that states what was lost
+    importlib.import_module(f"{dissect.__name__}.source.statistics")  # at the end of a file with a loss count
     for room in _ROOMS:
         package = importlib.import_module(f"{dissect.__name__}.{room}")
         for found in pkgutil.iter_modules(package.__path__):

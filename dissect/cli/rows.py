@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 class Left(NamedTuple):
-    """What rows do not show: connections by protocol, variables asked for that were seen, and pairs left out, by doubt."""
+    """What rows do not show: connections by protocol, requested variables that were seen, and omitted pairs, by doubt."""
 
     protocols: Mapping[str, int] = {}
     seen: Iterable[str] = ()
@@ -24,10 +24,10 @@ class Left(NamedTuple):
 
 
 class Rows:
-    """The rows of a command: ``observer`` gives to ``writer`` what they are about.
+    """The rows of a command: ``observer`` passes results to ``writer``.
 
-    ``sieved``: of a selection, only its findings count for --fail-on. ``at_once``: rows are taken while captures are read;
-    otherwise the command takes them in the end.
+    ``sieved``: of a selection, only its findings count for --fail-on. ``at_once``: rows are written while captures are read,
+    otherwise at the end.
     """
 
     sieved = True
@@ -38,7 +38,7 @@ class Rows:
         self.at_once = at_once
 
     def begin(self, places: Places) -> None:
-        """Write what the output begins with."""
+        """Write the beginning of the output."""
         self.writer.begin(places)
 
     def take(self, run: Run) -> Sequence[Written]:
@@ -46,15 +46,15 @@ class Rows:
         return self.writer.take()
 
     def left(self) -> Left:
-        """Return what they do not show, when everything was read."""
+        """Return what the rows do not show, after everything was read."""
         return Left()
 
 
 class Counts(NamedTuple):
-    """What a run over one file or several came to.
+    """The counters of a run over one file or several.
 
-    Connections and those left out, transactions, packets, packets without S7 by their kind, packets that are wrapped in what is
-    not opened, findings by slug as they count for --fail-on, what the rows do not show, and how many these are.
+    Connections (all, and omitted ones), transactions, packets, packets without S7 by kind, packets in unopened wrappings,
+    findings by slug as they count for --fail-on, what the rows do not show, and the number of rows.
     """
 
     connections: int
@@ -71,9 +71,9 @@ class Counts(NamedTuple):
 def counts_of(
     pipeline: Pipeline, selected: Mapping[str, int] | None, left: Left, began: tuple[int, int] = (0, 0)
 ) -> Counts:
-    """Return what a run came to that ``began`` with these numbers of connections and transactions.
+    """Return the counters of a run that ``began`` with these numbers of connections and transactions.
 
-    Of a selection only the findings that are ``selected`` count.
+    For a selection only ``selected`` findings count.
     """
     counted = dict(pipeline.finding_counts)
     return Counts(
@@ -105,7 +105,7 @@ class Total:
         self.doubts: Counter[str] = Counter()
 
     def add(self, part: Counts) -> None:
-        """Add what a run came to."""
+        """Add the counters of a run."""
         self.rows += part.rows
         self.packets += part.packets
         self.connections += part.connections

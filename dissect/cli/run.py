@@ -1,4 +1,4 @@
-"""What the analysing commands share: arguments, the drive through the files, progress, output, exit code."""
+"""Shared by the analysing commands: arguments, the loop over the files, progress, output, exit code."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 #: Files smaller than this are read faster than a progress bar appears.
 _WORTH_A_BAR: Final = 20_000_000
-#: What a compressed file may grow to, to judge whether it is worth a bar.
+#: Assumed growth of a compressed file, to decide whether it needs a progress bar.
 _GROWS: Final = 10
 
 #: Lines that are joined and written together; many more cost fresh memory each time.
@@ -43,12 +43,12 @@ if sys.platform == "win32":
 else:
     _GATHERED = os.sysconf("SC_IOV_MAX")
 
-#: What stands in names that are patterns, ranges of days, or of another machine.
+#: Marks of names that are patterns, ranges of days, or on another machine.
 _NOT_PLAIN: Final = ("://", "*", "?", "[", "{")
 
 
 def files_meant(files: Iterable[str]) -> tuple[str, ...]:
-    """Return the files that names stand for. `CaptureError` where a pattern finds none, or a range of days is none."""
+    """Return the files for the names. `CaptureError` if a pattern finds none, or a range of days is invalid."""
     names = tuple(files)
     of = current()
     if of is not None:
@@ -62,7 +62,7 @@ def _files(_ctx: click.Context, _param: click.Parameter, files: tuple[str, ...])
     return files_meant(files)
 
 
-#: The files to read: `-` is standard input, a pattern or a range of days what it finds.
+#: The files to read: `-` is standard input; patterns and ranges of days are expanded.
 files_argument = click.argument(
     "files", nargs=-1, required=True, type=click.Path(readable=False), metavar="FILE...", callback=_files
 )
@@ -72,14 +72,14 @@ files_if_any: Final[Callable[[Any], Any]] = click.argument(
 )
 
 
-#: Packets that their receiver dropped are no part of what was said; the command gets ``checksums``.
+#: Packets that their receiver dropped are no part of the conversation; the command gets ``checksums``.
 checksums_option: Final[Callable[[Any], Any]] = click.option(
     "--checksums", is_flag=True, help="Ignore packets with a wrong TCP or UDP checksum, as their receiver does."
 )
 
 
 def nanoseconds(ctx: click.Context, param: click.Parameter, ms: str | None) -> int | None:
-    """Return what an option says in milliseconds as nanoseconds, None when it was not given."""
+    """Return the value of an option in milliseconds as nanoseconds, None if it was not given."""
     if ms is None:
         return None
     try:
@@ -103,7 +103,7 @@ slow_option: Final[Callable[[Any], Any]] = click.option(
 )
 
 
-#: What the help of each command ends with.
+#: The end of the help of each command.
 EXIT_CODES: Final = (
     "Exit code: 0 success, 1 a finding that --fail-on names, 2 wrong use or an unreadable file, 3 a damaged or truncated file, "
     "5 the output could not be written, 130 interrupted. The results cover what was read."
@@ -123,7 +123,7 @@ def write(lines: Iterable[str]) -> None:
         else:  # joined first, one arrow would make wide characters of a whole tree that is ASCII
             octets = b"\n".join([line.encode("utf-8", "backslashreplace") for line in (*piece, "")])
         sys.stdout.buffer.write(octets)
-    sys.stdout.buffer.flush()  # who reads a live capture wants to see what there is
+    sys.stdout.buffer.flush()  # a reader of a live capture wants immediate output
 
 
 def write_octets(lines: Iterable[bytes]) -> None:
@@ -142,7 +142,7 @@ def write_bytes(octets: bytes) -> None:
 
 
 def write_pieces(pieces: list[bytes]) -> None:
-    """Write what was made of lines, of which no piece has to end where a line ends, without putting it together first."""
+    """Write pieces of output without joining them first; a piece need not end at a line end."""
     out = sys.stdout.buffer
     written = 0
     if sys.platform != "win32" and len(pieces) <= _GATHERED:
@@ -159,7 +159,7 @@ def write_pieces(pieces: list[bytes]) -> None:
 
 
 def places_of(run: Run, files: Sequence[str]) -> Places:
-    """Return how packets of ``run`` over ``files`` are named; it may be asked while the run goes on."""
+    """Return how packets of ``run`` over ``files`` are named; may be called during the run."""
     from dissect.cli.configuration import hosts
     from dissect.report.words import Places
 
@@ -174,10 +174,11 @@ def drive(
 ) -> int:
     """Read every file of ``run``, call ``each`` after each step, and return the exit code.
 
-    When ``done`` returns True after a step, no more is read: there is all that was asked for.
+    When ``done`` returns True after a step, reading ends: all requested results are there.
 
-    An interruption (SIGINT, SIGTERM) ends the reading between two steps, or while input is awaited; what was read is kept and
-    reported, and the exit code says so. Raises `CaptureError` before anything is read if one of ``files`` is not a capture.
+    An interruption (SIGINT, SIGTERM) ends the reading between two steps, or while waiting for input; earlier results are kept
+    and reported, and the exit code shows it. Raises `CaptureError` before anything is read if one of ``files`` is not a
+    capture.
     """
     code = EXIT_OK
     run.lenient = run.lenient or any_folder()
@@ -211,12 +212,12 @@ def drive(
 
 
 def complain(run: Run, code: int) -> None:
-    """Say on stderr what the results alone do not show: damaged files, an interruption."""
+    """Report on stderr problems that the results do not show: damaged files, an interruption."""
     complain_of([(file.name, file.loss) for file in run.files], code)
 
 
 def complain_of(losses: Iterable[tuple[str, str]], code: int) -> None:
-    """The same of files with what is wrong with them, nothing where they are sound."""
+    """Do the same for files with descriptions of damage, empty for sound ones."""
     for name, loss in losses:
         if loss:
             click.echo(f"s7dissect: {printable(name)}: {printable(loss)}", err=True)
@@ -225,7 +226,7 @@ def complain_of(losses: Iterable[tuple[str, str]], code: int) -> None:
 
 
 def check_captures(files: Sequence[str]) -> None:
-    """Look at every file before the first is analysed, so that a wrong one is told at once and not after an hour."""
+    """Check every file before the first is analysed, so that a wrong one is reported at once and not after an hour."""
     for file in files:
         if file == "-" or gives_once(file):
             continue
@@ -254,10 +255,10 @@ _TWICE_S: Final = 0.5
 
 
 class Signals:
-    """SIGINT and SIGTERM while something goes on: the first one is remembered as ``asked``; `react` says what else they do.
+    """SIGINT and SIGTERM during a run: the first one is stored in ``asked``; `react` handles the rest.
 
-    A second SIGTERM within `_TWICE_S` is the first one sent again: `timeout` sends one to the process and one to its group. Who
-    presses Ctrl-C twice means it.
+    A second SIGTERM within `_TWICE_S` is a duplicate: `timeout` sends one to the process and one to its group. A second Ctrl-C
+    is intended.
     """
 
     def __init__(self) -> None:
@@ -285,7 +286,7 @@ class Signals:
         self.react(again, frame)
 
     def react(self, again: bool, frame: FrameType | None) -> None:
-        """Take a signal that struck in ``frame``; ``again`` tells that it is not the first."""
+        """Handle a signal in ``frame``; ``again``: it is not the first."""
 
 
 class Interruption(Signals):
@@ -334,7 +335,7 @@ class Bar:
                 continue
             else:
                 worth += size * _GROWS if compressed else size
-                # What a compressed file will grow to is not known before its end.
+                # The decompressed size of a file is not known before its end.
                 self._total = None if compressed or self._total is None else self._total + size
         self._wanted = worth >= _WORTH_A_BAR
 
@@ -360,13 +361,13 @@ class Bar:
             self._progress.stop()
 
     def show(self, octets: int) -> None:
-        """Show that so many octets of the files were read."""
+        """Show how many octets of the files were read."""
         if self._progress is not None and self._task is not None:
             self._progress.update(self._task, completed=float(octets))
 
 
 def _goes_to_file() -> bool:
-    """Return whether what is written to stdout goes to a file, and to no terminal, not even by way of a pipe into a pager."""
+    """Return whether stdout is a file, and not a terminal, nor a pipe into a pager."""
     try:
         return stat.S_ISREG(os.fstat(sys.stdout.fileno()).st_mode)
     except (OSError, ValueError):

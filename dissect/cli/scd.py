@@ -21,7 +21,7 @@ _COMMANDS: Final = {
 
 
 class _ScdGroup(LazyGroup):
-    """Lists its commands from the table, and says on one line what is wrong with a dictionary or a value."""
+    """Lists its commands from the table, and reports errors in a dictionary or a value on one line."""
 
     prefix = "scd "
 
@@ -36,7 +36,7 @@ class _ScdGroup(LazyGroup):
         return command
 
     def invoke(self, ctx: click.Context) -> Any:
-        """Run a command; what the library refuses is the user's error."""
+        """Run a command; errors of the library are the user's errors."""
         from dissect.scd.errors import Error
         from dissect.wire.text import printable
 

@@ -1,4 +1,4 @@
-"""`s7dissect scd decode`: octets into values, and what `encode` shares with it: selectors, octets as they are given."""
+"""`s7dissect scd decode`: octets into values; shares with `encode` the selectors and the input of octets."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ dictionary_option = click.option(
 
 
 def selectors(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Add the options that say what octets are."""
+    """Add the options that select the kind of octets."""
     for option in reversed(
         (
             click.option("--pdo", metavar="T1", help="A PDO, by direction and number, or by name."),
@@ -110,7 +110,7 @@ def _is_hex(text: str) -> bool:
 
 
 def _hex(text: str) -> bytes | None:
-    """Return the octets of hexadecimal text, in which spaces, commas, colons, hyphens and 0x may stand; None for other text."""
+    """Return the octets of hexadecimal text with optional spaces, commas, colons, hyphens and 0x; None for other text."""
     words = text.replace(",", " ").replace(":", " ").replace("-", " ").split()
     digits = "".join([word.removeprefix("0x").removeprefix("0X") for word in words])
     return bytes.fromhex(digits) if _is_hex(digits) and len(digits) % 2 == 0 else None
@@ -145,7 +145,7 @@ def _payload(data: Sequence[str], raw: bool) -> bytes:
 def _decoded(
     codec: Codec, octets: bytes, pdo: str | None, struct: str | None, whole: str | None, value: str | None
 ) -> tuple[Message, bytes]:
-    """Return what the octets say as a message without an envelope, and the octets after it; raises `Error`."""
+    """Return the octets decoded as a message without an envelope, and the octets after it; raises `Error`."""
     from dissect.scd.messages import Message
 
     found: Decoded
@@ -241,7 +241,7 @@ def _table(found: Sequence[Row]) -> list[list[str]]:
 
 
 def _raw(row: Row) -> str:
-    """Return a whole number as it is on the wire, in hexadecimal; of other values the value itself is all."""
+    """Return a whole number in hexadecimal as on the wire; other values unchanged."""
     value = row.value
     if isinstance(value, bool) or not isinstance(value, int):
         return ""

@@ -32,7 +32,7 @@ _KINDS: Final[dict[str, tuple[Service, Phase]]] = {
     "pdo": ("pdo", "push"),
 }
 _ADDRESS: Final = re.compile(r"(0[xX][0-9a-fA-F]{1,4})(?:[:.]([0-9]{1,3}))?")
-#: Fields of an envelope that an option gives, and what they are.
+#: Fields of an envelope that can be set by an option, and their meaning.
 _NUMBERS: Final = {
     "tid": "number of the transaction",
     "err": "error code, 0 for none",
@@ -196,7 +196,7 @@ def _message(
 
 
 def _address(od: Dictionary, text: str, kind: str) -> tuple[int, int]:
-    """Return an address, also one that the dictionary does not have: a device may be asked for it, and refuse."""
+    """Return an address, also one that the dictionary does not have: it can be requested, and the device may refuse."""
     from dissect.scd.errors import Error
 
     found = None if text in od.names else _ADDRESS.fullmatch(text)

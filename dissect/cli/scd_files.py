@@ -35,7 +35,7 @@ _LEVELS: Final = {
     "names": "only names, texts, units or limits differ: both decode alike",
     "wire": "they decode differently",
 }
-#: What the help of a command that writes one thing ends with.
+#: The end of the help of a command that writes one thing.
 WRITING: Final = (
     "Exit code: 0 success, 2 wrong use, or an input that is unreadable or invalid, 5 the output could not be written."
 )
@@ -208,13 +208,13 @@ class _Checked(Outcome):
         self._what = file, dictionary, notes
 
     def text(self) -> Iterator[Line]:
-        """Return what it contains, and what of its source was not kept."""
+        """Return its contents, and the parts of its source that were not kept."""
         file, dictionary, notes = self._what
         lost = [f"  not kept: {printable(str(note))}" for note in notes]
         return plain([f"{printable(file)}: valid", *_summary(dictionary), *_pdos(dictionary), *lost])
 
     def as_dict(self) -> dict[str, object]:
-        """Return what it contains."""
+        """Return its contents."""
         return _check_json(*self._what)
 
 
@@ -292,7 +292,7 @@ class _Compared(Outcome):
         self._both = both
 
     def text(self) -> Iterator[Line]:
-        """Return a line for each change, and what they mean."""
+        """Return a line for each change, and the consequences."""
         first, second = self._names
         last = f"{printable(first)} and {printable(second)}: {_LEVELS[self._found.level]}"
         return plain([*columns([_change(change) for change in self._found.changes]), last])

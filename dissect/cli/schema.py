@@ -1,4 +1,4 @@
-"""`s7dissect schema`: the JSON Schemas of what the other commands write for programs."""
+"""`s7dissect schema`: the JSON Schemas of the machine-readable outputs."""
 
 from __future__ import annotations
 

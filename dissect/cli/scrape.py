@@ -1,4 +1,4 @@
-"""The options of commands that let Prometheus fetch what they count."""
+"""The options of commands that export their counters to Prometheus."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 def metrics_address(ctx: click.Context, param: click.Parameter, text: str | None) -> Address | None:
-    """Return what ``--metrics HOST:PORT`` says, None when it was not given."""
+    """Return the value of ``--metrics HOST:PORT``, None if it was not given."""
     if text is None:
         return None
     from dissect.net.addresses import AddressError, parse_address
@@ -42,11 +42,11 @@ allow_remote_option: Final[Callable[[Any], Any]] = click.option(
 
 
 class Scrape:
-    """Metrics for as long as a ``with`` lasts: counted by a companion of the session, handed out where ``address`` says.
+    """Metrics for the duration of a ``with``: a companion of the session counts, and ``address`` serves them.
 
     It listens from the beginning, and answers from `start` on: before that this process has no other thread, so that it can
-    still give up its rights. Where nobody sits at a terminal, an address that is taken does not end it: that is reported, and
-    tried again. Without an address there is nothing, and it costs nothing.
+    still drop its privileges. Without a terminal, an address in use does not end it: it is reported, and tried again. Without
+    an address there is no server and no cost.
     """
 
     def __init__(self, address: Address | None, allow_remote: bool) -> None:

@@ -1,4 +1,4 @@
-"""What commands share that read a capture twice and write another: what they refuse, and a file that is whole or not there."""
+"""Shared by commands that read a capture twice and write another: what they refuse, and a file that is complete or absent."""
 
 from __future__ import annotations
 
@@ -95,7 +95,7 @@ def read_first(
 
 
 def _failed(_observer: Observer, error: Exception) -> None:
-    """Let an error of one of two observers be told as that of one alone is."""
+    """Let an error of one of two observers be reported like that of a single one."""
     raise error
 
 
@@ -143,7 +143,7 @@ def written_whole(output: str, command: str = "") -> Iterator[PcapngWriter]:
 
 
 def tell_cut(cutter: Cutter, output: str, context: int = 0) -> None:
-    """Say on stderr what was written; ``context`` packets of it only open or close connections."""
+    """Report on stderr what was written; ``context`` packets of it only open or close connections."""
     written = cutter.chosen + cutter.beside
     beside = f", {cutter.beside} of them for being near" if cutter.beside else ""
     if context:

@@ -1,6 +1,6 @@
-"""Files that stand for themselves (option --separate), by one process, several or other machines: the result is the same.
+"""Files that are read separately (option --separate), by one process, several or other machines, with the same result.
 
-Each file is a `dissect.cli.task`. What they find comes here in the order of the files, and is added up.
+Each file is a `dissect.cli.task`. Results arrive here in the order of the files, and are added up.
 """
 
 from __future__ import annotations
@@ -38,12 +38,11 @@ T = TypeVar("T")
 
 
 class Readers(NamedTuple):
-    """An executor and what says how many tasks it may have ``at_once``; ``look`` is called now and then while it has some.
+    """An executor and the function for how many tasks it may have ``at_once``; ``look`` is called regularly while it has some.
 
-    ``queued`` more may wait in it, so that those who did one have the next at once.
-    ``folder`` is where tasks leave what they write, "" where it is part of what they return. ``settings`` are those of the
-    command here, None where tasks find them by themselves; ``troubled`` says in the end whether some of those who should have
-    helped could not.
+    ``queued`` more may wait in it, so that a process that finished one gets the next at once. ``folder`` is where tasks write
+    their files, "" if they are part of the result. ``settings`` are those of the command here, None if tasks find them by
+    themselves; ``troubled`` says at the end whether some helpers could not work.
     """
 
     executor: Executor
@@ -69,7 +68,7 @@ class Here(Executor):
 
 
 def refuse(chosen: Chosen, reasons: Sequence[tuple[Any, str]] = ()) -> None:
-    """Raise UsageError where options do not go with --separate; ``reasons`` are values of options and what is said of them."""
+    """Raise UsageError for options that do not go with --separate; ``reasons`` are values of options and their messages."""
     for given, why in (*reasons, (chosen.most, "-c counts over all files")):
         if given:
             raise click.UsageError(f"{_how()}: {why}.")
@@ -109,7 +108,7 @@ def read_file(run: Run, each: Callable[[], None] | None = None) -> None:
 
 
 def about(run: Run) -> About:
-    """Return what there is to say of the file of a task, when it was read."""
+    """Return the notes on the file of a task, after it was read."""
     from dissect.jobs.tasks import About
 
     file = run.files[0]
@@ -124,11 +123,11 @@ def separately(
     folder: str | None = None,
     kept: bool = True,
 ) -> int:
-    """Have the command at hand done for each of ``files``, ``jobs`` at a time; give ``take`` what became of each, in order.
+    """Run the current command for each of ``files``, ``jobs`` at a time; pass the outcomes to ``take``, in order.
 
-    ``direct`` takes the rows of tasks that are done by this process. ``folder`` is where tasks leave what they write, by
-    default one that is gone afterwards. ``kept``: there are results after an interruption, which is said. Return the exit code;
-    what could not be read is said on stderr. Raises `CaptureError` when the only file cannot be read.
+    ``direct`` takes the rows of tasks that run in this process. ``folder`` is where tasks write their files, by default a
+    temporary one. ``kept``: there are results after an interruption, which is reported. Return the exit code; unreadable files
+    are reported on stderr. Raises `CaptureError` if the only file cannot be read.
     """
     from dissect.jobs.tasks import DIED, Files
 
@@ -192,7 +191,7 @@ def separately(
 
 @contextmanager
 def _readers(jobs: int, files: Sequence[str], direct: Any, folder: str | None) -> Iterator[Readers]:
-    """Give who does the tasks."""
+    """Yield the executor of the tasks."""
     address = cluster_meant()
     if address:
         from dissect.cli.cluster import readers_of
@@ -221,7 +220,7 @@ def _say_of_pool(text: str) -> None:
 
 
 def say(file: str, why: str, where: str = "") -> None:
-    """Say something of a file on stderr, once with its name, and the machine where it was found unless that is this one."""
+    """Report a message about a file on stderr, once with its name, and its machine unless it is this one."""
     name = printable(shown(file))
     text = printable(why)
     at = f" ({printable(where)})" if where else ""
@@ -229,7 +228,7 @@ def say(file: str, why: str, where: str = "") -> None:
 
 
 def part_of_done(done: Done, nothing: Callable[[], Observer]) -> FilePart:
-    """Return what the task of a file found; ``nothing`` makes what stands for a file that could not be read."""
+    """Return the results of the task of a file; ``nothing`` makes empty results for an unreadable file."""
     from dissect.jobs.sums import unread
 
     if not done.why:
@@ -240,7 +239,7 @@ def part_of_done(done: Done, nothing: Callable[[], Observer]) -> FilePart:
 
 
 class _Joints:
-    """Counts files that go on where the one before ended: their connections are cut in two."""
+    """Counts files that continue the one before: their connections are cut in two."""
 
     def __init__(self) -> None:
         self._last_ns = 0

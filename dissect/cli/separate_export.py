@@ -1,7 +1,7 @@
-"""Exports of files that stand for themselves (option --separate).
+"""Exports of files that are read separately (option --separate).
 
-Tasks of an export to Parquet write files of their own; they are moved to their place in the order of the captures. Rows of
-other forms are sent, and written by one process. Numbers that count over all files begin at a thousand million times the place
+Tasks of an export to Parquet write files of their own, which are moved into place in the order of the captures. Rows of other
+formats are sent, and written by one process. Numbers that count over all files begin at a thousand million times the position
 of the capture, so that each task knows them.
 """
 
@@ -50,7 +50,7 @@ _ONE_RUN: Final = ("zeek", "zeek-json", "ecs", "stix")
 
 
 class ExportPart(NamedTuple):
-    """What the task of a file wrote: ``rows`` for one process to write, or Parquet files in ``folder``; rows by table."""
+    """The output of a file's task: ``rows`` for one process to write, or Parquet files in ``folder``; rows by table."""
 
     about: About
     rows: Spooled | None
@@ -98,7 +98,7 @@ def export_task(of: Task, target: Target, only: Sequence[str], reading: Reading)
     except OSError as error:
         if Path(of.folder).name.startswith(ROWS_FOLDER):
             raise  # the rows wait there: nothing is written to the target yet
-        # A library has words of its own for what the system says; those of another machine are what there is.
+        # A library words errors of the system differently; for another machine its words are all there is.
         remote = is_remote(target.path) or not error.errno
         why = (error.strerror or str(error)) if remote else os.strerror(error.errno or 0)
         raise FileError(f"its rows cannot be written to {shown(target.path)}: {why}") from None
@@ -193,7 +193,7 @@ class _Gathered:
         self._tables = tables
         self._metadata = metadata
         self._files: Counter[Path] = Counter()
-        # Now, so that a library that is missing is said before anything is read.
+        # Now, so that a missing library is reported before anything is read.
         self._empty = ParquetSink(place, tables, False, True, metadata)
 
     def take(self, done: Done, counts: Counter[str]) -> None:

@@ -1,8 +1,8 @@
-"""Rows of files that stand for themselves (option --separate): transactions and values.
+"""Rows of files that are read separately (option --separate): transactions and values.
 
-A process that does the tasks itself writes rows at once. Those of other processes come through files (`dissect.jobs.spool`),
-with marks in the place of the numbers that count over all files; where a format says how these stand in a line, with an index
-of them (`dissect.jobs.spots`).
+A process that runs the tasks itself writes rows at once. Rows of other processes come through files (`dissect.jobs.spool`),
+with marks in place of the numbers that count over all files; if a format defines their order in a line, with an index of them
+(`dissect.jobs.spots`).
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from dissect.cli.task import Task
     from dissect.engine.pipeline import Pipeline
 
-#: What stands between the parts of a line with a style in a file of rows, and in the place of a line feed.
+#: Separates the parts of a line with a style in a file of rows, and replaces the line feed.
 _PART: Final = "\x1f"
 _BREAK: Final = "\x1e"
 #: How rows are written, as `dissect.cli.run.write` does it.
@@ -35,9 +35,9 @@ _ENCODING: Final = ("utf-8", "backslashreplace")
 
 
 class RowsPart(NamedTuple):
-    """What the task of a file found: ``rows``, with the ``marks`` in them, unless they were written; ``styled`` as `Line` is.
+    """The results of a file's task: ``rows``, with the ``marks`` in them, unless they were written; ``styled`` as `Line` is.
 
-    ``joint`` is that of the `Writer`, None where the rows have no index; ``counts`` is what is said of all files in the end.
+    ``joint`` is that of the `Writer`, None if the rows have no index; ``counts`` is for the summary of all files.
     """
 
     about: About
@@ -98,7 +98,7 @@ class _Spooler:
         self._keep(octets, [len(line.encode(*_ENCODING)) if wide else len(line) for line in texts])
 
     def _keep(self, octets: bytes, lengths: list[int]) -> None:
-        """Keep rows, of which each is so long."""
+        """Keep rows with these lengths."""
         if self._spots is None:
             self.spool.write(octets)
         else:
@@ -115,9 +115,9 @@ def _line(text: str) -> Line:
 
 
 def rows_task(of: Task, reading: Reading, rows: Rows) -> None:
-    """Read the file of a task and hand on its rows.
+    """Read the file of a task and pass on its rows.
 
-    What the output begins with is dropped: whoever puts the rows together writes it once.
+    The beginning of the output is dropped: the process that joins the rows writes it once.
     """
     run = reading.prepared(rows.observer, reading.sieves(rows))
     rows.begin(places_of(run, of.files))
@@ -176,9 +176,9 @@ def _before(total: Total) -> Offsets:
 
 
 def write_rows(part: RowsPart, before: Offsets, width: int) -> None:
-    """Write the rows of a file; ``before`` is what the files before it came to."""
+    """Write the rows of a file; ``before`` are the counters of the files before it."""
     assert part.rows is not None
-    with opened(part.rows, spare=True) as file:  # in a folder of its own (`dissect.cli.separate`)
+    with opened(part.rows, spare=True) as file:  # in a separate folder (`dissect.cli.separate`)
         if part.joint is not None:
             for octets, index in indexed(file):
                 write_pieces(pieces(octets, index, before.transactions, before.connections, part.joint))

@@ -73,7 +73,7 @@ def command(reading: Reading, query: str | None, format_: Format, questions: boo
 
 
 def _query(text: str, allow_files: bool) -> tuple[Query, str]:
-    """Return the query, or the question of that name, and what is to be said if there are no rows."""
+    """Return the query, or the question of that name, and the message for no rows."""
     from dissect.config.hints import close_names
     from dissect.export.questions import QUESTIONS, named
     from dissect.export.sql import Query

@@ -1,4 +1,4 @@
-"""`s7dissect tags`: check files of tags, list what they name, convert them, and compare them with a capture."""
+"""`s7dissect tags`: check files of tags, list and convert their contents, and compare them with a capture."""
 
 from __future__ import annotations
 

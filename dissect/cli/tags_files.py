@@ -83,7 +83,7 @@ def _covered(found: TagSet, captures: tuple[str, ...]) -> Coverage:
 
 
 class _Checked(Outcome):
-    """What was found in files of tags."""
+    """The results of checking files of tags."""
 
     def __init__(self, found: TagSet, coverage: Coverage | None) -> None:
         from dissect.tags.checks import overlaps

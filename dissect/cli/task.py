@@ -1,7 +1,7 @@
-"""What a command is while it reads one file of several that stand for themselves (option --separate).
+"""A command as the task of one file of several that are read separately (option --separate).
 
-Whoever reads the file runs the same command line, with this one file in the place of all; nothing but the words of the command
-line has to be sent to another process or machine. The command leaves in `Task.found` what it found, and writes nothing.
+The process for the file runs the same command line with this one file instead of all; only the words of the command line are
+sent to another process or machine. The command stores its results in `Task.found`, and writes nothing.
 """
 
 from __future__ import annotations
@@ -22,9 +22,9 @@ Settings = Mapping[str, Any]
 class Task:
     """A file to read, one of ``several`` or the only one.
 
-    ``settings`` take the place of those of this machine, None leaves them. ``folder`` is where it may leave rows, empty where
-    there is none (`dissect.jobs.tasks`); ``place`` is that of the file among all, from 0. ``direct`` takes its rows at once,
-    where whoever writes them is this process.
+    ``settings`` replace those of this machine; None keeps them. ``folder`` is for its rows, empty if there is none
+    (`dissect.jobs.tasks`); ``place`` is the position of the file among all, from 0. ``direct`` takes its rows at once, if this
+    process writes the output.
     """
 
     def __init__(
@@ -36,7 +36,7 @@ class Task:
         self.place = place
         self.direct = direct
         self.found: Any = None
-        #: Stand for the files of the whole, wherever it matters whether packets are named with their file.
+        #: Represent all files where it matters whether packets are named with their file.
         self.files: Sequence[str] = (file, file) if several else (file,)
 
 
@@ -63,9 +63,9 @@ def directly(sink: Any) -> Iterator[None]:
 
 
 def work(arguments: list[str], several: bool, settings: Settings | None, folder: str, place: int, file: str) -> Any:
-    """Run the command line ``arguments`` for one file; return what it found. Raises `FileError` when that cannot be done.
+    """Run the command line ``arguments`` for one file; return its results. Raises `FileError` if that fails.
 
-    ``settings`` are those of whoever gave the task; None for those that are found here.
+    ``settings`` are those of the sender of the task; None for those found here.
     """
     from dissect.cli.main import FULL, group
     from dissect.jobs.spool import ROWS_FOLDER

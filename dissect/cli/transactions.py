@@ -48,7 +48,7 @@ def command(reading: Reading, format_: Format, failed: bool) -> int:
     FILE is a pcap or pcapng file, plain or compressed with gzip or zstd; - is standard input. A transaction stands where the
     packet that completed it stands in the capture, an unanswered request where the wait for its answer ended.
     """
-    slow_ns = reading.slow_ns  # what is slow is a finding as well
+    slow_ns = reading.slow_ns  # slow ones are findings as well
     writer = reading.chosen.writer(format_, TRANSACTIONS, clock())
     feed = TransactionFeed(writer, reading.chosen.choice("transaction", _choice(failed, slow_ns)))
     total = reading.rows(_Rows(writer, feed), "transaction")
@@ -61,7 +61,7 @@ def command(reading: Reading, format_: Format, failed: bool) -> int:
 
 
 class _Rows(Rows):
-    """Transactions in the order of the capture: those that are held back come first, when they come."""
+    """Transactions in the order of the capture: delayed ones come as soon as they are complete."""
 
     observer: TransactionFeed
 
@@ -75,7 +75,7 @@ class _Rows(Rows):
 
 
 def _instead(total: Total) -> str:
-    """Return what there was in captures without S7: packets, of which some were ignored, and connections by protocol."""
+    """Return what captures without S7 contained: packets, ignored ones among them, and connections by protocol."""
     parts = [f"{total.ignored[name]} {text}" for name, text in _NOT_S7.items() if total.ignored[name]]
     packets = f"{total.packets} packets" + (f" ({', '.join(parts)})" if parts else "")
     if total.sealed:
@@ -93,7 +93,7 @@ _NOT_S7 = {
 
 
 def _choice(failed: bool, slow_ns: int | None) -> Choice | None:
-    """Return what tells whether a transaction is wanted; None when all are."""
+    """Return a function that selects transactions; None for all."""
     if slow_ns is None:
         return went_wrong if failed else None
 

@@ -30,9 +30,9 @@ if TYPE_CHECKING:
     from dissect.variables.wanted import WantedSet
     from dissect.variables.writers import ValueWriter
 
-#: Ends of names of captures: what has one and is no file is a file that is missing, not an address.
+#: Suffixes of captures: a name with one that does not exist is a missing file, not an address.
 _CAPTURES: Final = (".pcap", ".pcapng", ".cap", ".gz", ".zst", ".dmp")
-#: Names of what was not seen that one line lists.
+#: Maximum number of unseen names in a line.
 _LISTED: Final = 10
 
 
@@ -127,7 +127,7 @@ class _Rows(Rows):
     observer: Collector
 
     def begin(self, places: Places) -> None:
-        """Write what the output begins with, where values are listed."""
+        """Write the beginning of the output, if values are listed."""
         super().begin(places)
         if self.at_once:
             self.writer.values([])
@@ -143,14 +143,14 @@ class _Rows(Rows):
 
 
 def _leave_out(doubts: Mapping[str, int], likely: bool) -> None:
-    """Say how many transactions were left out that are only likely, and why; nothing where they were asked for."""
+    """Report how many transactions were left out because they are only likely, and why; nothing if they were requested."""
     said = "" if likely else values_left_out(doubts)
     if said:
         click.echo(f"s7dissect: {said}; --likely lists them", err=True)
 
 
 def _split(reading: Reading) -> tuple[tuple[str, ...], WantedSet | None]:
-    """Return the files among the arguments, and what the others choose; the first is a file, whatever it is called."""
+    """Return the files among the arguments, and the selected variables; the first argument is always a file."""
     words = reading.files
     captures = files_meant([word for at, word in enumerate(words) if at == 0 or _is_file(word)])
     names = [word for at, word in enumerate(words) if at > 0 and not _is_file(word)]
@@ -165,7 +165,7 @@ def _is_file(word: str) -> bool:
 
 
 def _miss(wanted: WantedSet | None, found: Collection[str], selected: bool) -> None:
-    """Say which of the chosen variables had neither a value nor a refusal in what was read, or of that ``selected``."""
+    """Report which of the chosen variables had neither a value nor a refusal in the captures, or the ``selected`` part."""
     if wanted is None:
         return
     missing = [printable(one.text) for one in wanted.all if one.text not in found]

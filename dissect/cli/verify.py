@@ -1,4 +1,4 @@
-"""`s7dissect verify`: our dissection of a capture beside Wireshark's, field by field."""
+"""`s7dissect verify`: compares our dissection of a capture with Wireshark's, field by field."""
 
 from __future__ import annotations
 
@@ -81,7 +81,7 @@ def command(reading: Reading, format_: Format, every: bool, reorder: bool, pysha
 
 
 class _Part(NamedTuple):
-    """What the task of a file found."""
+    """The results of a file's task."""
 
     about: About
     comparison: Comparison

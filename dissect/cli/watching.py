@@ -1,4 +1,4 @@
-"""What the commands share that show what happens while it happens: what to show, as lines, and until when."""
+"""Shared by the commands that show live events: what to show, as lines, and until when."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def _topics(ctx: click.Context, param: click.Parameter, value: str | None) -> tu
 
 
 def expect_scd(topics: tuple[str, ...], decoder: PayloadDecoder | None) -> None:
-    """Refuse to tell only of messages that nothing looks for."""
+    """Refuse to report only messages that nothing searches for."""
     if set(topics) == {_SCD} and decoder is None:
         raise click.UsageError(
             "--only scd needs --scd DICT and --bind BINDINGS, which say what SCD is and where it is."
@@ -71,13 +71,13 @@ class Shower(Protocol):
     """What makes lines of events: made with the kinds of events that are wanted, and a clock."""
 
     def written(self, events: Iterable[Event], lost: Iterable[str] = ()) -> list[str | Line]:
-        """Return the lines of events, in their order, and behind them those of `lost`."""
+        """Return the lines of events, in order, followed by those of `lost`."""
 
     def lost(self, now_ns: int, counts: dict[str, int]) -> str:
         """Return the line that says how many events, by kind, were left out."""
 
     def end(self, status: Status) -> list[str | Line]:
-        """Return what stands behind the last event; what people want to know of a whole run is on standard error."""
+        """Return the end of the output after the last event; the summary for people is on standard error."""
 
 
 def new_shower(format_: Format, topics: Iterable[str]) -> Shower:
@@ -94,7 +94,7 @@ def write_events(shower: Shower, events: Sequence[Event], lost: Iterable[str]) -
 
 
 class LostEvents:
-    """Tells of events that a session had to leave out, each once."""
+    """Reports events that a session had to leave out, each once."""
 
     def __init__(self, session: Session, shower: Shower) -> None:
         self._session = session
@@ -112,7 +112,7 @@ class LostEvents:
 
 
 class Interruption(Signals):
-    """Signals end a run in order, by calling ``stop``; a second one breaks off whatever goes on."""
+    """Signals end a run in order, by calling ``stop``; a second one aborts it."""
 
     def __init__(self, stop: Callable[[], None]) -> None:
         super().__init__()

@@ -101,7 +101,7 @@ class S7Session(DefaultSession):
       MAC addresses are known if the completing packet has them. Sequence and acknowledgement numbers are those of the
       stream, so that ``wrpcap`` writes a complete stream, with its gaps.
     * An S7 PDU spread over several DTs is attached as `S7` to the last of them, whole, while the earlier DTs contain their
-      fragments as `Raw`. Each builds its own octets: ``bytes(packet[S7])`` is the whole PDU, ``bytes(packet)`` ends with a piece.
+      fragments as `Raw`. Each builds its own octets: ``bytes(packet[S7])`` is the whole PDU, ``bytes(packet)`` its piece.
     * A PDU that the capture cut comes as ``TCP / S7`` without TPKT, as far as it was captured.
 
     Each capture or interface that ``sniff`` reads has a separate pipeline; ``pipelines`` contains them, with counters for all

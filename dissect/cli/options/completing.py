@@ -1,4 +1,4 @@
-"""What the shell completes beyond choices: names from a table, and the connections of a capture."""
+"""Completions in the shell besides choices: names from a table, and the connections of a capture."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ _LARGEST: Final = 20_000_000
 #: Connections that are offered.
 _MOST: Final = 50
 
-#: What click asks for completions.
+#: Functions that click calls for completions.
 Completer = Callable[[click.Context, click.Parameter, str], "list[CompletionItem]"]
 
 
 def from_table(table: Callable[[], Mapping[str, str]], several: bool = False) -> Completer:
-    """Return what completes the names of a table, each with what it is; of ``several`` with commas between, the last."""
+    """Return a completion function for the names of a table; with ``several``, for the last of a comma-separated list."""
 
     def complete(_ctx: click.Context, _param: click.Parameter, incomplete: str) -> list[CompletionItem]:
         from click.shell_completion import CompletionItem

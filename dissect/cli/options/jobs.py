@@ -71,7 +71,7 @@ def _indexed(ctx: click.Context, _param: click.Parameter, value: bool) -> bool:
 
 
 def indexed_option(command: Any) -> Any:
-    """Add ``--indexed`` to a command that has ``-Y``; `dissect.cli.indexed` does what it says."""
+    """Add ``--indexed`` to a command that has ``-Y``; `dissect.cli.indexed` implements it."""
     return click.option(
         "--indexed",
         is_flag=True,
@@ -106,9 +106,9 @@ def separate_options(command: Any) -> Any:
 
 
 def check_jobs(separate: bool, jobs: int) -> bool:
-    """Return whether each file is a capture of its own: asked for, or the files are those of a folder.
+    """Return whether each file is a capture of its own: by option, or because the files are those of a folder.
 
-    Raises UsageError for several processes, machines or an index where files may go on one in another (decision 18).
+    Raises UsageError for several processes, machines or an index if files may continue one another (decision 18).
     """
     separate = separate or any_folder() or current() is not None
     if indexed_meant() and not separate:

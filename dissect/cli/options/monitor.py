@@ -35,7 +35,7 @@ _SIZE = re.compile(r"([0-9]{1,6})([KMGT])")
 _SIZES = {"K": 10**3, "M": 10**6, "G": 10**9, "T": 10**12}
 _LEAST = 10_000_000_000
 _FILE = click.Path(dir_okay=False, readable=False)
-#: Octets of the ring that are written together; what is gathered is written several times a second in any case.
+#: Octets of the ring that are written together; collected data are written several times a second in any case.
 _BATCH = 64 * 1024
 
 
@@ -65,7 +65,7 @@ def _kept(
 
 
 def _period(ctx: click.Context, param: click.Parameter, value: str | None) -> int:
-    """Return what ``--every`` says in nanoseconds, 0 when it was not given."""
+    """Return the value of ``--every`` in nanoseconds, 0 if it was not given."""
     if value is None:
         return 0
     found = _PERIOD.fullmatch(value)
@@ -76,7 +76,7 @@ def _period(ctx: click.Context, param: click.Parameter, value: str | None) -> in
 
 
 def _size(ctx: click.Context, param: click.Parameter, value: str | None) -> int:
-    """Return what ``--keep-free`` says in octets, 0 when it was not given."""
+    """Return the value of ``--keep-free`` in octets, 0 if it was not given."""
     if value is None:
         return 0
     found = _SIZE.fullmatch(value)
@@ -92,7 +92,7 @@ def file_of(out: str) -> Path | None:
 
 
 class LiveExport(NamedTuple):
-    """Tables that are written while a line is watched: where to, how long a file is, and what the line is called."""
+    """Tables that are written during a live capture: the folder, the duration of a file, and the name of the interface."""
 
     folder: Path
     every_ns: int
@@ -125,7 +125,7 @@ def _file_time(ctx: click.Context, param: click.Parameter, value: str) -> int:
 
 
 class Beside:
-    """What goes along, as the options say. `companions` makes it; `watch` tells it the session."""
+    """What runs beside the session, by the options. `companions` makes it; `watch` passes it the session."""
 
     def __init__(
         self,
@@ -169,13 +169,13 @@ class Beside:
         self._about = about
         self._filter = capture_filter
         self._session: Session | None = None
-        #: What takes other rules, and other names of hosts, while it goes on; None without.
+        #: Takes changed rules and host names during the run; None without any.
         self.alerting: AlertCompanion | None = None
         self.reporting: ReportCompanion | None = None
         self._shown = False
         #: The only file that is written, or in whose place the files of a ring are; None where -w names a folder.
         self._file = file
-        #: The folder that must stay writable, None for none; and what was made on the way there, the outermost first.
+        #: The folder that must stay writable, None for none; and the folders that were made for it, the outermost first.
         self.directory = directory
         if file is not None:
             self.directory = str(file.parent) if limits is not None else None
@@ -188,7 +188,7 @@ class Beside:
         return [one for one in (self.directory, tables, self._reports) if one is not None]
 
     def companions(self, name: str) -> list[Companion]:
-        """Make what was asked for of ``name``, what is watched; what cannot be made is reported before anything is captured."""
+        """Make the requested companions for ``name``, the watched source; errors are reported before the capture starts."""
         made: list[Companion] = []
         if self._file is not None and self._limits is None:
             made.append(self._one_file(self._file))
@@ -280,7 +280,7 @@ class Beside:
         return made
 
     def _manifest_facts(self) -> dict[str, object] | None:
-        """Return what the manifest says of the run, None without one."""
+        """Return the facts of the run for the manifest, None without one."""
         if self._about is None:
             return None
         import platform
@@ -353,7 +353,7 @@ class Beside:
         return ReportCompanion(directory, self._every_ns, name, __version__, clock(), hosts())
 
     def _alert(self, line: str) -> None:
-        """Show the line of an alert where it will be seen; on the screens, whose clock stands above, without its time."""
+        """Show the line of an alert where it is visible; without its time on the screens, which show the clock at the top."""
         if self._shown and self._session is not None:
             from dissect.live.events import ALERT
 

@@ -51,7 +51,7 @@ class DescribedChoice(_ChoiceType):
         self._described = described
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:
-        """Return the value; of a word that is none, say which values speak of it."""
+        """Return the value; for an unknown word, list the values it could mean."""
         if value in self._described:
             return str(value)
         stem = str(value).lower().rstrip("s")

@@ -1,4 +1,4 @@
-"""The options that say what a command reads and how; together they are a `Reading`, which the command gets as ``reading``."""
+"""The options that determine what a command reads and how; together they are a `Reading`, the argument ``reading``."""
 
 from __future__ import annotations
 
@@ -34,11 +34,11 @@ def reading_options(
     separate: bool = False,
     indexed: bool = True,
 ) -> Callable[[Callable[..., int]], Callable[..., int]]:
-    """Return what adds them to a command about things of ``kinds``.
+    """Return a function that adds them to a command about things of ``kinds``.
 
-    ``files`` is its argument, None where it has its own. ``selects`` and ``results`` are those of `select_options`, which is
-    left out without the former; the others tell which options it has: ``fails`` is --fail-on, ``separate`` --separate, -j and
-    --cluster, with ``indexed`` --indexed as well.
+    ``files`` is its argument, None if it has its own. ``selects`` and ``results`` are those of `select_options`, which is left
+    out without the former. The others determine its options: ``fails`` is --fail-on, ``separate`` --separate, -j and --cluster,
+    with ``indexed`` --indexed as well.
     """
 
     def decorate(command: Callable[..., int]) -> Callable[..., int]:

@@ -1,4 +1,4 @@
-"""The options of the analysing commands that say where SCD travels and what it means."""
+"""The options of the analysing commands for SCD: where it is transported, and its dictionary."""
 
 from __future__ import annotations
 

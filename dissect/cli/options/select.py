@@ -1,6 +1,6 @@
 """The options of all commands that select: ``-Y``, ``--connection``, ``--time``, ``-c``, and ``-e`` for ``-T fields``.
 
-What they come to is a `Chosen`, which the command gets as ``chosen``.
+Together they are a `Chosen`, the argument ``chosen``.
 """
 
 from __future__ import annotations
@@ -40,11 +40,11 @@ FIELDS_FORMAT: Final = "fields"
 
 
 class Chosen:
-    """What the options of a command select: ``where`` (None for everything), and at most ``most`` results (0 for all).
+    """The selection by the options of a command: ``where`` (None for everything), and at most ``most`` results (0 for all).
 
-    ``columns`` are the fields of ``-T fields``. ``connections`` and ``window`` are what `--connection` and `--time` say; they
-    are part of ``where`` as well; ``impossible`` says, once all was read, that there is no such thing, ``wrong`` that there
-    is no such number.
+    ``columns`` are the fields of ``-T fields``. ``connections`` and ``window`` are the values of `--connection` and `--time`,
+    which are part of ``where`` as well; after all was read, ``impossible`` says that there is no such thing, ``wrong`` that
+    there is no such number.
     """
 
     def __init__(
@@ -84,7 +84,7 @@ class Chosen:
         return EXIT_USAGE if self.wrong and code == EXIT_OK else code
 
     def choice(self, kind: str, also: Callable[[Any], bool] | None = None) -> Callable[[Any], bool] | None:
-        """Return what tells whether a thing of a kind is wanted, by these options and ``also``; None when all are."""
+        """Return a function that selects things of a kind, by these options and ``also``; None for all."""
         wanted = self.where.predicate(kind) if self.where is not None else None
         if wanted is None and not self.most:
             return also
@@ -109,7 +109,7 @@ class Chosen:
         return SelectedEvents(self.where)
 
     def message_choice(self) -> MessageChoice | None:
-        """Return what tells whether a message of `show` is wanted; None when all are."""
+        """Return a function that selects messages of `show`; None for all."""
         takes = self.choice("message")
         if takes is None:
             return None
@@ -146,7 +146,7 @@ class ExpressionType(_ParamType):
         self._kinds = kinds
 
     def shell_complete(self, ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
-        """Return what has been typed with the names of fields that begin as its last word does."""
+        """Return the typed text completed with the names of fields that match its last word."""
         from click.shell_completion import CompletionItem
 
         from dissect.select.fields import FIELDS
@@ -170,7 +170,7 @@ class FieldType(ExpressionType):
     name = "field"
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:
-        """Return the name as it is; one that is wrong is reported with the nearest."""
+        """Return the name unchanged; a wrong one is reported with the nearest."""
         from dissect.config.hints import close_names
         from dissect.select.fields import NAMES
 
@@ -197,14 +197,14 @@ def time_option(help: str) -> Callable[[Any], Any]:  # noqa: A002 - as click
 
 
 class AskedTime(NamedTuple):
-    """What ``--time`` says, and the range of time that it means."""
+    """The value of ``--time``, and its time range."""
 
     text: str
     window: Window
 
 
 def read_time(text: str | None) -> AskedTime | None:
-    """Return what ``--time`` says, in the zone of ``--local-time``; None where it was not given. A wrong one is wrong use."""
+    """Return the value of ``--time``, in the zone of ``--local-time``; None if it was not given. A wrong one is wrong use."""
     if text is None:
         return None
     from dissect.select.window import parse_window
@@ -243,9 +243,9 @@ def read_where(text: str | None, also: Sequence[str] = (), kinds: Sequence[str] 
 def select_options(
     *kinds: str, numbers: bool = True, results: str = ""
 ) -> Callable[[Callable[..., int]], Callable[..., int]]:
-    """Return what adds the options to a command about things of ``kinds``; it is given a `Chosen` as ``chosen``.
+    """Return a function that adds the options to a command about things of ``kinds``; it gets a `Chosen` as ``chosen``.
 
-    ``numbers``: ``--connection`` and ``--time`` as well. ``results``, what its results are called: ``-c`` and ``-e`` too.
+    ``numbers``: ``--connection`` and ``--time`` as well. ``results``, the name of its results: ``-c`` and ``-e`` too.
     """
 
     def decorate(command: Callable[..., int]) -> Callable[..., int]:

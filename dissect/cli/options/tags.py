@@ -106,9 +106,9 @@ def naming_of(paths: Sequence[str], encoding: str, numbers: dict[str, int]) -> N
 
 
 def naming_again() -> Naming | None:
-    """Return what `naming_of` makes of the files of the running command as they are now; settings may name others.
+    """Return the result of `naming_of` for the current files of the running command; settings may name others.
 
-    How they are read (``--tags-encoding``, ``--tags-db``) stays as it was.
+    The options for reading them (``--tags-encoding``, ``--tags-db``) stay the same.
     """
     context = click.get_current_context()
     given = context.params
@@ -143,7 +143,7 @@ def load(paths: Sequence[str], encoding: str, numbers: dict[str, int], more: boo
 
 
 def guarded(read: Callable[[], Any], error: type[Exception]) -> Any:
-    """Return what ``read`` returns, or the ``error`` it raises; what the system refuses is the user's error."""
+    """Return the result of ``read``, or the ``error`` it raises; errors of the system are the user's errors."""
     from dissect.wire.text import printable
 
     try:

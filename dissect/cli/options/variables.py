@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 def wanted_of(names: Sequence[str], naming: Naming | None, decoder: PayloadDecoder | None) -> WantedSet | None:
-    """Return what is named, None for nothing; a name that is neither an address nor a tag is wrong use."""
+    """Return the named variables, None for none; a name that is neither an address nor a tag is wrong use."""
     if not names:
         return None
     from dissect.variables.choosing import Known, WantedError, choose, scd_names
