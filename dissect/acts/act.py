@@ -42,13 +42,13 @@ _OUTCOMES: Final[dict[str, str]] = {
 class Act:
     """What a client did to a device.
 
-    ``kind`` is one of `dissect.acts.tables`, ``slug`` the finding that it makes, and ``command`` the kind of operation that its
-    one request is, empty for none. Side ``asked_by`` of ``connection`` did it. ``subject`` says what it is about (text from the
-    wire, not escaped); ``text`` is what a finding says of it, empty to let it name the request. ``frames`` are the packets that
-    show it, ``transactions`` the numbers of its requests, ``octets`` is the size of what it carried. ``error`` is why it was
-    refused, ``reason`` why there is no answer. ``operation`` is that of a transfer. ``shown`` is the packet that completes its
-    first request, and ``likely`` is True if a request and its answer are only likely a pair. ``number`` counts the acts of a
-    run, 0 for one that goes on.
+    ``kind`` is one of `dissect.acts.tables`, ``slug`` the finding that it makes, and ``command`` the kind of operation of its
+    one request, empty for none. Side ``asked_by`` of ``connection`` did it. ``subject`` is its object (text from the wire, not
+    escaped); ``text`` is for a finding, empty if the finding should name the request. ``frames`` are the packets that show it,
+    ``transactions`` the numbers of its requests, ``octets`` is the size of what it carried. ``error`` is why it was refused,
+    ``reason`` why there is no answer. ``operation`` is that of a transfer. ``shown`` is the packet that completes its first
+    request, and ``likely`` is True if a request and its answer are only likely a pair. ``number`` counts the acts of a run, 0
+    for an unfinished one.
     """
 
     __slots__ = (
@@ -84,7 +84,7 @@ class Act:
         return f"Act({self.number}, {self.kind!r}, {self.subject!r}, {self.outcome!r})"
 
     def __str__(self) -> str:
-        """Return who did what and what became of it: ``10.0.0.1 to 10.0.0.2: PLC stop, accepted``."""
+        """Return who did what and with what result: ``10.0.0.1 to 10.0.0.2: PLC stop, accepted``."""
         what = self.subject or self.kind.replace("_", " ")
         return printable(f"{self.client} to {self.server}: {what}, {self.outcome.replace('_', ' ')}")
 
@@ -146,7 +146,7 @@ def act_of(kind: str, transaction: Transaction, subject: str, code: int = -1) ->
 
 
 def outcome_of(transaction: Transaction, code: int = -1) -> tuple[str, TransactionError | None]:
-    """Return how a request ended that asks for an act, and the error; ``code`` as for `act_of`."""
+    """Return the outcome and the error of a request for an act; ``code`` as for `act_of`."""
     if transaction.unseen:
         return NOT_CAPTURED, None
     if not transaction.response_frame:

@@ -39,9 +39,9 @@ class ActBook:
         self._operations = operations
 
     def take(self, transaction: Transaction, alone: bool = False) -> Act | None:
-        """Return the act that a transaction of S7comm is, or begins; make the operation of one that is a command.
+        """Return the act of a transaction of S7comm, or the act that it begins; make the operation of a command.
 
-        ``alone``: it is part of no operation, because it was behind a malformed header.
+        ``alone``: it is part of no operation, because it followed a malformed header.
         """
         if transaction.function == PI_SERVICE and not alone:
             self._follow_blocks(transaction)
@@ -55,7 +55,7 @@ class ActBook:
         return act
 
     def event(self, event: Event, transaction: Transaction, code: int, alone: bool = False) -> Act | None:
-        """Return the act that an event of S7comm-plus is, None if it is none; ``code`` is its error, 0 for none.
+        """Return the act of an event of S7comm-plus, None if there is none; ``code`` is its error, 0 for none.
 
         ``alone`` as for `take`. Operations of such events are made elsewhere (`dissect.transactions.plus_operations`), and
         writes to outputs become acts where they are reported (`wrote`).

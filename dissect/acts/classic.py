@@ -51,7 +51,7 @@ from dissect.transactions.operations import subject_of
 from dissect.transactions.results import half_captured
 from dissect.transactions.transaction import BEHIND_MALFORMED, ORPHAN, PUSH, Transaction
 
-#: Acts of functions and userdata, by the effect of what they ask for.
+#: Acts of functions and userdata, by the effect of the request.
 _ACTS: Final[dict[str, str]] = {
     ALARM_CHANGE: kinds.ALARMS,
     CLOCK: kinds.CLOCK,
@@ -86,7 +86,7 @@ _NC_COMMAND: Final = "security.nc_command"
 
 
 def recognise(transaction: Transaction) -> Act | None:
-    """Return the act that a transaction is, or begins; None for all others. Reads and writes are not looked at."""
+    """Return the act of a transaction, or the act that it begins; None for all others. Reads and writes are not examined."""
     head = transaction.parameters.userdata
     if head is not None and transaction.rosctr == USERDATA:
         return None if is_push(transaction, head) or not asked(transaction) else _of_userdata(transaction, head)
@@ -164,7 +164,7 @@ def _of_service(transaction: Transaction) -> Act | None:
 
 
 def _is_cold(body: Body | None) -> bool:
-    """Return whether the argument of a start asks for a cold restart."""
+    """Return whether the argument of a start requests a cold restart."""
     from dissect.s7.control import PI_ARGUMENT  # late, as bodies are parsed: few captures have PI services
 
     argument = body.find(PI_ARGUMENT) if body is not None else None

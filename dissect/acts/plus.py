@@ -34,7 +34,7 @@ TEXT: Final = 200
 
 
 def act_of_event(event: Event, transaction: Transaction, code: int) -> Act | None:
-    """Return the act that an event is; None if it is none. ``code`` is its error, 0 for none."""
+    """Return the act of an event; None if there is none. ``code`` is its error, 0 for none."""
     kind = _ACTS.get(event.kind, "")
     if not kind:
         return None

@@ -97,7 +97,7 @@ ACTS: Final[dict[str, Kind]] = {kind.name: kind for kind in _ROWS}
 DEEDS: Final[dict[str, str]] = {
     ACTS[name].deed: ACTS[name].tried for name in (DOWNLOAD, UPLOAD, DELETE, TEST, STOP)
 }
-#: Findings about acts that say so if the device accepted them.
+#: Findings about acts that mention whether the device accepted them.
 COMMANDS: Final = frozenset([kind.slug for kind in _ROWS if kind.commands and kind.slug])
 
 # How an act ended.

@@ -1,6 +1,6 @@
-"""What runs inside the page, in its worker: the commands as they are, with their output handed to the page.
+"""Runs inside the page, in its worker: the unchanged commands, with their output passed to the page.
 
-It is Python in a browser: the files that were chosen are mounted, the output is taken by the script that starts this.
+This is Python in a browser: the chosen files are mounted, and the script that starts this receives the output.
 """
 
 from __future__ import annotations
@@ -111,13 +111,13 @@ def refused(argv: list[str]) -> str:
 
 
 def _is_plain_export(argv: list[str]) -> bool:
-    """Return whether no format is asked for that DuckDB or Arrow write."""
+    """Return whether the requested format needs neither DuckDB nor Arrow."""
     return not {"parquet", "arrow", "duckdb", "feather"} & {word.lower().rpartition(".")[2] for word in argv}
 
 
 @contextmanager
 def _streams(take: Callable[[Any], object], told: io.BytesIO) -> Iterator[None]:
-    """Put the page in the place of standard output and error, and nothing in that of standard input."""
+    """Redirect standard output and error to the page; standard input is empty."""
     before = sys.stdin, sys.stdout, sys.stderr
     output = io.TextIOWrapper(io.BufferedWriter(_Sink(take), _CHUNK), encoding="utf-8", errors="backslashreplace")
     errors = io.TextIOWrapper(told, encoding="utf-8", errors="backslashreplace", write_through=True)

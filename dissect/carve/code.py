@@ -97,7 +97,7 @@ class Programs:
 def details_of(
     first: Sequence[CarvedBlock], second: Sequence[CarvedBlock], language: str, naming: Naming | None
 ) -> Callable[[BlockChange], list[Change]]:
-    """Return a function that says what changed in a block between two sets; for blocks that cannot be read it says nothing."""
+    """Return a function that describes the changes of a block between two sets; its result is empty for unreadable blocks."""
     programs = Programs([*first, *second])
     known: dict[int, list[Change]] = {}
 
@@ -258,7 +258,7 @@ def value_address(db: int, value: Value) -> str:
 
 
 def _style(text: str) -> str:
-    """Return the style of a line of a listing: faults stand out, and the beginnings of networks."""
+    """Return the style of a line of a listing: faults and the beginnings of networks are highlighted."""
     if text.startswith("!"):
         return FAILED
     return HEADING if text.startswith("NETWORK ") else PLAIN

@@ -130,7 +130,7 @@ class _Gates:
         self._inputs: dict[str, dict[str, tuple[str, str]]] = {}  # pin → (gate, pin), or (gate, "") for an operand
         self._outputs: dict[str, list[tuple[str, str]]] = {}  # by gate: (pin, operand)
         self._used: dict[str, int] = {}
-        self._enabling: set[str] = set()  # gates whose enable output enables another one
+        self._enabling: set[str] = set()  # gates whose enable output enables a further gate
         self._names = names
         self._left = _GATES
         for element in root.iter():
@@ -178,7 +178,7 @@ class _Gates:
         return f"{instance}.{gate}" if _tag(part) == "Part" else f"{gate}, {instance}"
 
     def lines(self) -> list[str]:
-        """Return a line for each gate that is not part of the line of another one."""
+        """Return a line for each gate that is not part of a different gate's line."""
         found: list[str] = []
         for uid, part in self._parts.items():
             gate = part.get("Gate", "")

@@ -24,7 +24,7 @@ class Collector(Observer):
     """Collects the blocks of a run, from the operations for which ``choose`` returns True.
 
     ``blocks`` are in the order in which their transfers ended; `ordered` sorts them by packet. ``lost`` counts blocks beyond
-    `MAX_BLOCKS`. Beyond `MAX_OCTETS` the contents of blocks are dropped, and the blocks say so.
+    `MAX_BLOCKS`. Beyond `MAX_OCTETS` the contents of blocks are dropped, and the blocks are marked.
     """
 
     def __init__(self, choose: Callable[[Operation], bool] | None = None, most_octets: int = MAX_OCTETS) -> None:

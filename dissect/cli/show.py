@@ -56,7 +56,7 @@ def command(reading: Reading, format_: Format, frames: tuple[range, ...], verbos
 
 
 def _frames_missing(most: int, frames: tuple[range, ...], found: set[int]) -> int:
-    """Report packets of a file, up to ``most``, that complete no message or do not exist; the exit code is that of wrong use."""
+    """Report packets of a file, up to ``most``, that complete no message or do not exist; return the code of wrong use."""
     for asked in dict.fromkeys(frames):
         first, last = asked.start, asked.stop - 1
         named = f"packet {first}" if first == last else f"packets {first} to {last}"

@@ -1,8 +1,8 @@
 """`Cluster`: an executor for tasks on the workers of a Dask cluster. It assigns each task to one worker itself.
 
 When a worker dies, only its own tasks fail: their futures raise `WorkerLost`, and the caller decides whether to retry. A file
-that one worker cannot read is given to another one before the task fails. A worker that cannot read files that others can read
-gets no more tasks.
+that one worker cannot read is given to a second worker before the task fails. A worker that cannot read files that others can
+read gets no further tasks.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from dissect.cluster.workers import Machine, Worker, obstacle, workers_of
 from dissect.jobs.tasks import FileError
 from dissect.source.remote import bounded, is_remote, shown
 
-#: After so many files in a row that a worker cannot read, but others can, it gets no more tasks.
+#: After so many files in a row that a worker cannot read, but others can, it gets no further tasks.
 _BLIND: Final = 3
 #: Every so many seconds the scheduler is asked whether it is still there.
 _ASK_S: Final = 5
@@ -72,7 +72,7 @@ class _Hand:
         self.worker = worker
         self.tasks: list[_Task] = []
         self.failures = 0
-        #: Whether the worker gets no more tasks.
+        #: Whether the worker gets no further tasks.
         self.retired = False
 
 
@@ -156,7 +156,7 @@ class Cluster(Executor):
                     task.settle(None, self._nobody())
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        """Begin no more tasks; workers finish the files that they are reading, but the results are dropped."""
+        """Begin no further tasks; workers finish the files that they are reading, but the results are dropped."""
         with self._lock:
             self._closed = True
             self._waiting.clear()
@@ -250,7 +250,7 @@ class Cluster(Executor):
         task.settle(None, next(iter(task.refused.values())))
 
     def _blame(self, address: str, file: str, error: FileError) -> None:
-        """Note that a worker could not read what another one could."""
+        """Note that a worker could not read a file that a different one could."""
         self.troubled = True
         self._say(file, f"{error}; another worker read it ({error.where})")
         hand = self._hands.get(address)
@@ -262,7 +262,7 @@ class Cluster(Executor):
             self._say(None, f"{hand.worker.label}: gets no more files, because others can read what it cannot")
 
     def _give_all_up(self, why: str, *besides: _Task) -> None:
-        """Fail every unfinished task, and those in ``besides``; no more tasks begin."""
+        """Fail every unfinished task, and those in ``besides``; no further tasks begin."""
         self._gone = why
         left = [*besides, *self._take_waiting()]
         for hand in self._hands.values():

@@ -11,9 +11,9 @@ _MOST_FOLDERS: Final = 64
 
 
 def find_files(folder: Path, user: Path) -> list[Path]:
-    """Return the files that are there, the one that counts most first.
+    """Return the files that exist, the one with the highest priority first.
 
-    That is the file of the project, in ``folder`` or the nearest folder above it, before that of the ``user``'s folder.
+    The project's file comes first, in ``folder`` or the nearest folder above it, before that of the ``user``'s folder.
     """
     found = []
     for place in [folder, *folder.parents][:_MOST_FOLDERS]:
@@ -26,7 +26,7 @@ def find_files(folder: Path, user: Path) -> list[Path]:
 
 
 def _is_there(file: Path) -> bool:
-    """Return whether there is a file; nobody named it, so one in a folder that may not be looked into is not there."""
+    """Return whether the file exists; False in an unreadable folder, because the user did not name the file."""
     try:
         return file.is_file()
     except OSError:

@@ -1,7 +1,7 @@
-"""The only readers of JSON, TOML and names of code pages that come from a file of a user, which may be damaged or made to harm.
+"""The only readers of JSON, TOML and names of code pages that come from a file of a user, which may be damaged or malicious.
 
-Each raises one kind of error, whatever the content: what nests without end, is no text, or has a number of thousands of digits.
-A test of the house finds readers elsewhere.
+Each raises one kind of error, whatever the content: nesting without end, invalid text, a number with thousands of digits. A
+test of the house finds readers elsewhere.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ class ContentError(ValueError):
 def long_key_line(text: str) -> int:
     """Return the line of a dotted key with more parts than tables may nest, 0 if there is none.
 
-    It looks at the text only, so that a value is found as well: sixteen words with points between them.
+    It only searches the text, so a value of sixteen words with points between them is found as well.
     """
     return _line(text, _LONG_KEY)
 
@@ -91,7 +91,7 @@ def check_code_page(name: str) -> None:
     """
     try:
         known = codecs.lookup(name).name
-        "".encode(name)  # refuses what is no encoding of texts
+        "".encode(name)  # refuses a codec that is not a text encoding
         b"".decode(name)
     except (LookupError, UnicodeError, ValueError, TypeError):
         known = ""

@@ -1,7 +1,6 @@
-"""The lines of a TOML text on which its tables and keys stand, which `tomllib` does not tell.
+"""The line numbers of the tables and keys of a TOML text, which `tomllib` does not give.
 
-The text has been read by `tomllib` before, so it is TOML; here only its tokens are walked once more, and only when an error
-wants a line.
+`tomllib` has parsed the text before, so it is valid TOML; its tokens are read again only when an error needs a line number.
 """
 
 from __future__ import annotations

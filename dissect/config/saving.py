@@ -37,8 +37,8 @@ def is_special(path: str | os.PathLike[str]) -> bool:
 class Saving:
     """A context in which an output is written: write to ``path``, which is renamed to the output when the block ends well.
 
-    When the block raises, ``path`` is removed, and a file that was there before stays. ``mode`` is the mode of a new file, less
-    the umask; a file that is replaced keeps its mode. An `OSError` names the output as the user did.
+    When the block raises, ``path`` is removed, and an existing file stays. ``mode`` is the mode of a new file, less the umask;
+    a file that is replaced keeps its mode. An `OSError` names the output as the user did.
     """
 
     def __init__(self, output: str | os.PathLike[str], mode: int = 0o666) -> None:
@@ -127,8 +127,8 @@ def expect_place(output: str | os.PathLike[str]) -> None:
 class SavingFolder:
     """A context in which a folder of outputs is written: make files in ``path``, which is renamed when the block ends well.
 
-    When the block raises, ``path`` is removed, and a folder that was there before stays. Otherwise that folder is replaced as a
-    whole; the caller decides whether it may be. An `OSError` names the output as the user did.
+    When the block raises, ``path`` is removed, and an existing folder stays. Otherwise that folder is replaced as a whole; the
+    caller decides whether it may be. An `OSError` names the output as the user did.
     """
 
     def __init__(self, output: str | os.PathLike[str]) -> None:

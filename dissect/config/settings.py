@@ -1,6 +1,6 @@
-"""`s7dissect.toml`: what a user does not want to type each time (docs/config.md).
+"""`s7dissect.toml`: options that a user does not want to type each time (docs/config.md).
 
-Everything that is wrong in it is reported at once, and then nothing of it is used.
+All its errors are reported at once, and then none of its settings are used.
 """
 
 from __future__ import annotations

@@ -36,7 +36,7 @@ UNDECIDED: Final = 2
 
 
 def channels_fit(octets: bytes, at: i64, end: i64) -> bool:
-    """Return whether the octets are a known pair of channel numbers, as far as they are there (at least one)."""
+    """Return whether the octets are a known pair of channel numbers, as far as they are present (at least one)."""
     first: i64 = octets[at]
     if end - at < 2:
         return first == _GATEWAY or first in _CHANNELS

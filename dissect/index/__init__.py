@@ -1,5 +1,5 @@
-"""A catalogue of a folder of captures: what each file holds in short, so that a question opens only files that can answer it.
+"""A catalogue of a folder of captures: a summary of each file, so that a query only opens files that can answer it.
 
-`facts` is what is kept of a file, `store` the SQLite database, `update` brings it up to date, `possible` tells which files an
-expression can select something from.
+`facts` defines the summary of a file, `store` the SQLite database; `update` updates it, `possible` determines the files in
+which an expression can select something.
 """

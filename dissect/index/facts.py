@@ -59,7 +59,7 @@ class FileFacts:
 def continued(files: Iterable[FileFacts]) -> dict[str, str]:
     """Return the files that begin soon after the one before them in time ends, as those of a ring do, each with that one.
 
-    They are those whose connections `dissect.session.Run` would let go on, if they were read in the order of time.
+    These are the files whose connections `dissect.session.Run` would continue, if they were read in the order of time.
     """
     found: dict[str, str] = {}
     before: FileFacts | None = None
@@ -128,7 +128,7 @@ def filled(facts: FileFacts, run: Run, seen: FactsObserver) -> FileFacts:
 
 
 def _all_counts(pipeline: Pipeline) -> dict[str, int]:
-    """Return how often each finding was made, also those that another one explains: any of them may be selected."""
+    """Return how often each finding was made, including those that other findings explain: any of them may be selected."""
     counts = dict(pipeline.finding_counts)
     for (_, slug), count in pipeline.exchange.reporter.explained.items():
         counts[slug] = counts.get(slug, 0) + count

@@ -20,7 +20,7 @@ class Indexes:
         self._by_folder: dict[Path, dict[str, FileFacts] | None] = {}
 
     def facts(self, file: str) -> FileFacts | None:
-        """Return what is known of a file as it is now; None when nothing is."""
+        """Return the facts of a file in its present state; None if there are none."""
         if file == "-" or is_remote(file):
             return None
         path = Path(file).absolute()

@@ -1,4 +1,4 @@
-"""Where the index of a folder is: beside its captures where somebody put it, else in the cache of the user."""
+"""Location of the index of a folder: next to its captures if the user created one there, otherwise in the user's cache."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def cached(folder: Path) -> Path:
 
 
 def made_room(path: Path) -> None:
-    """Make the folders of the cache that an index is to stand in; nobody else may look into them. Raises `OSError`."""
+    """Make the folders of the cache for an index; no other user can read them. Raises `OSError`."""
     path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
 
 

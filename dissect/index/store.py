@@ -1,8 +1,8 @@
 """The catalogue on disk: a SQLite database with a row for each file, its connections' ends and its findings.
 
-Names of files are kept as the bytes that the file system has, which need not be text in any encoding. The catalogue can be
-made again at any time, so one that another version wrote is emptied. Files are replaced in transactions: who reads meanwhile,
-or after a crash, sees each as it was before or as it is.
+Names of files are kept as the bytes that the file system has, which need not be text in any encoding. The catalogue can be made
+again at any time, so one from a different version is emptied. Files are replaced in transactions: a concurrent reader, or one
+after a crash, sees either the old or the new state.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from typing import Final, Self
 
 from dissect.index.facts import FileFacts
 
-#: What reading a damaged database raises: also names and texts in it that are no UTF-8, and numbers out of range.
+#: Exceptions from reading a damaged database, including invalid UTF-8 in names and texts, and numbers out of range.
 DATABASE_ERRORS: Final = (sqlite3.Error, UnicodeError, OverflowError)
 
 #: The name of the catalogue in its folder.
@@ -114,7 +114,7 @@ class Store:
     def _is_current(self) -> bool:
         """Return whether the database is a catalogue of this version. `StoreError` for one of another program."""
         tables = self._base.execute("SELECT count(*) FROM sqlite_master").fetchone()[0]
-        # After the tables: whoever makes them meanwhile marks them in the same transaction.
+        # After the tables: a concurrent process marks them in the same transaction.
         mark = self._base.execute("PRAGMA application_id").fetchone()[0]
         if mark != _MARK and tables:
             raise StoreError(f"{self.path} is a database of another program: choose another name with --file")

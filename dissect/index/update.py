@@ -22,10 +22,10 @@ _LONGEST_S: Final = 1.0
 
 @dataclass
 class Changes:
-    """What an update did: files by what became of them.
+    """The results of an update: files by outcome.
 
-    ``unreadable`` says why, by name, that of a folder ending with a slash; ``damaged`` what of a file that was read is missing;
-    ``whole`` is False if broken off.
+    ``unreadable`` gives the reason by name (of a folder with a slash at the end); ``damaged`` describes what is missing from a
+    file; ``whole`` is False if broken off.
     """
 
     read: list[str] = field(default_factory=list)

@@ -156,7 +156,7 @@ def _size(octets: bytes, at: i64) -> i64:
 
 
 def _value(octets: bytes, at: i64) -> bytes:
-    """Return the value of the BER element at ``at``, as far as it is there."""
+    """Return the value of the BER element at ``at``, as far as it is present."""
     if at + 2 > len(octets):
         return b""
     first: i64 = octets[at + 1]

@@ -1,8 +1,8 @@
-"""DTs in irregular headers (reference 2.2): whether a whole PDU stands in them, and where it begins.
+"""DTs in irregular headers (reference 2.2): whether they contain a whole PDU, and where it begins.
 
-Two kinds are told apart. The length indicator (LI) may leave room for the header of a class 0 DT, but count more octets: a DT
-like that is read. Or it leaves none (0, 1, the reserved 255), or reaches beyond the TPKT. What stands there is *behind a
-malformed header*: a receiver that reads the header has to drop it.
+There are two kinds. The length indicator (LI) may leave room for the header of a class 0 DT, but count more octets: a DT like
+that is read. Or it leaves no room (0, 1, the reserved 255), or reaches beyond the TPKT. Its content is *behind a malformed
+header*: a receiver that reads the header has to drop it.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ def holds_data(tpdu: bytes) -> bool:
 
 
 def is_class_0(class_: i64, octets: bytes) -> bool:
-    """Return whether a DT is of class 0: the confirm chose ``class_``; where it was not captured (-1), the content tells."""
+    """Return whether a DT is of class 0: the confirm chose ``class_``; if it was not captured (-1), the content decides."""
     if class_ >= 0:
         return class_ == 0
     return len(octets) > DT_HEADER and octets[2] >= 0x80 and is_sound(octets, DT_HEADER, len(octets))
@@ -44,8 +44,8 @@ def is_odd(tpdu: Tpdu, octets: bytes, class_: i64) -> bool:
 def odd_place(tpdu: Tpdu, octets: bytes, class_: i64) -> i64:
     """Return where a whole PDU begins in a TPDU with an irregular header; -1 for none, and for a TPDU that is regular.
 
-    It is looked for first where class 0 has data, then where the length indicator says. Behind a malformed header the type and
-    the end mark (EOT) say nothing, and octets may follow the PDU.
+    It is searched first at the position of class 0, then at that of the length indicator. After a malformed header the type and
+    the end mark (EOT) mean nothing, and octets may follow the PDU.
     """
     size: i64 = len(octets)
     if not holds_data(octets):

@@ -11,12 +11,12 @@ from dissect.iso.tpkt import YES, judge_beginning, plausible
 from dissect.iso.upper import TLS, UNKNOWN, classify
 
 # What `recognise` returns.
-UNDECIDED: Final = 0  # look at more
+UNDECIDED: Final = 0  # examine more
 HERE: Final = 1  # a TPKT begins with the octets
 WITHIN: Final = 2  # a TPKT begins somewhere in them
 OTHER: Final = 3  # another protocol
 
-#: How many segments with octets are looked at before a connection counts as another protocol.
+#: How many segments with octets are examined before a connection counts as a different protocol.
 PROBES: Final = 8
 #: The same for a connection on port 102, which ought to be ISO-on-TCP.
 _PROBES_102: Final = 64
@@ -25,8 +25,8 @@ _PROBES_102: Final = 64
 def recognise(octets: bytes, at_start: bool, on_102: bool, probed: i64) -> i64:
     """Return whether ``octets`` are ISO-on-TCP: `UNDECIDED`, `HERE`, `WITHIN` or `OTHER`.
 
-    ``at_start``: they are the first ones that their side sent. ``probed`` segments of the connection were looked at before.
-    Only on port 102 are TPKTs found that begin after the first octet.
+    ``at_start``: they are the first ones that their side sent. ``probed`` segments of the connection were examined before. Only
+    on port 102 are TPKTs found that begin after the first octet.
     """
     if plausible(octets, 0, len(octets)) or (at_start and _may_begin_tpkt(octets)):
         return HERE

@@ -48,7 +48,7 @@ UNDECIDED: Final = 2
 #: Faults of a TPKT header (`Framer.faults`).
 BAD_VERSION: Final = "version"
 BAD_LENGTH: Final = "length"
-#: A TPKT that covers sound ones: its length is wrong, or its sender gave it up and began another one.
+#: A TPKT that covers sound ones: its length is wrong, or its sender aborted it and began a new one.
 HIDING: Final = "hiding"
 
 
@@ -483,7 +483,7 @@ class Framer:
         self._searched = 1
 
     def _continue(self, octets: bytes, at: i64, end: i64) -> i64:
-        """Add octets to the pending TPKT; return the next place. Each octet is appended and looked at only once."""
+        """Add octets to the pending TPKT; return the next place. Each octet is appended and examined only once."""
         pending = self.pending
         assert pending is not None
         have: i64 = len(pending)
@@ -513,7 +513,7 @@ class Framer:
     def _search(self, octets: bytes, at: i64, fresh: i64, end: i64, segment_start: bool) -> i64:
         """Out of step: look for the next TPKT in ``octets[at:end]``; return the next place.
 
-        Octets before ``fresh`` were looked at before. If a segment begins at ``fresh``, that place is tried first, because most
+        Octets before ``fresh`` were examined before. If a segment begins at ``fresh``, that place is tried first, because most
         segments begin with a TPKT.
         """
         found: i64 = -1

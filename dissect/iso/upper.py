@@ -15,7 +15,7 @@ TLS: Final = 3
 RDP: Final = 4
 UNKNOWN: Final = 5
 EMPTY: Final = 6
-SCD: Final = 7  # only where a binding says so: its octets do not show it
+SCD: Final = 7  # only by a binding: the octets do not show it
 
 #: Names as reports use them, by the numbers above.
 UPPER_NAMES: Final[list[str]] = ["s7comm", "s7comm_plus", "mms", "tls", "rdp", "unknown", "empty", "scd"]

@@ -12,7 +12,7 @@ _NANOSECONDS: Final = 0x2000
 
 
 class _Times(ctypes.Structure):
-    """``struct timex`` (linux/timex.h), as far as it is read here; with room for the rest."""
+    """``struct timex`` (linux/timex.h), with the fields that are read here, and room for the rest."""
 
     _fields_ = (
         ("modes", ctypes.c_uint),

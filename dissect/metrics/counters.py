@@ -63,7 +63,7 @@ class Metrics(Companion):
         self.pipeline = pipeline
 
     def tick(self, now_ns: int, drops: Drops) -> None:
-        """Note the packets lost so far, and how far the clock of the capture is behind that of this machine."""
+        """Note the packets lost so far, and the lag of the capture's clock behind that of this machine."""
         self.drops = drops
         self.lag_ns = self._clock() - now_ns
 

@@ -18,7 +18,7 @@ _ENDED: Final = "its thread ended"
 
 
 class MetricsKeeper(Companion):
-    """Goes along with a run and looks after the server behind ``door``, which the run may have opened already."""
+    """Accompanies a run and restarts the server of ``door``, which the run may have opened already."""
 
     name = "the metrics server"
 

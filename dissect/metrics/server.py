@@ -189,7 +189,7 @@ class Server:
             self._thread.start()
 
     def _serve(self) -> None:
-        with suppress(OSError, ValueError):  # the socket is gone: whoever looks after it sees that it ended
+        with suppress(OSError, ValueError):  # the socket is gone: the keeper sees that it ended
             self._listener.serve_forever(poll_interval=_POLL_S)
 
     @property
@@ -269,8 +269,8 @@ def serve(
     """Listen on ``address`` (``HOST:PORT``, ``[IPv6]:PORT``) and serve ``metrics`` there.
 
     Call it before the capture begins, so that a wrong address is reported at once. Raises `AddressError` for an address that
-    cannot be used, or that others can reach when ``allow_remote`` does not say so, and `MissingLibraryError`. Without ``start``
-    it only listens until `Server.start` is called.
+    cannot be used, or that others can reach without ``allow_remote``, and `MissingLibraryError`. Without ``start`` it only
+    listens until `Server.start` is called.
     """
     server = door_of(metrics, address, allow_remote).open()
     if start:

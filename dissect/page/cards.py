@@ -25,7 +25,7 @@ _LINES: Final = 8
 _TEXT: Final = 120
 #: Operations that change the PLC or may.
 _CHANGING: Final = (CONTROL, DELETE, DOWNLOAD, TEST_JOB, TRANSFER)
-#: What a card says of the identity of a PLC, by key of a row of `dissect.inventory.rows`.
+#: The labels for the identity of a PLC on a card, by key of a row of `dissect.inventory.rows`.
 _IDENTITY: Final = {
     "role": "role",
     "order_number": "order number",
@@ -125,7 +125,7 @@ class _Card:
         return [self._rows.host(talk.client), ", ".join(_changes(talk))]
 
     def poll(self, number: int, known: Request) -> list[Any]:
-        """Return a poll: its client, what it asks for, how often, the median of its periods, the key of its row."""
+        """Return a poll: its client, its requests, their number, the median of its periods, the key of its row."""
         client = self._rows.host(known.connection.client.host)
         return [client, shortened(known.subject, _TEXT), known.count, known.periods.quantile(0.5), f"p{number}"]
 

@@ -1,7 +1,7 @@
 """`Gathered`: an observer that collects everything that a report shows, in one pass and in bounded memory.
 
 It counts by time what `dissect.report.analysis` counts over the whole run, and has such an `analysis`, too. It counts what it
-leaves out, so that the report can say so.
+leaves out, so that the report can state it.
 """
 
 from __future__ import annotations
@@ -134,7 +134,7 @@ class Gathered(Observer):
         self.answer_times = Bins()
         self.spreads: dict[tuple[Station, str], SpreadOf] = {}
         self.spreads_not_told_apart = 0
-        #: Further pairs of PLC and function that are not told apart, at most `MAX_FURTHER`.
+        #: Further pairs of PLC and function, counted as one, at most `MAX_FURTHER`.
         self.further: set[tuple[Station, str]] = set()
         self.requests = Requests()
         self.talks = Talks()
@@ -280,7 +280,7 @@ class Gathered(Observer):
     # ---- what is kept -----------------------------------------------------------------------------------------------
 
     def slowest(self) -> list[dict[str, Any]]:
-        """Return the rows of the slowest transactions of all, and behind them of the slowest of each part of the time."""
+        """Return the rows of the slowest transactions of all, followed by those of the slowest of each part of the time."""
         first = [row for _, _, row in sorted(self._slowest, key=lambda entry: (-entry[0], -entry[1]))]
         known = {row["key"] for row in first}
         further = [row for row in self._slow_then.rows() if row["key"] not in known]

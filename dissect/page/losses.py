@@ -8,7 +8,7 @@ from dissect.page.gathered import Gathered
 from dissect.page.numbers import counted
 from dissect.report import words
 
-#: So many gaps, each of them between messages, are no accident: packets get lost whatever they hold.
+#: This many gaps that are all between messages cannot be an accident: packet loss does not depend on content.
 _FILTERED: Final = 8
 
 
@@ -26,7 +26,7 @@ def gaps_in(gathered: Gathered) -> list[str]:
 
 
 def _where(gaps: int, inside: int, skipped: int) -> str:
-    """Return where the gaps are; ``skipped``: captured bytes that belong to no message, as behind a gap ending inside one."""
+    """Return where the gaps are; ``skipped``: captured bytes that belong to no message, as after a gap that ends inside one."""
     if inside:
         return f"{'inside a message' if gaps == 1 else f'{inside} of them inside messages'}: packets were lost"
     if skipped:

@@ -51,7 +51,7 @@ class Plcs:
         self.found: dict[Station, Plc] = {}
 
     def of(self, station: Station) -> Plc | None:
-        """Return what is kept of a PLC, None where there is no room for another one."""
+        """Return the record of a PLC, None if there is no room for it."""
         found = self.found.get(station)
         if found is None and len(self.found) < MAX_PLCS:
             found = self.found.setdefault(station, Plc())

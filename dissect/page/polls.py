@@ -172,7 +172,7 @@ class Requests:
                 self._count(transaction, item, error)
 
     def _count(self, transaction: Transaction, item: Item, error: TransactionError) -> None:
-        """Count one item as refused; where the answer has no return code for it, nobody knows whether it was."""
+        """Count one item as refused; if the answer has no return code for it, that is unknown."""
         place = (station_of(transaction.connection), item.label)
         if len(self._refused) >= 4 * MAX_REQUESTS and place not in self._refused:
             return

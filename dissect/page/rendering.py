@@ -185,7 +185,7 @@ def _parts() -> tuple[Any, str, str]:
 
 
 def script() -> str:
-    """Return the script of the page, made of its parts, without the comments that stand on lines of their own."""
+    """Return the script of the page, made of its parts, without whole-line comments."""
     folder = files("dissect.page").joinpath("script")
     parts = [folder.joinpath(f"{part}.js").read_text(encoding="utf-8") for part in SCRIPT]
     bare = re.sub(r"^ *(?:/\*\*.*?\*/|//[^\n]*)\n", "", "\n".join(parts), flags=re.DOTALL | re.MULTILINE)

@@ -27,7 +27,7 @@ _CELL: Final = 240
 _NAMES: Final = 160
 #: Characters that options may take in a command.
 _OPTIONS: Final = 240
-#: Options that say where SCD travels, and commands that have none of them.
+#: Options for the transport of SCD, and commands without them.
 SCD_OPTIONS: Final = ("--scd", "--bind")
 _NO_SCD: Final = frozenset(("devices", "operations"))
 #: Packets that a Wireshark filter names.
@@ -77,7 +77,7 @@ def base_name(path: str) -> str:
 
 
 def base_names(paths: Sequence[str]) -> list[str]:
-    """Return the names of files without their folders; as they are where two would be the same."""
+    """Return the names of files without their folders; unchanged if two would be equal."""
     names = [base_name(path) for path in paths]
     return names if len(set(names)) == len(set(paths)) else list(paths)
 

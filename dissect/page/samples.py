@@ -36,11 +36,11 @@ class _Bin:
 
 
 class Samples:
-    """At most ``most`` rows. When there are more, the fullest bin of time gives up the row with the greatest rank.
+    """At most ``most`` rows. If there are more, the row with the greatest rank is dropped from the fullest bin of time.
 
-    So a time in which much happens does not push out what happens at another time, and in each bin the least ranks stay.
-    Ask `wants` before a row is made: most are not wanted, and making one takes longer than asking. ``counts`` are all that
-    was asked for, by time; with ``counted`` False somebody else counts them.
+    So a time in which much happens does not push out what happens at another time, and in each bin the least ranks stay. Ask
+    `wants` before a row is made: most are not wanted, and making one takes longer than asking. ``counts`` counts all requests,
+    by time; with ``counted`` False the caller counts them.
     """
 
     def __init__(self, most: int, counted: bool = True) -> None:

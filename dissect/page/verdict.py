@@ -30,12 +30,12 @@ from dissect.wire.text import cut_inside, duration_text
 
 #: Kinds of findings in the order in which they are preferred among findings of equal severity.
 _KINDS: Final = (FUNCTION, OPERATION, NEGOTIATION, PROTOCOL, SECURITY, CAPTURE)
-#: What every plant with a panel has: of its severity and kind it is told last.
+#: Findings of every plant with a panel: they come last among those of their severity and kind.
 _EVERYDAY: Final = frozenset(("security.write",))
 #: Characters of what was seen, and pairs of hosts that are named.
 _DETAIL: Final = 160
 _PAIRS: Final = 3
-#: How the name of a host goes on that is in a VLAN (`dissect.tcp.link.within`).
+#: The suffix of the name of a host in a VLAN (`dissect.tcp.link.within`).
 _IN_VLAN: Final = " in VLAN "
 
 
@@ -190,7 +190,7 @@ def _sound(gathered: Gathered) -> list[str]:
 
 
 def _nothing(gathered: Gathered) -> list[str]:
-    """Return sentences for a capture without S7: what was there instead."""
+    """Return sentences for a capture without S7: what it contains instead."""
     pipeline = gathered.analysis.pipeline
     if pipeline is None or not pipeline.frames:
         return [

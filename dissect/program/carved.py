@@ -74,7 +74,7 @@ class CarvedBlock:
 
     @property
     def complete(self) -> bool:
-        """True if nothing of it is missing."""
+        """True if no part is missing."""
         return not self.missing
 
     @property
@@ -266,13 +266,13 @@ def _carve_plus(operation: Operation) -> list[CarvedBlock]:
 
 
 def _pdus_of(operation: Operation) -> list[tuple[bytes, str]]:
-    """Return the PDUs that an operation of S7comm-plus carried, each with what became of it."""
+    """Return the PDUs that an operation of S7comm-plus carried, each with its outcome."""
     content, ended = operation.content, operation.result
     if not operation.places:
         return [(content, ended)]
     found = []
     begin = 0
-    whole = all([step == DONE for step in operation.steps])  # then the end of the load says what became of them
+    whole = all([step == DONE for step in operation.steps])  # then the end of the load has their outcome
     for (end, _), result in zip(operation.places, operation.steps, strict=True):
         found.append((content[begin:end], ended if whole else result))
         begin = end

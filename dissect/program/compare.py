@@ -57,7 +57,7 @@ class BlockChange:
 
     @property
     def block(self) -> CarvedBlock:
-        """The block as it is now, or as it was last."""
+        """The present version of the block, or its last one."""
         block = self.now if self.now is not None else self.was
         assert block is not None
         return block

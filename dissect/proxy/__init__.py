@@ -1,7 +1,6 @@
-"""A TCP relay between a client and a PLC that makes packets of the relayed data: for users who may not capture.
+"""A TCP relay between a client and a PLC that turns the relayed data into packets: for users without the right to capture.
 
-relay.Relay          listens, connects, passes on: octets, half-closes, resets; a thread of its own
-tap.Tap              what passed, on its way to those who look at it; it never makes the relay wait
-packets.Conversation what passed as Ethernet frames, as if the connection had been captured
-source.RelayReader   the packets as a live source, for `dissect.live`
+relay.Relay          listens, connects, relays octets, half-closes and resets; runs in a thread tap.Tap              the queue
+of relayed data on its way to the dissection; it never makes the relay wait packets.Conversation relayed data as Ethernet
+frames, as if the connection had been captured source.RelayReader   the packets as a live source, for `dissect.live`
 """

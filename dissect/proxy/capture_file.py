@@ -1,4 +1,4 @@
-"""The traffic of a run as one capture file, written while it goes on."""
+"""The traffic of a run as one capture file, written during the run."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from dissect.source.pcapng_writer import PcapngWriter
 class CaptureFile(WritingCompanion):
     """Writes each packet to ``writer`` before it is analysed, and ends the file with the run.
 
-    While the file cannot be written (the disk is full), packets are counted, and the run and the relay go on; after 1, 2, 4 …
-    60 s writing is tried again, behind the last whole packet.
+    While the file cannot be written (the disk is full), packets are counted, and the run and the relay continue; after 1, 2, 4
+    … 60 s writing is tried again, after the last complete packet.
     """
 
     name = "the capture file"
@@ -57,7 +57,7 @@ class CaptureFile(WritingCompanion):
         self._writer.flush()
 
     def close(self) -> None:
-        """End the file; while it cannot be written, it ends behind its last whole packet, as was said."""
+        """End the file; if it cannot be written, it ends after its last complete packet."""
         try:
             self._writer.close()
         except OSError:

@@ -76,7 +76,7 @@ class Conversation:
         return [*self.unanswered(), self._segment(1, RST | ACK)]
 
     def unanswered(self) -> list[bytes]:
-        """Nobody answered the client's attempt to connect."""
+        """Add packets for a connection attempt without an answer."""
         self._over = True
         first = self._segment(0, SYN, b"", _SYN_OPTIONS)
         self._next[0] = (self._next[0] + 1) & _MASK

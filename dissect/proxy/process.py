@@ -1,8 +1,8 @@
-"""Runs the relay in a process of its own, so that a slow dissection never delays the relayed data (the GIL is not shared).
+"""Runs the relay in a separate process, so that a slow dissection never delays the relayed data (the GIL is not shared).
 
 The relay's process has the bounded queue (`dissect.proxy.tap`), and sends its content through a socket as fast as this process
-reads. Data that does not fit into the queue is relayed, but not dissected, and counted there. The relay ends when it is told
-to, or when this process is gone.
+reads. Data that does not fit into the queue is relayed, but not dissected, and counted there. The relay ends on request, or
+when this process is gone.
 """
 
 from __future__ import annotations

@@ -110,11 +110,11 @@ class EventCapture(PacketSink):
     ``slugs`` are the findings that trigger; `trigger` may also be called for other reasons. A trigger while a file is open
     keeps it open for longer. At most ``max_octets`` of packets wait in memory; if that covers less than ``before_ns``, a
     comment in the file says so. ``finished`` are the latest files; ``files`` counts all files, ``triggers`` all triggers,
-    ``removed`` files that gave way to newer ones (`MAX_FILES`, `MAX_ALL_OCTETS`), ``untold`` comments that came too late to be
-    written.
+    ``removed`` files that were replaced by newer ones (`MAX_FILES`, `MAX_ALL_OCTETS`), ``untold`` comments that came too late
+    to be written.
 
-    After an error the packets of the trigger are owed: while they are, call `retry` now and then, which writes to a new file
-    what is still in memory. ``lost`` and ``lost_octets`` count the packets that are in no file although a trigger wanted them.
+    After an error the packets of the trigger are still to be written: call `retry` regularly, which writes those still in
+    memory to a new file. ``lost`` and ``lost_octets`` count the packets that are in no file although a trigger wanted them.
 
     A file is called ``SLUG_20160208T145137.916123000Z.pcapng`` after its first trigger, and ends with ``.part`` while it grows.
     """
@@ -186,7 +186,7 @@ class EventCapture(PacketSink):
             self._recent.add(packet)
 
     def settle(self) -> None:
-        """Write the latest packet, if a file is open: there will be no more findings on it."""
+        """Write the latest packet, if a file is open: no further findings concern it."""
         packet = self._latest
         self._latest = None
         writer = self._writer

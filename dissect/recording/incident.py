@@ -1,7 +1,7 @@
-"""One incident out of the evidence of a ring: the files that hold it, and the part of the manifest that proves them.
+"""One incident from the evidence of a ring: its files, and the part of the manifest that proves them.
 
 The files are copied whole, so that their hashes are those of the chain. The part of the manifest begins with the first entry
-about one of them and goes on to the end of the chain: a hash that was noted later is in it.
+about one of them and continues to the end of the chain, so that it includes a hash that was noted later.
 """
 
 from __future__ import annotations
@@ -80,7 +80,7 @@ def _choose_of(manifest: Path, begin_ns: int, end_ns: int, chosen: Chosen) -> No
 
 
 def _holds(entry: dict[str, Any], begin_ns: int, end_ns: int) -> bool:
-    """Tell whether the file of an entry may hold packets of a time: of one that a kill left nobody knows."""
+    """Return whether the file of an entry may contain packets of a time; True for one left by a kill, whose range is unknown."""
     if not isinstance(entry.get("name"), str) or entry.get("kind") not in {FILE, LEFT}:
         return False
     try:
@@ -91,7 +91,7 @@ def _holds(entry: dict[str, Any], begin_ns: int, end_ns: int) -> bool:
 
 
 def window_of(text: str, around_ns: int) -> tuple[int, int]:
-    """Return the time of an alert (a time as its JSON has it), with so much before and behind it. Raises ValueError."""
+    """Return the time of an alert (a time as its JSON has it), extended by these margins. Raises ValueError."""
     at = parse_moment(text).resolve(0, 0)
     return at - around_ns, at + around_ns
 

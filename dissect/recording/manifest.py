@@ -1,10 +1,10 @@
 """The manifest of a ring: a line of JSON for each finished file and each event, chained by hashes.
 
 Each entry holds the SHA-256 of the line before it, so that nothing can be changed, removed or reordered up to an entry whose
-hash is known from another place (``head``). The chain alone proves nothing: who can write the folder can write a new chain.
+hash was noted elsewhere (``head``). The chain alone proves nothing: anyone who can write to the folder can write a new chain.
 
-An entry is on the disk before the next one is made, and the file that it names before the entry. A kill may cut the last
-line; the next run ends it, chains it as it is, and names the files that are in no entry.
+An entry is on the disk before the next one is made, and the file that it names before the entry. A kill may cut the last line;
+the next run ends it, chains it as it is, and lists the files without an entry.
 """
 
 from __future__ import annotations
@@ -21,11 +21,11 @@ from typing import Any, Final, NamedTuple
 from dissect.config.hostile import ContentError, read_json
 from dissect.recording.names import PART, SUFFIX
 
-#: The end of the name of a manifest, behind the name of its ring.
+#: The end of the name of a manifest, after the name of its ring.
 ENDING: Final = ".manifest.jsonl"
 #: The end of the name of a part of one, which `s7dissect evidence export` writes.
 PART_ENDING: Final = f".part{ENDING}"
-#: What stands for the hash of the line before the first one.
+#: Used as the hash before the first line.
 NOTHING: Final = "0" * 64
 
 # Kinds of entries.
@@ -67,7 +67,7 @@ def content_hash(path: Path) -> str:
 
 
 def masked(words: Iterable[str]) -> list[str]:
-    """Return a command line without its secrets: values of options that say so, users and queries of addresses."""
+    """Return a command line without its secrets: values of secret options, users and queries in addresses."""
     found: list[str] = []
     hide = False
     for word in words:
@@ -106,7 +106,7 @@ class Manifest:
             with suppress(ContentError, AttributeError):
                 self.names.add(str(read_json(line).get("name")))
         self._size = self.path.stat().st_size
-        if not whole:  # a kill cut the last line: it stays, and is chained as it is
+        if not whole:  # a kill cut the last line: it stays, and is chained unchanged
             self._append(b"\n")
 
     def add(self, kind: str, time: str, **facts: Any) -> None:
@@ -156,7 +156,7 @@ def _lines(path: Path) -> tuple[list[bytes], bool]:
 
 
 class Verdict(NamedTuple):
-    """What became of a file or of the chain: ``state`` is a word, ``well`` says whether it is as it should be."""
+    """The state of a file or of the chain: ``state`` is a word, ``well`` tells whether it is correct."""
 
     name: str
     state: str
@@ -167,9 +167,9 @@ WHOLE: Final = "whole"
 
 
 def verified(directory: Path, heads: Iterable[str] = ()) -> Iterator[Verdict]:
-    """Yield what is to be said of the evidence in a folder: of each chain, of each file in it, and of files in none.
+    """Yield the verdicts on the evidence in a folder: on each chain, on each file in it, and on files in no chain.
 
-    ``heads`` are hashes of entries that are known from elsewhere; each has to be in a chain. Raises OSError.
+    ``heads`` are hashes of entries that were noted elsewhere; each must be in a chain. Raises OSError.
     """
     covered: set[str] = set()
     known: set[str] = set()
@@ -188,7 +188,7 @@ def verified(directory: Path, heads: Iterable[str] = ()) -> Iterator[Verdict]:
 def _chain(path: Path, covered: set[str], known: set[str], wanted: set[str]) -> Iterator[Verdict]:
     """Yield the verdicts on one manifest and its files."""
     lines, whole = _lines(path)
-    # A part of a chain begins anywhere, and says so; the files that are not with it stayed with the others.
+    # A part of a chain begins anywhere and is marked as a part; the missing files stayed with the rest.
     part = path.name.endswith(PART_ENDING)
     before = _previous(lines) if part else NOTHING
     behind = f"part of a chain, behind {before}; " if part else ""
@@ -227,13 +227,13 @@ def _previous(lines: list[bytes]) -> str:
 
 
 def entries_of(path: Path) -> tuple[list[bytes], list[dict[str, Any]]]:
-    """Return the lines of a manifest and what each says; empty for one that is no entry. Raises OSError."""
+    """Return the lines of a manifest with their contents, empty for a line that is not an entry. Raises OSError."""
     lines, _ = _lines(path)
     return lines, [_entry(line) or {} for line in lines]
 
 
 def state_of(directory: Path, name: str, entry: dict[str, Any]) -> str:
-    """Return what became of the file of an entry, in a word or two."""
+    """Return the state of the file of an entry, in a word or two."""
     return _file(directory, name, entry, False).state
 
 

@@ -38,7 +38,7 @@ class KeptPacket:
 
     @property
     def size(self) -> int:
-        """The octets of memory that it counts for; comments are left out, as they are few and short."""
+        """The memory that it is counted with, in octets; comments are left out, because they are few and short."""
         return len(self.octets) + PACKET_COST
 
     def say(self, comment: str) -> None:
@@ -50,8 +50,8 @@ class KeptPacket:
 class RecentPackets:
     """The packets of the last ``most_ns`` (nanoseconds of capture time), at most ``most`` of them (0: any number).
 
-    Of these, the latest are kept for which there is room in ``max_octets``, which has to be above 0 (ValueError). ``shortened``
-    counts packets that were dropped early for lack of room.
+    Of these, the latest that fit into ``max_octets`` are kept; it must be above 0 (ValueError). ``shortened`` counts packets
+    that were dropped early for lack of room.
     """
 
     def __init__(self, max_octets: int, most_ns: int, most: int = 0) -> None:

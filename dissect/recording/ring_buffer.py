@@ -4,10 +4,10 @@ A file is called ``NAME_00001_20160208T145137Z.pcapng.part`` (its number, and th
 written, and loses ``.part`` when it is finished: copying ``*.pcapng`` therefore copies only whole files. The ``.part`` that a
 killed process leaves behind is readable up to the last packet written.
 
-Where the number of files is limited, those of earlier runs count as well, ``.part`` files included, so that the folder does
-not grow with each restart. Nothing else in the folder is touched: a file belongs to the ring when a ring of this name would
-give it its name, and its first block says in a comment that such a ring wrote it. A file that another process is writing is
-left alone; its writer holds a lock on it.
+If the number of files is limited, those of earlier runs count as well, ``.part`` files included, so that the folder does not
+grow with each restart. Nothing else in the folder is touched: a file belongs to the ring if its name follows the ring's pattern
+and a comment in its first block names such a ring as its writer. A file that another process is writing is left alone; its
+writer holds a lock on it.
 """
 
 from __future__ import annotations
@@ -182,26 +182,26 @@ def _number(word: str, text: str, least: float, most: float, whole: bool = True)
 
 
 class Witness:
-    """Is told what becomes of the files of a ring; this one does nothing."""
+    """Observes the files of a ring; this base class does nothing."""
 
     def finished(self, path: Path, packets: int, first_ns: int, last_ns: int) -> None:
-        """A file is whole, or with the ending of an unfinished one, was given up."""
+        """A file is complete, or (with the suffix of an unfinished one) was abandoned."""
 
     def removed(self, path: Path) -> None:
         """A file was removed to make room."""
 
 
 class RingBuffer(PacketSink):
-    """Writes every packet to the files of a ring in ``directory``. An `OSError` names the file it is about.
+    """Writes every packet to the files of a ring in ``directory``. An `OSError` names its file.
 
     A file begins with its first packet, so a silent line leaves no empty ones; call `tick` when time passes without packets.
     Only files that a ring of this name made in the folder, in this run or an earlier one, count for the limits and are removed;
     with a limit of ``octets`` as well, ``files`` of them together take that many times as much and 512 KiB for each. On a full
     disk, and while less than ``keep_free`` octets are free, the oldest are removed first, where there is any limit.
 
-    ``packets`` counts what was written, ``finished`` names the files of this run that are whole and there, the oldest first;
-    ``removed`` counts those that had to go. After an error the file at hand stays as it is, and the next packet begins another;
-    ``lost`` and ``lost_octets`` count the packets that are in no file, with those that the caller told with `miss`.
+    ``packets`` counts what was written, ``finished`` names the complete files of this run that still exist, the oldest first;
+    ``removed`` counts removed ones. After an error the current file stays as it is, and the next packet begins a new one;
+    ``lost`` and ``lost_octets`` count the packets that are in no file, including those that the caller reported with `miss`.
     ``capture_filter`` is written into the interfaces of its files.
     """
 

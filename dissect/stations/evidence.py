@@ -246,7 +246,7 @@ def said_by(parts: list[Part], wanted: str = "") -> list[Said]:
 
 
 def _identification(part: Part) -> list[Said]:
-    """Read a record of list 0x11: the order number, and the version of what its index stands for."""
+    """Read a record of list 0x11: the order number, and the version of the component that its index names."""
     index, version, release = part.number("index"), part.number("version"), part.number("release")
     said: list[Said] = []
     order = part.text("order_number").strip()

@@ -260,7 +260,7 @@ class Station:
             self.facts[key] = [Stretch(value, source, frame, time_ns)]
 
     def merge(self, later: Station) -> None:
-        """Add what was noted about the same address in other packets; ``later`` must not be used any more."""
+        """Add what was noted about the same address in other packets; ``later`` must not be used afterwards."""
         self.not_kept += later.not_kept
         for (module, key), stretches in later.facts.items():
             known = self.facts.get((module, key))
@@ -316,8 +316,8 @@ def last_of(stretches: list[Stretch]) -> Stretch:
 def timeline(key: str, stretches: list[Stretch]) -> list[Stretch]:
     """Return the values of one kind in order of time; each differs from the one before it.
 
-    They are noted file by file. A value that was stated by one file before, and by another one after a different value of a
-    third one comes out twice: its first and its last time are known.
+    Values are noted file by file. If two files state the same value before and after a different one in a third file, it
+    appears twice, with its first and its last time.
     """
     if all([one.last_ns <= other.first_ns for one, other in pairwise(stretches)]) and not _repeats(key, stretches):
         return stretches
@@ -375,7 +375,7 @@ class Book:
         return station is None or station.again(key, value, source, frame, time_ns)
 
     def _of(self, host: str, vlan: int) -> Station | None:
-        """Return the station with this address; None if there is no room for another one, which is counted."""
+        """Return the station with this address; None if there is no room for it, which is counted."""
         name = within(host, vlan) if vlan else host
         station = self.stations.get(name)
         if station is None:
@@ -397,13 +397,13 @@ class Book:
         return found
 
     def merge(self, later: Book) -> None:
-        """Add what was noted in later packets; ``later`` must not be used any more."""
+        """Add what was noted in later packets; ``later`` must not be used afterwards."""
         self.not_kept += later.not_kept
         for theirs in later.stations.values():
             self.take(theirs)
 
     def take(self, theirs: Station) -> None:
-        """Add what was noted about a station in later packets; ``theirs`` must not be used any more."""
+        """Add what was noted about a station in later packets; ``theirs`` must not be used afterwards."""
         name = within(theirs.host, theirs.vlan)
         station = self.stations.get(name)
         if station is not None:

@@ -1,6 +1,6 @@
 """Owner, validity and weaknesses of a certificate (X.509, RFC 5280), read with `cryptography` (extra ``tls``).
 
-Certificates come from the wire: if one is damaged, `Certificate.unread` says so, and the parts that can be read are kept.
+Certificates come from the wire: if one is damaged, `Certificate.unread` is set, and the parts that can be read are kept.
 """
 
 from __future__ import annotations
@@ -87,7 +87,7 @@ def read_certificate(der: bytes) -> Certificate:
         found.unread = f"reading certificates {NEEDS}"
         return found
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # a fault of the certificate is no warning about this program
+        warnings.simplefilter("ignore")  # a fault of the certificate must not warn about this program
         try:
             _read(found, x509.load_der_x509_certificate(der))
         except Exception as error:  # noqa: BLE001 - the library raises errors of many kinds about octets of the wire

@@ -21,7 +21,7 @@ MAX_TRIED: Final = 4096
 _LEAST_TRIED: Final = 64
 #: Octets of the smallest encrypted record.
 _LEAST_RECORD: Final = 22
-#: Wrong record numbers that are tried in one direction altogether; failures in a row after which it is given up.
+#: Wrong record numbers that are tried in one direction altogether; failures in a row after which decryption stops.
 _MAX_TRIES: Final = 65_536
 MAX_MISSES: Final = 32
 

@@ -1,6 +1,6 @@
 """Handshake messages: joins them from records, and reads who talks to whom and how (RFC 5246 section 7.4, RFC 8446 4).
 
-Everything is read as far as it is there; nothing raises.
+Everything is read as far as it is present; nothing raises.
 """
 
 from __future__ import annotations
@@ -76,7 +76,7 @@ class HandshakeReader:
 
 
 class Hello:
-    """A ClientHello or ServerHello, as far as it is there.
+    """A ClientHello or ServerHello, as far as it is present.
 
     ``version`` is the highest offered or the chosen version, 0 if unknown. ``suites`` are the offered ones, or the chosen one.
     ``server_name`` is printable. ``retry``: this is a HelloRetryRequest.

@@ -31,7 +31,7 @@ _MAX_LINE: Final = 4096
 
 
 class Growing(Protocol):
-    """A file that another program writes: `more` returns what was added, ``begun`` counts how often it was begun anew."""
+    """A file that another program writes: `more` returns what was added, ``begun`` counts how often it was restarted."""
 
     begun: int
 
@@ -135,7 +135,7 @@ class _Source:
         self.unfinished = False
 
     def text(self) -> bytes:
-        """Return what was written since the last call. If the file was begun anew, the unfinished line is dropped."""
+        """Return what was written since the last call. If the file was restarted, the unfinished line is dropped."""
         text = self._more()
         if self._file is not None and self._file.begun != self._begun:
             self._begun = self._file.begun

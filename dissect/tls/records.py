@@ -15,7 +15,7 @@ MAX_BODY: Final = (1 << 14) + 2048
 
 
 def begins_record(octets: bytes, at: i64, end: i64) -> bool:
-    """Return whether a record may begin at ``at``: type, version and length are valid, as far as they are there."""
+    """Return whether a record may begin at ``at``: type, version and length are valid, as far as they are present."""
     if at >= end or octets[at] < 0x14 or octets[at] > 0x18:
         return False
     if end - at >= 2 and octets[at + 1] != 3:

@@ -181,7 +181,7 @@ def test_a_server_that_says_more_than_is_looked_at_has_to_wait_and_nothing_is_lo
             assert channel._read(soon())
         held = channel._held
         for _ in range(50):
-            channel.look()
+            channel.poll()
         assert channel._held == held < (2 << 20)
         for _ in range(count):
             assert channel.receive(soon()) == message

@@ -317,7 +317,7 @@ def test_who_says_more_than_was_recorded_sees_the_recorded_end() -> None:
             client.socket.sendall(dt(read("MW2").octets))
         assert client.ended() == "fin"
         client.socket.close()
-        eventually(lambda: not server._lines)
+        eventually(lambda: not server._clients)
 
 
 def test_who_never_says_its_end_is_not_waited_for(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -326,7 +326,7 @@ def test_who_never_says_its_end_is_not_waited_for(monkeypatch: pytest.MonkeyPatc
     with Server(ending("fin", 0)) as server, Plain(server) as client:
         client.socket.sendall(dt(read("MW0").octets))
         assert client.ended() == "fin"
-        eventually(lambda: not server._lines)
+        eventually(lambda: not server._clients)
 
 
 def test_a_reset_in_the_midst_of_an_answer_costs_nobody_else_anything(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -339,7 +339,7 @@ def test_a_reset_in_the_midst_of_an_answer_costs_nobody_else_anything(monkeypatc
                 client.socket.recv(7)
                 client.socket.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
         assert other.ask(read("DB1.DBB0 x900")).return_codes() == [0xFF]
-        eventually(lambda: len(server._lines) == 1)
+        eventually(lambda: len(server._clients) == 1)
         assert not server._plans
 
 
@@ -360,7 +360,7 @@ def test_a_thousand_short_connections_leave_nothing_behind() -> None:
         eventually(lambda: held() == before)
         for number in range(1000):
             one(number)
-        eventually(lambda: server.connections == 1001 and not server._lines)
+        eventually(lambda: server.connections == 1001 and not server._clients)
         eventually(lambda: held() == before)  # a line is off the list a moment before its socket is closed
         assert not server._plans
 
@@ -413,7 +413,7 @@ def test_who_does_not_read_is_not_read_from_and_in_the_end_dropped(monkeypatch: 
         seen = [0]
 
         def dropped() -> bool:
-            seen.extend([line.held for line in list(server._lines)])
+            seen.extend([line.held for line in list(server._clients)])
             return any("accepted no data" in text for text in server.problems)
 
         requests = dt(read("DB1.DBB0 x900").octets) * 1000
