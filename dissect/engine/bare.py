@@ -25,7 +25,7 @@ BY_SERVER: Final = 0
 BY_CLIENT: Final = 1
 #: The key in `BareConnections.first` of the first of these.
 _ENDS: Final = -1
-#: How many of these are told apart; each has a FIN of either side.
+#: How many of these are distinguished; each has a FIN of either side.
 MAX_ENDS: Final = 4096
 #: Octets of the key of a connection: both addresses, then both ports.
 _IPV4: Final = 4
@@ -36,8 +36,8 @@ _PORTS: Final = 4
 class BareConnections:
     """Counts connections without octets by server port: ``counts``; ``first`` has the first packet of each port.
 
-    ``spoken`` counts the connections that were followed on other ports than 102. All three have at most `MAX_PORTS` ports
-    beside 102. ``ends`` counts connections to port 102 of which only FINs were captured, by who closed first.
+    ``spoken`` counts the followed connections on ports other than 102. All three have at most `MAX_PORTS` ports besides 102.
+    ``ends`` counts connections to port 102 of which only FINs were captured, by who closed first.
     """
 
     def __init__(self) -> None:
@@ -62,7 +62,7 @@ class BareConnections:
             self.first[port] = tcp.first_frame
 
     def take_end(self, key: bytes, flags: i64, frame: i64) -> None:
-        """Take a FIN or RST of a connection of which nothing was captured before; ``key``: addresses and ports of its packet.
+        """Take a FIN or RST of a connection without earlier packets; ``key``: addresses and ports of its packet.
 
         A RST may also refuse what was sent to a closed port, so only a FIN shows that there was a connection.
         """
@@ -73,7 +73,7 @@ class BareConnections:
         if (source != ISO_TSAP_PORT and target != ISO_TSAP_PORT) or key in self._ended or len(self._ended) >= MAX_ENDS:
             return
         ports = key[2 * size + 2 : 2 * size + _PORTS] + key[2 * size : 2 * size + 2]
-        answer = key[size : 2 * size] + key[:size] + ports + key[2 * size + _PORTS :]  # behind them comes the VLAN
+        answer = key[size : 2 * size] + key[:size] + ports + key[2 * size + _PORTS :]  # after them comes the VLAN
         if answer in self._ended:
             return
         self._ended.add(key)

@@ -182,11 +182,11 @@ class Unread(Protocol):
 class Connections:
     """Gives connections to protocols and takes them back. ``count`` is how many were opened so far.
 
-    ``forgotten`` counts those that were evicted without a loss: nothing on them was open or unread. What comes of one later is
-    another connection; ``twice`` counts connections that may be such.
+    ``forgotten`` counts those that were evicted without a loss: nothing on them was open or unread. Later packets of one form a
+    new connection; ``twice`` counts connections that may be such.
 
-    A connection that ``only`` does not want gets its number and no more; ``left_out`` counts those. ``iso`` takes a connection
-    that begins in the place of one of them.
+    A connection that ``only`` does not want only gets its number; ``left_out`` counts those. ``iso`` takes a connection that
+    replaces one of them.
     """
 
     def __init__(self, exchange: Exchange, only: Callable[[Connection], bool] | None = None) -> None:
@@ -262,7 +262,7 @@ class Connections:
     def end(self, side: Side, reason: str, frame: i64, now_ns: i64) -> None:
         """A connection is over (``reason`` is why its open requests stay unanswered): close what is open on both sides.
 
-        ``frame`` is the packet at hand, which need not be one of its own: what stayed unfinished is told of its last one.
+        ``frame`` is the packet at hand, which need not be one of its own: unfinished messages are reported with its last one.
         """
         if side.connection.state == LEFT_OUT:
             return
@@ -300,7 +300,7 @@ class Connections:
 
 
 class Recognition(Protocol):
-    """The protocol that every connection begins with: looks at octets until it is certain what the connection speaks.
+    """The protocol that every connection begins with: examines octets until the protocol of the connection is certain.
 
     ``streams`` are asked in their order. ISO-on-TCP is looked for last, and over several segments, because a capture may begin
     in the middle of anything.

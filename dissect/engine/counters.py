@@ -1,4 +1,4 @@
-"""Counts packets (by what became of them) and octets of a run, keeps its clock, and reports what is odd about packets."""
+"""Counts packets (by their treatment) and octets of a run, keeps its clock, and reports irregular packets."""
 
 from __future__ import annotations
 
@@ -92,7 +92,7 @@ class Counters:
             self._reporter.detail(slug, 0, frames, time_ns, detail)
 
     def packet_counts(self) -> dict[str, int]:
-        """Return what became of every packet, by category; the numbers add up to ``frames``."""
+        """Return the numbers of packets by category; the numbers add up to ``frames``."""
         counts = dict(zip(CATEGORIES, self.packets.counts(), strict=True))
         # A fragment's fate is known later than its packet: the store keeps the books.
         counts["fragment_waiting"] = self.fragments.waiting

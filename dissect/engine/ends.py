@@ -1,9 +1,9 @@
 """Ends of connections: RST and FIN, also false ones, and a SYN that begins another connection with the same addresses.
 
 Anybody who can send packets with the addresses of a connection can send any of these; the receiver checks their sequence
-numbers, and goes on if they are wrong. So a RST or FIN with a number that its receiver need not accept counts as the end only
-as long as the connection does not go on (`dissect.tcp.doubt`). And a SYN ends an open connection only once something confirms
-it: the SYN/ACK or the RST that acknowledges it, or data with the sequence numbers that follow it.
+numbers, and continues if they are wrong. So a RST or FIN with a number that its receiver need not accept counts as the end only
+as long as the connection does not continue (`dissect.tcp.doubt`). And a SYN ends an open connection only once something
+confirms it: the SYN/ACK or the RST that acknowledges it, or data with the sequence numbers that follow it.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from dissect.wire.text import count
 #: After a reset, a segment at most this far ahead may have been captured out of order; any other comes too late.
 AFTER_RESET: Final = 65536
 
-# What `judge` returns for a SYN or RST: of this connection, of another one in its place, or a SYN to be confirmed first.
+# What `judge` returns for a SYN or RST: of this connection, of a new one in its place, or a SYN to be confirmed first.
 SAME: Final = 0
 ANOTHER: Final = 1
 HELD_BACK: Final = 2
@@ -58,7 +58,7 @@ def take(counters: Counters, side: Side, seq: i64, flags: i64, size: i64, link: 
 
 
 def look(counters: Counters, side: Side) -> None:
-    """If the end of the connection is in doubt, look whether both sides went on since; withdraw the end if they did."""
+    """If the end of the connection is in doubt, check whether both sides continued since; withdraw the end if they did."""
     tcp = side.tcp
     doubt = tcp.doubt
     peer = side.peer
@@ -221,7 +221,7 @@ def _went_on(side: Side, peer: Side, rival: Rival) -> bool:
 
 
 def _drop(counters: Counters, table: ConnectionTable, side: Side) -> None:
-    """Forget the unconfirmed SYN of ``side``; report that it was ignored if the connection went on."""
+    """Forget the unconfirmed SYN of ``side``; report that it was ignored if the connection continued."""
     rival = side.rival
     peer = side.peer
     if rival is None or peer is None:

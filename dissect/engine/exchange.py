@@ -1,7 +1,7 @@
 """`Exchange`: every protocol hands it its requests, responses and indications, to be paired and judged.
 
 When a message completes a transaction, the rules about transactions judge it first (`judge_transaction`), then the observer is
-told, then `Watch` sees it, which knows operations, security and stations. Findings go through the one `Reporter` of this
+notified, then `Watch` sees it, which knows operations, security and stations. Findings go through the one `Reporter` of this
 object, so that they are counted and bounded in one place, whatever protocol they are about. A read without an error is only
 paired and reported to the observer.
 
@@ -136,7 +136,7 @@ class Watch:
         self._tell()
 
     def behind(self, transaction: Transaction) -> None:
-        """Take what is behind a malformed header and part of no pair: it is judged for security, and means nothing else."""
+        """Take a message behind a malformed header that is in no pair: it is judged for security, and means nothing else."""
         function: i64 = transaction.parameters.function
         if transaction.is_plus:
             self.plus.behind(transaction)
@@ -330,7 +330,7 @@ class Exchange:
         self.causes.close()
 
     def _judge_command(self, transaction: Transaction) -> None:
-        """Judge what a command or service that failed says, before what became of it: the one may explain the other."""
+        """Judge what a command or service that failed says, before its outcome: the one may explain the other."""
         head = transaction.parameters.userdata
         if (transaction.has_errors or transaction._outcome == UNANSWERED) and (head is None or head.group != GROUP_CPU):
             if transaction.rosctr <= USERDATA:
@@ -419,7 +419,7 @@ class Exchange:
                 self.reporter.count("internal.bug", 0, finding.frames[-1] if finding.frames else 0, finding.time_ns)
 
     def note_bug(self, bug: Exception, frame: i64, time_ns: i64) -> None:
-        """Report a bug of ours, or of an observer: the current packet is lost, and the analysis goes on. Strict: raise it."""
+        """Report a bug of ours, or of an observer: the current packet is lost, and the analysis continues. Strict: raise it."""
         if self.strict:
             raise bug
         self.bug = self.bug or bug

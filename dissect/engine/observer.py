@@ -1,4 +1,4 @@
-"""`Observer`, which the engine tells what happens. The engine itself never prints or writes; outputs derive from this class."""
+"""`Observer`, which gets the events of the engine. The engine itself never prints or writes; outputs derive from this class."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ class Observer:
     An observer that keeps what stations say may set ``own_book`` before the pipeline is made. The engine then notes each fact
     in that book, instead of one of its own, before it calls `fact`. Clear ``wants_facts`` if the book is enough.
 
-    With ``wants_every_finding`` it gets each finding, before any bound, and each event that is no finding (`Finding.bare`).
-    An observer that passes on only what is selected has ``own_ledger``: the facts of the findings that are.
+    With ``wants_every_finding`` it gets each finding, before any bound, and each event without a finding (`Finding.bare`). An
+    observer that passes on only what is selected has ``own_ledger``: the facts of the findings that are.
     """
 
     def __init__(self) -> None:
@@ -62,7 +62,7 @@ class Observer:
         """An SCD message that is not in an item of S7 (only with ``wants_pdus``)."""
 
     def transaction(self, transaction: Transaction) -> None:
-        """A transaction is complete, or given up."""
+        """A transaction is complete, or will not become so."""
 
     def operation(self, operation: Operation) -> None:
         """An operation (several transactions that belong together) is over."""
@@ -74,10 +74,10 @@ class Observer:
         """Something deserves attention."""
 
     def repeated(self, finding: Finding) -> None:
-        """So many findings of a rule (`Finding.repeated`) were only counted since the last time, to bound what is said."""
+        """Note findings of a rule that were only counted since the last report: ``finding.repeated`` is their number."""
 
     def fact(self, fact: Fact) -> None:
-        """A station said something of itself, new or not; comes after the event in which it did (with ``wants_facts``)."""
+        """A station stated a fact about itself, new or not; comes after the event in which it did (with ``wants_facts``)."""
 
     def comment(self, frame: i64, text: str) -> None:
         """The capture holds a comment about a packet."""

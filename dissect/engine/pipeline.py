@@ -368,7 +368,7 @@ class Pipeline(PacketSink):
         self._finish(side, CONNECTION_CLOSED)
 
     def _reopen(self, side: Side, seq: i64, octets: bytes, missing: i64) -> i64:
-        """Open another connection in the place of this one, and take a segment of ``side`` that showed that it began."""
+        """Open a new connection that replaces this one, and take a segment of ``side`` that showed that it began."""
         ack: i64 = side.last_ack
         self._give_way(side)
         macs: bytes = side.tcp.macs
@@ -398,7 +398,7 @@ class Pipeline(PacketSink):
             self.timers.passing(side, peer, ack, flags & ACK != 0)
         if flags & ACK:
             side.last_ack = ack
-            if not flags & RST or seq == side.end_seq:  # any other reset may be of somebody else
+            if not flags & RST or seq == side.end_seq:  # any other reset may be someone else's
                 side.note_ack(seq, ack)
         else:
             side.last_ack = -1  # if/else, because mypyc makes int objects for a conditional expression
@@ -497,7 +497,9 @@ class Pipeline(PacketSink):
         if connection.state == LEFT_OUT:
             return accounts.LEFT_OUT
         if connection.state == FOREIGN or (connection.state == PROBING and half.held is None):
-            return accounts.OTHER_PROTOCOL  # nothing of it was used, even if it is not yet reported as another protocol
+            return (
+                accounts.OTHER_PROTOCOL
+            )  # its data were not used, even if it is not yet reported as a different protocol
         if what == stream.NEW or what == stream.OLD:
             return PAYLOAD if what == stream.NEW else accounts.RETRANSMISSION
         return accounts.KEEP_ALIVE if what == stream.KEEP_ALIVE else accounts.BEFORE_START
@@ -507,7 +509,7 @@ class Pipeline(PacketSink):
     def tick(self, now_ns: i64) -> None:
         """Time passed without a packet: it is ``now_ns`` by the clock of the capture.
 
-        Whatever has waited too long is given up, as if a packet had come. The next packet may be a little older than
+        Everything that has waited too long is dropped, as if a packet had come. The next packet may be a little older than
         ``now_ns``: it was under way. Nothing happens when ``now_ns`` is not after the last packet.
         """
         counters = self.counters

@@ -351,8 +351,8 @@ class S7(Protocol):
 def _surely_open(answering: Side, open_now: i64) -> i64:
     """Return ``open_now``, or 0 while octets of ``answering`` that may be answers are missing, out of order or unfinished.
 
-    A gap that was given up may hold answers as well. `judge_request` allows for that; it looks at few requests only, because
-    looking at thousands of open ones for each new one would take seconds.
+    A declared gap may contain answers as well. `judge_request` allows for that; it examines few requests only, because
+    thousands of open ones for each new one would take seconds.
     """
     if answering.unfinished or answering.stream.held is not None or answering.unseen:
         return 0  # the asking side has acknowledged octets that the capture did not show, or not yet

@@ -131,7 +131,7 @@ class SilentConnections:
                 side.probes = likely.join(side.probes)
 
     def end(self, key: bytes) -> None:
-        """The connection with ``key`` is over, or another one takes its addresses."""
+        """The connection with ``key`` is over, or a new one takes its addresses."""
         entry = self._leave(key)
         if entry is not None and entry.probes:
             self._report(entry)
@@ -157,7 +157,7 @@ class SilentConnections:
 
 
 def judge_silent(counters: Counters, side: Side, peer: Side) -> None:
-    """Report a connection that is over, and no octet of which was looked at: it was idle, or opened and never used."""
+    """Report a connection that is over without any examined octet: it was idle, or opened and never used."""
     if not side.probes and not peer.probes:
         counters.bare.take(side, peer)
     elif on_102(side):
@@ -177,13 +177,13 @@ def note_idle(counters: Counters, first: Endpoint, second: Endpoint, probes: Pro
 
 
 def untold(side: Side) -> bool:
-    """Return whether ``side`` belongs to a connection to port 102 of which no octet was looked at yet."""
+    """Return whether ``side`` belongs to a connection to port 102 without any examined octet."""
     return side.connection.state == PROBING and side.connection.probed == 0 and on_102(side)
 
 
 def may_be_probe(side: Side, octets: bytes) -> bool:
     """Return whether ``octets``, the first that were captured of ``side``, may be those of a keep-alive probe.
 
-    The octet of a probe is arbitrary. But on a connection whose octets were looked at, only a zero counts as a probe.
+    The octet of a probe is arbitrary. But on a connection with examined octets, only a zero counts as a probe.
     """
     return len(octets) == 1 and not side.tcp.known_start and (octets == b"\0" or untold(side))

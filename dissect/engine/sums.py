@@ -68,7 +68,7 @@ def _plain(counted: Any) -> Any:
 
 
 def add_counted(pipeline: Pipeline, counted: Counted, packets: int, given_keys: int) -> None:
-    """Add what was counted in packets behind the first ``packets``; ``given_keys`` are the keys that each run was given."""
+    """Add the counts of packets after the first ``packets``; ``given_keys`` are the keys that each run was given."""
     begun = packets > 0
     pipeline.counters.bare.add_first(counted.bare, packets)
     pipeline.exchange.reporter.ledger.merge(counted.ledger)
@@ -86,7 +86,7 @@ def add_counted(pipeline: Pipeline, counted: Counted, packets: int, given_keys: 
         else:
             setattr(holder, name, known + more)
     counters = pipeline.counters
-    counters.fragments.dropped += counters.fragments.waiting  # a file ended: they will not be whole any more
+    counters.fragments.dropped += counters.fragments.waiting  # a file ended: they will not become complete
     counters.fragments.waiting = counted.waiting
     if counted.first_ns or counted.now_ns:
         if begun:

@@ -5,10 +5,10 @@ the capture: packets move it, and while none arrive `Pipeline.tick` does. The pi
 ``deadline_ns``, and calls these classes when it is reached.
 
 `OverdueWatch` reports a request that is overdue while it is still open. A capture may hold thousands of connections, and most
-requests are answered at once, so nothing is stored for a request. Instead, a side that sends a request is looked at when that
-request is due, and again when its next open request is; a side without open requests is not looked at until it sends one. So a
+requests are answered at once, so nothing is stored for a request. Instead, a side that sends a request is checked when that
+request is due, and again when its next open request is; a side without open requests is not checked until it sends one. So a
 polling side costs one look per `Options.overdue_ns`. A request is not reported if the capture may just not show its answer: the
-answering side has a gap, or nothing of it was captured.
+answering side has a gap, or was not captured.
 """
 
 from __future__ import annotations
@@ -32,17 +32,17 @@ from dissect.transactions.table import MAX_CONNECTIONS
 from dissect.transactions.transaction import Transaction
 from dissect.wire.text import duration_text
 
-#: Sides, and open requests, that are looked at in one go; the others have to wait for the next one.
+#: Sides, and open requests, that are checked at once; the others have to wait for the next one.
 _SIDES_AT_ONCE: Final = 1024
 _REQUESTS_AT_ONCE: Final = 8192
-#: The shortest time between two looks at a side with open requests.
+#: The shortest time between two checks of a side with open requests.
 _PAUSE_NS: Final = 50_000_000
 #: When there are this many sides, more than can be open, those whose connection is over are dropped.
 _MANY: Final = 8 * MAX_CONNECTIONS
 
 
 class _Entry:
-    """A side, and the time at which it is looked at."""
+    """A side, and the time of its next check."""
 
     __slots__ = ("due_ns", "side")
 
@@ -95,7 +95,7 @@ class OverdueWatch:
             heapq.heapify(self._due)
 
     def _look_at(self, side: Side, now_ns: i64) -> i64:
-        """Report the overdue requests of a side; return when to look at it again."""
+        """Report the overdue requests of a side; return the time of its next check."""
         answering = side.peer
         if answering is None or answering.stream.held is not None:
             return now_ns + _PAUSE_NS  # an answer may be in the segments that are held, or missing before them
@@ -121,7 +121,7 @@ class OverdueWatch:
             self._reporter.detail("transaction.overdue", connection.number, [frame], now_ns, detail)
 
 
-#: How often waiting sides are looked at, in capture time: always at multiples of this, so that the results for a connection do
+#: How often waiting sides are checked, in capture time: always at multiples of this, so that the results for a connection do
 #: not depend on the other ones in the capture.
 TICK_NS: Final = 50_000_000
 #: When the list of sides that wait has grown to this, those whose connection is over are dropped.
@@ -135,7 +135,7 @@ FAR_FUTURE: Final = 0x7FFFFFFFFFFFFFFF
 
 
 def next_tick(now_ns: i64) -> i64:
-    """Return when to look at waiting sides next."""
+    """Return when to check waiting sides next."""
     return (now_ns // TICK_NS + 1) * TICK_NS
 
 
@@ -164,7 +164,7 @@ class Timers:
     def both(self, side: Side) -> None:
         """Pass on what both directions of the connection of ``side`` have ready, in the order of their packets.
 
-        So an answer comes after its request where both waited behind gaps.
+        So an answer comes after its request if both waited because of gaps.
         """
         peer = side.peer
         if peer is None:
@@ -240,7 +240,7 @@ class Timers:
         self.wake()
 
     def doubt(self, side: Side) -> None:
-        """The end of a connection is in doubt, and ``side`` sent something: look at it when time passes."""
+        """The end of a connection is in doubt, and ``side`` sent something: check it when time passes."""
         doubt = side.tcp.doubt
         if doubt is None or doubt.due:
             return
@@ -312,7 +312,7 @@ class Timers:
     def look_at_ends(self) -> None:
         """Look at the connections whose end is in doubt, and on which something passed since the last look.
 
-        Nothing new can be known of the others, of which there may be thousands until the end of the capture.
+        Nothing new can be known about the others, and there may be thousands until the end of the capture.
         """
         held: list[Side] = []
         for side in self._doubts:

@@ -1,7 +1,7 @@
 """Conversations over UDP: datagrams of the ports that a payload decoder has bound.
 
-They have no beginning and no end, and nothing is put in order: a datagram is a message as it comes. So a conversation is open
-from its first datagram until the capture ends, or until too many are open at once.
+They have no beginning and no end, and nothing is put in order: a datagram is a message. So a conversation is open from its
+first datagram until the capture ends, or until too many are open at once.
 """
 
 from __future__ import annotations

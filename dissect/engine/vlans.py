@@ -66,7 +66,7 @@ def _near(number: i64, place: i64, flags: i64) -> bool:
 
 
 def _answers(peer: Side, seq: i64, ack: i64, flags: i64) -> bool:
-    """Return whether a segment fits the direction towards ``peer``, of which nothing was captured yet."""
+    """Return whether a segment fits the direction towards ``peer``, which was not captured yet."""
     if not flags & ACK:  # a reset
         return seq == peer.last_ack
     place: i64 = peer.stream.start_seq if flags & SYN else peer.stream.next_seq

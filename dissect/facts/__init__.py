@@ -1,1 +1,1 @@
-"""Facts: for each kind of record one table of what it tells, from which the faces are made."""
+"""Facts: one table of facts for each kind of record, from which all outputs are made."""

@@ -77,7 +77,7 @@ _STRETCH: Final[tuple[Fact[Any], ...]] = (
          null=True),
     Fact("last_time", TIME, "When it was said last.", lambda of: of.last_ns),
 )  # fmt: skip
-#: What was said from one packet to another (`Stretch`); of a network card with its vendor.
+#: Statements with first and last packet (`Stretch`); of a network card with its vendor.
 STRETCH: Final = by_name(_STRETCH)
 MAC: Final = by_name((*_STRETCH, Fact("vendor", TEXT, "Vendor of the network card, `locally administered`, or null for an"
                                       " unknown one.", lambda of: vendor(of.value) or None, null=True)))  # fmt: skip

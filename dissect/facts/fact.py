@@ -1,9 +1,9 @@
-"""`Fact`: one thing that a record tells, and the kinds of values.
+"""`Fact`: one fact of a record, and the kinds of values.
 
-A record (a connection, a finding …) has a table of its facts in this room. From it are made its JSON
-(`dissect.facts.written`), the JSON Schema of that (`dissect.facts.schema`), its columns in tables and SQL
-(`dissect.export.tables`) and its fields of selections (`dissect.select.fields`). Each of these knows how it writes or compares
-a kind. What only one of them has, such as the example of a field or the order of columns, is there, by the name of the fact.
+A record (a connection, a finding …) has a table of its facts in this room. From it are made its JSON (`dissect.facts.written`),
+the JSON Schema of that (`dissect.facts.schema`), its columns in tables and SQL (`dissect.export.tables`) and its fields of
+selections (`dissect.select.fields`). Each of these knows how it writes or compares a kind. What only one of them has, such as
+the example of a field or the order of columns, is there, by the name of the fact.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ BYTES: Final = "bytes"  # bytes, in JSON as hexadecimal
 COUNTS: Final = "counts"  # list[int]
 WORDS: Final = "words"  # list[str]
 OBJECT: Final = "object"  # what has `as_dict`: for JSON alone
-JSON: Final = "json"  # what JSON writes as it is: for JSON alone
+JSON: Final = "json"  # written to JSON unchanged: for JSON alone
 RECORDS: Final = "records"  # a list of records of the table `Fact.records`, or such lists by names: for JSON alone
 KINDS: Final = (
     COUNT, SERIAL, DURATION, FLAG, TEXT, WORD, CODE, END, TSAP, FRAME, FRAMES, FILE, TIME, COUNTS, WORDS, OBJECT, JSON,
@@ -49,7 +49,7 @@ VLANS: Final = {
 
 
 class Located(Protocol):
-    """What tells in which file a packet is; ``several`` says whether outputs name files."""
+    """Determines the file of a packet; ``several`` says whether outputs name files."""
 
     several: bool
 
@@ -60,10 +60,10 @@ class Located(Protocol):
 class Fact(Generic[Record]):
     """A fact: ``about`` says in a sentence what it is, ``get`` returns its value.
 
-    ``get`` is None for what is told by a writer of its own. ``key`` is its key in JSON (its name unless given, empty for none),
-    ``column`` its name in tables. ``null``: it may have no value. ``rare``: its key is there only where there is something to
-    tell. ``least`` and ``most`` are the smallest and the greatest number, ``codes`` are all values of a code, ``shape`` is the
-    JSON Schema where its kind does not say it all, ``records`` the table of the records in it.
+    ``get`` is None for a fact with a special writer. ``key`` is its key in JSON (its name unless given, empty for none),
+    ``column`` its name in tables. ``null``: it may have no value. ``rare``: its key is present only if it has a value.
+    ``least`` and ``most`` are the smallest and the greatest number, ``codes`` are all values of a code, ``shape`` is the JSON
+    Schema where its kind does not say it all, ``records`` the table of the records in it.
     """
 
     __slots__ = (

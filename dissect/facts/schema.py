@@ -1,7 +1,7 @@
 """JSON Schemas of records, from the tables of their facts.
 
-A published schema (`dissect/schema`) says ``"$made": "connection"`` in an object that is that record; `filled` puts in what the
-table says, behind what is written there.
+A published schema (`dissect/schema`) says ``"$made": "connection"`` in an object that is that record; `filled` inserts the
+contents of the table after what is written there.
 """
 
 from __future__ import annotations

@@ -27,7 +27,7 @@ def vendor(mac: str) -> str:
 
 @cache
 def _name(prefix: str, any_longer: bool = False) -> str:
-    """Return whose a prefix of these digits is, empty if nobody has it; ``any_longer``: or one of its longer ones.
+    """Return the vendor of a prefix of these digits, empty if there is none; ``any_longer``: or one of its longer ones.
 
     A capture has few prefixes and the list some 50,000 lines: its text is searched, no dictionary is made. Each line has
     prefix, tab, short name, tab, name; one longer than 6 digits is written in whole octets, with the number of its bits.

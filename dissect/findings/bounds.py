@@ -1,8 +1,8 @@
 """Which findings are made in full: as many as a person can read, and the first of each pair of hosts and of each connection.
 
-What may flood is one rule between two hosts. So the bound is theirs, and what another pair does is not hidden behind it: the
-first finding of a rule between two hosts, or on a connection, is always reported. The others are counted, and their number is
-reported once a minute of the capture's time (`Bounds.remind`).
+What may flood is one rule between two hosts. So the bound is theirs, and hides nothing of a different pair: the first finding
+of a rule between two hosts, or on a connection, is always reported. The others are counted, and their number is reported once a
+minute of the capture's time (`Bounds.remind`).
 
 Memory is bounded: of very many pairs those that are silent for longest are forgotten. The next finding of one is a first one
 again.
@@ -23,7 +23,7 @@ MAX_DETAILED_ALL: Final = 1000
 MAX_FIRST: Final = 10_000
 #: Rules on pairs of hosts that are remembered. Half of them, those with a finding least long ago, are never forgotten.
 MAX_PLACES: Final = 16_384
-#: How often it is said how many were not made.
+#: How often the number of omitted ones is reported.
 REMIND_NS: Final = 60_000_000_000
 
 #: What happens to a finding: it is counted only; it is reported; it is reported, and kept for the final report.
@@ -164,7 +164,7 @@ class Bounds:
             del self._told[connection]
 
     def renew(self) -> None:
-        """Begin anew, but for what is not said yet."""
+        """Start again, but keep what is not reported yet."""
         self._places = {(place.slug, place.client, place.server): place for place in self._left}
         self._older = {}
         for place in self._left:

@@ -1,9 +1,9 @@
-"""Which finding explains which: the table of causes and the findings that need no cause of their own beside them.
+"""Which finding explains which: the table of causes and the findings that need no separate cause.
 
-A malformed request is refused, and nobody is probing anything; a message that does not fit is not answered. Where a cause and
-its consequence stand side by side, the consequence is explained: it keeps its place in JSON with the number of its cause, and
-counts neither for ``--fail-on`` nor for alerts. `dissect.findings.explaining` finds the causes, `dissect.findings.reporter`
-applies the table, and nothing else does.
+A malformed request is refused, which is no probing; a message that does not fit is not answered. If a cause and its consequence
+appear together, the consequence is explained: it keeps its place in JSON with the number of its cause, and counts neither for
+``--fail-on`` nor for alerts. `dissect.findings.explaining` finds the causes, `dissect.findings.reporter` applies the table, and
+nothing else does.
 
 Acts are never explained away: that a client stopped a PLC stays a finding, whatever else was wrong with its request. A cause is
 never lighter than what it explains, so that a gate for a severity still fails.
@@ -23,8 +23,8 @@ _REFUSAL: Final = ("transaction.refused", "security.protected")
 _SILENCE: Final = ("transaction.unanswered", "session.cut")
 
 
-#: Error classes that say nothing about what was asked for: relationship, object definition, resources, service, frame. Only
-#: a refusal of these classes comes from a size or from a missing setup; a block that does not exist is no matter of size.
+#: Error classes that do not concern the requested object: relationship, object definition, resources, service, frame. Only a
+#: refusal of these classes comes from a size or from a missing setup; the size is irrelevant for a block that does not exist.
 VAGUE: Final = frozenset((0x81, 0x82, 0x83, 0x84, 0x85))
 #: Causes that explain a refusal with any code.
 OUTRIGHT: Final = frozenset(("s7.malformed", "transaction.write_size", "transaction.bit_count"))

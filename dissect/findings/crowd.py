@@ -1,4 +1,4 @@
-"""Which connections were open when another one was refused: a CPU has few of them, and some clients never close theirs."""
+"""Which connections were open when a further one was refused: a CPU has few of them, and some clients never close theirs."""
 
 from __future__ import annotations
 
@@ -12,19 +12,19 @@ from dissect.transactions.connection import Connection
 from dissect.transactions.table import ConnectionTable
 from dissect.wire.text import count
 
-#: From so many connections of one client on, it looks like one that does not close them: small CPUs have no more.
+#: From so many connections of one client on, it looks like one that does not close them: small CPUs do not have more.
 PILED_UP: Final = 8
 
 
 def beside(table: ConnectionTable, connection: Connection) -> str:
-    """Return how many connections to the server of ``connection`` are open besides it, as text behind a finding."""
+    """Return how many connections to the server of ``connection`` are open besides it, as text after a finding."""
     return open_to(table, connection.client, connection.server, connection.tcp.vlan)
 
 
 def open_to(table: ConnectionTable, client: Endpoint, server: Endpoint, vlan: i64) -> str:
-    """Return how many connections to a server are open, of a client and of all, as text behind a finding; empty for none.
+    """Return how many connections to a server are open, of a client and of all, as text after a finding; empty for none.
 
-    Each connection of the table is looked at, so call this only for what is detailed.
+    This examines each connection of the table, so call it only for detailed findings.
     """
     of_client: i64 = 0
     of_all: i64 = 0

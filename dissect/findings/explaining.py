@@ -1,8 +1,8 @@
 """Finds the causes that explain other findings (`dissect.findings.cause_tables`), and says when which of them is to blame.
 
 What is wrong with a request is known when it comes: it is remembered by the number of its transaction, until that is answered
-or given up. Other causes show themselves only in what stays unanswered (`dissect.findings.ways`). While there are signs of one,
-findings that it would explain wait; the end of the connection decides, or an answer that refutes it, or `WAIT_NS`.
+or abandoned. Other causes show themselves only in what stays unanswered (`dissect.findings.ways`). While there are signs of
+one, findings that it would explain wait; the end of the connection decides, or an answer that refutes it, or `WAIT_NS`.
 
 Nothing is blamed while octets of the answering side are missing from the capture.
 """
@@ -41,7 +41,7 @@ _KNOWN: Final[dict[str, str]] = {
     "cotp.number_unanswered": "numbered_tpdu",
     "cotp.fragments_unanswered": "fragments",
 }
-#: How many of the requests that are open at the end of a connection are looked at.
+#: How many of the requests that are open at the end of a connection are examined.
 _LOOKED_AT: Final = 64
 
 
@@ -145,7 +145,7 @@ class Causes:
                 self._release(connection, self._standing(suspects, before_ns, now_ns) if suspects is not None else None)
 
     def _standing(self, suspects: _Suspects, before_ns: i64, now_ns: i64) -> Finding | None:
-        """Return the finding about a way of sending of which nothing is answered; report it if that was not done yet.
+        """Return the finding about a way of sending without any answers; report it if that was not done yet.
 
         Requests sent before ``before_ns`` have waited long enough.
         """
@@ -240,7 +240,7 @@ class Causes:
     # ---- the end of a connection ------------------------------------------------------------------------------------
 
     def at_end(self, side: Side, reason: str, asked: list[Transaction], ending: Ending) -> None:
-        """A connection is over, but its open requests are not given up yet: find out what its end is due to.
+        """A connection is over, but its open requests are not finished yet: find out what its end is due to.
 
         ``asked`` are the requests that certainly have no answer.
         """

@@ -1,21 +1,21 @@
 """Known bugs and habits of S7 clients, servers and gateways: their sign on the wire, who has them, and what helps.
 
 The facts come from public issue threads of the projects that are named; ``sources`` has their numbers. The rules add the
-sentence of a bug to a finding where its sign is seen. A sign is no proof of who sent it: other programs may do the same.
+sentence of a bug to a finding where its sign is seen. A sign does not prove who sent it: other programs may do the same.
 """
 
 from __future__ import annotations
 
 from typing import Final
 
-#: What a finding says of a known bug begins with this.
+#: The text of a finding about a known bug begins with this.
 SEEN: Final = "; seen with "
 
 
 class KnownBug:
     """A known bug: its ``sign`` on the wire, ``who`` is known for it, what it ``means``, the ``remedy``, and the ``sources``.
 
-    ``slugs`` are the findings that show it; ``told``: their detail says so where the sign is seen. ``note`` is that text.
+    ``slugs`` are the findings that show it; ``told``: their detail mentions it where the sign is seen. ``note`` is that text.
     """
 
     __slots__ = ("key", "means", "remedy", "sign", "slugs", "sources", "told", "who")
@@ -45,7 +45,7 @@ class KnownBug:
 
     @property
     def note(self) -> str:
-        """What a finding says of it, behind its own detail."""
+        """The text about it in a finding, after the finding's own detail."""
         return f"{SEEN}{self.who}: {self.remedy}"
 
 

@@ -1,8 +1,8 @@
 """The facts of each rule: how often it applied, when first and last, on how many connections, and between which hosts.
 
-They are numbers that are updated where a rule applies, before any bound is asked, so that what is said of events is counted
-from events. `Finding` objects are samples beside them. An event that a rule does not report, because it is reported once for
-a connection, counts here as well.
+They are numbers that are updated where a rule applies, before any bound is asked, so that the numbers in texts are counts of
+events. `Finding` objects are only samples. An event that a rule does not report, because it is reported once for a connection,
+counts here as well.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from dissect.wire.copies import leaves
 
 #: Pairs of hosts with facts of their own; the events of further pairs are added up in `Ledger.rest`.
 MAX_PAIRS: Final = 4096
-#: So many connections of a rule, and of a rule on one pair of hosts, are told apart, of more the later half.
+#: Maximum number of connections that are distinguished per rule, and per rule and pair of hosts; of more, the later half.
 _LATEST: Final = 4096
 _LATEST_OF_PAIR: Final = 64
 
@@ -57,7 +57,7 @@ class Occurrences:
         self.at_least: bool = False
         self._room: i64 = room
         self._latest: i64 = 0  # the connection of the latest event
-        self._forgotten: i64 = 0  # the highest connection that is not told apart any longer
+        self._forgotten: i64 = 0  # the highest connection that is no longer distinguished
         # Made with the second connection: most rules on most pairs of hosts apply on one.
         self._known: set[int] | None = None
 
@@ -79,7 +79,7 @@ class Occurrences:
             self._meet(connection)
 
     def _meet(self, connection: i64) -> None:
-        """Count a connection that is another than that of the latest event, if it is not known."""
+        """Count a connection that differs from that of the latest event, if it is unknown."""
         latest: i64 = self._latest
         self._latest = connection
         if latest == 0:
@@ -152,7 +152,7 @@ class Pair:
         return f"Pair({self.client} → {self.server}, {len(self.records)} rules)"
 
 
-#: The hosts of an event that is about none.
+#: The hosts of an event without hosts.
 NO_PAIR: Final = Pair("", "")
 
 
@@ -238,7 +238,7 @@ class Ledger:
         time_ns: i64,
         reported: bool,
     ) -> None:
-        """Count an event by what a finding says of it: ``because`` is the rule that explains it, empty for none."""
+        """Count an event by the text of its finding: ``because`` is the rule that explains it, empty for none."""
         first: i64 = 0
         last: i64 = 0
         if frames:
@@ -264,7 +264,7 @@ class Ledger:
         return found
 
     def explanation(self, cause: str, slug: str) -> Occurrences:
-        """Return the facts of a rule as far as another one explains it; they may be new."""
+        """Return the facts of a rule, as far as a different rule explains it; they may be new."""
         found = self.explained.get((cause, slug))
         if found is None:
             found = self.explained[cause, slug] = Occurrences()

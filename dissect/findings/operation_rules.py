@@ -83,7 +83,7 @@ def judge_loaded(reporter: Reporter, connection: Connection, reason: str) -> Non
 
 
 def judge_strays(reporter: Reporter, transaction: Transaction) -> None:
-    """Note a push that no captured subscription asked for, and the activation of a block that was not loaded."""
+    """Note a push without a captured subscription, and the activation of a block that was not loaded."""
     connection = transaction.connection
     time_ns = max(int(transaction.request_ns), int(transaction.response_ns))
     frames = [int(transaction.response_frame)]

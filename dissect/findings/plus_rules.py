@@ -43,7 +43,7 @@ from dissect.transactions.transaction import ANSWERED, BEHIND_MALFORMED, UNANSWE
 from dissect.wire.malformed import Malformed
 from dissect.wire.text import shortened
 
-#: Findings of events that are no acts.
+#: Findings of events other than acts.
 _SLUGS: Final[dict[str, str]] = {
     STOPPED: "security.stopped",
     RUNNING: "security.mode_changed",
@@ -122,7 +122,7 @@ class PlusWatch:
             self._security.tell("security.protected", transaction, transaction.function_name)
 
     def behind(self, transaction: Transaction) -> None:
-        """Take a request behind a malformed header that nobody answered: what it asks for counts, and changes no session."""
+        """Take an unanswered request behind a malformed header: the request counts, and changes no session."""
         asked = transaction.request_octets
         if not asked:
             return

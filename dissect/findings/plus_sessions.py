@@ -39,7 +39,7 @@ class PlusSessions:
         )  # the number of the connection, by CPU and session
 
     def take(self, session: PlusSession, transaction: Transaction) -> None:
-        """Judge the use of a session; call this before the contents of the transaction are looked at."""
+        """Judge the use of a session; call this before the contents of the transaction are judged."""
         octets = transaction.request_octets
         if transaction.function == INIT_SSL:
             session.tls = transaction._outcome == ANSWERED and transaction.error_code < _ERROR
@@ -114,7 +114,7 @@ def _ends(session: PlusSession, connection: Connection) -> str:
 
 
 def _in_tls(session: PlusSession, connection: Connection) -> bool:
-    """Return whether the connection uses TLS: the client asked for it, or it was seen (InitSSL may not have been captured)."""
+    """Return whether the connection uses TLS: the client requested it, or it was seen (InitSSL may not have been captured)."""
     return session.tls or connection.tls is not None
 
 

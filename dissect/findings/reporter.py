@@ -4,8 +4,8 @@ Rules report findings to the `Reporter`, which counts all of them and details a 
 flood of a million bad PDUs must not become a million lines. The counters stay exact, and so do the facts of each rule
 (`dissect.findings.ledger`).
 
-A finding may be explained by another one, its cause (`dissect.findings.cause_tables`). This is the one place where that table
-is applied: while `Reporter.because` is set, what that cause explains is counted apart, and names it.
+A finding may be explained by its cause, also a finding (`dissect.findings.cause_tables`). This is the one place where that
+table is applied: while `Reporter.because` is set, what that cause explains is counted apart, and names it.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from dissect.wire.text import printable
 
 __all__ = ["MAX_DETAILED", "MAX_DETAILED_ALL", "Finding", "Reporter"]
 
-#: At most so many characters of a cause are said in what it explains.
+#: Maximum number of characters of a cause in the finding that it explains.
 _SAID: Final = 200
 
 
@@ -37,13 +37,13 @@ class Finding:
     finding, ``time_ns`` is the time of the last of them, ``detail`` says what was seen this time.
 
     ``number`` counts the findings of a run that are kept for its report, from 1, in the order in which they are reported; it is
-    0 before that, and for all others. ``because``
-    is the slug of the cause of a finding that is explained, empty for all others, and ``explained_by`` the cause's number: 0
-    if the cause itself was only counted. ``client`` and ``server`` are the hosts that it is about, empty for none.
+    0 before that, and for all others. ``because`` is the slug of the cause of a finding that is explained, empty for all
+    others, and ``explained_by`` the cause's number: 0 if the cause itself was only counted. ``client`` and ``server`` are the
+    hosts that it is about, empty for none.
 
     ``room`` says what happens to it (`dissect.findings.bounds`). ``bare`` is True for an event that is not reported, because an
-    earlier one says all there is to say; ``reported`` whether it counts as a finding. ``repeated`` is 0, or how many findings
-    without detail this one sums up (`Observer.repeated`).
+    earlier one says everything; ``reported`` whether it counts as a finding. ``repeated`` is 0, or how many findings without
+    detail this one sums up (`Observer.repeated`).
     """
 
     __slots__ = (
@@ -171,7 +171,7 @@ class Reporter:
     # ---- findings ---------------------------------------------------------------------------------------------------
 
     def count(self, slug: str, connection: i64, frame: i64, time_ns: i64) -> None:
-        """Count a finding, of which one that was detailed says all there is to say."""
+        """Count a finding, which a detailed one already covers."""
         self._count(slug, self.ledger.pair(connection), connection, frame, frame, time_ns, True)
         if self.every:
             self._pass_bare(slug, connection, frame, time_ns, True)
@@ -351,7 +351,7 @@ class Reporter:
             self._waiting[connection] = _Waiting()
 
     def release(self, connection: i64, cause: Finding | None) -> None:
-        """Report what waits on a connection: explained by ``cause``, as what comes later will be, or as it is when None."""
+        """Report what waits on a connection: explained by ``cause``, like later ones, or unexplained if None."""
         waiting = self._waiting.pop(connection, None) if self._waiting else None
         if cause is not None:
             follows = self._waiting[connection] = _Waiting()
@@ -385,13 +385,13 @@ class Reporter:
     # ---- bounds and losses ------------------------------------------------------------------------------------------
 
     def doubt(self, request_ns: i64) -> str:
-        """Return what to say behind a request of that time without an answer: packets were lost since, so it may have come."""
+        """Return the text for a request of that time without an answer: packets were lost since, so it may have come."""
         return (
             "; packets were lost while capturing, the answer perhaps among them" if self.lost_ns >= request_ns else ""
         )
 
     def renew(self) -> None:
-        """Begin the bounds anew: a user who watches a line for days wants today's findings in detail, too."""
+        """Reset the bounds: a user who watches a line for days wants today's findings in detail, too."""
         self._bounds.renew()
         self._explained_bounds.renew()
 

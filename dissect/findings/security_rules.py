@@ -63,12 +63,12 @@ _MANY_LISTS: Final = 10
 _GUESSES: Final = 3
 #: The return code that denies access; the error codes that do are in `dissect.s7.errors`.
 _ACCESS_DENIED: Final = 0x03
-#: How many refused reads and writes of a connection are looked at.
+#: How many refused reads and writes of a connection are examined.
 _LOOKED_AT: Final = 100
 
 #: So many PDUs of one connection within a second are a flood: no PLC answers so many.
 PACE: Final = 2048
-#: Writes of one connection are judged in groups of this size; one write in `SAMPLED` is looked at.
+#: Writes of one connection are judged in groups of this size; one write in `SAMPLED` is examined.
 _WRITES: Final = 256
 SAMPLED: Final = 16
 #: A group of writes is a flood if it came within `_WRITES_NS`, is at least the share `_MOST` of what the connection carries,
@@ -173,7 +173,7 @@ class SecurityWatch:
         writes.again = 0
 
     def _count_writes(self, transaction: Transaction, areas: i64 = WRITTEN_IO | WRITTEN_ELSEWHERE) -> None:
-        """Count a write for each kind of area that it writes to, of those in ``areas``; none of them is reported."""
+        """Count a write for each kind of area that it writes to, of those in ``areas``; they are not reported."""
         areas &= transaction.parameters.written
         frame: i64 = max(transaction.request_frame, transaction.response_frame)
         time_ns: i64 = max(transaction.request_ns, transaction.response_ns)
@@ -299,7 +299,7 @@ class SecurityWatch:
             self.tell(slug, transaction, act.text, code)
 
     def refused_items(self, transaction: Transaction) -> None:
-        """Report a read or write that was refused by protection. Only the first refusals of a connection are looked at."""
+        """Report a read or write that was refused by protection. Only the first refusals of a connection are examined."""
         traits = transaction.connection.traits
         told = "security.protected" in traits.told
         if traits.refusals >= _LOOKED_AT and not told:
@@ -415,7 +415,7 @@ class SecurityWatch:
         return self._reporter.first(transaction.connection, slug, frame, time_ns)
 
     def tell(self, slug: str, transaction: Transaction, what: str = "", code: int = -1, before: int = 0) -> None:
-        """Report an event. ``what`` says what it is; by default, what the request asks for.
+        """Report an event. ``what`` says what it is; by default, the object of the request.
 
         ``code`` is the error of the item that the event is about: 0 for none, -1 to use the transaction's. ``before`` is a
         packet of an earlier transaction that belongs to the event as well, 0 for none.
@@ -487,7 +487,7 @@ def _ends(transaction: Transaction) -> tuple[str, str]:
 
 
 def _szl_id(transaction: Transaction) -> int:
-    """Return the SZL-ID that a request asks for; -1 if it has no payload, like a request for a further part of an answer.
+    """Return the SZL-ID that a request reads; -1 if it has no payload, like a request for a further part of an answer.
 
     It is read in place, because panels poll SZLs.
     """

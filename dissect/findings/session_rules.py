@@ -35,7 +35,7 @@ _REDUNDANT: Final = 64
 _SHARED: Final = 512
 #: If so many requests were open when a connection was cut, one finding sums them up.
 _SEVERAL: Final = 2
-#: Reasons of a DR that tell nothing: not specified, normal disconnect.
+#: Reasons of a DR without information: not specified, normal disconnect.
 _NO_REASON: Final = frozenset((0x00, 0x80))
 
 
@@ -74,7 +74,7 @@ def judge_request(
             requests = connection.open_requests[side.index]
             open_now = requests.open_since(time_ns - GIVEN_UP_NS, hole_frame, hole_end, allowed + 1)
         if open_now > allowed and side.told_jobs == frame:
-            # What is said of the packet holds for each of its requests.
+            # The text about the packet applies to each of its requests.
             reporter.count("session.too_many_jobs", number, frame, time_ns)
         elif open_now > allowed:
             side.told_jobs = frame
@@ -140,7 +140,7 @@ def judge_header(
 
 
 def _too_early(side: Side) -> bool:
-    """Return whether a request comes before communication is set up: nobody asked for it, or the answer is still to come."""
+    """Return whether a request comes before communication is set up: it was not requested, or the answer is still to come."""
     connection = side.connection
     if not connection.setup_seen:
         return True
@@ -153,7 +153,7 @@ def _too_early(side: Side) -> bool:
 
 
 def judge_grant(reporter: Reporter, transaction: Transaction) -> None:
-    """Report a setup answer that grants more than was asked for, or a PDU length that is too small to work with."""
+    """Report a setup answer that grants more than requested, or a PDU length that is too small to work with."""
     transaction.connection.setup_open = False
     granted = transaction.response_parameters.setup if transaction.response_parameters is not None else None
     asked = transaction.parameters.setup

@@ -1,4 +1,4 @@
-"""Keeps what stations say about themselves; a contradiction to what was said before is a finding."""
+"""Keeps what stations say about themselves; a contradiction to earlier facts is a finding."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ _ETHERNET: Final = "Ethernet"
 class StationWatch:
     """Reads facts, keeps them in ``book`` and judges them; its methods return them for the observer. One object per analysis.
 
-    Each VLAN is judged for itself: machines of the same type may use the same addresses in VLANs of their own. ``book`` is the
+    Each VLAN is judged separately: machines of the same type may use the same addresses in VLANs of their own. ``book`` is the
     observer's, which then need not note the facts again (`Book.filled`); None to keep one here.
     """
 

@@ -181,7 +181,7 @@ _DATA_CODES: Final = 256
 def judge_transaction(reporter: Reporter, transaction: Transaction, slow_ns: i64) -> None:
     """Report what is odd about a transaction that is over. This is slow; call it only for transactions with something odd."""
     if transaction.is_likely:
-        pass  # its time, and whether the two fit, say nothing if the answer belongs to a different request
+        pass  # its time, and whether the two fit, mean nothing if the answer belongs to a different request
     elif transaction._outcome == ANSWERED:
         _judge_flags(reporter, transaction)
         latency: int = transaction.response_ns - transaction.request_ns
@@ -243,7 +243,7 @@ def judge_szl(reporter: Reporter, transaction: Transaction) -> None:
 def judge_body(reporter: Reporter, transaction: Transaction) -> None:
     """Report a command or service, or its answer, with parts that are too short or that state more than is there.
 
-    Octets behind the last part are not reported, only shown with the PDU: some servers pad what they send.
+    Octets after the last part are not reported, only shown with the PDU: some servers pad what they send.
     """
     head = transaction.parameters.userdata
     if transaction.parameters.function not in _COMMANDS if head is None else head.group not in _SERVICES:
@@ -273,7 +273,7 @@ def judge_body(reporter: Reporter, transaction: Transaction) -> None:
 
 
 def judge_unanswered(reporter: Reporter, transaction: Transaction, now_ns: i64, slow_ns: i64) -> None:
-    """Report a request without an answer, unless the capture has a gap or ends too soon to tell."""
+    """Report a request without an answer, unless the capture has a gap or ends too early to be certain."""
     judge_written(reporter, transaction)
     if transaction._outcome != UNANSWERED:
         return

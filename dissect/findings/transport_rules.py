@@ -35,12 +35,12 @@ _LONG_STRAY: Final = 65536
 
 #: The header of a DT of class 0, in octets.
 DT_HEAD: Final = 3
-#: The TPDU size that a connect request without one asks for (RFC 1006).
+#: The default TPDU size of a connect request (RFC 1006).
 _LARGEST: Final = 65531
 
 
 def judge_stray(reporter: Reporter, side: Side, stray: Stray, skipped: i64, how: str) -> None:
-    """Report a stretch of stray octets. ``skipped``: the octets the framer has skipped in all; ``how`` says how it went on."""
+    """Report a stretch of stray octets. ``skipped``: all octets that the framer has skipped; ``how``: how it continued."""
     if stray.garbage and not stray.told:
         stray.told = True
         who = side.tcp.ends[side.index]

@@ -12,7 +12,7 @@ from mypy_extensions import i64
 from dissect.findings.reporter import Finding
 from dissect.transactions.side import Side
 
-#: So many requests of a way are remembered. Of more nothing is said: no client waits for so many answers.
+#: So many requests of a way are remembered. More are not reported: no client waits for so many answers.
 _MOST: Final = 4096
 
 
@@ -29,7 +29,7 @@ def whole(asking: Side) -> bool:
 class Way:
     """The requests that ``side`` sent in one way; ``slug`` is the finding about it, and ``said`` describes it.
 
-    ``frame`` and ``since_ns`` are packet and time of the first of them. ``unanswered`` counts the ones that were given up.
+    ``frame`` and ``since_ns`` are packet and time of the first of them. ``unanswered`` counts those that were never answered.
     ``fine``: nothing is wrong with this way. ``told`` is the finding, once it was made.
     """
 
@@ -79,7 +79,7 @@ class Way:
     def stands(self, before_ns: i64) -> bool:
         """Return whether this way is why requests stay unanswered: others were answered, and of these not one.
 
-        Of requests that are open only those sent before ``before_ns`` have waited long enough to say so.
+        Of open requests, only those sent before ``before_ns`` have waited long enough.
         """
         if not self.suspicious or not whole(self.side):
             return False

@@ -1,4 +1,4 @@
-"""Live runs: packets from a live source go through the pipeline, and events come out for whoever shows them.
+"""Live runs: packets from a live source go through the pipeline, and produce events for display.
 
 `run.LiveRun` reads packets, advances the clock and reports lost packets. `session.Session` runs it in a thread of its own and
 keeps events in a bounded queue, from which the plain lines of `s7dissect monitor` and its screens take them. `iterating.live`

@@ -27,7 +27,7 @@ MAX_BETWEEN: Final = 4096
 class Succession:
     """Takes alerts for ``dispatcher`` while the one before it still ends, which uses the same folders of waiting alerts.
 
-    ``tell`` takes a line on alerts for which there was no room.
+    ``tell`` takes a message about alerts that were dropped for lack of room.
     """
 
     def __init__(self, before: Dispatcher, dispatcher: Dispatcher, tell: Callable[[str], None]) -> None:
@@ -97,7 +97,7 @@ class AlertCompanion(Companion):
 
     @property
     def settled(self) -> bool:
-        """Whether alerts of earlier rules were delivered, or given up, so that the rules may be replaced again."""
+        """Whether alerts of earlier rules were delivered, or abandoned, so that the rules may be replaced again."""
         return self._succession is None or self._succession.over
 
     def begin(self, pipeline: Pipeline) -> None:

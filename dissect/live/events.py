@@ -147,7 +147,7 @@ class Collector(Observer):
         self.finding(finding)
 
     def fact(self, fact: Fact) -> None:
-        """Keep a new fact; a MAC address only if it replaces another one, and no names of blocks."""
+        """Keep a new fact; a MAC address only if it replaces a different one, and no names of blocks."""
         if DEVICE in self._kinds and fact.fresh and fact.key != BLOCK and (fact.before or fact.key != MAC):
             self.fresh.append(Event(DEVICE, fact.time_ns, fact))
 

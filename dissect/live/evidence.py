@@ -25,7 +25,7 @@ _LOOK_NS: Final = 1_000_000_000
 
 
 class ManifestWitness(Witness):
-    """Gives what becomes of the files of a ring, and of the run, to a manifest."""
+    """Records the files of a ring, and the run, in a manifest."""
 
     def __init__(self, ring: RingBuffer, about: Mapping[str, object]) -> None:
         self._about: dict[str, Any] = dict(about)
@@ -96,7 +96,7 @@ class RingCompanion(WritingCompanion):
             self._witness = ring.witness = ManifestWitness(ring, about)
 
     def begin(self, pipeline: Pipeline) -> None:
-        """Begin the manifest, now that rights were given up."""
+        """Begin the manifest, after privileges were dropped."""
         if self._witness is not None:
             self._witness.begin(pipeline, self.problems)
 

@@ -1,4 +1,4 @@
-"""Tables of a live run, written while it goes on."""
+"""Tables of a live run, written during the run."""
 
 from __future__ import annotations
 
@@ -49,7 +49,8 @@ class ExportCompanion(WritingCompanion):
         super().__init__(folder, clock)
         self._sink = RotatingSink(folder, TABLES.values(), metadata_of(version, [source]))
         if is_root():
-            # Now: whoever root becomes may not read the files of Python. The kernel takes the rights of all threads then.
+            # Now: the user that root becomes may be unable to read the files of Python. The kernel takes the rights of all
+            # threads then.
             self._sink.prepare()
         self._feed = TableFeed(TABLES.values(), self._sink)
         self._files = [SourceFile(source, 1)]

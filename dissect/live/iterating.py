@@ -28,7 +28,7 @@ _SECOND: Final = 10**9
 class Live:
     """The events of an interface, as they happen: a context manager, an iterator and an async iterator. Made by `live`.
 
-    Reading happens while the program asks for the next event; what comes meanwhile waits in the kernel's buffer, and what does
+    Reading happens while the program waits for the next event; what comes meanwhile waits in the kernel's buffer, and what does
     not fit there is lost and counted (``drops``; a finding ``capture.dropped`` comes as well). After `stop`, which any thread
     and a signal handler may call, the events of packets that already arrived still come, then those of connections that were
     open, and the iteration ends. Use one `Live` in one thread or task.

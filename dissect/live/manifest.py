@@ -23,10 +23,10 @@ _END_S: Final = 30.0
 
 
 class ManifestThread:
-    """Writes entries in the order in which they are given. ``lost`` counts those for which there was no room in memory.
+    """Writes entries in the order in which they are given. ``lost`` counts those that were dropped for lack of memory.
 
-    An entry that cannot be written is tried again after 1, 2, 4 … 60 s; those behind it wait. ``head`` is the hash of the
-    latest one that is on the disk.
+    An entry that cannot be written is tried again after 1, 2, 4 … 60 s; later ones wait. ``head`` is the hash of the latest one
+    that is on the disk.
     """
 
     def __init__(self, path: Path, clock: Callable[[], int] = time.time_ns) -> None:
@@ -43,7 +43,7 @@ class ManifestThread:
         self._problems = Problems()
 
     def start(self, problems: Problems) -> None:
-        """Start the thread; call it when rights were given up."""
+        """Start the thread; call it after privileges were dropped."""
         self._problems = problems
         self._thread = threading.Thread(target=self._work, name="manifest", daemon=True)
         self._thread.start()

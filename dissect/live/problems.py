@@ -46,10 +46,10 @@ class WriterState(NamedTuple):
 
 
 class Problems:
-    """Collects problems. ``counts`` counts them by kind, without their ends; `take` returns those that nobody has seen.
+    """Collects problems. ``counts`` counts them by kind, without their ends; `take` returns those that were not shown yet.
 
-    ``down_seconds`` is how long the interface was down; each of ``writers`` returns the state of one that writes.
-    ``heads`` are the hashes of the latest entry of each manifest, by its name.
+    ``down_seconds`` is how long the interface was down; each of ``writers`` returns the state of one that writes. ``heads`` are
+    the hashes of the latest entry of each manifest, by its name.
     """
 
     def __init__(self) -> None:
@@ -65,7 +65,7 @@ class Problems:
         self._listeners.append(listener)
 
     def tell(self, kind: str, text: str, over: bool = False, shown: bool = True) -> None:
-        """Report a problem, or that one is over; one that is not ``shown`` is no line, as something else shows it."""
+        """Report a problem, or that one is over; one that is not ``shown`` gets no line, because something else shows it."""
         problem = Problem(kind, text, over)
         if not over:
             self.counts[kind] = self.counts.get(kind, 0) + 1

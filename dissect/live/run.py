@@ -3,7 +3,8 @@
 The clock of the capture shows the time of the latest packet. Between packets it advances with the monotonic clock of this
 machine, so that silence is noticed even if the clock of the capturing machine is wrong.
 
-`Fanout` is an observer that passes events on to several others. One that fails is reported once and dropped; the others go on.
+`Fanout` is an observer that passes events on to several others. One that fails is reported once and dropped; the others
+continue.
 """
 
 from __future__ import annotations
@@ -42,7 +43,7 @@ Failed = Callable[[Observer, Exception], None]
 class Fanout(Observer):
     """Passes every event on to ``observers``, in their order; PDUs and TPDUs only to those that want them.
 
-    ``failed`` is called once for an observer that raises, which then gets no more events.
+    ``failed`` is called once for an observer that raises, which then gets no further events.
     """
 
     def __init__(self, observers: Iterable[Observer], failed: Failed) -> None:
@@ -59,7 +60,7 @@ class Fanout(Observer):
         return list(self._observers)
 
     def drop(self, observer: Observer, error: Exception) -> None:
-        """Pass no more events on to ``observer``, which failed, unless it says that it tries again."""
+        """Pass no further events to ``observer``, which failed, unless it will try again."""
         if isinstance(error, OSError) and isinstance(observer, Companion) and observer.recover(error):
             return
         if observer in self._observers:
@@ -145,10 +146,10 @@ class Fanout(Observer):
 
 _SECOND: Final = 1_000_000_000
 _NO_DROPS: Final = Drops(None, None)
-#: How often the source is asked for lost packets, and companions get a tick, by the clock of this machine.
+#: How often lost packets are fetched from the source, and companions get a tick, by the clock of this machine.
 _DROPS_EVERY_NS: Final = _SECOND
 _TICK_NS: Final = 50_000_000
-#: After so long the bounds on the number of findings begin anew.
+#: After so long the bounds on the number of findings are reset.
 _RENEW_NS: Final = 60 * _SECOND
 #: The least silence before the end of a run that counts as silence.
 _SILENCE_NS: Final = _SECOND
@@ -168,7 +169,7 @@ class Limits(NamedTuple):
 class Companion(Observer):
     """Accompanies a run: an observer that also gets ticks and, with ``wants_packets``, each packet before the pipeline does.
 
-    A companion that raises gets no more events and is closed; the run goes on. One that returns True from `recover` stays.
+    A companion that raises gets no further events and is closed; the run continues. One that returns True from `recover` stays.
     ``problems`` is where it reports what goes wrong; `LiveRun` gives it its own.
     """
 
@@ -181,12 +182,12 @@ class Companion(Observer):
 
     @property
     def state(self) -> WriterState | None:
-        """The state of one that writes files, for metrics; None for others. May be asked for in another thread."""
+        """The state of one that writes files, for metrics; None for others. May be read from a different thread."""
         return None
 
     @property
     def summary(self) -> str:
-        """What has to be said at the end of the run, empty for nothing: the command fails with it."""
+        """The summary at the end of the run, empty for none: the command fails with it."""
         return ""
 
     def recover(self, error: OSError) -> bool:
@@ -219,7 +220,7 @@ def _state(companion: Companion) -> WriterState:
 
 
 class _Door(PacketSink):
-    """Gives each packet to the companions that want it, then to the pipeline; takes no more after the limit of packets."""
+    """Gives each packet to the companions that want it, then to the pipeline; accepts nothing after the limit of packets."""
 
     def __init__(self, run: LiveRun, most: int) -> None:
         self._run = run
@@ -476,7 +477,7 @@ class LiveRun:
         return bool(limits.duration_ns) and now - self._begun >= limits.duration_ns
 
     def _begin_stop(self) -> bool:
-        """Stop the source; return False when no more packets can come."""
+        """Stop the source; return False when no further packets can come."""
         if self._live is None:
             return False
         now = self._clock()
@@ -486,7 +487,7 @@ class LiveRun:
         return now - self._stopped < _DRAIN_NS
 
     def _note_failure(self, observer: Observer, error: Exception) -> None:
-        """Note that an observer failed, and give it no more packets."""
+        """Note that an observer failed, and give it no further packets."""
         name = observer.name if isinstance(observer, Companion) else type(observer).__name__
         told = f"{name} failed and was switched off: {reason(error)}"
         if len(self.failures) < _MAX_FAILURES:

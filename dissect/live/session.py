@@ -1,4 +1,4 @@
-"""`Session`: a live run in a thread of its own, with a bounded queue of events for whoever shows them.
+"""`Session`: a live run in a thread of its own, with a bounded queue of events for display.
 
 The thread that captures must never wait for the consumer of events, or packets would be lost. So when the queue is full because
 events are taken too slowly, events are only counted: transactions first, others when the reserve is full, too. Only when the
@@ -56,7 +56,7 @@ class Session:
     """Reads the source that ``open_source`` opens, in a thread, from `start` until its end or until `stop`.
 
     ``error`` is the message of the error that ended it, None without one. ``lost`` counts events that were not taken in time,
-    by kind. Events of other kinds than ``kinds`` are only counted; a ``PROBLEM`` is always made.
+    by kind. Events outside of ``kinds`` are only counted; a ``PROBLEM`` is always made.
     """
 
     def __init__(

@@ -1,4 +1,4 @@
-"""The heartbeat of a service: tells systemd that packets are still read and judged (sd_notify(3), ``WatchdogSec=``).
+"""The heartbeat of a service: notifies systemd that packets are still read and judged (sd_notify(3), ``WatchdogSec=``).
 
 The thread that captures beats, with the time of the last packet as the status. One that hangs does not beat, and systemd starts
 the service again.
@@ -21,12 +21,12 @@ from dissect.wire.text import Clock
 
 #: A beat comes so many times within the time after which systemd acts.
 _OFTEN: Final = 3
-#: Without a watchdog the status is told so often, in seconds.
+#: Interval of status messages without a watchdog, in seconds.
 _STATUS_S: Final = 10.0
 
 
 def of_environment(clock: Callable[[], float] = time.monotonic) -> Watchdog | None:
-    """Return the heartbeat that systemd asks for, None where this is no service that may notify."""
+    """Return the heartbeat that systemd requests, None if this is not a service with notifications."""
     address = os.environ.get("NOTIFY_SOCKET", "")
     if not address.startswith(("/", "@")):
         return None
@@ -37,7 +37,7 @@ def of_environment(clock: Callable[[], float] = time.monotonic) -> Watchdog | No
 
 
 class Watchdog(Companion):
-    """Beats every ``every_s`` seconds, 0 for never, and tells the status to the socket at ``address``."""
+    """Beats every ``every_s`` seconds, 0 for never, and sends the status to the socket at ``address``."""
 
     name = "the watchdog"
 
@@ -52,12 +52,12 @@ class Watchdog(Companion):
         self._pipeline: Pipeline | None = None
 
     def begin(self, pipeline: Pipeline) -> None:
-        """Tell that the service is ready."""
+        """Report that the service is ready."""
         self._pipeline = pipeline
         self._send(["READY=1"])
 
     def tick(self, now_ns: int, drops: Drops) -> None:
-        """Beat, and tell when the last packet came."""
+        """Beat, and report when the last packet came."""
         now = self._clock()
         if now < self._due or self._pipeline is None:
             return
@@ -67,11 +67,11 @@ class Watchdog(Companion):
         self._send([*(["WATCHDOG=1"] if self._beats else []), f"STATUS={frames} packets, the last at {last}"])
 
     def close(self) -> None:
-        """Tell that the service ends."""
+        """Report that the service ends."""
         self._send(["STOPPING=1"])
 
     def _send(self, lines: list[str]) -> None:
-        """Send a message; whoever does not take it is left alone: the next one says the same."""
+        """Send a message; a failure is ignored: the next message repeats it."""
         if sys.platform == "win32":  # which has no systemd
             return
         with suppress(OSError), socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as channel:

@@ -87,7 +87,7 @@ class RelayProcess:
     def start(self) -> None:
         """Begin to relay."""
         if sys.platform == "win32":
-            raise NotImplementedError  # `possible` said so
+            raise NotImplementedError  # according to `possible`
         with warnings.catch_warnings():
             # Python warns of fork if there are threads. The command has none yet; tests have only their own peers.
             warnings.simplefilter("ignore", DeprecationWarning)
@@ -125,7 +125,7 @@ class RelayProcess:
         return passed
 
     def shut(self) -> None:
-        """Drop all further events: nothing takes them any more. May be called by any thread."""
+        """Drop all further events: nothing reads them now. May be called by any thread."""
         self._shut = True
 
     # ---- the thread -------------------------------------------------------------------------------------------------
@@ -182,7 +182,7 @@ def _serve(relay: Relay, tap: Tap, to: socket.socket) -> NoReturn:
     code = 1
     try:
         for number in (signal.SIGINT, signal.SIGTERM):
-            signal.signal(number, signal.SIG_IGN)  # the other process handles signals, and tells this one to stop
+            signal.signal(number, signal.SIG_IGN)  # the other process handles signals, and stops this one
         error: list[str] = []
         done = threading.Event()
         sender = threading.Thread(target=_send, args=(relay, tap, to, done, error))
@@ -202,7 +202,7 @@ def _serve(relay: Relay, tap: Tap, to: socket.socket) -> NoReturn:
 
 
 def _obey(relay: Relay, to: socket.socket) -> None:
-    """Stop the relay when the other process says so, or is gone."""
+    """Stop the relay on request of the other process, or when that is gone."""
     with contextlib.suppress(OSError):
         to.recv(1)
     relay.stop()
@@ -252,7 +252,7 @@ def _message_of(passed: Passed) -> _Message:
 
 
 class RelayThread:
-    """Stands in for `RelayProcess` where there is no fork: the relay in a thread, which shares the interpreter."""
+    """Replaces `RelayProcess` on systems without fork: the relay in a thread, which shares the interpreter."""
 
     def __init__(self, relay: Relay, tap: Tap) -> None:
         self.listening = relay.listening

@@ -40,7 +40,7 @@ class ResetError(Exception):
 class End:
     """One side of a link: its socket, and the octets that wait to be sent to it.
 
-    ``finished``: this side sends no more. ``told``: this side was sent the other side's FIN.
+    ``finished``: this side has closed its direction. ``told``: this side was sent the other side's FIN.
     """
 
     __slots__ = ("events", "finished", "link", "side", "socket", "told", "waiting")
@@ -118,7 +118,7 @@ class Link:
 
 
 def trouble(one: socket.socket) -> int:
-    """Return why nothing can be read any more, as an errno; 0 while octets can be read or may still come.
+    """Return why nothing more can be read, as an errno; 0 while octets can be read or may still come.
 
     ``SO_ERROR`` is not used: it would report a reset before octets that can still be read, and clear it for the later read.
     """

@@ -28,14 +28,14 @@ _SERVER: Final = 1
 
 
 class StreamError(Error, ValueError):
-    """Octets came after the end of their direction, or an end is no address."""
+    """Octets came after the end of their direction, or an end has an invalid address."""
 
 
 class Stream:
     """A connection, fed with the octets of each direction: of a proxy, a gateway, an asyncio reader. Made by `stream`.
 
-    `client_sent` and `server_sent` return the events that the octets complete; `close` those of what is still open. Nothing is
-    kept beside what `Options.memory` bounds. Use one `Stream` in one thread or task.
+    `client_sent` and `server_sent` return the events that the octets complete; `close` those of what is still open. Only memory
+    that `Options.memory` bounds is used. Use one `Stream` in one thread or task.
     """
 
     def __init__(self, client: Address, server: Address, queue: EventQueue, pipeline: Pipeline, begun: bool) -> None:
@@ -61,7 +61,7 @@ class Stream:
     def client_sent(self, octets: bytes, time_ns: int | None = None) -> list[Event]:
         """Take octets from the client; return the events that they complete. ``time_ns``: since 1970, the present by default.
 
-        Raises `StreamError` behind the end of the direction.
+        Raises `StreamError` after the end of the direction.
         """
         return self._sent(_CLIENT, octets, time_ns)
 
@@ -117,7 +117,7 @@ class Stream:
 
 
 def _end(name: str, address: Address) -> Endpoint:
-    """Return an end of a connection. Raises `StreamError` for what is no address."""
+    """Return an end of a connection. Raises `StreamError` for an invalid address."""
     try:
         host, port, *_ = address
         end = endpoint_of((host, port))

@@ -64,11 +64,11 @@ class Tapped(Protocol):
         """Return what happened next, waiting for it up to ``wait_s``; None when nothing did."""
 
     def shut(self) -> None:
-        """Nobody takes any more."""
+        """Nothing is read from it afterwards."""
 
 
 class Tap:
-    """The queue: one thread puts events in, another one takes them.
+    """The queue: one thread puts events in, a second one takes them.
 
     ``lost`` counts events that were left out, ``lost_octets`` their octets.
     """
@@ -91,7 +91,7 @@ class Tap:
         return self._given - self._taken
 
     def shut(self) -> None:
-        """Drop all further events at once: nothing takes them any more. May be called by any thread."""
+        """Drop all further events at once: nothing reads them now. May be called by any thread."""
         self._shut = True
 
     # ---- the relay's side -------------------------------------------------------------------------------------------
@@ -125,7 +125,7 @@ class Tap:
         self._end(Passed(RESET, link, time_ns, side, skipped=self._skipped.pop((link, side), 0)))
 
     def forget(self, link: int, time_ns: int) -> None:
-        """A connection is over: no more events come."""
+        """A connection is over: no further events come."""
         self._end(Passed(GONE, link, time_ns))
         self._followed.discard(link)
         self._skipped.pop((link, 0), None)

@@ -80,7 +80,7 @@ def _choose_of(manifest: Path, begin_ns: int, end_ns: int, chosen: Chosen) -> No
 
 
 def _holds(entry: dict[str, Any], begin_ns: int, end_ns: int) -> bool:
-    """Return whether the file of an entry may contain packets of a time; True for one left by a kill, whose range is unknown."""
+    """Return whether the file of an entry may contain packets of a time; True for one left by a kill: its range is unknown."""
     if not isinstance(entry.get("name"), str) or entry.get("kind") not in {FILE, LEFT}:
         return False
     try:

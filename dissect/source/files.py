@@ -1,6 +1,6 @@
 """Opens a capture from a path, standard input or another machine, and finds its reader by the first octets.
 
-Compressed files (gzip, also of several members, and zstd, also of several frames) are decompressed as they are read, a
+Compressed files (gzip, also of several members, and zstd, also of several frames) are decompressed while they are read, a
 bounded piece at a time. A file that is compressed twice is refused.
 """
 
@@ -98,7 +98,7 @@ def _open_stdin() -> PlainSource:
 def find_reader(source: OctetSource, name: str) -> Reader:
     """Return the reader for what ``source`` holds.
 
-    Raises `CaptureError` when that is no capture, with ``name`` in front of the reason.
+    Raises `CaptureError` for any other content, with ``name`` in front of the reason.
     """
     head = _read_head(source)
     packed = compression(head)

@@ -89,7 +89,7 @@ class _File:
         return number
 
     def close(self) -> None:
-        """Leave the file to whoever opened it."""
+        """Leave the file open: its owner closes it."""
 
 
 class _PacketReader(Reader):

@@ -11,7 +11,7 @@ from dissect.source.packet import CaptureError, PacketSink
 
 
 class _FoundError(Exception):
-    """There is a packet, so that no more of the file has to be read."""
+    """There is a packet, so the rest of the file need not be read."""
 
 
 class _First(PacketSink):

@@ -11,7 +11,7 @@ from dissect.wire.errors import CaptureError
 
 __all__ = ["READING_FAILED", "CaptureError", "PacketSink", "Reader", "SourceFile"]
 
-#: How damage begins that is not the file's: the system or the network gave no more of it, and may do so another time.
+#: How damage begins that is not the file's: the system or the network delivered no more of it, and may do so at a later time.
 READING_FAILED: Final = "reading failed after byte"
 
 
@@ -45,9 +45,9 @@ class PacketSink:
 class Reader:
     """Reads a capture: the base class of the readers of every kind of file and pipe.
 
-    ``packets`` and ``octets`` count what was read so far. ``damage`` is empty, or one sentence that says where the capture
-    was found damaged or cut; everything before that was delivered. ``rejected`` counts damaged blocks after which reading went
-    on. ``notes`` are sentences about these and other oddities, one for each kind, with its first place and its count.
+    ``packets`` and ``octets`` count what was read so far. ``damage`` is empty, or one sentence that says where the capture was
+    found damaged or cut; everything before that was delivered. ``rejected`` counts damaged blocks after which reading
+    continued. ``notes`` are sentences about these and other oddities, one for each kind, with its first place and its count.
     ``interface`` is the name of the interface that captured the packet being delivered, empty where the capture names none.
     """
 
@@ -62,13 +62,13 @@ class Reader:
     def step(self, sink: PacketSink) -> bool:
         """Read some more and deliver its packets to ``sink``; return False when there is nothing more to read.
 
-        One call delivers a bounded number of packets (64 to 256 KiB of input), so that the caller can look at results, show
+        One call delivers a bounded number of packets (64 to 256 KiB of input), so that the caller can use results, show
         progress or stop in between. Nothing that the capture holds raises an error.
         """
         return False
 
     def stated_loss(self) -> str:
-        """Return in words how many packets were lost while the capture was made, as far as it says so; empty for none."""
+        """Return in words how many packets were lost while the capture was made, if the file has that number; empty for none."""
         return ""
 
     def close(self) -> None:

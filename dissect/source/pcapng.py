@@ -4,8 +4,8 @@ Read are the Section Header, Interface Description, Enhanced Packet and Simple P
 comments of packets, and TLS key logs in Decryption Secrets Blocks; Interface Statistics Blocks are kept. Other blocks are
 skipped. A Simple Packet Block has no time; its packet gets the time of the packet before it (0 when there is none).
 
-A block that contradicts itself is given up, counted in ``rejected`` and explained in ``notes``. Reading ends only where the
-next block cannot be found: at an impossible block length, or after two blocks in a row whose lengths at start and end differ.
+An inconsistent block is skipped, counted in ``rejected`` and explained in ``notes``. Reading ends only where the next block
+cannot be found: at an impossible block length, or after two blocks in a row whose lengths at start and end differ.
 """
 
 from __future__ import annotations

@@ -187,8 +187,8 @@ class PcapngWriter:
     Each block goes to the file in one write. With ``batch``, whole blocks are gathered until they have that many octets;
     gathered blocks are lost if the process is killed. ``packets`` and ``octets`` count what was added so far, `unwritten` says
     what of that is not in the file. ``make_room`` is called when the disk is full, and returns whether it freed something, so
-    that it is worth trying again. An `OSError` names ``path``.
-    ``capture_filter`` stands in the interfaces that begin after it was set.
+    that it is worth trying again. An `OSError` names ``path``. ``capture_filter`` is written to the interfaces that begin after
+    it was set.
     """
 
     def __init__(
@@ -339,7 +339,7 @@ class PcapngWriter:
             self._release()
 
     def resume(self) -> bool:
-        """Write to the file again after a failure; return False where it does not end with a whole block any more.
+        """Write to the file again after a failure; return False if it no longer ends with a whole block.
 
         Packets that were unwritten then are gone: count them before.
         """

@@ -22,7 +22,7 @@ from dissect.wire.text import printable, shortened
 if TYPE_CHECKING:
     import ssl
 
-#: Seconds after which a machine that does not answer is given up: while connecting, and between two pieces.
+#: Time limit for a machine that does not answer, in seconds: while connecting, and between two pieces.
 CONNECT_S: Final = 8
 READ_S: Final = 30
 #: How many octets are requested at once where a transport reads in pieces.
@@ -38,7 +38,7 @@ _DAYS: Final = r"\{(\d{4}-\d\d-\d\d|\d{8})\.\.(\d{4}-\d\d-\d\d|\d{8})\}"
 _SECRETS: Final = r"(?<=//)[^/@\s]*:[^/@\s]*(?=@)|(?<=\?)[^\s'\")]+"
 #: Transports whose names have no query, so that a question mark is one of the name, or of a pattern.
 _SSH: Final = frozenset(("sftp", "ssh"))
-#: Transports whose names have the host behind the two slashes.
+#: Transports whose names have the host after the two slashes.
 _OF_HOST: Final = _SSH | {"http", "https"}
 _REASON: Final = 200
 _NOT_FOUND: Final = 404
@@ -103,7 +103,7 @@ class RemoteSource:
 def open_remote(name: str, seconds: float = READ_S) -> RemoteSource:
     """Open a file on another machine. `CaptureError`, with one line that names host and file, when it cannot be read.
 
-    One that takes the connection and says nothing is given up after ``seconds``, however often a transport would try.
+    A server that accepts but stays silent is given up after ``seconds``, however often a transport would try.
     """
     return _asked(name, lambda: RemoteSource(bounded(lambda: _fetched(name), seconds)))
 
@@ -128,7 +128,7 @@ def _fetched(name: str) -> _Stream:
     files, path = file_system(name)
     if not name.startswith("http") and files.isdir(path):
         raise IsADirectoryError
-    # A web server need not support ranges: one request for the whole file, read as it comes.
+    # A web server need not support ranges: one request for the whole file, read while it arrives.
     stream: _Stream = files.open(path, "rb", block_size=0 if name.startswith("http") else _AHEAD)
     return stream
 
@@ -143,7 +143,7 @@ def file_system(name: str) -> tuple[Any, str]:
         parts = urlsplit(name)
         if not parts.hostname:
             raise ValueError("the address names no host")
-        if parts.port == 0:  # asking for it refuses other numbers that are no port
+        if parts.port == 0:  # reading it refuses other invalid port numbers
             raise ValueError("Port out of range 1-65535")
     host, slash, path = rest.partition("/")
     # Only its host goes to `url_to_fs`, which takes marks that any file name may have for a query or a fragment.
@@ -203,7 +203,7 @@ def explained(error: Exception, writing: bool = False) -> str:
         return f"access refused ({said}); credentials are those of the transport's own tools"
     if isinstance(error, PermissionError):
         return "no permission to write it" if writing else "no permission to read it"
-    # That of a web server stands for whatever went wrong before there was an answer, too.
+    # That of a web server is also raised for every error before there was an answer.
     of_web = type(cause).__module__.startswith("aiohttp") or isinstance(cause, OSError)
     if isinstance(error, FileNotFoundError) and (status == _NOT_FOUND or not of_web):
         return "no such place" if writing else _NO_FILE
@@ -217,7 +217,7 @@ def _reason(error: Exception) -> str:
     import socket  # late, as ssl: this module is read at every start, and few runs read from other machines
     import ssl
 
-    if isinstance(error, ssl.SSLError):  # whose number is none of the system
+    if isinstance(error, ssl.SSLError):  # whose number is not one of the system
         return _reason_of_tls(error)
     if isinstance(error, OSError) and error.errno is not None and error.errno > 0:
         return os.strerror(error.errno)
@@ -242,7 +242,7 @@ def _reason_of_tls(error: ssl.SSLError) -> str:
 
 
 def expand(names: Iterable[str]) -> list[str]:
-    """Return the files that names stand for: patterns (``*``, ``?``, ``[…]``) and days (``{2026-11-01..2026-11-30}``).
+    """Return the files that names denote: patterns (``*``, ``?``, ``[…]``) and days (``{2026-11-01..2026-11-30}``).
 
     The files of a pattern come in the order of their packets' time, remote ones by name. Where a local file has the pattern
     itself as its name, only that file is meant. Days of a range without a file are left out. `CaptureError` when a pattern or a
@@ -263,7 +263,7 @@ def _nothing(name: str) -> list[str]:
 
 
 def _matches(name: str, must: bool = True) -> list[str]:
-    """Return the files of one pattern. A name that is no pattern stands for itself, if the file exists or ``must`` is set."""
+    """Return the files of one pattern. A name without a pattern is returned unchanged, if the file exists or ``must`` is set."""
     if is_remote(name):
         scheme, _, rest = name.partition("://")
         path = rest if scheme.lower() in _SSH else rest.partition("?")[0]

@@ -20,14 +20,14 @@ _NO_MAC: Final = bytes(6)
 class TcpConnection:
     """The TCP facts of a connection. Sides are 0 and 1: side 0 sent the SYN, or the first packet when there was none.
 
-    ``initiator`` is the side that sent the SYN, -1 when it was not captured. ``ended`` is empty while the connection is
-    open, then what came first: ``fin``, ``reset``, ``reused`` (a new connection took its addresses) or ``evicted``.
-    ``ended_by`` is the side that began to close, -1 when nobody did. ``reset_by``, ``reset_frame`` and ``reset_ns`` are side,
-    packet and time of the first RST, which may follow a FIN (-1, 0 and 0 for none). ``doubt`` is set while ``ended`` rests on a
-    packet that its receiver may have ignored. ``macs`` are the Ethernet addresses of both sides at the beginning, six octets
-    each, empty where the link has none; ``heard`` has a bit for each side that was captured sending, so that its address is
-    certain. ``vlan`` is the VLAN key (`link.find_ip`) of the first packet, ``also`` those of other VLANs in which packets of
-    the connection were captured.
+    ``initiator`` is the side that sent the SYN, -1 when it was not captured. ``ended`` is empty while the connection is open,
+    then what came first: ``fin``, ``reset``, ``reused`` (a new connection took its addresses) or ``evicted``. ``ended_by`` is
+    the side that began to close, -1 for none. ``reset_by``, ``reset_frame`` and ``reset_ns`` are side, packet and time of the
+    first RST, which may follow a FIN (-1, 0 and 0 for none). ``doubt`` is set while ``ended`` rests on a packet that its
+    receiver may have ignored. ``macs`` are the Ethernet addresses of both sides at the beginning, six octets each, empty where
+    the link has none; ``heard`` has a bit for each side that was captured sending, so that its address is certain. ``vlan`` is
+    the VLAN key (`link.find_ip`) of the first packet, ``also`` those of other VLANs in which packets of the connection were
+    captured.
     """
 
     __slots__ = (
@@ -212,7 +212,7 @@ class TcpConnection:
         return True
 
     def finished(self, side: i64) -> bool:
-        """Return whether ``side`` sent a FIN, and nobody a reset."""
+        """Return whether ``side`` sent a FIN, and neither side a reset."""
         return self._silent >> side & 1 == 1 and self.reset_frame == 0
 
     @property

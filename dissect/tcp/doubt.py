@@ -2,10 +2,10 @@
 
 A receiver accepts a RST at exactly that number (RFC 5961 section 3.2), and a FIN once it has every octet before it (RFC 9293
 section 3.10.7.4). In a capture, a RST or FIN with another number may be genuine and follow octets that the capture lost; or
-somebody else sent it and guessed the number. What follows decides. The connection counts as ended until both sides went on:
+someone else sent it and guessed the number. What follows decides. The connection counts as ended until both sides continue:
 
-* the other side sent octets after the end, and then the side that is said to have ended sent octets that acknowledge those; or
-* the side that is said to have ended sent octets from beyond the end.
+* the other side sent octets after the end, and then the side that apparently ended sent octets that acknowledge those; or
+* the side that apparently ended sent octets from beyond the end.
 
 A FIN that the other side acknowledges is genuine.
 """
@@ -79,8 +79,8 @@ class Doubt:
             top: i64 = last.at + len(last.octets) - mine.position
             if top > self.distance:
                 self._reach = mine.next_seq + top
-        self._theirs: i64 = theirs.next_seq  # of the other side, at the end in doubt or when it first went on
-        self._mine: i64 = -1  # the next octet of `side` when the other side went on, -1 before that
+        self._theirs: i64 = theirs.next_seq  # of the other side, at the end in doubt or when it first continued
+        self._mine: i64 = -1  # the next octet of `side` when the other side continued, -1 before that
 
     def note_other(self, how: str, side: i64, frame: i64, time_ns: i64, silent: i64) -> None:
         """Take a certain end, which counts if the one in doubt does not."""
@@ -103,7 +103,7 @@ class Doubt:
             if self.how == "fin" and their_ack >= 0 and mine.distance(their_ack) == mine.distance(self.seq) + 1:
                 return HOLDS
         if mine.held is not None or theirs.held is not None or theirs.next_seq < 0:
-            return OPEN  # `next_seq` also moves when a gap is given up, which does not prove that a side went on
+            return OPEN  # `next_seq` also moves when a gap is declared, which does not prove that a side continued
         if self._mine < 0:
             if theirs.next_seq != self._theirs:
                 self._theirs = theirs.next_seq

@@ -281,7 +281,7 @@ class FragmentStore:
             self.conflicts += 1
 
     def _insert(self, datagram: _Datagram, offset: i64, octets: bytes) -> None:
-        """Insert those of ``octets`` that are new between the pieces that are there already."""
+        """Insert the new part of ``octets`` between the existing pieces."""
         pieces = datagram.pieces
         start: i64 = offset
         end: i64 = offset + len(octets)

@@ -60,9 +60,9 @@ class Segment:
     ``problem`` is empty, or the category (`transactions.accounts`) of a packet that has no segment to use. With a problem other
     than ``bad_checksum`` only ``sealed`` counts besides: it names the encapsulation that could not be opened, if any.
 
-    ``protocol`` is `ip.TCP` or `ip.UDP`. ``key`` is addresses and ports as they stand in the packet, then the VLAN key when
-    there is one; ``octets`` is the payload. ``word`` is the data offset and the flags; a datagram has none of ``seq``, ``ack``
-    and ``word``. ``missing`` counts octets of payload that the IP length (for a datagram the UDP length) claims and the capture
+    ``protocol`` is `ip.TCP` or `ip.UDP`. ``key`` is the addresses and ports in the packet's order, then the VLAN key when there
+    is one; ``octets`` is the payload. ``word`` is the data offset and the flags; a datagram has none of ``seq``, ``ack`` and
+    ``word``. ``missing`` counts octets of payload that the IP length (for a datagram the UDP length) claims and the capture
     does not hold. ``macs`` are the Ethernet addresses of the innermost frame in a tunnel, None outside of one.
     """
 
@@ -117,8 +117,8 @@ def find_segment(
 def usual_places(buf: bytes, start: i64, end: i64, link_type: i64) -> tuple[i64, i64, i64, i64]:
     """Return (offset of the addresses, offset of the TCP header, end, VLAN key) of the frame ``buf[start:end]``.
 
-    Only of a frame with a whole segment of at least 20 octets, in IPv4 without options or IPv6 without extension headers;
-    for all others the first is -1. `find_segment` takes any frame, and says the same of these.
+    Only of a frame with a whole segment of at least 20 octets, in IPv4 without options or IPv6 without extension headers; for
+    all others the first is -1. `find_segment` takes any frame, with the same results for these.
     """
     at, vlan = link.find_ip(buf, start, end, link_type)
     if at < 0 or at + 40 > end:
@@ -213,8 +213,8 @@ def _read_datagram(
 ) -> Segment:
     """Read the UDP header at ``at``; the IP payload has ``missing`` more octets after ``end``.
 
-    The UDP length includes the header (RFC 768); octets of the IP packet after it are padding. Length 0, the jumbogram of
-    RFC 2675, needs an IPv6 option that nobody sends; it is a bad header, like any length shorter than the header.
+    The UDP length includes the header (RFC 768); octets of the IP packet after it are padding. Length 0, the jumbogram of RFC
+    2675, needs an IPv6 option that is never sent; it is a bad header, like any length shorter than the header.
     """
     if end - at < _UDP_HEADER:
         return Segment("cut" if missing else "bad_header")

@@ -4,8 +4,8 @@
 common case and costs one comparison, which the pipeline makes itself (`next_seq`, `held`). Everything else comes here:
 
 * The first copy of an octet wins; a later copy that differs is counted as a conflict.
-* A segment ahead of its turn is held, in order of position, until the octets before it arrive or are given up.
-* Missing octets are given up (a gap) once the far end acknowledged them and a short grace period has passed, because captures
+* A segment ahead of its turn is held, in order of position, until the octets before it arrive or are declared missing.
+* Missing octets are declared a gap once the far end acknowledged them and a short grace period has passed, because captures
   also show a segment after its own acknowledgement; else after `MAX_HELD` held segments; else after `HOLE_TIMEOUT_NS` of
   capture time; else at the end of the stream. Nothing is ever filled in (docs/decisions/0003-holes.md).
 * A segment so far ahead that no window reaches it counts only when the far end acknowledges it; else it is dropped
@@ -28,32 +28,32 @@ from dissect.wire.text import POINT, SHORT, decimal
 MASK: Final = 0xFFFFFFFF
 HALF_SPACE: Final = 0x80000000
 
-#: Segments and octets held for one direction before its first hole is given up: a little more than the full segments that fit a
+#: Segments and octets held for one direction before its first gap is declared: a little more than the full segments that fit a
 #: window without scaling.
 MAX_HELD: Final = 64
 MAX_HELD_OCTETS: Final = 1024 * 1024
 #: What a held segment takes in memory besides its octets, for the sum over all connections (`held_size`).
 HELD_COST: Final = 128
-#: A hole that nothing explains is given up after this much capture time.
+#: An unexplained gap is declared after this much capture time.
 HOLE_TIMEOUT_NS: Final = 1_000_000_000
 #: After the far end acknowledged a missing octet: segments of the connection, or time, that it may still turn up in.
 ACK_GRACE_SEGMENTS: Final = 8
 ACK_GRACE_NS: Final = 50_000_000
-#: Where the capture shows nothing of the far end, a segment further ahead than this is believed only when another one follows
-#: it closely.
+#: Where the capture shows nothing of the far end, a segment further ahead than this is accepted only if a second one follows it
+#: closely.
 FAR_AHEAD: Final = 1024 * 1024
 #: Where it shows the far end, a segment further ahead than this, the largest window without scaling, counts only when the far
 #: end acknowledges it.
 WINDOW: Final = 65535
 
-#: What became of a segment's octets (`HalfStream.accept`).
+#: Results for a segment's octets (`HalfStream.accept`).
 NEW: Final = 0
 OLD: Final = 1
 KEEP_ALIVE: Final = 2
 BEFORE_START: Final = 3
 
 
-#: What a stream has ready while there is nothing: most streams share this list, and nobody appends to it.
+#: What a stream has ready while there is nothing: most streams share this list, which is never appended to.
 _NOTHING: Final[list[Chunk]] = []
 
 
@@ -129,7 +129,7 @@ class HalfStream:
         self.next_seq = (self.next_seq + size) & MASK
 
     def accept(self, seq: i64, octets: bytes, frame: i64, time_ns: i64, ack: i64 = -1) -> i64:
-        """Take one segment's octets (at least one); say what became of them: NEW, OLD, KEEP_ALIVE or BEFORE_START.
+        """Take one segment's octets (at least one); return the result: NEW, OLD, KEEP_ALIVE or BEFORE_START.
 
         ``ack`` is the TCP acknowledgement it came with, -1 for none.
         """
@@ -219,7 +219,7 @@ class HalfStream:
         return ahead <= FAR_AHEAD or (len(held) > 1 and held[1].at - held[0].at <= FAR_AHEAD)
 
     def _give_up_or_drop(self) -> None:
-        """Declare the first hole, unless nothing speaks for what is behind it: then that is dropped."""
+        """Declare the first gap, unless there is no evidence for the data after it: then that is dropped."""
         held = self.held
         if held is None:
             return
@@ -232,13 +232,13 @@ class HalfStream:
         self.held_octets = 0
 
     def give_up(self) -> None:
-        """Declare the first gap and pass on what waited behind it."""
+        """Declare the first gap and pass on the data after it."""
         held = self.held
         if held is None:
             return
         hole: i64 = held[0].at - self.position
         if hole > 0:
-            self.skip(hole, held[0].frame, held[0].time_ns)  # told at the packet that shows it
+            self.skip(hole, held[0].frame, held[0].time_ns)  # reported at the packet that shows it
         self._drain(-1, 0)
 
     def skip(self, hole: i64, frame: i64, time_ns: i64) -> None:
@@ -266,7 +266,7 @@ class HalfStream:
             self.ready = [chunk]
 
     def take_ready(self) -> list[Chunk]:
-        """Return what can be read, which is not there any more then."""
+        """Return and remove what can be read."""
         ready = self.ready
         self.ready = _NOTHING
         return ready
@@ -279,7 +279,7 @@ class HalfStream:
             self.held = held
         start: i64 = at
         end: i64 = at + len(octets)
-        # The first stretch that ends behind it: mostly there is none.
+        # The first stretch that ends after it: mostly there is none.
         index: i64 = len(held)
         if index and held[index - 1].at + len(held[index - 1].octets) > start:
             low: i64 = 0
@@ -312,7 +312,7 @@ class HalfStream:
         return new
 
     def _drain(self, frame: i64, time_ns: i64) -> None:
-        """Pass on held stretches that are next. ``frame`` is the packet that filled a hole, -1 when one was given up."""
+        """Pass on held stretches that are next. ``frame`` is the packet that filled a gap, -1 if one was declared."""
         held = self.held
         if held is None:
             return
@@ -334,7 +334,7 @@ class HalfStream:
             del held[:count]
 
     def _compare_passed(self, at: i64, octets: bytes) -> None:
-        """Count a conflict when ``octets`` differ from those passed on at the same positions, as far as they are kept."""
+        """Count a conflict when ``octets`` differ from those passed on at the same positions, if they are kept."""
         if self._differs(self.last_at, self.last, at, octets) or self._differs(self.before_at, self.before, at, octets):
             self.conflicts += 1
 
@@ -380,7 +380,7 @@ class Endpoint:
     def __init__(self, address: bytes, port: int) -> None:
         self.address = address
         self.port = port
-        self._host: str = ""  # made when somebody first asks, as the next one
+        self._host: str = ""  # made on first access, like the next one
         self._text: str = ""
 
     @property

@@ -63,7 +63,7 @@ def is_complete(row: Row) -> bool:
 
 
 def is_over(row: Row, now_ns: i64, last_ns: i64) -> bool:
-    """Return whether the connection rests, so that no more answers come; ``last_ns`` is the time of its latest packet."""
+    """Return whether the connection is idle, so that no further answers come; ``last_ns`` is the time of its latest packet."""
     first = row.answers[0]
     rest: i64 = REST_NS
     waited: i64 = first.transaction.response_ns - first.fits[0].request_ns
@@ -78,10 +78,10 @@ def is_due(row: Row, now_ns: i64) -> bool:
 
 
 def assign(row: Row, over: bool) -> list[Transaction | None]:
-    """Return the request of each answer that ``row`` holds, None for none; ``over``: no more answers come.
+    """Return the request of each answer that ``row`` holds, None for none; ``over``: no further answers come.
 
     Servers answer in order, so the first answer belongs to the first request if there is one for each, or if a client repeats
-    its request. Where answers are missing, the client waited in vain for the oldest before it went on. As long as more may
+    its request. Where answers are missing, the client waited in vain for the oldest before it continued. As long as more may
     come, that counts only for those after which it got nothing for a while.
     """
     wanted = [one for one in row.requests if one.number in row.wanted]

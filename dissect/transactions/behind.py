@@ -5,7 +5,7 @@ takes the PDU. Only an answer shows that a request was taken, and only that noth
 both wait aside:
 
 * a request opens nothing. An answer with its reference makes it a transaction, if no ordinary request of that reference is
-  open. Without one it ends as `BEHIND_MALFORMED`: nobody misses its answer;
+  open. Without one it ends as `BEHIND_MALFORMED`: its answer is not reported as missing;
 * an answer waits while an ordinary request is open that it fits. It completes that request once its client asks more than it
   may without an answer, or when no other answer came in time.
 

@@ -41,15 +41,15 @@ if TYPE_CHECKING:
 
 # What is known of the protocol of a TCP connection (`Connection.state`); `Connection.protocol` has its name.
 PROBING: Final = 0
-ISO: Final = 1  # ISO-on-TCP; a value of its own, because nearly every packet asks for it
+ISO: Final = 1  # ISO-on-TCP; a value of its own, because nearly every packet needs it
 FOREIGN: Final = 2  # not S7: its octets are only counted
 FOLLOWED: Final = 3  # read by another protocol of the engine: IBH-NetLink, SCD where a port is bound to it
-LEFT_OUT: Final = 4  # recognised and numbered, but not selected: nothing of it is read
+LEFT_OUT: Final = 4  # recognised and numbered, but not selected: its content is not read
 
 #: `Connection.dt_limit` while nothing is known against any size.
 NO_LIMIT: Final = 0x7FFFFFFF
 
-#: Jobs that tell who the client is (reference 5.3); in a download the PLC asks.
+#: Jobs that identify the client (reference 5.3); in a download the PLC asks.
 _ASKED_BY_CLIENT: Final = frozenset(
     (
         READ_VAR,
@@ -74,7 +74,7 @@ MAX_REMEMBERED: Final = 256
 #: Empty DTs that are remembered of a connection: more than requests are open at once (AmQ).
 MAX_EARLY: Final = 16
 
-#: The open requests of a connection that is over. Its sides are forgotten, so that nothing opens another one.
+#: The open requests of a connection that is over. Its sides are dropped, so that no further one is opened.
 _NONE_OPEN: Final[list[OpenRequests]] = [OpenRequests(), OpenRequests()]
 
 
@@ -121,7 +121,7 @@ class Traits:
         self.inquiries = 0
         self.refusals = 0
         self.stop_event: tuple[int, int, int] | None = None
-        # Made when they are first asked for: most connections only read and write.
+        # Made on first access: most connections only read and write.
         self._told: set[str] | None = None
         self._szl_ids: set[int] | None = None
         self._loaded: dict[str, Activation] | None = None
@@ -138,7 +138,7 @@ class Traits:
         found.append(EarlyAck(side, frame, time_ns))
 
     def early_ack(self, side: i64, since: i64, until: i64) -> EarlyAck | None:
-        """Return the first empty DT of ``side`` behind packet ``since`` and before packet ``until``, as far as it is kept."""
+        """Return the first empty DT of ``side`` after packet ``since`` and before packet ``until``, if it is kept."""
         for one in self._early or []:
             if one.side == side and since < one.frame < until:
                 return one
@@ -204,9 +204,9 @@ class Traits:
 class Connection:
     """One transport connection over one TCP connection.
 
-    ``number`` counts from 1 in order of first octets. Sides are those of ``tcp``. ``client_side`` is the side that asked for
-    the connection, by the best evidence there is: SYN, CR, role of the jobs, port 102; ``client_known`` tells whether more
-    than a port number says so. Values of a negotiation that was not captured are None or 0, never a guess.
+    ``number`` counts from 1 in order of first octets. Sides are those of ``tcp``. ``client_side`` is the side that opened the
+    connection, by the best evidence: SYN, CR, role of the jobs, port 102; ``client_known``: the evidence is more than a port
+    number. Values of a negotiation that was not captured are None or 0, never a guess.
     """
 
     __slots__ = (
@@ -287,13 +287,13 @@ class Connection:
         self.number: i64 = number
         self.tcp: TcpConnection = tcp
         self.udp: bool = False  # a conversation over UDP, which has no beginning and no end
-        self.bound: i64 = -1  # number of the SCD binding for its TSAPs or ports, -1 while nobody looked
+        self.bound: i64 = -1  # number of the SCD binding for its TSAPs or ports, -1 while undetermined
         self.naming: Naming | None = None  # knows names for addresses of this CPU
         self.state: i64 = PROBING
-        self.probed: i64 = 0  # segments with octets looked at while probing
+        self.probed: i64 = 0  # segments with octets that were examined while probing
         self.probed_frame: i64 = 0  # the packet of the first of them, and its time
         self.probed_ns: i64 = 0
-        self.plus: PlusSession | None = None  # what S7comm-plus says of client, CPU and subscriptions
+        self.plus: PlusSession | None = None  # facts of S7comm-plus about client, CPU and subscriptions
         #: S7comm-plus requests in several frames, by sequence number and packet of the last frame: packet and time of the first
         #: frame, and the octets that were not kept.
         self.begun: dict[tuple[int, int], tuple[int, int, int]] | None = None
@@ -308,7 +308,7 @@ class Connection:
         self.cr_ref: i64 = 0
         self.cr_class: i64 = 0
         self.class_: i64 = -1  # chosen by the CC, -1 while none was seen
-        #: A DT of more octets is looked at closely. -1, so that each one is, until the connection is set up and after its end.
+        #: A larger DT is examined closely. -1, so that each one is, until the connection is set up and after its end.
         self.dt_limit: i64 = -1 if tcp.known_start else NO_LIMIT
         self.told: i64 = 0  # what was reported of it, a bit for each of some rules (dissect.findings)
         self.tsap_calling: Tsap | None = None
@@ -330,7 +330,7 @@ class Connection:
         self.setup_open: bool = False  # a setup was asked and not answered yet
         self.pdu_length: i64 = 0  # granted, 0 while unknown
         self.open_requests: list[OpenRequests] = [OpenRequests(), OpenRequests()]
-        # Made when they are first asked for, and let go at the end: many connections need none of them.
+        # Made on first access, and released at the end: many connections do not need them.
         self._operations: OpenOperations | None = None
         self._traits: Traits | None = None
         self._subscriptions: dict[int, Subscription] | None = None
@@ -370,7 +370,7 @@ class Connection:
 
     @property
     def client(self) -> Endpoint:
-        """The end that asked for the connection."""
+        """The end that opened the connection."""
         return self.tcp.ends[self.client_side]
 
     @property
@@ -416,7 +416,7 @@ class Connection:
 
     @property
     def aside(self) -> Aside | None:
-        """What waits behind malformed TPDU headers, None while nothing does."""
+        """Messages behind malformed TPDU headers that wait, None for none."""
         aside = self._traits.aside if self._traits is not None else None
         return aside if aside is not None and aside.held else None
 
@@ -516,7 +516,7 @@ class Connection:
             self.tsap_called = tpdu.tsap(0xC2)
 
     def note_request(self, side: i64, parameters: Parameters) -> None:
-        """Without a handshake, what is asked tells who the client is (reference 5.3)."""
+        """Without a handshake, the request identifies the client (reference 5.3)."""
         userdata = parameters.userdata
         if userdata is not None:
             if userdata.group != GROUP_PBC:  # BSEND is asked by either end
@@ -527,7 +527,7 @@ class Connection:
             self.set_client(side)
 
     def note_answer(self, side: i64, parameters: Parameters) -> None:
-        """An answer from the registered port tells who asked; an answer to that port contradicts it, and tells nothing."""
+        """An answer from the registered port identifies the client; one to that port contradicts it and proves nothing."""
         if self.tcp.ends[side].port == ISO_TSAP_PORT and self.tcp.ends[1 - side].port != ISO_TSAP_PORT:
             self.note_request(1 - side, parameters)
 
@@ -546,7 +546,7 @@ class Connection:
         self.one_way += 1
 
     def note_error(self, asked: Parameters, time_ns: i64, code: i64) -> None:
-        """An answer says no to something, in its header or parameter by ``code``, else to an item."""
+        """Note an answer with an error: ``code`` in its header or parameter, otherwise in an item."""
         self.errors += 1
         self.last_error = asked
         self.last_error_ns = time_ns

@@ -38,19 +38,20 @@ _DEEDS: Final[dict[str, str]] = {
 class Ending:
     """The end of a connection, or of the capture while it was open.
 
-    ``how`` is one of the words above, ``side`` the side that ended it (-1: neither), ``frame`` the packet that shows it (0
-    for none) and ``time_ns`` its time. ``reset_side``, ``reset_frame`` and ``reset_ns`` are side, packet and time of a RST
-    after an end of another kind, as S7-1200/1500 answer a FIN (-1, 0 and 0 for none).
+    ``how`` is one of the words above, ``side`` the side that ended it (-1: neither), ``frame`` the packet that shows it (0 for
+    none) and ``time_ns`` its time. ``reset_side``, ``reset_frame`` and ``reset_ns`` are side, packet and time of a RST after an
+    end of another kind, as S7-1200/1500 answer a FIN (-1, 0 and 0 for none).
 
-    ``last_frame`` and ``last_ns`` are the latest packet by then and its time: the TCP connection may go on with another talk.
+    ``last_frame`` and ``last_ns`` are the latest packet by then and its time: the TCP connection may continue with a new
+    conversation.
 
-    ``open_requests`` is how many requests were open, without those whose answer may be in a gap or in
-    a direction that was not captured. ``oldest`` is the first of them, with its packet and time. ``connecting``: the connect
-    request had no answer of any kind yet.
+    ``open_requests`` is how many requests were open, without those whose answer may be in a gap or in a direction that was not
+    captured. ``oldest`` is the first of them, with its packet and time. ``connecting``: the connect request had no answer of
+    any kind yet.
 
-    ``last_request``, ``last_answer`` and ``last_error`` (a refusal) are the parameters of the requests concerned, each with
-    its time (None and 0 for none); of the server's last message in TLS only the time is known. ``last_error_code`` is the
-    error code of the whole answer, 0 when only an item was refused.
+    ``last_request``, ``last_answer`` and ``last_error`` (a refusal) are the parameters of the requests concerned, each with its
+    time (None and 0 for none); of the server's last message in TLS only the time is known. ``last_error_code`` is the error
+    code of the whole answer, 0 when only an item was refused.
     """
 
     __slots__ = (

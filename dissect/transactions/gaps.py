@@ -1,4 +1,4 @@
-"""What octets that are missing from the capture say of requests and answers (docs/decisions/0003-holes.md, 0004-pairing.md).
+"""What missing octets mean for requests and answers (docs/decisions/0003-holes.md, 0004-pairing.md).
 
 TCP acknowledgements are the witness: what a side acknowledged it has received, whether the capture has it or not. A request
 carries the acknowledgement of its time, so it shows what its sender had received before it. An answer comes after that place.
@@ -23,7 +23,7 @@ LEAST_ANSWER: Final = 19
 _ACK_DUE_NS: Final = 1_000_000_000
 #: After so many requests, each with another reference than the one before, a client is known to change it.
 _FEW_REQUESTS: Final = 3
-#: Requests looked at for one gap.
+#: Maximum number of requests that are examined for one gap.
 _MOST: Final = 16
 
 
@@ -40,7 +40,7 @@ def begins_open(side: Side) -> bool:
 
 
 def latest_gap(side: Side) -> i64:
-    """Return the packet at which the latest gap of either side was given up, 0 for none."""
+    """Return the packet at which the latest gap of either side was declared, 0 for none."""
     peer = side.peer
     return side.hole_frame if peer is None or side.hole_frame > peer.hole_frame else peer.hole_frame
 
@@ -128,7 +128,7 @@ def _asks_missing(side: Side, request: Transaction) -> bool:
 
 
 def follows(seq: i64, before: i64) -> bool:
-    """Return whether one sequence number is behind another one."""
+    """Return whether one sequence number is after the other."""
     return 0 < (seq - before) & MASK < HALF_SPACE
 
 

@@ -27,8 +27,8 @@ def good_octets(transaction: Transaction) -> list[bytes] | None:
 class GoodItems:
     """Steps over the items of a read without errors, without making an object of any item.
 
-    Item ``index`` is ``buf[at:at + size]``. ``whole`` is True once all items were good. Reads with tags are not stepped over,
-    nor items that ask for several areas, nor pairs that are only likely.
+    Item ``index`` is ``buf[at:at + size]``. ``whole`` is True once all items were good. Not for reads with tags, items with
+    several areas, and pairs that are only likely.
     """
 
     __slots__ = ("_end", "_items", "_judged", "_next", "at", "buf", "index", "size", "whole")

@@ -68,7 +68,7 @@ def items_of(transaction: Transaction) -> list[TransactionItem]:
 
 
 def _unanswered(transaction: Transaction) -> str:
-    """Return what is said of an item of which no answer says: a refusal of all, or that there is no answer."""
+    """Return the text for an item without an answer: a refusal of all, or that there is no answer."""
     errors = transaction.errors
     if errors:
         return str(errors[0].name)

@@ -14,7 +14,7 @@ from dissect.transactions.connection import PROBING
 from dissect.transactions.open_requests import OpenRequests
 from dissect.transactions.side import Side
 
-#: How many connections are looked at, and evicted, with one packet.
+#: Maximum number of connections that are examined, and evicted, with one packet.
 LOOK_AT_ONCE: Final = 64
 LEAVE_AT_ONCE: Final = 4
 #: Connections are sorted by the power of two of what they hold, up to this one.
@@ -25,7 +25,7 @@ def held_octets(side: Side) -> int:
     """Return how many octets are held for the connection of ``side``, both directions together.
 
     These are segments that wait and the latest ones that passed, unfinished TPKTs, TSDUs and PDUs, answers in parts, requests
-    without an answer, answers without a request, and what waits behind malformed headers.
+    without an answer, answers without a request, and messages behind malformed headers.
     """
     held: i64 = 0
     for end in (side, side.peer):
@@ -70,9 +70,9 @@ def holds_something(side: Side) -> bool:
 class Room:
     """Finds the connections to evict, in small steps, because a live capture must not wait while thousands are looked through.
 
-    `begin` takes one side of each open connection. Each `step` then looks at `LOOK_AT_ONCE` of them. If all together hold more
+    `begin` takes one side of each open connection. Each `step` then examines `LOOK_AT_ONCE` of them. If all together hold more
     than ``most`` octets, each further step returns up to `LEAVE_AT_ONCE` to evict, the fullest first (by powers of two), until
-    half of ``most`` is left. ``busy`` is True until that is done; ``looks`` counts the connections looked at; ``total`` is how
+    half of ``most`` is left. ``busy`` is True until that is done; ``looks`` counts the examined connections; ``total`` is how
     many octets those of the latest round hold.
     """
 

@@ -244,7 +244,7 @@ class Joiner:
         return None
 
     def close(self) -> list[Chain]:
-        """The connection ended: return the chains that never ended, as far as they are remembered."""
+        """The connection ended: return the chains that never ended, if they are remembered."""
         for key in list(self._chains):
             self._give_up(key)
         return self.unfinished
@@ -266,7 +266,7 @@ def _key(transaction: Transaction, head: UserdataHead) -> int:
 
 
 def _payload(answer: Pdu) -> bytes:
-    """Return the payload of a userdata PDU: as many octets as its data head states, as far as they are there."""
+    """Return the payload of a userdata PDU: as many octets as its data head states, as far as they are present."""
     data = answer.data
     if len(data) < DATA_HEAD.size:
         return b""

@@ -1,12 +1,12 @@
 """The open requests of one side, and the answers that wait (reference section 5).
 
 Each asking side of a connection has a table of its own, because either end may send requests and their references are
-independent. The key is ROSCTR and PDU reference, in one number (`key_of`). A reference is opaque:
-zero is valid, it wraps, and a client may use it again at once.
+independent. The key is ROSCTR and PDU reference, in one number (`key_of`). A reference is opaque: zero is valid, it wraps, and
+a client may use it again at once.
 
-A request leaves the table when it is answered, or when no answer to it can come any more; not because its reference is used
-again. The table holds the latest request of each key. Where several are open under one key, a `Row` has all of them, and the
-answers that fit more than one (`dissect.transactions.alike`).
+A request leaves the table when it is answered, or when no answer to it can come; not because its reference is used again. The
+table holds the latest request of each key. Where several are open under one key, a `Row` has all of them, and the answers that
+fit more than one (`dissect.transactions.alike`).
 
 An answer that finds no request is held for a moment, because captures show packets out of order. A request that comes later
 takes it only if the answer acknowledged the request's octets (TCP ACK); so it cannot take an older answer.
@@ -29,7 +29,7 @@ ORPHAN_HOLD_NS: Final = 1_000_000_000
 ORPHAN_HOLD_FRAMES: Final = 50
 #: They are held this many times longer while a message of the asking side is unfinished, because a whole request may be in it.
 UNFINISHED_HOLD: Final = 10
-#: A client that repeats a request within this time got no answer in between and asks anew.
+#: A client that repeats a request within this time got no answer in between and repeats it.
 REPEAT_NS: Final = 1_000_000_000
 #: The shortest time without an open request after which the next one does not wait for anything.
 SHORT_REST_NS: Final = 100_000_000
@@ -44,7 +44,7 @@ NEVER_NS: Final = 10_000_000_000
 GIVEN_UP_NS: Final = 2_000_000_000
 #: Only grants below this are checked closely; no device is known to grant more than 8.
 FEW_JOBS: Final = 64
-#: `open_since` looks at so many of the longest open requests before the latest ones.
+#: `open_since` examines so many of the longest open requests before the latest ones.
 _FEW_OLD: Final = 8
 #: The table is rebuilt whenever so many requests were given up from its front.
 _FRESH: Final = 1024
@@ -67,7 +67,7 @@ def key_of(rosctr: i64, pdu_ref: i64) -> i64:
     return pdu_ref | (PLUS_KEY if rosctr == PLUS else SCD_KEY)
 
 
-#: What most tables have in place of a list; nobody appends to it.
+#: What most tables have in place of a list; it is never appended to.
 _NONE: Final[list[Transaction]] = []
 
 
@@ -118,7 +118,7 @@ def excludes(request: Transaction, end_seq: i64, ack: i64) -> bool:
     """Return whether an answer that ends at ``end_seq`` and acknowledges up to ``ack`` cannot be that of ``request``.
 
     It cannot if it acknowledges nothing of the request's last segment, or if the request acknowledged it. An acknowledgement
-    far behind the request proves nothing.
+    long after the request proves nothing.
     """
     if request._request_ack >= 0 and ack >= 0 and ((request._request_seq - ack) & MASK) < FAR_AHEAD:
         return True
@@ -170,14 +170,14 @@ class OpenRequests:
         self.answered: i64 = 0  # number of the request that was answered last
         self.asked_frame: i64 = 0  # packet of the request that was sent last, and where it begins
         self.asked_seq: i64 = 0
-        self.orphan_frame: i64 = 0  # packet of the latest answer that was given up because no request came
+        self.orphan_frame: i64 = 0  # packet of the latest answer that was dropped because no request came
         self.count: i64 = 0  # may be more than len(table): several requests may share a key
         self.repeats: i64 = 0  # how often two requests in a row had the same key
         self.beside: bool = False  # two requests of one key were open at once, and no gap explains it
         self.rest_ns: i64 = (
             SHORT_REST_NS  # how long no request has to be open until what comes next is no longer doubtful
         )
-        self.doubtful: bool = False  # an answer could not be told from another one, so the later ones may be shifted
+        self.doubtful: bool = False  # two answers could not be distinguished, so the later ones may be shifted
         self.lost: list[Transaction] = (
             _NONE  # requests that were answered in the latest gap, as the next answer will show
         )
@@ -390,10 +390,10 @@ class OpenRequests:
         """Return how many of the requests sent at ``time_ns`` or later are certainly open.
 
         Those up to packet ``frame`` may be answered in a gap, unless they acknowledged octets up to ``ack``, where that gap
-        ends (-1: unknown). Counting stops at ``enough``. Some requests of one key may be overlooked: they stand at the place of
+        ends (-1: unknown). Counting stops at ``enough``. Some requests of one key may be overlooked: they are at the place of
         their latest.
         """
-        # After a lost answer its request stays open and each new request calls this. So the oldest are looked at first: they
+        # After a lost answer its request stays open and each new request calls this. So the oldest are examined first: they
         # often show that fewer than ``enough`` are recent.
         spare: i64 = self.count - enough
         for transaction in self._table.values():

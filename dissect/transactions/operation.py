@@ -112,7 +112,7 @@ class Oddity:
 
 
 class Activation:
-    """What became of a block after its download: ``frame`` is the packet of the request that activated it, 0 for none yet.
+    """The state of a block after its download: ``frame`` is the packet of the request that activated it, 0 for none yet.
 
     ``name`` is the block with the file system that it was loaded to, as the download named it; ``frames`` are the first and
     last packet of the download, ``time_ns`` is its end. ``deleted``: a client deleted the block instead.
@@ -146,11 +146,11 @@ class Operation:
     beforehand, -1 for none. ``content`` depends on the kind. For a long answer or a BSEND it is the joined payload, once that
     is whole; ``places`` then has for each part where it ends in ``content``, and its packet. For a download or upload it is
     what was captured of the block or file, once the operation is over (in S7comm-plus the whole PDUs with the blocks, each with
-    its place, and in ``steps`` with what became of it); ``dropped`` is how many more octets were too many to keep. For other
-    kinds it is empty.
+    its place, and in ``steps`` with its outcome); ``dropped`` is how many more octets were too many to keep. For other kinds it
+    is empty.
 
     ``gap`` is how many octets of ``content`` came before the first gap in what the sender sent, where a piece may be missing;
-    -1 for no gap. ``activation`` says what became of a block that was loaded whole.
+    -1 for no gap. ``activation`` is the state of a block that was loaded completely.
     """
 
     __slots__ = (

@@ -102,7 +102,7 @@ class Dialogue:
     def __init__(self) -> None:
         self.count: i64 = 0
         self.open: i64 = 0  # requests without answer on all connections
-        self.also: list[Transaction] = []  # ended beside the PDU at hand; `Exchange.beside` reports and clears them
+        self.also: list[Transaction] = []  # ended by the present PDU, too; `Exchange.beside` reports and clears them
         self.holding: list[Side] = []  # sides whose answer is held for its request, since the pipeline last looked
         self.several: bool = False  # other requests were open when the side of the latest request sent it
         self.shared: bool = False  # ... one of them with its reference; set back by who reports it
@@ -110,7 +110,7 @@ class Dialogue:
         self.lossy: bool = False  # the capture has a gap
         self.watching: bool = False  # an `OverdueWatch` takes the sides from `asking`
         self.asking: list[Side] = []  # sides that sent requests since it last looked, except those it watches already
-        self.behind: Behind | None = None  # what is behind malformed headers, and may be what an answer belongs to
+        self.behind: Behind | None = None  # messages behind malformed headers, to which an answer may belong
 
     def ask(
         self,
@@ -204,7 +204,7 @@ class Dialogue:
     def _ask_again(
         self, side: Side, requests: OpenRequests, key: i64, transaction: Transaction, before: Transaction
     ) -> None:
-        """Open a request whose reference is that of ``before``, which is still open; give up those that nobody answers now."""
+        """Open a request with the reference of ``before``, which is still open; drop those that cannot be answered."""
         row = requests.join(key, transaction, before)
         if row.answers and requests.full:
             self._settle(side, requests, row, False)
@@ -306,7 +306,7 @@ class Dialogue:
         return waiting
 
     def _note_gaps(self, side: Side, requests: OpenRequests, request: Transaction) -> None:
-        """``request`` is answered, and the capture has gaps: note what that says of it and of the requests before it."""
+        """``request`` is answered, and the capture has gaps: note the consequences for it and for the requests before it."""
         if self.cut or between(side, request):
             request._flags |= GAPS
         lost = requests.lost

@@ -149,7 +149,7 @@ class Backlog(Kept):
     """The state of one direction of a TCP connection that carries SCD.
 
     While the beginning of a message is searched for, ``pending`` are places in ``octets`` where one may begin, with its size,
-    and ``scan`` is where the search goes on. ``owed`` is how many octets remain of a content whose beginning is missing.
+    and ``scan`` is where the search continues. ``owed`` is how many octets remain of a content whose beginning is missing.
     """
 
     __slots__ = ("owed", "pending", "scan")

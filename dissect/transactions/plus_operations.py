@@ -47,7 +47,7 @@ _KINDS: Final[dict[str, str]] = {
     SUBSCRIBED_ALARMS: kinds.MESSAGES,
     STREAMED: kinds.TRANSFER,
 }
-#: Events whose operations go on until their object is deleted; others are over with their transaction.
+#: Events whose operations last until their object is deleted; others are over with their transaction.
 _LASTING: Final = frozenset((SESSION, SUBSCRIBED, SUBSCRIBED_ALARMS, TEST_JOB))
 #: Events that belong to the load of a session.
 _LOADING: Final = frozenset((LOADED, CONFIRMED, SEQUENCE_BEGUN, SEQUENCE_ENDED))
@@ -111,7 +111,7 @@ def addresses_in(octets: bytes, end: i64 = 0) -> bytes:
     if end > 0:
         return data[begin:end]
     at: i64 = begin + len(_QUALIFIER) - 1  # where the last octet of the qualifier may be
-    while at < size:  # several times as fast as `bytes.find`: the octet there shows how far to go on at least
+    while at < size:  # several times as fast as `bytes.find`: the octet there shows the least distance to skip
         octet: i64 = data[at]
         if octet == _LAST and data[at - len(_QUALIFIER) + 1 : at + 1] == _QUALIFIER:
             return data[begin : at - len(_QUALIFIER) + 1]

@@ -34,10 +34,10 @@ class Kept:
 
 
 class Protocol:
-    """What a protocol may do with what passes; this base class takes everything and makes nothing of it.
+    """What a protocol may do with what passes; this base class accepts everything and ignores it.
 
     ``state`` is the value of `Connection.state` while a connection speaks it (`dissect.transactions.connection`: PROBING, ISO
-    …); it means nothing for a protocol that takes messages from another one.
+    …); it means nothing for a protocol inside another protocol.
     """
 
     def __init__(self, state: i64 = 0) -> None:
@@ -63,7 +63,7 @@ class Protocol:
         """Take the beginning of a message whose rest the capture cut off; it has ten octets or more."""
 
     def behind(self, side: Side, octets: bytes, frame: i64, time_ns: i64) -> None:
-        """Take a whole message that lies behind the malformed header of what carries it (`dissect.transactions.behind`)."""
+        """Take a whole message behind the malformed header of its carrier (`dissect.transactions.behind`)."""
 
     def gap(self, side: Side, size: i64, cut: bool, frame: i64, time_ns: i64) -> None:
         """``size`` octets of the stream are missing here; ``cut``: the capture cut them off a packet (snaplen)."""
@@ -81,7 +81,7 @@ class Protocol:
         return side.framer.buffered + (len(kept.octets) if kept is not None else 0)
 
     def add_up(self, side: Side, account: OctetAccount) -> None:
-        """Add to ``account`` what became of the octets of ``side``: framed, skipped, or still held."""
+        """Add to ``account`` the treatment of the octets of ``side``: framed, skipped, or still held."""
         framer = side.framer
         account.framed += framer.framed
         account.skipped += framer.skipped

@@ -24,7 +24,7 @@ _MOST_UNSEEN: Final = 1 << 30
 
 
 class Place:
-    """Where a direction stood: a packet of it, the sequence number after its octets, and the acknowledgement it came with."""
+    """The position of a direction: a packet, the sequence number after its octets, and the acknowledgement it came with."""
 
     __slots__ = ("ack", "end_seq", "frame", "time_ns")
 
@@ -100,25 +100,25 @@ class Side:
         self.ports: i64 = 0
         self.last_ack: i64 = -1  # TCP acknowledgement of the packet at hand
         #: The highest sequence number that the other side is known to have sent: this side acknowledged it, or the other side
-        #: went on behind it. -1 for none.
+        #: continued after it. -1 for none.
         self.acked: i64 = -1
         self.first_ack: i64 = -1  # the first one that this side acknowledged
         self.end_seq: i64 = 0  # sequence number after the octets at hand
         self.size: i64 = 0  # how many octets came with them, in one segment
         self.begun_tpkt: Place | None = None  # the latest packet that left a TPKT unfinished
         self.begun_tsdu: Place | None = None  # the latest one with a DT that left a TSDU unfinished
-        #: The longest TPKT that is taken straight if it comes next (`IsoOnTcp.longest`), 0 where more has to be looked at.
+        #: The longest TPKT that is taken straight if it comes next (`IsoOnTcp.longest`), 0 if more must be examined.
         self.longest: i64 = 0
         self.requests: i64 = 0
         self.numbers_fine: bool = False  # the numbers of its TPDUs are known, and not why requests stay unanswered
         self.probes: Probes | None = None  # keep-alives before anything else was captured
         self.holes: i64 = 0
         self.missing: i64 = 0  # octets in holes
-        self.hole_frame: i64 = 0  # packet at which the latest hole was given up
+        self.hole_frame: i64 = 0  # packet at which the latest gap was declared
         self.hole_end: i64 = -1  # sequence number after it, -1 for none, or if it is the rest of a cut packet
-        self.slight: Chunk | None = None  # a gap that has no message if one begins right behind it, until that is known
-        self.waiting: bool = False  # `Timers` has it in its list of sides to look at when time passes
-        self.watched: bool = False  # `OverdueWatch` looks at its requests
+        self.slight: Chunk | None = None  # a gap without a message if one begins right after it, until that is known
+        self.waiting: bool = False  # it is in the list of sides that `Timers` checks when time passes
+        self.watched: bool = False  # `OverdueWatch` checks its requests
         self.told_jobs: i64 = 0  # packet of its latest request that was one more than was granted
         self.told_overdue: i64 = 0  # number of its latest request that was reported as overdue
         self.stray: Stray | None = None  # there while its octets belong to no TPKT
@@ -138,7 +138,7 @@ class Side:
         self.probes.add(frame, time_ns, filled)
 
     def note_place(self, place: Place | None, frame: i64, time_ns: i64) -> Place:
-        """Return ``place``, or a new one, that says where the side stands with packet ``frame``."""
+        """Return ``place``, or a new one, with the position of the side at packet ``frame``."""
         if place is None:
             place = Place()
         place.frame = frame
@@ -155,7 +155,7 @@ class Side:
     def begin_late(self, seq: i64) -> None:
         """Its first captured octets are those from ``seq`` on; those that the other side had not acknowledged before are a gap.
 
-        A segment before these was sent again or captured late: it begins the stream as it comes.
+        A segment before these was sent again or captured late: it begins the stream.
         """
         peer = self.peer
         begin: i64 = seq
@@ -164,7 +164,7 @@ class Side:
         self.begin(begin)
 
     def note_ack(self, seq: i64, ack: i64) -> None:
-        """Take the acknowledgement of a packet of this side; one with a far sequence number ``seq`` may be of another one."""
+        """Take the acknowledgement of a packet of this side; one far off (``seq``) may belong to a different one."""
         if self.stream.next_seq >= 0 and not -FAR_AHEAD <= self.stream.distance(seq) <= FAR_AHEAD:
             return
         if self.acked < 0:
@@ -190,7 +190,7 @@ class Side:
                 peer.acked = seq
 
     def note_gap(self, frame: i64, end_seq: i64) -> None:
-        """Octets up to ``end_seq`` (-1: unknown) are given up at packet ``frame``; a message may have been in them."""
+        """Octets up to ``end_seq`` (-1: unknown) are declared at packet ``frame``; a message may have been in them."""
         self.hole_frame = frame
         self.hole_end = end_seq
 
@@ -237,7 +237,7 @@ class Side:
 
 
 class Rival:
-    """A SYN from the address of a side of an open connection, which would begin another one; anybody can have sent it.
+    """A SYN from the address of a side of an open connection, which would begin a new one; anybody can have sent it.
 
     ``seq`` is the sequence number after it. ``octets`` is how many that side had sent by then, ``answered`` how many the other
     side had; ``last_frame`` and ``last_ns`` are the latest packet of the open connection before the SYN.

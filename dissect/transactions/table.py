@@ -21,17 +21,17 @@ from dissect.transactions.protocol import Protocol
 from dissect.transactions.side import Side
 from dissect.wire.octets import same, u16
 
-#: How many connections `IdleSearch.step` looks at.
+#: How many connections `IdleSearch.step` examines.
 LOOK_AT_ONCE: Final = 64
 #: How many of the longest idle connections a round finds; the next round begins when fewer than `_FEW_LEFT` are left.
 MAX_FOUND: Final = 512
 _FEW_LEFT: Final = 160
-#: How many of those found are looked at for one that is still idle.
+#: How many candidates are examined to find one that is still idle.
 _TRIED: Final = 16
 
 
 class _Idle:
-    """How idle a connection was when it was looked at."""
+    """How idle a connection was when it was examined."""
 
     __slots__ = ("first_frame", "last_ns", "side")
 
@@ -76,7 +76,7 @@ def _sink(heap: list[_Idle], at: i64, size: i64) -> None:
 class IdleSearch:
     """Looks through the open connections in rounds, `LOOK_AT_ONCE` with each `step`, and keeps the longest idle of a round.
 
-    `take` returns one of those that is still idle. ``looks`` counts the connections looked at.
+    `take` returns one of those that is still idle. ``looks`` counts the examined connections.
     """
 
     def __init__(self) -> None:
@@ -137,7 +137,7 @@ class IdleSearch:
             _sink(self._longest, place, size)
 
     def _end_round(self) -> None:
-        """All connections were looked at: sort the longest idle ones."""
+        """All connections were examined: sort the longest idle ones."""
         if len(self._longest) < MAX_FOUND:
             self._order()
         heap = self._longest
@@ -160,7 +160,7 @@ class IdleSearch:
     def take(self) -> Side | None:
         """Return the longest idle connection that was found, None when there is none.
 
-        Connections with packets since the search looked at them are skipped. When `_TRIED` in a row have, the longest idle of
+        Connections with packets since the search examined them are skipped. When `_TRIED` in a row have, the longest idle of
         these is returned.
         """
         best: Side | None = None
@@ -202,8 +202,7 @@ MAX_ALSO: Final = 4
 
 _PORTS: Final = 4
 _VLAN: Final = 8
-#: The size of an IPv4 key without VLAN.
-#: From this VLAN key on, `Side.ports` cannot tell keys apart: more than two tags.
+#: The size of an IPv4 key without VLAN. From this VLAN key on, `Side.ports` cannot distinguish keys: more than two tags.
 _MANY_TAGS: Final = 1 << 24
 #: Instead of ports: that of a side with IPv6 addresses, which no IPv4 packet has.
 _NO_PORTS: Final = 1 << 62
@@ -281,8 +280,8 @@ def endpoints(key: bytes) -> tuple[Endpoint, Endpoint]:
 class ConnectionTable:
     """Open connections by the keys of both directions, and by further keys of packets in other VLANs (`add`).
 
-    A key is the addresses and ports of a packet as they stand in it, then the VLAN if it has one. A new connection begins with
-    the protocol ``first``. ``evicted`` and ``half_open_evicted`` count connections and attempts dropped because there were too
+    A key is the addresses and ports of a packet in its order, then the VLAN if it has one. A new connection begins with the
+    protocol ``first``. ``evicted`` and ``half_open_evicted`` count connections and attempts dropped because there were too
     many.
     """
 
@@ -302,10 +301,10 @@ class ConnectionTable:
         self._idle: IdleSearch = IdleSearch()
         self.evicted: i64 = 0
         self.half_open_evicted: i64 = 0
-        self._forgot: set[bytes] = set()  # keys of idle connections that were evicted, and may go on
+        self._forgot: set[bytes] = set()  # keys of idle connections that were evicted, and may continue
 
     def forget(self, side: Side) -> None:
-        """Remember that a connection is forgotten that may go on."""
+        """Remember a connection that was dropped and may continue."""
         if len(self._forgot) < MAX_FORGOTTEN:
             self._forgot.add(side.key)
             if side.peer is not None:
@@ -318,7 +317,7 @@ class ConnectionTable:
         return len(self._forgot) > 0 and side.key in self._forgot
 
     def anew(self) -> ConnectionTable:
-        """Return an empty table that goes on with the counts of this one."""
+        """Return an empty table that continues the counts of this one."""
         table = ConnectionTable(self._first)
         table.evicted = self.evicted
         table.half_open_evicted = self.half_open_evicted
@@ -444,7 +443,7 @@ class ConnectionTable:
         return syn
 
     def forget_syn(self, key: bytes) -> None:
-        """Forget a connection attempt: the connection that was there before goes on."""
+        """Forget a connection attempt: the earlier connection continues."""
         self._take_syn(key)
 
     def refused(self, key: bytes) -> bool:
@@ -482,7 +481,7 @@ class ConnectionTable:
         return side0 if first == key else side1
 
     def remove(self, side: Side) -> None:
-        """Forget a connection, but not another one that has taken its keys already.
+        """Forget a connection, but not a new one that has already taken its keys.
 
         Its sides forget each other. They are the only cycle of references; without it all memory is freed at once, and not by
         the garbage collector, whose pauses grow with the number of open connections.

@@ -1,4 +1,4 @@
-"""`Transaction`: a request and its answer, either of which may be missing, and what became of them."""
+"""`Transaction`: a request and its answer, either of which may be missing, and their outcome."""
 
 from __future__ import annotations
 
@@ -65,13 +65,13 @@ if TYPE_CHECKING:
     from dissect.transactions.connection import Connection
     from dissect.transactions.items import TransactionItem
 
-# What became of a transaction.
+# The outcomes of a transaction.
 OPEN: Final = 0
 ANSWERED: Final = 1
 UNANSWERED: Final = 2
 ORPHAN: Final = 3
 PUSH: Final = 4
-BEHIND_MALFORMED: Final = 5  # behind a malformed header, and no part of a pair: nothing is missed
+BEHIND_MALFORMED: Final = 5  # behind a malformed header, and in no pair: nothing is missed
 
 #: Names of the outcomes, by the numbers above.
 OUTCOMES: Final[list[str]] = ["open", "answered", "unanswered", "orphan_answer", "unsolicited", "behind_malformed"]
@@ -111,7 +111,7 @@ DOUBT_TEXTS: Final[dict[str, str]] = {
 }
 
 
-#: What is said of the outcomes, by their numbers, and how many errors `Transaction.__str__` names.
+#: The texts of the outcomes, by their numbers, and how many errors `Transaction.__str__` names.
 OUTCOME_WORDS: Final = (
     "open",
     "answered",
@@ -125,13 +125,15 @@ _SAID: Final = 3
 AS_DICT: Final[list[Callable[[Transaction], dict[str, object]]]] = []
 
 
-@mypyc_attr(free_list_len=1)  # the next object reuses the memory of the last: most are freed before another one is made
+@mypyc_attr(
+    free_list_len=1
+)  # the next object reuses the memory of the last: most are freed before the next one is made
 class Transaction(OldNames):
     """A request and its answer.
 
     Sides are 0 and 1 of ``connection``; ``asked_by`` is the side that sent the request (for an orphan answer and a push: the
-    side it was sent to). Times are nanoseconds since 1970; frames count from 1, and 0 means that there is none. `outcome` says
-    what became of it, ``reason`` why a request stayed unanswered. `items` are the same for all protocols.
+    side it was sent to). Times are nanoseconds since 1970; frames count from 1, and 0 means that there is none. `outcome` is
+    its outcome, ``reason`` why a request stayed unanswered. `items` are the same for all protocols.
 
     The octets of both PDUs are kept and parsed only on demand. `s7_results` are kept once they were read, because rules and
     outputs both need those of a refusal.
@@ -210,7 +212,7 @@ class Transaction(OldNames):
         return f"Transaction({self.number}, {self.function_name}, {self.outcome})"
 
     def __str__(self) -> str:
-        """Return what it is about and what became of it: ``Read Var DB1.DBB0 x2: answered, Object does not exist``."""
+        """Return its subject and its outcome: ``Read Var DB1.DBB0 x2: answered, Object does not exist``."""
         from dissect.transactions.naming import subject
 
         said = [str(error.name) for error in self.errors[:_SAID]] or ([self.reason_text] if self.reason_text else [])
@@ -304,7 +306,7 @@ class Transaction(OldNames):
 
     @property
     def is_likely(self) -> bool:
-        """True for a pair that is only likely: it is left out of times, values and contradictions, and counted beside."""
+        """True for a pair that is only likely: it is left out of times, values and contradictions, and counted separately."""
         return self._outcome == ANSWERED and self._flags & DOUBTS != 0
 
     @property
@@ -462,7 +464,7 @@ class Transaction(OldNames):
     def _written_items(self) -> list[DataItem]:
         """Return the data items of a write request; their offsets are within the buffer.
 
-        Where the data block contradicts itself, those behind the first one that does not fit its item mean nothing.
+        Where the data block contradicts itself, those after the first one that does not fit its item mean nothing.
         """
         asked = self.parameters
         if asked.item_count <= 0 or asked.function != WRITE_VAR or self.rosctr != JOB or not self.request_size:

@@ -5,8 +5,8 @@ both cases the download is one operation. It begins with the request that names 
 request is not in the capture.
 
 Where only one direction of a connection was captured, every step is half a transaction: a request without its answer, or an
-answer without its request. Requests are only given up when the connection ends, answers earlier. So these halves wait until
-they can be followed in the order of their packets. An answer does not name the block; it belongs to the latest transfer.
+answer without its request. Requests are only dropped when the connection ends, answers earlier. So these halves wait until they
+can be followed in the order of their packets. An answer does not name the block; it belongs to the latest transfer.
 """
 
 from __future__ import annotations
@@ -371,7 +371,7 @@ def _held(transaction: Transaction) -> int:
 
 
 def _last(transaction: Transaction, answer: Body) -> bool:
-    """Return whether an answer says that no more pieces follow."""
+    """Return whether an answer says that no further pieces follow."""
     return transaction._outcome != UNANSWERED and answer.number("more") != 1
 
 

@@ -13,10 +13,9 @@ if TYPE_CHECKING:
 class Writes:
     """The latest writes of a connection: how many there are, and a sample of them (`dissect.findings.security_rules`).
 
-    ``count`` counts all writes ever; the others begin anew with each sample. ``since_ns`` and ``pdus`` are the time, and the
+    ``count`` counts all writes ever; the others start again with each sample. ``since_ns`` and ``pdus`` are the time, and the
     PDUs of the connection, at which the sample began; ``variables`` its distinct requests, ``answers_ns`` the time that each
-    answer took. ``hasty`` is the write with which there were so many within ``hasty_ns``, none of them answered, that it may be
-    a flood.
+    answer took. ``hasty`` is the write with which the number of unanswered writes within ``hasty_ns`` may indicate a flood.
 
     ``again`` are writes to ``areas`` that are not in the facts of findings yet, with the first and the last of them.
     """

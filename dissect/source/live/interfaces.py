@@ -180,7 +180,7 @@ def _from_dumpcap(program: str) -> list[NetworkInterface]:
         number, dot, name = fields[0].partition(". ")
         if not dot or not number.isdigit() or len(fields) < 6:
             continue
-        if name.startswith(_WINDOWS_DEVICE):  # nobody types that, and dumpcap takes the name that Windows shows
+        if name.startswith(_WINDOWS_DEVICE):  # users do not type that, and dumpcap accepts the name that Windows shows
             name = fields[2] or name
         addresses = tuple(address for address in fields[4].split(",") if address)
         loopback = fields[5] == "loopback"

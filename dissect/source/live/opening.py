@@ -68,7 +68,7 @@ def open_all(interfaces: Sequence[str], expression: str, engine: str, *, buffer_
         return open_live(interfaces[0], expression, engine, buffer_mib=buffer_mib)
     readers: list[LiveReader] = []
     try:
-        for name in interfaces:  # one by one: those that are open are closed when another one cannot be opened
+        for name in interfaces:  # one by one: open ones are closed if a later one cannot be opened
             reader = open_live(name, expression, engine, buffer_mib=buffer_mib)
             readers.append(reader)
     except BaseException:

@@ -20,7 +20,7 @@ from dissect.source.pcapng import PCAPNG_MAGIC
 _HEAD: Final = 12
 #: How many pieces a thread reads ahead.
 _AHEAD: Final = 4
-#: How long a stopped reader goes on reading what is already in the pipe, in seconds.
+#: How long a stopped reader continues to read data in the pipe, in seconds.
 _STOP_S: Final = 0.2
 
 
@@ -31,7 +31,7 @@ class PipeOctets(Protocol):
         """Return up to ``size`` octets, none at the end, None when none came within ``wait_s`` seconds. Raises OSError."""
 
     def close(self) -> None:
-        """Read no more. The descriptor stays its owner's. May be called twice."""
+        """Stop reading. The descriptor stays its owner's. May be called twice."""
 
 
 if sys.platform != "win32":
@@ -121,7 +121,7 @@ def read_pipe(descriptor: int) -> PipeOctets:
 
 
 class StillNothingError(Exception):
-    """The time is up and the pipe is still empty. The readers keep what they have, and go on from there next time."""
+    """The time is up and the pipe is still empty. The readers keep their data, and continue from there next time."""
 
 
 class PipeSource:

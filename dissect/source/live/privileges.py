@@ -1,4 +1,4 @@
-"""Drops privileges once the packet socket is open and before the first packet is looked at, as tcpdump's -Z does.
+"""Drops privileges once the packet socket is open and before the first packet is examined, as tcpdump's -Z does.
 
 This is for a process that then only reads an interface, so the command line decides about it; `open_live` never does it. It
 changes the whole process. Capabilities belong to each thread, so a user other than root who has some must not have started
@@ -20,7 +20,7 @@ from dissect.wire.text import printable
 
 _SET_NO_NEW_PRIVS: Final = 38
 _CAPABILITY_VERSION: Final = 0x20080522
-#: The user id of nobody where the system has no such name.
+#: The user id of ``nobody`` if the system has no such name.
 _NOBODY: Final = 65534
 _NUMBER: Final = re.compile(r"[0-9]{1,10}")
 _RIGHTS: Final = re.compile(rb"^Cap(?:Inh|Prm|Eff|Amb):\s*0*([0-9a-f]*)$", re.MULTILINE)
@@ -45,7 +45,9 @@ def is_root() -> bool:
 
 
 def heir(name: str = "") -> User:
-    """Return the user that root becomes: ``name``, else the one who called sudo, else nobody. `LiveError` for a wrong name."""
+    """Return the user that root becomes: ``name``, else the user who called sudo, else ``nobody``. `LiveError` for a wrong
+    name.
+    """
     if sys.platform == "win32":
         raise LiveError("Windows has no user to become (-Z)")
     import pwd
@@ -142,7 +144,7 @@ def rights_left() -> str:
 
 
 def program_readable() -> bool:
-    """Return whether this process may still read the files of Python; if not, no more modules can be imported."""
+    """Return whether this process may still read the files of Python; if not, no further modules can be imported."""
     return all([os.access(file, os.R_OK) for file in (os.__file__, __file__)])
 
 

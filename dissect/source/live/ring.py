@@ -144,7 +144,7 @@ class RingReader(LiveReader):
         return True
 
     def stop(self) -> None:
-        """Let no more packets in; `step` still delivers what the ring holds. May be called twice."""
+        """Admit no further packets; `step` still delivers what the ring holds. May be called twice."""
         if self._stop_at is None and not self._closed:
             _attach(self._socket, [Instruction(bpf.RETURN, 0, 0, 0)])
             self._stop_at = time.monotonic() + 3 * _RETIRE_MS / 1000
@@ -159,7 +159,7 @@ class RingReader(LiveReader):
             self._socket.close()
 
     def _left(self) -> int:
-        """Return how many packets the ring holds that were not read: whoever closes it early loses them."""
+        """Return how many packets the ring holds that were not read: an early close loses them."""
         count = 0
         for ahead in range(self._blocks):
             at = (self._next + ahead) % self._blocks * BLOCK_SIZE + STATUS_AT
@@ -170,7 +170,7 @@ class RingReader(LiveReader):
         return count // 2 if self._skip_outgoing else count  # loopback shows each packet twice
 
     def _wait(self) -> bool:
-        """Wait for a block; return False when no more will come."""
+        """Wait for a block; return False when no further ones will come."""
         wait_ms = self.wait_ms
         if self._stop_at is not None:
             left = self._stop_at - time.monotonic()
@@ -214,7 +214,7 @@ def open_ring(
     interface: NetworkInterface, expression: str, wait_ms: int, *, buffer_mib: int, promiscuous: bool
 ) -> RingReader:
     """Open a ring on ``interface``; `LiveError` with advice when that is not allowed or the filter is not usable."""
-    if sys.platform != "linux":  # where nobody knows the link type either
+    if sys.platform != "linux":  # where the link type is unknown as well
         raise UnavailableError(_NEEDS, _INSTEAD)
     if interface.link_type < 0:
         raise LiveError(

@@ -1,9 +1,9 @@
 """Several interfaces as one source: each packet with the interface that captured it, in the order of their times.
 
-Packets of two interfaces come in pieces, each piece in its order. So what came is held for `HOLD_NS` from its arrival, in
-which the pieces of the others come, and given out by time; what comes later than that keeps its place behind. Clocks of
-packets, which may be wrong or set back, decide only about the order. An interface that ends does not end the others, and a
-silent one does not keep a busy one waiting.
+Packets of two interfaces come in pieces, each piece in its order. So what came is held for `HOLD_NS` from its arrival, in which
+the pieces of the others come, and given out by time; packets that come later stay after the others. Clocks of packets, which
+may be wrong or set back, decide only about the order. An interface that ends does not end the others, and a silent one does not
+keep a busy one waiting.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ HOLD_NS: Final = {"ring": 150_000_000, "dumpcap": 500_000_000}
 MAX_HELD: Final = 64 << 20
 #: How long all rest when none has anything, in seconds.
 _REST_S: Final = 0.01
-#: What a held packet costs beside its octets.
+#: Memory of a held packet besides its octets.
 _COST: Final = 200
 #: Arrivals that are remembered at most: as many as packets can be held.
 _MAX_ARRIVALS: Final = MAX_HELD // _COST
@@ -99,7 +99,7 @@ class SeveralReader(LiveReader):
         return self._count > before
 
     def _ended(self, reader: LiveReader) -> None:
-        """Note that an interface has ended while others go on; when it was the last one, that is the end."""
+        """Note that an interface has ended while others continue; when it was the last one, that is the end."""
         if reader.damage and self._going:
             self._outages.append((f"{reader.damage}; the other interfaces go on", False))
         notes = [f"{reader.interface}: {note}" for note in reader.notes]
