@@ -68,7 +68,7 @@ class Reader:
         return False
 
     def stated_loss(self) -> str:
-        """Return in words how many packets were lost while the capture was made, if the file has that number; empty for none."""
+        """Return in words how many packets were lost during the capture, if the file has that number; empty for none."""
         return ""
 
     def close(self) -> None:

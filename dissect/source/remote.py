@@ -263,7 +263,7 @@ def _nothing(name: str) -> list[str]:
 
 
 def _matches(name: str, must: bool = True) -> list[str]:
-    """Return the files of one pattern. A name without a pattern is returned unchanged, if the file exists or ``must`` is set."""
+    """Return the files of one pattern. A name without a pattern is returned if the file exists or ``must`` is set."""
     if is_remote(name):
         scheme, _, rest = name.partition("://")
         path = rest if scheme.lower() in _SSH else rest.partition("?")[0]

@@ -45,9 +45,7 @@ def is_root() -> bool:
 
 
 def heir(name: str = "") -> User:
-    """Return the user that root becomes: ``name``, else the user who called sudo, else ``nobody``. `LiveError` for a wrong
-    name.
-    """
+    """Return the user that root becomes: ``name``, the user who called sudo, or ``nobody``. `LiveError` for a wrong name."""
     if sys.platform == "win32":
         raise LiveError("Windows has no user to become (-Z)")
     import pwd
