@@ -497,7 +497,7 @@ class Pipeline(PacketSink):
         if connection.state == LEFT_OUT:
             return accounts.LEFT_OUT
         if connection.state == FOREIGN or (connection.state == PROBING and half.held is None):
-            return accounts.OTHER_PROTOCOL  # its data are unused, even if it is not yet reported as a different protocol
+            return accounts.OTHER_PROTOCOL  # unused, even if it is not yet reported as a different protocol
         if what == stream.NEW or what == stream.OLD:
             return PAYLOAD if what == stream.NEW else accounts.RETRANSMISSION
         return accounts.KEEP_ALIVE if what == stream.KEEP_ALIVE else accounts.BEFORE_START
