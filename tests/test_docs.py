@@ -37,6 +37,10 @@ def test_the_readme_has_snippets() -> None:
     assert len(SNIPPETS) == 4
 
 
+def test_the_readme_can_be_read_at_once() -> None:
+    assert len(README.splitlines()) <= 250
+
+
 @pytest.mark.parametrize("snippet", SNIPPETS)
 def test_a_snippet_runs_and_prints(snippet: str) -> None:
     assert run("-c", hiding("s7dissect[data] pandas" if "frames" in snippet else "") + snippet).strip()
@@ -81,7 +85,7 @@ def test_the_python_of_a_page_runs_with_the_extras_that_it_names(page: str, tmp_
 
 
 #: Each page that shows output of commands, and how often.
-SHOWING = {"README.md": 16, "docs/devices.md": 1, "docs/tutorial.md": 8, "docs/values.md": 2}
+SHOWING = {"README.md": 2, "docs/devices.md": 1, "docs/recipes.md": 15, "docs/tutorial.md": 8, "docs/values.md": 2}
 OUTPUTS = [
     (name, command, shown)
     for name in SHOWING
@@ -149,7 +153,8 @@ def test_the_comment_in_the_page_of_evidence_is_real(capfdbinary: pytest.Capture
 
 def test_every_command_and_option_in_the_recipes_exists(s7dissect: Command) -> None:
     tutorial = (ROOT / "docs" / "tutorial.md").read_text(encoding="utf-8")
-    recipes = re.findall(r"`s7dissect (\w+) ([^`]*)`", README) + re.findall(
+    pages = README + (ROOT / "docs" / "recipes.md").read_text(encoding="utf-8")
+    recipes = re.findall(r"`s7dissect (\w+) ([^`]*)`", pages) + re.findall(
         r"^s7dissect (\w+) (.*)$", tutorial, re.MULTILINE
     )
     assert len(recipes) >= 8
