@@ -1,21 +1,26 @@
-"""The second reading of a capture: writes the wanted packets, and some packets around them, to a pcapng file."""
+"""The second reading of a capture: writes the wanted packets, and some packets around them, to a pcapng file. Compiled."""
 
 from __future__ import annotations
 
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 from mypy_extensions import i64
 
 from dissect.recording.recent import KeptPacket, RecentPackets
-from dissect.select.selection import Choice
 from dissect.source.packet import PacketSink, Reader
-from dissect.source.pcapng_writer import PcapngWriter
+from dissect.source.packet_blocks import PacketBlocks
+
+if TYPE_CHECKING:  # interpreted
+    from dissect.select.selection import Choice
+    from dissect.source.pcapng_writer import PcapngWriter
 
 #: At most so many octets of packets are held, in case a later packet is wanted.
 MAX_HELD: Final = 64 * 1024 * 1024
 
 _FOREVER_NS: Final = 2**62
 _MAX_COMMENTS: Final = 64
+#: Octets of blocks that go to the writer together.
+_TOGETHER: Final = 65_536
 
 
 class Around:
@@ -38,22 +43,29 @@ class Cutter(PacketSink):
     """
 
     def __init__(self, choice: Choice, writer: PcapngWriter, around: Around | None = None, mark: int = 0) -> None:
-        self.frames = 0
-        self.chosen = 0
-        self.beside = 0
-        self.commented = 0
-        self.secrets_kept = 0
+        self.frames: i64 = 0
+        self.chosen: i64 = 0
+        self.beside: i64 = 0
+        self.commented: i64 = 0
+        self.secrets_kept: i64 = 0
         self.numbers: dict[int, int] = {}
-        self._mark = mark
-        self._choice = choice
-        self._writer = writer
+        self._mark: i64 = mark
+        self._choice: Choice = choice
+        self._findings: dict[int, list[str]] = choice.comments
+        self._everything: bool = choice.everything  # between these two times
+        self._from_ns: i64 = max(choice.times[0], -_FOREVER_NS)
+        self._to_ns: i64 = min(choice.times[1], _FOREVER_NS)
+        self._writer: PcapngWriter = writer
+        self._blocks: PacketBlocks | None = None  # packets of this interface that are not given to the writer yet
+        self._link_type: i64 = -1
+        self._name: str = ""
         around = around if around is not None else Around()
-        self._after = around
+        self._after: Around = around
         self._recent: RecentPackets | None = None
         if around.packets or around.ns:
             self._recent = RecentPackets(MAX_HELD, around.ns or _FOREVER_NS, around.packets)
-        self._left = 0  # so many further packets are written after the last wanted one
-        self._until_ns = -1
+        self._left: i64 = 0  # so many further packets are written after the last wanted one
+        self._until_ns: int = -1
         self._reader: Reader | None = None
         self._comments: list[str] = []
 
@@ -67,6 +79,7 @@ class Cutter(PacketSink):
         self._reader = reader
         while reader.step(self):
             pass
+        self._give()
 
     def comment(self, text: str) -> None:
         """Take a comment in the capture on the next packet, which keeps it."""
@@ -76,18 +89,34 @@ class Cutter(PacketSink):
     def secrets(self, text: bytes) -> None:
         """Copy TLS keys in the capture, so that the written file can be decrypted, too."""
         self.secrets_kept += 1
+        self._give()
         self._writer.secrets(text)
 
     def frame(self, time_ns: i64, buf: bytes, start: i64, end: i64, wire_length: i64, link_type: i64) -> None:
         """Take a packet: write it, hold it, or drop it."""
         self.frames += 1
+        wanted: bool
+        if self._everything:
+            wanted = self._from_ns <= time_ns <= self._to_ns
+        else:
+            wanted = self._choice.takes(int(self.frames), int(time_ns), buf, int(start), int(end), int(link_type))
         comments = self._comments
-        self._comments = []  # a new list: the packet keeps the old one
-        wanted = self._choice.takes(self.frames, time_ns, buf, start, end, link_type)
-        if not wanted and self._recent is None:
+        if self._recent is None and (not wanted or (not comments and self._is_plain())):
+            if wanted:
+                self._gather(time_ns, buf, start, end, wire_length, link_type)
+            elif comments:
+                self._comments = []
             return
-        name = self._reader.interface if self._reader is not None else ""
-        packet = KeptPacket(self.frames, int(time_ns), buf[start:end], int(wire_length), int(link_type), name, comments)
+        self._comments = []  # a new list: the packet keeps the old one
+        packet = KeptPacket(
+            int(self.frames),
+            int(time_ns),
+            buf[start:end],
+            int(wire_length),
+            int(link_type),
+            self._interface(),
+            comments,
+        )
         if wanted:
             self._take(packet)
         elif self._left > 0 or packet.time_ns <= self._until_ns:
@@ -97,8 +126,36 @@ class Cutter(PacketSink):
         elif self._recent is not None:
             self._recent.add(packet)
 
+    def _is_plain(self) -> bool:
+        """Return whether a packet has no finding, and nobody asks for its number in the written file."""
+        return self.chosen > 0 and self.frames != self._mark and int(self.frames) not in self._findings
+
+    def _interface(self) -> str:
+        return self._reader.interface if self._reader is not None else ""
+
+    def _gather(self, time_ns: i64, buf: bytes, start: i64, end: i64, wire_length: i64, link_type: i64) -> None:
+        """Write a wanted packet without comments, together with others."""
+        self.chosen += 1
+        name = self._interface()
+        blocks = self._blocks
+        if blocks is None or link_type != self._link_type or name != self._name:
+            self._give()
+            blocks = self._writer.blocks(int(link_type), name)
+            self._blocks = blocks
+            self._link_type = link_type
+            self._name = name
+        blocks.add(time_ns, buf[start:end], wire_length)
+        if blocks.octets >= _TOGETHER:
+            self._writer.put(blocks)
+
+    def _give(self) -> None:
+        """Give the gathered packets to the writer: what comes next is not one of them."""
+        if self._blocks is not None:
+            self._writer.put(self._blocks)
+
     def _take(self, packet: KeptPacket) -> None:
         self.chosen += 1
+        self._give()
         if self._recent is not None:
             for before in self._recent.within(packet.time_ns):
                 self.beside += 1
@@ -110,7 +167,8 @@ class Cutter(PacketSink):
         self._write(packet)
 
     def _write(self, packet: KeptPacket) -> None:
-        findings = self._choice.comments.get(packet.frame)
+        self._give()
+        findings = self._findings.get(packet.frame)
         if findings or packet.frame == self._mark:
             self.numbers[packet.frame] = self._writer.packets + 1
         if findings:

@@ -23,7 +23,7 @@ _BLANK: Final = 0x20
 _OPEN: Final = 0x5B
 _CLOSE: Final = 0x5D
 #: The exponent bits in the first two octets of a REAL; all of them are set in infinities and NaN.
-_NOT_FINITE: Final = 0x7F80
+NOT_FINITE: Final = 0x7F80
 _ANYWHERE: Final = 2
 _BEHIND: Final = 1
 #: By octet: where a character needs neither escape nor quotes in any output: `_ANYWHERE`, only `_BEHIND` other characters
@@ -78,7 +78,7 @@ def write_elements(out: BytesWriter, kind: i64, step: i64, octets: bytes, at: i6
             out.write(b", ")
         if kind != REAL:
             write_number(out, kind, octets, at)
-        elif finite and u16(octets, at) & _NOT_FINITE == _NOT_FINITE:
+        elif finite and u16(octets, at) & NOT_FINITE == NOT_FINITE:
             return False
         else:
             write_real_repr(out, octets, at)
@@ -97,7 +97,7 @@ def write_word(out: BytesWriter, item: Item, octets: bytes, at: i64, size: i64, 
     if item.transport_size == CHAR:
         if size > most:
             return False
-        if not _is_harmless(octets, at, at + size):
+        if not is_harmless(octets, at, at + size):
             return False
         out.write(quote)
         out.write(octets[at : at + size])
@@ -137,7 +137,7 @@ def write_times(out: BytesWriter, item: Item, octets: bytes, at: i64, size: i64,
     return True
 
 
-def _is_harmless(octets: bytes, at: i64, end: i64) -> bool:
+def is_harmless(octets: bytes, at: i64, end: i64) -> bool:
     """Return whether no character needs an escape or quotes where it stands; leading blanks do not disarm a formula."""
     least: i64 = _ANYWHERE
     while at < end:

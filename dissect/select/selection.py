@@ -311,8 +311,14 @@ class Choice:
         self._everything = everything
         self._wanted = wanted
         self._around: Places | None = None
+        self.times = times
         self._from_ns, self._to_ns = times
         self._narrow: Callable[[int, int, bytes, int, int, int], bool] | None = None
+
+    @property
+    def everything(self) -> bool:
+        """Whether all packets between the two ``times`` are wanted, so that nobody has to ask `takes`."""
+        return self._everything and self._narrow is None and self._around is None
 
     def narrow(self, test: Callable[[int, int, bytes, int, int, int], bool]) -> None:
         """Want only packets for which ``test``, called with the arguments of `takes`, returns True, too."""

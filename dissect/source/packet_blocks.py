@@ -5,11 +5,15 @@ from __future__ import annotations
 import struct
 from typing import Final
 
+from librt.strings import BytesWriter, write_i32_le, write_i64_le
+from mypy_extensions import i32, i64
+
 from dissect.source.pcapng import ENHANCED_PACKET, MAX_BLOCK
 
 #: The latest time that a block can hold, nanoseconds since 1970.
 MAX_COUNT: Final = 2**64 - 1
 _MASK: Final = 0xFFFFFFFF
+_MOST_SIGNED: Final = 0x7FFFFFFF
 _PACKET_HEAD: Final = struct.Struct("<IIIIIII")
 #: The padding after a packet, by its size modulo four.
 _PADDING: Final = (b"", bytes(3), bytes(2), bytes(1))
@@ -60,27 +64,48 @@ class Told:
 class PacketBlocks:
     """Gathers packets of one interface to be written together: ``packets`` of them, in blocks of ``octets`` octets."""
 
-    __slots__ = ("_blocks", "_interface", "_told", "octets", "packets")
+    __slots__ = ("_interface", "_out", "_told", "octets", "packets")
 
     def __init__(self, interface: int, told: Told) -> None:
-        self.packets = 0
-        self.octets = 0
-        self._blocks: list[bytes] = []
-        self._interface = interface
-        self._told = told
+        self.packets: i64 = 0
+        self.octets: i64 = 0
+        self._out: BytesWriter = BytesWriter()
+        self._interface: i64 = interface
+        self._told: Told = told
 
-    def add(self, time_ns: int, octets: bytes, wire_length: int) -> None:
-        """Take the next packet."""
-        block = plain_block(self._interface, time_ns, octets, wire_length)
-        self._blocks.append(block)
-        self._told.count(time_ns)
+    def add(self, time_ns: i64, octets: bytes, wire_length: i64) -> None:
+        """Take the next packet. Raises as `plain_block` does."""
+        size: i64 = len(octets)
+        padding: i64 = -size & 3
+        total: i64 = 32 + size + padding
+        if total > MAX_BLOCK:
+            plain_block(int(self._interface), int(time_ns), octets, int(wire_length))  # raises
+        since: i64 = time_ns
+        if time_ns < 0:
+            since = 0
+        on_wire: i64 = wire_length
+        if wire_length < size:
+            on_wire = size
+        if on_wire > _MOST_SIGNED:
+            on_wire -= 1 << 32  # written as a signed number, it is the same four octets
+        out = self._out
+        write_i64_le(out, total << 32 | ENHANCED_PACKET)
+        write_i64_le(out, since >> 32 << 32 | self._interface)
+        write_i64_le(out, size << 32 | since & _MASK)
+        write_i32_le(out, i32(on_wire))
+        out.write(octets)
+        while padding:
+            out.append(0)
+            padding -= 1
+        write_i32_le(out, i32(total))
+        self._told.count(int(time_ns))
         self.packets += 1
-        self.octets += len(block)
+        self.octets += total
 
     def take(self) -> bytes:
         """Return the blocks that were gathered, and begin again with none."""
-        whole = b"".join(self._blocks)
-        self._blocks = []
+        whole = self._out.getvalue()
+        self._out.truncate(0)
         self.packets = 0
         self.octets = 0
         return whole

@@ -288,9 +288,9 @@ class PcapngWriter:
         self._told[number].count(time_ns)
         self.packets += 1
 
-    def blocks(self, link_type: int) -> PacketBlocks:
-        """Return a `PacketBlocks` that gathers packets of the interface with this link type, for `put`."""
-        number = self.interface(link_type)
+    def blocks(self, link_type: int, name: str = "") -> PacketBlocks:
+        """Return a `PacketBlocks` that gathers packets of the interface with this link type and name, for `put`."""
+        number = self.interface(link_type, name)
         return PacketBlocks(number, self._told[number])
 
     def put(self, blocks: PacketBlocks) -> None:

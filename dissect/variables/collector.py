@@ -41,7 +41,7 @@ from dissect.transactions.payloads import ScdMessage
 from dissect.transactions.results import DOUBTS, TEST_WRITES, has_items
 from dissect.transactions.transaction import ANSWERED, Transaction
 from dissect.transactions.transaction import PUSH as OUTCOME_PUSH
-from dissect.variables.model import FORCE, MODIFY, NOTIFICATION, PDO, PUSH, READ, WRITE, ValueRow, Variable
+from dissect.variables.model import FORCE, MODIFY, NOTIFICATION, PDO, PUSH, READ, WRITE, Told, ValueRow, Variable
 from dissect.variables.tracker import MAX_VARIABLES, NO_ANSWER, Plan, Plc, Tracker
 from dissect.variables.wanted import Image, WantedSet
 
@@ -272,11 +272,13 @@ class Collector(Observer):
         if code != SUCCESS:
             self._store.refuse(transaction, variable, code, how, writes, RETURN_CODES)
             return
-        row = self._store.row(transaction, variable, how, writes, _own_octets(named))
+        data = _own_octets(named)
+        row = self._store.row(transaction, variable, how, writes, data)
         if row is not None:
-            row.value = named.value
+            value: object = named.value
             if not named.name and not named.remark:
-                row.value = decode_value(BYTE, named.data)
+                value = decode_value(BYTE, named.data)
+            row.told = Told(data, -1, value)
             row.remark = named.remark
             self._store.finish(row)
 
@@ -404,7 +406,7 @@ class Collector(Observer):
             row = self._store.row(transaction, variable, how, writes, octets)
             if row is not None:
                 row.pieced = not all_of_it
-                row.value = variable.value if not row.changed else image.value(octets)
+                row.told = variable.told if not row.changed else Told(octets, -1, image.value(octets))
                 self._store.finish(row)
         if alone:
             own = self._own(plc, item)
@@ -455,8 +457,7 @@ class Collector(Observer):
         value = item.json_value
         row = self._store.row(transaction, variable, how, writes, item.data, value)
         if row is not None:
-            row.value = value
-            row.text = item.meaning
+            row.told = Told(item.data, -1, value, item.meaning)
             row.remark = item.note
             self._store.finish(row)
 
@@ -509,8 +510,7 @@ class Collector(Observer):
                 made.frame = found.frame
                 made.time_ns = found.time_ns
                 made.side = 1 - side
-                made.value = value
-                made.text = row.text
+                made.told = Told(None, -1, value, row.text)
                 made.remark = ", ".join(row.flags)
                 self._store.finish(made)
 

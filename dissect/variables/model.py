@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Final
 
 from mypy_extensions import i64
 
+from dissect.s7.values import decode_value
 from dissect.tcp.stream import Endpoint
 from dissect.transactions.connection import Connection
 from dissect.transactions.transaction import LIKELY, SURE
@@ -25,6 +26,36 @@ PDO: Final = "pdo"  # of SCD
 HOWS: Final = (READ, WRITE, PUSH, MODIFY, FORCE, NOTIFICATION, PDO)
 
 
+class Told:
+    """A value as it was told, shared by all rows until it changes: its octets ``data`` (None for none) and its name ``text``.
+
+    ``coded`` is the transport size of octets that nobody has decoded yet, -1 if they are decoded or need no decoding: most
+    outputs write values from their octets.
+    """
+
+    __slots__ = ("_value", "coded", "data", "text")
+
+    def __init__(self, data: bytes | None, coded: i64 = -1, value: object = None, text: str = "") -> None:
+        self.data: bytes | None = data
+        self.coded: i64 = coded
+        self._value: object = value
+        self.text: str = text
+
+    @property
+    def value(self) -> object:
+        """The value, decoded the first time; None if the octets have none."""
+        if self.coded >= 0:
+            data = self.data
+            if data is not None:
+                self._value = decode_value(self.coded, data)
+            self.coded = -1
+        return self._value
+
+
+#: Where no value is known.
+UNTOLD: Final = Told(None)
+
+
 class Variable:
     """A place in a CPU that was read or written; its rows of values refer to it.
 
@@ -39,7 +70,6 @@ class Variable:
         "address",
         "bytes_only",
         "comment",
-        "data",
         "likely",
         "next_ns",
         "plc",
@@ -48,11 +78,10 @@ class Variable:
         "seen",
         "statistics",
         "tag",
-        "text",
+        "told",
         "type",
         "unconfirmed",
         "unit",
-        "value",
         "vlan",
     )
 
@@ -65,9 +94,7 @@ class Variable:
         self.unit: str = unit
         self.comment: str = ""
         self.bytes_only: bool = False  # octets of unknown meaning, shown in hexadecimal
-        self.data: bytes | None = None
-        self.value: object = None
-        self.text: str = ""
+        self.told: Told = UNTOLD
         self.seen: bool = False
         self.refused_reads: i64 = 0
         self.refused_writes: i64 = 0
@@ -75,6 +102,21 @@ class Variable:
         self.likely: i64 = 0
         self.next_ns: i64 = 0  # with ``--every``: there is no further row before this time
         self.statistics: Statistics | None = None
+
+    @property
+    def data(self) -> bytes | None:
+        """The octets of the latest value."""
+        return self.told.data
+
+    @property
+    def value(self) -> object:
+        """The latest value."""
+        return self.told.value
+
+    @property
+    def text(self) -> str:
+        """The name of the latest value."""
+        return self.told.text
 
     @property
     def name(self) -> str:
@@ -100,23 +142,19 @@ class ValueRow:
     """
 
     __slots__ = (
-        "before",
         "changed",
-        "data",
         "doubt",
         "first",
         "frame",
         "how",
         "link",
         "pieced",
-        "previous",
-        "previous_text",
         "remark",
         "side",
-        "text",
         "time_ns",
-        "value",
+        "told",
         "variable",
+        "was",
         "writes",
     )
 
@@ -128,17 +166,43 @@ class ValueRow:
         self.time_ns: i64 = time_ns
         self.frame: i64 = frame
         self.writes: bool = False
-        self.value: object = None
-        self.data: bytes | None = None
-        self.previous: object = None
-        self.previous_text: str = ""
-        self.before: bytes | None = None
+        self.told: Told = UNTOLD
+        self.was: Told = UNTOLD
         self.first: bool = False
         self.changed: bool = True
         self.pieced: bool = False
-        self.text: str = ""
         self.remark: str = ""
         self.doubt: str = ""
+
+    @property
+    def value(self) -> object:
+        """The value in the unit of the tag; None where the bytes have none."""
+        return self.told.value
+
+    @property
+    def data(self) -> bytes | None:
+        """The bytes; None for values without bytes of their own."""
+        return self.told.data
+
+    @property
+    def text(self) -> str:
+        """What an SCD dictionary or S7comm-plus calls the value."""
+        return self.told.text
+
+    @property
+    def previous(self) -> object:
+        """The value before, whoever read or wrote it."""
+        return self.was.value
+
+    @property
+    def before(self) -> bytes | None:
+        """The bytes before."""
+        return self.was.data
+
+    @property
+    def previous_text(self) -> str:
+        """Name of the value before."""
+        return self.was.text
 
     @property
     def certainty(self) -> str:
@@ -226,4 +290,4 @@ def _taken(variable: Variable) -> tuple[Endpoint, int, str, str, str, str]:
 
 
 leaves(Variable, taken=_taken)
-leaves(ValueRow, RefusedRow)
+leaves(Told, ValueRow, RefusedRow)

@@ -13,7 +13,7 @@ from dissect.tcp.link import within
 from dissect.tcp.stream import Endpoint
 from dissect.transactions.connection import Connection
 from dissect.transactions.transaction import Transaction
-from dissect.variables.model import RefusedRow, ValueRow, Variable
+from dissect.variables.model import RefusedRow, Told, ValueRow, Variable
 from dissect.variables.statistics import Statistics
 from dissect.variables.wanted import Image, Wanted
 from dissect.wire.codes import CodeTable
@@ -180,10 +180,13 @@ class Tracker:
             return
         row = self.row(transaction, variable, how, writes, data)
         if row is not None:
-            if row.changed or variable.value is None:
-                row.value = item_value(item, data)
-            else:
-                row.value = variable.value
+            told = variable.told
+            # The same octets may have had no value as a part of a wanted place.
+            if row.changed or (told.coded < 0 and told.value is None):
+                told = Told(data)
+                if item.size == len(data) or item.fits(len(data)):
+                    told.coded = item.transport_size
+            row.told = told
             self.finish(row)
 
     def _add(self, transaction: Transaction, variable: Variable, item: Item, writes: bool, data: bytes) -> None:
@@ -193,13 +196,13 @@ class Tracker:
             self.untracked += 1
             return
         time_ns: i64 = transaction.request_ns if writes and transaction.request_frame else transaction.response_ns
-        before = variable.data
+        before = variable.told.data
         if before is not None and variable.seen and before == data:
             statistics.again(time_ns, transaction.connection, transaction.asked_by, writes)
             return
         first: bool = not variable.seen
         value = item_value(item, data)
-        self._keep(variable, data, value)
+        self._keep(variable, Told(data, -1, value))
         statistics.different(
             value if value is not None else data,
             data,
@@ -219,7 +222,10 @@ class Tracker:
         data: bytes | None,
         value: object = None,
     ) -> ValueRow | None:
-        """Begin the row of a value, None if it is left out. Values are compared by their octets, else by ``value``."""
+        """Begin the row of a value, None if it is left out; the caller sets what was told.
+
+        Values are compared by their octets ``data``, else by ``value``.
+        """
         time_ns: i64 = transaction.response_ns
         frame: i64 = transaction.response_frame
         if writes and transaction.request_frame:
@@ -238,17 +244,14 @@ class Tracker:
             variable.next_ns = (time_ns // self._every_ns + 1) * self._every_ns
         changed: bool = True
         if variable.seen:
-            changed = variable.data != data if data is not None else variable.value != value
+            changed = variable.told.data != data if data is not None else variable.value != value
             if not changed and self._changes:
                 return None
         row = ValueRow(variable, transaction.connection, transaction.asked_by, how, time_ns, frame)
         row.writes = writes
-        row.data = data
         row.first = not variable.seen
         row.changed = changed
-        row.previous = variable.value
-        row.before = variable.data
-        row.previous_text = variable.text
+        row.was = variable.told
         row.doubt = self.doubt
         return row
 
@@ -259,21 +262,22 @@ class Tracker:
             self.rows.append(row)
             return
         if variable.next_ns >= 0 and row.changed:
-            self._keep(variable, row.data, row.value, row.text)
+            self._keep(variable, row.told)
         statistics = variable.statistics
         if statistics is not None:
             statistics.add(row)
         elif not self._sums:
             self.rows.append(row)
 
-    def _keep(self, variable: Variable, data: bytes | None, value: object, text: str = "") -> None:
+    def _keep(self, variable: Variable, told: Told) -> None:
         """Remember the latest value of a variable."""
+        data = told.data
         if data is not None:
-            before = variable.data
-            self.kept += len(data) - (len(before) if before is not None else 0)
-        variable.data = data
-        variable.value = value
-        variable.text = text
+            before = variable.told.data
+            if before is not None:
+                self.kept -= len(before)
+            self.kept += len(data)
+        variable.told = told
         variable.seen = True
 
 

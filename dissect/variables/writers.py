@@ -6,25 +6,30 @@ import json
 import re
 from typing import TYPE_CHECKING, Final
 
+from librt.strings import BytesWriter
 from mypy_extensions import i64
 
 from dissect.report import words
 from dissect.report.certainty import doubt_mark
 from dissect.report.item_json import value_text
+from dissect.report.line_octets import ERRORS
 from dissect.report.styled import HANG, PLAIN, Line
 from dissect.report.words import Places
 from dissect.report.writer import Writer
 from dissect.report.writers.csv import json_cell, quoted
 from dissect.s7plus.value_showing import members_said
 from dissect.transactions.connection import Connection
-from dissect.variables.model import ValueRow, Variable
+from dissect.transactions.transaction import SURE
+from dissect.variables.model import UNTOLD, Told, ValueRow, Variable
+from dissect.variables.value_octets import write_cell, write_hex, write_json, write_shown
+from dissect.wire.digits import Moments, Times, write_decimal, write_hexadecimal
 from dissect.wire.text import Clock, cell, json_text, shortened
 
 if TYPE_CHECKING:
     from dissect.variables.summary import Summary
 
 VALUE_SCHEMA: Final = "s7dissect.value/1"
-_HEAD: Final = f'{{"schema":"{VALUE_SCHEMA}","time":"'
+_HEAD: Final = f'{{"schema":"{VALUE_SCHEMA}","time":"'.encode("ascii")
 #: Columns of the table of rows; with several files `FILE_COLUMN` follows ``frame``.
 CSV_COLUMNS: Final[list[str]] = [
     "time",
@@ -58,6 +63,13 @@ _BLOB: Final = "Blob"
 _HEXADECIMAL: Final = re.compile(r"([0-9a-f]{2})*")
 #: The remark on a value of which only a part was transferred.
 PIECED: Final = "only a part of its bytes passed"
+#: The last cells of a row without a remark that is certain.
+_SURE: Final = f",,{SURE},".encode("ascii")
+#: The numbers of packets in lines are as wide as this one.
+_LEAST_FRAME: Final = 100_000
+_BLANK: Final = 0x20
+_QUOTE: Final = 0x22
+_COMMA: Final = 0x2C
 
 
 class ValueWriter(Writer):
@@ -104,10 +116,10 @@ def shown(variable: Variable, value: object, data: bytes | None, text: str = "")
 class Beginnings:
     """The beginning that the rows of a transaction share: time, packet, both ends, and how the values were transferred."""
 
-    __slots__ = ("_frame", "_how", "_link", "_side", "_time_ns", "text")
+    __slots__ = ("_frame", "_how", "_link", "_side", "_time_ns", "octets")
 
     def __init__(self) -> None:
-        self.text: str = ""
+        self.octets: bytes = b""
         self._link: Connection | None = None
         self._side: i64 = 0
         self._how: str = ""
@@ -115,7 +127,7 @@ class Beginnings:
         self._frame: i64 = 0
 
     def fits(self, row: ValueRow) -> bool:
-        """Return whether ``text`` is the beginning of ``row``; if not, remember ``row``: the caller has to set its text."""
+        """Return whether ``octets`` are the beginning of ``row``; if not, remember ``row``: the caller has to set them."""
         if (
             row.link is self._link
             and row.time_ns == self._time_ns
@@ -133,123 +145,173 @@ class Beginnings:
 
 
 class Written:
-    """What a writer keeps for a variable: its ``names`` as they are written, and its latest value with the text.
+    """What a writer keeps for a variable: its ``names`` as they are written, and its latest value with what was written of it.
 
-    ``repeated`` is the end of a row without a change, for octets ``data``; empty if no such row was written yet.
+    ``repeated`` is the end of a row without a change; empty if no such row was written yet.
     """
 
-    __slots__ = ("data", "names", "repeated", "text", "value")
+    __slots__ = ("names", "repeated", "shown", "told")
 
-    def __init__(self, names: str) -> None:
-        self.names: str = names
-        self.value: object = None
-        self.text: str = ""
-        self.data: bytes | None = None
-        self.repeated: str = ""
-
-    def repeats(self, row: ValueRow) -> bool:
-        """Return whether ``repeated`` is the end of ``row``."""
-        return bool(
-            self.repeated
-            and not row.changed
-            and row.value is self.value
-            and row.data == self.data
-            and not row.pieced
-            and not row.text
-            and not row.remark
-            and not row.doubt
-        )
-
-    def keep(self, row: ValueRow, repeated: str) -> None:
-        """Keep the end of a row without a change, unless it has a text or remark of its own."""
-        if not (row.pieced or row.text or row.remark or row.doubt):
-            self.data = row.data
-            self.repeated = repeated
+    def __init__(self, names: bytes) -> None:
+        self.names: bytes = names
+        self.told: Told = UNTOLD
+        self.shown: bytes = b""
+        self.repeated: bytes = b""
 
 
 class RowWriter(ValueWriter):
-    """Writes a row as a beginning, which the rows of a transaction share, and an end, which repeats with the same value."""
+    """Writes a row as a beginning, which the rows of a transaction share, and an end, which repeats with the same value.
+
+    Rows are octets in UTF-8, written into one buffer; usual values are written from their octets (`value_octets`).
+    """
 
     def __init__(self, clock: Clock | None = None, verbose: bool = False) -> None:
         super().__init__(clock, verbose)
+        self._out: BytesWriter = BytesWriter()
+        self._begin: i64 = 0  # where in ``_out`` the value stands that was just written
+        self._end: i64 = 0
         self._beginnings: Beginnings = Beginnings()
         self._written: dict[Variable, Written] = {}
-        self._ends: dict[int, str] = {}
+        self._ends: dict[int, bytes] = {}
 
-    def ends(self, row: ValueRow) -> str:
+    def _ends_of(self, row: ValueRow) -> bytes:
         """Return `between`, which is made once for each connection and direction."""
         key: i64 = row.link.number * 2 + row.side
         found = self._ends.get(key)
         if found is None:
             if len(self._ends) >= _MAX_CACHED:
                 self._ends.clear()
-            found = self.between(row)
+            found = self.between(row).encode("utf-8", ERRORS)
             self._ends[key] = found
         return found
 
-    def texts(self, rows: list[ValueRow]) -> list[str]:
-        """Return the text of each row."""
-        texts: list[str] = []
+    def _names_of(self, variable: Variable) -> Written:
+        """Return what is kept for a variable that has no row yet."""
+        if len(self._written) >= _MAX_CACHED:
+            self._written.clear()
+        written = Written(self.names(variable).encode("utf-8", ERRORS))
+        self._written[variable] = written
+        return written
+
+    def octets(self, rows: list[ValueRow]) -> list[bytes]:
+        """Return the octets of each row."""
+        found: list[bytes] = []
         beginnings = self._beginnings
+        out = self._out
         for row in rows:
             if not beginnings.fits(row):
-                beginnings.text = self.beginning(row)
+                out.truncate(0)
+                self.beginning(out, row)
+                beginnings.octets = out.getvalue()
             written = self._written.get(row.variable)
             if written is None:
-                if len(self._written) >= _MAX_CACHED:
-                    self._written.clear()
-                written = Written(self.names(row.variable))
-                self._written[row.variable] = written
-            if not written.repeats(row):
-                written.repeated = ""
-                end = self.end(row, written)
-                if not row.changed:
-                    written.keep(row, end)
-                texts.append(beginnings.text + end)
-            else:
-                texts.append(beginnings.text + written.repeated)
-        return texts
+                written = self._names_of(row.variable)
+            plain: bool = not row.changed and not row.pieced and not row.remark and not row.doubt
+            if plain and row.told is written.told and written.repeated:
+                found.append(beginnings.octets + written.repeated)
+                continue
+            out.truncate(0)
+            out.write(beginnings.octets)
+            self.end(out, row, written)
+            octets = out.getvalue()
+            found.append(octets)
+            written.told = row.told
+            written.shown = octets[self._begin : self._end]
+            written.repeated = octets[len(beginnings.octets) :] if plain else b""
+        return found
+
+    def _show(self, out: BytesWriter, row: ValueRow, written: Written) -> None:
+        """Write the value of a row."""
+        self._begin = len(out)
+        self.show(out, row.variable, row.told)
+        self._end = len(out)
+
+    def _show_previous(self, out: BytesWriter, row: ValueRow, written: Written) -> None:
+        """Write the value before that of a row: mostly the one that was written last."""
+        if row.was is written.told:
+            out.write(written.shown)
+        else:
+            self.show(out, row.variable, row.was)
 
     def names(self, variable: Variable) -> str:
         """Return the part of its rows that names a variable."""
         return ""
 
-    def beginning(self, row: ValueRow) -> str:
-        """Return the part that the rows of a transaction share: time, packet, both ends, how the value was transferred."""
-        return ""
+    def beginning(self, out: BytesWriter, row: ValueRow) -> None:
+        """Write the part that the rows of a transaction share: time, packet, both ends, how the value was transferred."""
 
     def between(self, row: ValueRow) -> str:
         """Return the client and the PLC of a row."""
         return ""
 
-    def end(self, row: ValueRow, written: Written) -> str:
-        """Return the rest of a row, and remember the value in ``written``."""
-        return ""
+    def show(self, out: BytesWriter, variable: Variable, told: Told) -> None:
+        """Write a value."""
+
+    def end(self, out: BytesWriter, row: ValueRow, written: Written) -> None:
+        """Write the rest of a row."""
 
 
 class ValueText(RowWriter):
     """Writes a line for each row: time, packet, both ends, how, the value, and a different value before it."""
 
+    def __init__(self, clock: Clock | None = None, verbose: bool = False) -> None:
+        super().__init__(clock, verbose)
+        self._moments: Moments = Moments(self.clock)
+
     def values(self, rows: list[ValueRow]) -> None:
         """Add the lines of rows."""
-        self.lines += [Line(text, PLAIN, HANG) for text in self.texts(rows)]
+        lines = self.octets(rows)
+        if self.plain:
+            self.lines += lines
+        else:
+            self.lines += [Line(octets.decode("utf-8"), PLAIN, HANG) for octets in lines]
 
     def names(self, variable: Variable) -> str:
         """Return a variable and its type."""
         return typed_text(variable)
 
-    def beginning(self, row: ValueRow) -> str:
-        """Return what the lines of a transaction share."""
-        return line_beginning(row, self.clock, self.places, self.ends(row))
+    def beginning(self, out: BytesWriter, row: ValueRow) -> None:
+        """Write what the lines of a transaction share."""
+        if self.places.several:
+            ends = self._ends_of(row).decode("utf-8")
+            out.write(line_beginning(row, self.clock, self.places, ends).encode("utf-8", ERRORS))
+            return
+        self._moments.write(out, row.time_ns)
+        out.write(b"  ")
+        least: i64 = _LEAST_FRAME
+        while row.frame < least:
+            out.append(_BLANK)
+            least //= 10
+        write_decimal(out, row.frame)
+        out.write(b"  ")
+        out.write(self._ends_of(row))
+        out.write(f"  {row.how:<5}  ".encode("ascii"))
 
     def between(self, row: ValueRow) -> str:
         """Return both ends."""
         return ends_text(row, self.places)
 
-    def end(self, row: ValueRow, written: Written) -> str:
-        """Return the variable with its value."""
-        written.value = row.value
-        return line_end(row, written.names)
+    def show(self, out: BytesWriter, variable: Variable, told: Told) -> None:
+        """Write a value for a person."""
+        if not told.text and not variable.unit:
+            data = told.data
+            if variable.bytes_only:
+                if data is not None and write_hex(out, data):
+                    return
+            elif write_shown(out, told):
+                return
+        out.write(shown(variable, told.value, told.data, told.text).encode("utf-8", ERRORS))
+
+    def end(self, out: BytesWriter, row: ValueRow, written: Written) -> None:
+        """Write the variable with its value, and a value before it that was different."""
+        out.write(written.names)
+        out.write(b" = ")
+        self._show(out, row, written)
+        if row.changed and not row.first:
+            out.write(b"  was ")
+            self._show_previous(out, row, written)
+        if row.remark or row.pieced or row.doubt:
+            out.write(line_remarks(row).encode("utf-8", ERRORS))
 
     def summary(self, summary: Summary) -> None:
         """Add a table with a line for each variable."""
@@ -284,13 +346,17 @@ def line_end(row: ValueRow, what: str) -> str:
     was = ""
     if row.changed and not row.first:
         was = f"  was {shown(variable, row.previous, row.before, row.previous_text)}"
+    return f"{what} = {shown(variable, row.value, row.data, row.text)}{was}{line_remarks(row)}"
+
+
+def line_remarks(row: ValueRow) -> str:
+    """Return what is odd about a value, for the end of its line; empty for nothing."""
     # The remark on an SCD value is only shown if there is no value: it has no ``data``.
     odd = row.remark and (row.value is None or row.data is not None)
     remark = f"  [{shortened(row.remark, _NAME)}]" if odd else ""
     if row.pieced:
         remark = f"  [{PIECED}]"
-    mark = f"  {doubt_mark(row.doubt)}" if row.doubt else ""
-    return f"{what} = {shown(variable, row.value, row.data, row.text)}{was}{remark}{mark}"
+    return f"{remark}  {doubt_mark(row.doubt)}" if row.doubt else remark
 
 
 # ---- JSON -----------------------------------------------------------------------------------------------------------
@@ -330,10 +396,11 @@ class ValueJsonl(RowWriter):
     def __init__(self, clock: Clock | None = None, verbose: bool = False) -> None:
         super().__init__(clock, verbose)
         self.joint = b""
+        self._times: Times = Times()
 
     def values(self, rows: list[ValueRow]) -> None:
         """Add the lines of rows."""
-        self.lines += self.texts(rows)
+        self.lines += self.octets(rows)
 
     def names(self, variable: Variable) -> str:
         """Return the keys of a variable."""
@@ -345,13 +412,18 @@ class ValueJsonl(RowWriter):
 
         self.lines += json_lines(summary)
 
-    def beginning(self, row: ValueRow) -> str:
-        """Return the keys from ``schema`` to ``how``."""
-        frame = str(row.frame)
+    def beginning(self, out: BytesWriter, row: ValueRow) -> None:
+        """Write the keys from ``schema`` to ``how``."""
+        out.write(_HEAD)
+        self._times.write(out, row.time_ns)
+        out.write(b'","frame":')
         if self.places.several:
             name, number = self.places.locate(int(row.frame))
-            frame = f'{number},"file":{json_text(name)}'
-        return f'{_HEAD}{self.clock.iso(row.time_ns)}","frame":{frame}{self.ends(row)},"how":"{row.how}"'
+            out.write(f'{number},"file":{json_text(name)}'.encode("utf-8", ERRORS))
+        else:
+            write_decimal(out, row.frame)
+        out.write(self._ends_of(row))
+        out.write(f',"how":"{row.how}"'.encode("ascii"))
 
     def between(self, row: ValueRow) -> str:
         """Return the keys of the connection and its ends."""
@@ -359,30 +431,41 @@ class ValueJsonl(RowWriter):
             f',"connection":{row.link.number},"client":{json_text(row.host)},"plc":{json_text(str(row.variable.plc))}'
         )
 
-    def end(self, row: ValueRow, written: Written) -> str:
-        """Return the remaining keys."""
-        known: bool = written.text != ""
-        before = written.text
-        same: bool = known and row.previous is written.value
-        if not known or row.value is not written.value:
-            written.text = any_text(row.value)
-            written.value = row.value
-        value = was = written.text
-        changed = "false"
+    def show(self, out: BytesWriter, variable: Variable, told: Told) -> None:
+        """Write a value as JSON."""
+        if not write_json(out, told):
+            out.write(any_text(told.value).encode("utf-8", ERRORS))
+
+    def end(self, out: BytesWriter, row: ValueRow, written: Written) -> None:
+        """Write the remaining keys."""
+        out.write(written.names)
+        out.write(b',"value":')
+        self._show(out, row, written)
+        told = row.told
+        if told.text:
+            out.write(f',"text":{json_text(told.text)}'.encode("utf-8", ERRORS))
+        out.write(b',"previous":')
         if row.first:
-            was = changed = "null"
+            out.write(b'null,"changed":null,"octets":')
         elif row.changed:
-            was = before if same else any_text(row.previous)
-            changed = "true"
-        data = row.data
-        octets = f'"{data.hex()}"' if data is not None else "null"
+            self._show_previous(out, row, written)
+            out.write(b',"changed":true,"octets":')
+        else:
+            self.show(out, row.variable, told)
+            out.write(b',"changed":false,"octets":')
+        data = told.data
+        if data is None:
+            out.write(b"null")
+        else:
+            out.append(_QUOTE)
+            write_hexadecimal(out, data, 0, len(data))
+            out.append(_QUOTE)
+        if not row.remark and not row.pieced and not row.doubt:
+            out.write(b',"remark":null}')
+            return
         remark = _or_null(row.remark) if not row.pieced else f'"{PIECED}"'
-        text = f',"text":{json_text(row.text)}' if row.text else ""
         likely = f',"certainty":"{row.certainty}","doubt":"{row.doubt}"' if row.doubt else ""
-        return (
-            f'{written.names},"value":{value}{text},"previous":{was},"changed":{changed}'
-            f',"octets":{octets},"remark":{remark}{likely}}}'
-        )
+        out.write(f',"remark":{remark}{likely}}}'.encode("utf-8", ERRORS))
 
 
 # ---- CSV ------------------------------------------------------------------------------------------------------------
@@ -394,14 +477,15 @@ class ValueCsv(RowWriter):
     def __init__(self, clock: Clock | None = None, verbose: bool = False) -> None:
         super().__init__(clock, verbose)
         self.joint = b""
+        self._times: Times = Times()
         self._begun: bool = False
 
     def values(self, rows: list[ValueRow]) -> None:
         """Add the rows; the first call adds the heading, even without rows."""
         if not self._begun:
             self._begun = True
-            self.lines.append(",".join(self.columns()))
-        self.lines += self.texts(rows)
+            self.lines.append(",".join(self.columns()).encode("ascii"))
+        self.lines += self.octets(rows)
 
     def names(self, variable: Variable) -> str:
         """Return the cells of a variable, which are the same in all of its rows."""
@@ -417,37 +501,53 @@ class ValueCsv(RowWriter):
         """Return the names of the columns."""
         return [*CSV_COLUMNS[:2], FILE_COLUMN, *CSV_COLUMNS[2:]] if self.places.several else list(CSV_COLUMNS)
 
-    def beginning(self, row: ValueRow) -> str:
-        """Return the cells from ``time`` to ``how``. Numbers, times and addresses need no quotes."""
-        frame = str(row.frame)
+    def beginning(self, out: BytesWriter, row: ValueRow) -> None:
+        """Write the cells from ``time`` to ``how``. Numbers, times and addresses need no quotes."""
+        self._times.write(out, row.time_ns)
+        out.append(_COMMA)
         if self.places.several:
             name, number = self.places.locate(int(row.frame))
-            frame = f"{number},{quoted(cell(name))}"
-        return f"{self.clock.iso(row.time_ns)},{frame},{self.ends(row)},{row.how},"
+            out.write(f"{number},{quoted(cell(name))}".encode("utf-8", ERRORS))
+        else:
+            write_decimal(out, row.frame)
+        out.append(_COMMA)
+        out.write(self._ends_of(row))
+        out.write(f",{row.how},".encode("ascii"))
 
     def between(self, row: ValueRow) -> str:
         """Return the cells of the connection and its ends."""
         return f"{row.link.number},{row.host},{row.variable.plc}"
 
-    def end(self, row: ValueRow, written: Written) -> str:
-        """Return the remaining cells."""
+    def show(self, out: BytesWriter, variable: Variable, told: Told) -> None:
+        """Write the cell of a value."""
+        if variable.bytes_only or not write_cell(out, told):
+            out.write(quoted(value_cell(variable, told.value, told.data)).encode("utf-8", ERRORS))
+
+    def end(self, out: BytesWriter, row: ValueRow, written: Written) -> None:
+        """Write the remaining cells."""
         variable = row.variable
-        data = row.data
-        before = ""
-        if row.changed:
-            known: bool = written.text != "" and row.previous is written.value and row.before == written.data
-            before = written.text if known else quoted(value_cell(variable, row.previous, row.before))
-        written.text = quoted(value_cell(variable, row.value, data))
-        written.value = row.value
-        written.data = data
-        was = before if row.changed else written.text
-        changed = "" if row.first else "true" if row.changed else "false"
-        unit = quoted(cell(variable.unit)) if variable.unit else ""
-        text = quoted(cell(row.text)) if row.text else ""
+        told = row.told
+        out.write(written.names)
+        out.append(_COMMA)
+        self._show(out, row, written)
+        if told.text or variable.unit:
+            text = quoted(cell(told.text)) if told.text else ""
+            out.write(f",{text},{quoted(cell(variable.unit))},".encode("utf-8", ERRORS))
+        else:
+            out.write(b",,,")
+        if not row.changed:
+            self.show(out, variable, told)
+        elif not row.first:
+            self._show_previous(out, row, written)
+        out.write(b",," if row.first else b",true," if row.changed else b",false,")
+        data = told.data
+        if data is not None:
+            write_hexadecimal(out, data, 0, len(data))
+        if not row.remark and not row.pieced and not row.doubt:
+            out.write(_SURE)
+            return
         remark = PIECED if row.pieced else quoted(cell(row.remark)) if row.remark else ""
-        octets = data.hex() if data is not None else ""
-        likely = f"{row.certainty},{row.doubt}"
-        return f"{written.names},{written.text},{text},{unit},{was},{changed},{octets},{remark},{likely}"
+        out.write(f",{remark},{row.certainty},{row.doubt}".encode("utf-8", ERRORS))
 
 
 def value_cell(variable: Variable, value: object, data: bytes | None) -> str:

@@ -98,7 +98,7 @@ class _Read:
         values = ValueJsonl()
         values.begin(self.places)
         values.values(self.seen.values)
-        self.value_lines = [json.loads(str(line)) for line in values.lines]
+        self.value_lines = [json.loads(line) for line in values.lines]
         self.pdu_lines = [json.loads(line if isinstance(line, (str, bytes)) else str(line)) for line in pdus.lines]
 
 
