@@ -97,6 +97,7 @@ HOT: Final = (
     "dissect/report/latencies.py",
     "dissect/report/line_octets.py",
     "dissect/report/pdu_json.py",
+    "dissect/report/pdu_octets.py",
     "dissect/report/plus.py",
     "dissect/report/plus_items.py",
     "dissect/report/plus_octets.py",

@@ -32,13 +32,35 @@ _CLOSE: Final = 0x5D
 _MAX_CACHED: Final = 8192
 
 
+class BothEnds:
+    """Who sent and who got what lines tell, as their octets, made once for each connection and direction."""
+
+    __slots__ = ("_known", "_places")
+
+    def __init__(self, places: Places) -> None:
+        self._places: Places = places
+        self._known: dict[int, bytes] = {}
+
+    def of(self, connection: Connection, side: i64) -> bytes:
+        """Return the end that sent, an arrow, and the other end."""
+        key: i64 = connection.number * 2 + side
+        found = self._known.get(key)
+        if found is None:
+            if len(self._known) >= _MAX_CACHED:
+                self._known.clear()
+            ends = connection.tcp.ends
+            found = f"{self._places.end(ends[side])} → {self._places.end(ends[1 - side])}  ".encode("utf-8", ERRORS)
+            self._known[key] = found
+        return found
+
+
 class LineOctets:
     """Makes the line of a transaction in one buffer, which it uses again for the next."""
 
     def __init__(self, clock: Clock, places: Places) -> None:
         self._places: Places = places
         self._moments: Moments = Moments(clock)
-        self._ends: dict[int, bytes] = {}
+        self._ends: BothEnds = BothEnds(places)
         self._said: bytes = b""  # the name of the function between blanks; all lines are of reads
         self._out: BytesWriter = BytesWriter()
         self._step: GoodItems = GoodItems()
@@ -61,7 +83,7 @@ class LineOctets:
         write_decimal(out, transaction.response_frame)
         _fill(out, begin, FRAMES_WIDTH + _GREATER_BY)
         out.append(_BLANK)
-        out.write(self._both(transaction.connection, transaction.asked_by))
+        out.write(self._ends.of(transaction.connection, transaction.asked_by))
         _write_latency(out, transaction.response_ns - transaction.request_ns)
         if len(self._said) == 0:
             self._said = f"  {transaction.function_name}  ".encode()
@@ -78,19 +100,6 @@ class LineOctets:
             if not _write_content(out, item, step.buf, step.at, step.size):
                 out.write(facets.content(item, step.buf[step.at : step.at + step.size]).encode("utf-8", ERRORS))
         return out.getvalue() if step.whole else b""
-
-    def _both(self, connection: Connection, asked_by: i64) -> bytes:
-        """Return who sent the request and who answered."""
-        key: i64 = connection.number * 2 + asked_by
-        found = self._ends.get(key)
-        if found is None:
-            if len(self._ends) >= _MAX_CACHED:
-                self._ends.clear()
-            ends = connection.tcp.ends
-            asked, answered = self._places.end(ends[asked_by]), self._places.end(ends[1 - asked_by])
-            found = f"{asked} → {answered}  ".encode("utf-8", ERRORS)
-            self._ends[key] = found
-        return found
 
 
 def _write_latency(out: BytesWriter, ns: i64) -> None:

@@ -22,7 +22,7 @@ from dissect.transactions.connection import Connection
 from dissect.transactions.transaction import SURE
 from dissect.variables.model import UNTOLD, Told, ValueRow, Variable
 from dissect.variables.value_octets import write_cell, write_hex, write_json, write_shown
-from dissect.wire.digits import Moments, Times, write_decimal, write_hexadecimal
+from dissect.wire.digits import Moments, Times, write_aligned, write_decimal, write_hexadecimal
 from dissect.wire.text import Clock, cell, json_text, shortened
 
 if TYPE_CHECKING:
@@ -65,9 +65,8 @@ _HEXADECIMAL: Final = re.compile(r"([0-9a-f]{2})*")
 PIECED: Final = "only a part of its bytes passed"
 #: The last cells of a row without a remark that is certain.
 _SURE: Final = f",,{SURE},".encode("ascii")
-#: The numbers of packets in lines are as wide as this one.
-_LEAST_FRAME: Final = 100_000
-_BLANK: Final = 0x20
+#: The least width of the number of a packet in a line.
+_FRAME_WIDTH: Final = 6
 _QUOTE: Final = 0x22
 _COMMA: Final = 0x2C
 
@@ -278,11 +277,7 @@ class ValueText(RowWriter):
             return
         self._moments.write(out, row.time_ns)
         out.write(b"  ")
-        least: i64 = _LEAST_FRAME
-        while row.frame < least:
-            out.append(_BLANK)
-            least //= 10
-        write_decimal(out, row.frame)
+        write_aligned(out, row.frame, _FRAME_WIDTH)
         out.write(b"  ")
         out.write(self._ends_of(row))
         out.write(f"  {row.how:<5}  ".encode("ascii"))
@@ -332,7 +327,7 @@ def ends_text(row: ValueRow, places: Places) -> str:
 
 def line_beginning(row: ValueRow, clock: Clock, places: Places, ends: str) -> str:
     """Return time, packet, both ends, and how a value was transferred."""
-    return f"{clock.moment(row.time_ns)}  {places.mark(int(row.frame)):>6}  {ends}  {row.how:<5}  "
+    return f"{clock.moment(row.time_ns)}  {places.mark(int(row.frame)):>{_FRAME_WIDTH}}  {ends}  {row.how:<5}  "
 
 
 def typed_text(variable: Variable) -> str:

@@ -19,6 +19,7 @@ _TWO_HEX: Final = bytes(range(256)).hex().encode("ascii")
 _WITH_COMMA: Final = "".join([f"{octet},".ljust(4) for octet in range(256)]).encode("ascii")
 _COMMA: Final = 0x2C
 _ZERO: Final = 0x30
+_BLANK: Final = 0x20
 MINUS: Final = 0x2D
 #: Factors and shifts that replace a division, because Python's rounding of negative numbers costs more than the division
 #: itself: by 100 for numbers below 10,000, and by 10,000 for numbers below `_QUICK`.
@@ -53,6 +54,18 @@ def write_decimal(out: BytesWriter, number: i64) -> None:
         write_i16_le(out, read_i16_le(_TWO, 2 * number))
     else:
         out.append(u8(_ZERO + number))
+
+
+def write_aligned(out: BytesWriter, number: i64, width: i64) -> None:
+    """Write a number that is not negative, with blanks before it up to ``width`` characters, at most 18."""
+    least: i64 = 1
+    while width > 1:
+        least *= 10
+        width -= 1
+    while number < least and least > 1:
+        out.append(_BLANK)
+        least //= 10
+    write_decimal(out, number)
 
 
 def write_digits(out: BytesWriter, number: i64, count: i64) -> None:

@@ -17,6 +17,7 @@ from dissect.report.certainty import mark
 from dissect.report.facets import facet_of
 from dissect.report.line_octets import ERRORS, LineOctets
 from dissect.report.operations import styled_operation
+from dissect.report.pdu_octets import KIND_WIDTH, PduOctets
 from dissect.report.plus import plus_notes, plus_summary
 from dissect.report.scd import scd_summary
 from dissect.report.styled import FAILED, HANG, PLAIN, TREE_HANG, Line
@@ -95,6 +96,15 @@ def _pdu_line(
     pdu: Pdu, connection: Connection, clock: Clock, places: Places, faults: list[Malformed], most: int = 0
 ) -> str:
     """Return the line of a PDU; contradictions within its parts are added to ``faults``."""
+    rest = _pdu_rest(pdu, connection, faults, most)
+    kind = pdu.rosctr_name if pdu.rosctr >= 0 else "?"
+    reference = hex_number(pdu.pdu_ref, 4) if pdu.pdu_ref >= 0 else "?"
+    head = _head(pdu.frame, pdu.time_ns, connection, pdu.side, clock, places)
+    return f"{head}  {kind.ljust(KIND_WIDTH)}  ref {reference}{rest}"
+
+
+def _pdu_rest(pdu: Pdu, connection: Connection, faults: list[Malformed], most: int) -> str:
+    """Return what follows the reference in the line of a PDU."""
     said = f"  {body}" if (body := _body(pdu, connection.naming, faults, most)) else ""
     function = f"  {pdu.function_name}" if pdu.function_name else ""
     if pdu.cut:
@@ -102,10 +112,7 @@ def _pdu_line(
     wrong = [*_own_faults(pdu), *faults]
     if wrong:
         said += f"  MALFORMED {wrong[0]}"
-    kind = pdu.rosctr_name if pdu.rosctr >= 0 else "?"
-    reference = hex_number(pdu.pdu_ref, 4) if pdu.pdu_ref >= 0 else "?"
-    head = _head(pdu.frame, pdu.time_ns, connection, pdu.side, clock, places)
-    return f"{head}  {kind.ljust(8)}  ref {reference}{function}{said}"
+    return f"{function}{said}"
 
 
 def scd_line(found: ScdMessage, connection: Connection, clock: Clock, places: Places) -> str:
@@ -264,11 +271,13 @@ class TextWriter(Writer):
         super().__init__(clock, verbose)
         self.number_width = NUMBER_WIDTH
         self._octets: LineOctets = LineOctets(self.clock, self.places)
+        self._pdus: PduOctets = PduOctets(self.clock, self.places)
 
     def begin(self, places: Places) -> None:
         """Take ``places`` for the names of packets."""
         super().begin(places)
         self._octets = LineOctets(self.clock, places)
+        self._pdus = PduOctets(self.clock, places)
 
     def transaction(self, transaction: Transaction) -> None:
         """Add the line of a transaction."""
@@ -324,8 +333,19 @@ class TextWriter(Writer):
     def pdu(self, frame: i64, time_ns: i64, side: Side, octets: bytes, cut: bool) -> None:
         """Add the line of an S7 PDU."""
         connection = side.connection
+        asks: bool = False  # a request to read, whose end is kept
+        if self.plain and not self.verbose and not cut:
+            known = self._pdus.of(frame, time_ns, side, octets, self.carrying)
+            if known:
+                self.lines.append(known)
+                return
+            asks = self._pdus.asks
         pdu = parse_pdu(octets, frame, time_ns, connection.number, side.index, cut)
         faults: list[Malformed] = []
+        if asks:
+            self._pdus.keep(octets, _pdu_rest(pdu, connection, faults, self.most))
+            self.lines.append(self._pdus.of(frame, time_ns, side, octets, self.carrying))
+            return
         line = _pdu_line(pdu, connection, self.clock, self.places, faults, self.most)
         header = self.header_of(side, octets)
         if header is not None:
