@@ -144,7 +144,7 @@ class Cutter(PacketSink):
             self._blocks = blocks
             self._link_type = link_type
             self._name = name
-        blocks.add(time_ns, buf[start:end], wire_length)
+        blocks.add(int(time_ns), buf[start:end], wire_length)
         if blocks.octets >= _TOGETHER:
             self._writer.put(blocks)
 

@@ -14,6 +14,7 @@ from dissect.source.pcapng import ENHANCED_PACKET, MAX_BLOCK
 MAX_COUNT: Final = 2**64 - 1
 _MASK: Final = 0xFFFFFFFF
 _MOST_SIGNED: Final = 0x7FFFFFFF
+_MOST_NS: Final = 2**62 - 1
 _PACKET_HEAD: Final = struct.Struct("<IIIIIII")
 #: The padding after a packet, by its size modulo four.
 _PADDING: Final = (b"", bytes(3), bytes(2), bytes(1))
@@ -73,21 +74,24 @@ class PacketBlocks:
         self._interface: i64 = interface
         self._told: Told = told
 
-    def add(self, time_ns: i64, octets: bytes, wire_length: i64) -> None:
+    def add(self, time_ns: int, octets: bytes, wire_length: i64) -> None:
         """Take the next packet. Raises as `plain_block` does."""
         size: i64 = len(octets)
         padding: i64 = -size & 3
         total: i64 = 32 + size + padding
-        if total > MAX_BLOCK:
-            plain_block(int(self._interface), int(time_ns), octets, int(wire_length))  # raises
-        since: i64 = time_ns
-        if time_ns < 0:
-            since = 0
-        on_wire: i64 = wire_length
-        if wire_length < size:
-            on_wire = size
+        if total > MAX_BLOCK or time_ns < 0 or time_ns > _MOST_NS:
+            self._out.write(plain_block(int(self._interface), time_ns, octets, int(wire_length)))
+        else:
+            self._write(time_ns, octets, max(wire_length, size), padding, total)
+        self._told.count(time_ns)
+        self.packets += 1
+        self.octets += total
+
+    def _write(self, since: i64, octets: bytes, on_wire: i64, padding: i64, total: i64) -> None:
+        """Write what `plain_block` returns."""
         if on_wire > _MOST_SIGNED:
             on_wire -= 1 << 32  # written as a signed number, it is the same four octets
+        size: i64 = len(octets)
         out = self._out
         write_i64_le(out, total << 32 | ENHANCED_PACKET)
         write_i64_le(out, since >> 32 << 32 | self._interface)
@@ -98,9 +102,6 @@ class PacketBlocks:
             out.append(0)
             padding -= 1
         write_i32_le(out, i32(total))
-        self._told.count(int(time_ns))
-        self.packets += 1
-        self.octets += total
 
     def take(self) -> bytes:
         """Return the blocks that were gathered, and begin again with none."""
