@@ -80,7 +80,7 @@ def mask_s7(octets: bytes) -> bytes:
         return made
     rosctr = octets[1]
     at = ACK_HEADER_SIZE if rosctr == ACK_DATA else HEADER_SIZE
-    function = octets[at : at + 1]
+    function = octets[at : at + 1] if len(octets) > at else b""  # compiled, no slice may begin behind the end
     if rosctr == USERDATA or function not in (_READ, _WRITE):
         octets = without_secrets(octets)
     masked = bytearray(octets)

@@ -7,6 +7,8 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO, Final
 
+from mypy_extensions import i64, mypyc_attr
+
 from dissect.engine.exchange import PayloadDecoder
 from dissect.engine.observer import Observer
 from dissect.engine.pipeline import Options
@@ -77,6 +79,7 @@ def content_order(links: list[Link]) -> list[Link]:
     return sorted(links, key=_SortKey)
 
 
+@mypyc_attr(allow_interpreted_subclasses=True)
 class SessionReader(Observer):
     """Gathers the results of a pipeline; `finish` returns the session.
 
@@ -108,7 +111,7 @@ class SessionReader(Observer):
         """Make an entry for the connection: it may end without a transaction."""
         self._link(connection)
 
-    def tpdu(self, frame: int, time_ns: int, side: Side, octets: bytes) -> None:
+    def tpdu(self, frame: i64, time_ns: i64, side: Side, octets: bytes) -> None:
         """Keep the answer to the connect request, and the last TPDU that may end the connection."""
         kind = octets[HEADER + 1] >> 4
         if kind not in {CC, DR, ER}:

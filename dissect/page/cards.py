@@ -9,6 +9,7 @@ from dissect.inventory.model import Device, Talk
 from dissect.inventory.rows import device_row
 from dissect.page.bins import cells_of
 from dissect.page.gathered import Gathered
+from dissect.page.ordered import Ordered
 from dissect.page.plcs import BAND, Plc
 from dissect.page.polls import Request, Variable
 from dissect.page.rows import Station, station_of
@@ -45,18 +46,19 @@ _IDENTITY: Final = {
 }
 
 
-def cards(gathered: Gathered, seconds: Callable[[int], float], width: int) -> dict[str, Any]:
+def cards(ordered: Ordered, seconds: Callable[[int], float], width: int) -> dict[str, Any]:
     """Return the cards of the machines that answer, those with most transactions first.
 
     ``seconds`` turns a time into seconds after the start; ``width`` is that of the bins of answer times, in nanoseconds.
     """
+    gathered = ordered.of
     servers = [(number, device) for number, device in enumerate(gathered.inventory.devices, 1) if device.asked_by]
     servers.sort(key=lambda entry: (-_transactions(entry[1]), entry[0]))
     polls: dict[Station, list[tuple[int, Request]]] = {}
-    for number, known in enumerate(gathered.requests.polls(), 1):
+    for number, known in enumerate(ordered.polls, 1):
         polls.setdefault(station_of(known.connection), []).append((number, known))
     refused: dict[Station, list[tuple[str, Variable]]] = {}
-    for (station, address), variable in sorted(gathered.requests.variables().items()):
+    for (station, address), variable in ordered.variables:
         if variable.refused:
             refused.setdefault(station, []).append((address, variable))
     rows = []

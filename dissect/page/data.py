@@ -12,8 +12,9 @@ from dissect.page.bins import WIDTHS, cells_of, lower_end
 from dissect.page.cards import cards
 from dissect.page.gaps import Gap
 from dissect.page.gathered import BANDS, Gathered, Span
+from dissect.page.ordered import Ordered
 from dissect.page.rows import OUTCOME_NAMES, Station, selecting, station_of
-from dissect.page.tables import Tables, functions_of
+from dissect.page.tables import Tables
 from dissect.page.tag_steps import TagSteps
 from dissect.page.verdict import by_weight
 from dissect.report.operations import NAMES as KINDS
@@ -44,6 +45,7 @@ class Data:
 
     def __init__(self, gathered: Gathered, name: str) -> None:
         self._of = gathered
+        self._ordered = Ordered(gathered)
         self._name = name
         self._start = gathered.start_ns
         self._end = max(gathered.end_ns, gathered.start_ns + 1)
@@ -75,8 +77,8 @@ class Data:
             "gaps": [self._gap(gap) for gap in [*of.gaps, *of.between_files()]],
             "gaps_not_drawn": of.gaps_not_drawn,
             "marks": self._marks(),
-            "plcs": cards(of, self._seconds, self._width(_CARD_BINS)),
-            "tables": Tables(of, self._start, self._end, _BINS).as_list(),
+            "plcs": cards(self._ordered, self._seconds, self._width(_CARD_BINS)),
+            "tables": Tables(self._ordered, self._start, self._end, _BINS).as_list(),
         }
 
     def _seconds(self, time_ns: int) -> float:
@@ -134,7 +136,7 @@ class Data:
         answered = [entry for entry in self._of.spreads.items() if entry[1].times.count]
         found = sorted(answered, key=lambda entry: (-entry[1].times.count, entry[0]))
         rows = []
-        keys = {name: f"f{number}" for number, (name, _) in enumerate(functions_of(self._of), 1)}
+        keys = {name: f"f{number}" for number, (name, _) in enumerate(self._ordered.functions, 1)}
         for (host, function), spread in found[:_SPREADS]:
             times = spread.times
             bands: dict[int, int] = {}
@@ -161,7 +163,7 @@ class Data:
         return {"rows": rows, "total": len(found), "not_told_apart": self._of.spreads_not_told_apart}
 
     def _polls(self) -> dict[str, Any]:
-        found = self._of.requests.polls()
+        found = self._ordered.polls
         rows = [
             {
                 "host": self._of.rows.station(station_of(known.connection)),

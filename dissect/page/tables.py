@@ -7,7 +7,8 @@ from typing import Any, Final
 
 from dissect.inventory.rows import device_row
 from dissect.page.bins import Bins
-from dissect.page.gathered import Gathered, SpreadOf
+from dissect.page.gathered import Gathered
+from dissect.page.ordered import Ordered
 from dissect.page.rows import Station, host_filter, selecting, station_of
 from dissect.select.getters import function_names
 from dissect.wire.text import printable, shortened, some
@@ -44,16 +45,12 @@ def timed(gathered: Gathered) -> int:
     return int(gathered.analysis.answered) - sum(gathered.analysis.likely.values())
 
 
-def functions_of(gathered: Gathered) -> list[tuple[tuple[Station, str], SpreadOf]]:
-    """Return the rows of the table of functions: PLC and function, the most frequent first."""
-    return sorted(gathered.spreads.items(), key=lambda entry: (-entry[1].total, entry[0]))
-
-
 class Tables:
     """The tables of one session from ``start_ns`` to ``end_ns``; ``most`` bins of time say how much of a table is when."""
 
-    def __init__(self, gathered: Gathered, start_ns: int, end_ns: int, most: int) -> None:
-        self._of = gathered
+    def __init__(self, ordered: Ordered, start_ns: int, end_ns: int, most: int) -> None:
+        self._of = ordered.of
+        self._ordered = ordered
         self._start = start_ns
         self._end = end_ns
         self._most = most
@@ -208,7 +205,7 @@ class Tables:
     def _functions(self) -> dict[str, Any]:
         rows: list[dict[str, Any]] = []
         known = frozenset(function_names())  # names that -Y takes; other functions have only a number, or are SCD's
-        for (host, function), spread in functions_of(self._of):
+        for (host, function), spread in self._ordered.functions:
             times = spread.times
             where = selecting("answered_by", host) + (f' and function == "{function}"' if function in known else "")
             rows.append(
@@ -235,7 +232,7 @@ class Tables:
         return self._table("functions", "Functions by device", columns, rows, len(rows) + len(self._of.further))
 
     def _requests(self) -> dict[str, Any]:
-        found = self._of.requests.polls()
+        found = self._ordered.polls
         rows = [
             {
                 "key": f"p{number}",
@@ -266,10 +263,7 @@ class Tables:
         return self._table("polls", "Repeated requests", columns, rows, len(found))
 
     def _variables(self) -> dict[str, Any]:
-        found = self._of.requests.variables()
-        order = sorted(
-            found.items(), key=lambda entry: (-entry[1].refused, -entry[1].read - entry[1].written, entry[0])
-        )
+        found = self._ordered.variables
         rows = [
             {
                 "key": f"v{number}",
@@ -290,7 +284,7 @@ class Tables:
                     self._s7comm(host),
                 ),
             }
-            for number, ((host, address), variable) in enumerate(order[:_VARIABLES], 1)
+            for number, ((host, address), variable) in enumerate(found[:_VARIABLES], 1)
         ]
         columns = [
             ("PLC", TEXT), ("address", TEXT), ("reads", NUMBER), ("writes", NUMBER), ("refused", NUMBER), ("why", TEXT),

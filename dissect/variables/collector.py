@@ -278,7 +278,7 @@ class Collector(Observer):
             value: object = named.value
             if not named.name and not named.remark:
                 value = decode_value(BYTE, named.data)
-            row.told = Told(data, -1, value)
+            row._told = Told(data, -1, value)
             row.remark = named.remark
             self._store.finish(row)
 
@@ -406,7 +406,7 @@ class Collector(Observer):
             row = self._store.row(transaction, variable, how, writes, octets)
             if row is not None:
                 row.pieced = not all_of_it
-                row.told = variable.told if not row.changed else Told(octets, -1, image.value(octets))
+                row._told = variable._told if not row.changed else Told(octets, -1, image.value(octets))
                 self._store.finish(row)
         if alone:
             own = self._own(plc, item)
@@ -457,7 +457,7 @@ class Collector(Observer):
         value = item.json_value
         row = self._store.row(transaction, variable, how, writes, item.data, value)
         if row is not None:
-            row.told = Told(item.data, -1, value, item.meaning)
+            row._told = Told(item.data, -1, value, item.meaning)
             row.remark = item.note
             self._store.finish(row)
 
@@ -510,7 +510,7 @@ class Collector(Observer):
                 made.frame = found.frame
                 made.time_ns = found.time_ns
                 made.side = 1 - side
-                made.told = Told(None, -1, value, row.text)
+                made._told = Told(None, -1, value, row.text)
                 made.remark = ", ".join(row.flags)
                 self._store.finish(made)
 

@@ -67,6 +67,7 @@ class Variable:
     """
 
     __slots__ = (
+        "_told",
         "address",
         "bytes_only",
         "comment",
@@ -78,7 +79,6 @@ class Variable:
         "seen",
         "statistics",
         "tag",
-        "told",
         "type",
         "unconfirmed",
         "unit",
@@ -94,7 +94,7 @@ class Variable:
         self.unit: str = unit
         self.comment: str = ""
         self.bytes_only: bool = False  # octets of unknown meaning, shown in hexadecimal
-        self.told: Told = UNTOLD
+        self._told: Told = UNTOLD
         self.seen: bool = False
         self.refused_reads: i64 = 0
         self.refused_writes: i64 = 0
@@ -106,17 +106,17 @@ class Variable:
     @property
     def data(self) -> bytes | None:
         """The octets of the latest value."""
-        return self.told.data
+        return self._told.data
 
     @property
     def value(self) -> object:
         """The latest value."""
-        return self.told.value
+        return self._told.value
 
     @property
     def text(self) -> str:
         """The name of the latest value."""
-        return self.told.text
+        return self._told.text
 
     @property
     def name(self) -> str:
@@ -142,6 +142,8 @@ class ValueRow:
     """
 
     __slots__ = (
+        "_told",
+        "_was",
         "changed",
         "doubt",
         "first",
@@ -152,9 +154,7 @@ class ValueRow:
         "remark",
         "side",
         "time_ns",
-        "told",
         "variable",
-        "was",
         "writes",
     )
 
@@ -166,8 +166,8 @@ class ValueRow:
         self.time_ns: i64 = time_ns
         self.frame: i64 = frame
         self.writes: bool = False
-        self.told: Told = UNTOLD
-        self.was: Told = UNTOLD
+        self._told: Told = UNTOLD
+        self._was: Told = UNTOLD
         self.first: bool = False
         self.changed: bool = True
         self.pieced: bool = False
@@ -177,32 +177,32 @@ class ValueRow:
     @property
     def value(self) -> object:
         """The value in the unit of the tag; None where the bytes have none."""
-        return self.told.value
+        return self._told.value
 
     @property
     def data(self) -> bytes | None:
         """The bytes; None for values without bytes of their own."""
-        return self.told.data
+        return self._told.data
 
     @property
     def text(self) -> str:
         """What an SCD dictionary or S7comm-plus calls the value."""
-        return self.told.text
+        return self._told.text
 
     @property
     def previous(self) -> object:
         """The value before, whoever read or wrote it."""
-        return self.was.value
+        return self._was.value
 
     @property
     def before(self) -> bytes | None:
         """The bytes before."""
-        return self.was.data
+        return self._was.data
 
     @property
     def previous_text(self) -> str:
         """Name of the value before."""
-        return self.was.text
+        return self._was.text
 
     @property
     def certainty(self) -> str:

@@ -180,13 +180,13 @@ class Tracker:
             return
         row = self.row(transaction, variable, how, writes, data)
         if row is not None:
-            told = variable.told
+            told = variable._told
             # The same octets may have had no value as a part of a wanted place.
             if row.changed or (told.coded < 0 and told.value is None):
                 told = Told(data)
                 if item.size == len(data) or item.fits(len(data)):
                     told.coded = item.transport_size
-            row.told = told
+            row._told = told
             self.finish(row)
 
     def _add(self, transaction: Transaction, variable: Variable, item: Item, writes: bool, data: bytes) -> None:
@@ -196,7 +196,7 @@ class Tracker:
             self.untracked += 1
             return
         time_ns: i64 = transaction.request_ns if writes and transaction.request_frame else transaction.response_ns
-        before = variable.told.data
+        before = variable._told.data
         if before is not None and variable.seen and before == data:
             statistics.again(time_ns, transaction.connection, transaction.asked_by, writes)
             return
@@ -244,14 +244,14 @@ class Tracker:
             variable.next_ns = (time_ns // self._every_ns + 1) * self._every_ns
         changed: bool = True
         if variable.seen:
-            changed = variable.told.data != data if data is not None else variable.value != value
+            changed = variable._told.data != data if data is not None else variable.value != value
             if not changed and self._changes:
                 return None
         row = ValueRow(variable, transaction.connection, transaction.asked_by, how, time_ns, frame)
         row.writes = writes
         row.first = not variable.seen
         row.changed = changed
-        row.was = variable.told
+        row._was = variable._told
         row.doubt = self.doubt
         return row
 
@@ -262,7 +262,7 @@ class Tracker:
             self.rows.append(row)
             return
         if variable.next_ns >= 0 and row.changed:
-            self._keep(variable, row.told)
+            self._keep(variable, row._told)
         statistics = variable.statistics
         if statistics is not None:
             statistics.add(row)
@@ -273,11 +273,11 @@ class Tracker:
         """Remember the latest value of a variable."""
         data = told.data
         if data is not None:
-            before = variable.told.data
+            before = variable._told.data
             if before is not None:
                 self.kept -= len(before)
             self.kept += len(data)
-        variable.told = told
+        variable._told = told
         variable.seen = True
 
 

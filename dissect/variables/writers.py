@@ -206,7 +206,7 @@ class RowWriter(ValueWriter):
             if written is None:
                 written = self._names_of(row.variable)
             plain: bool = not row.changed and not row.pieced and not row.remark and not row.doubt
-            if plain and row.told is written.told and written.repeated:
+            if plain and row._told is written.told and written.repeated:
                 found.append(beginnings.octets + written.repeated)
                 continue
             out.truncate(0)
@@ -214,7 +214,7 @@ class RowWriter(ValueWriter):
             self.end(out, row, written)
             octets = out.getvalue()
             found.append(octets)
-            written.told = row.told
+            written.told = row._told
             written.shown = octets[self._begin : self._end]
             written.repeated = octets[len(beginnings.octets) :] if plain else b""
         return found
@@ -222,15 +222,15 @@ class RowWriter(ValueWriter):
     def _show(self, out: BytesWriter, row: ValueRow, written: Written) -> None:
         """Write the value of a row."""
         self._begin = len(out)
-        self.show(out, row.variable, row.told)
+        self.show(out, row.variable, row._told)
         self._end = len(out)
 
     def _show_previous(self, out: BytesWriter, row: ValueRow, written: Written) -> None:
         """Write the value before that of a row: mostly the one that was written last."""
-        if row.was is written.told:
+        if row._was is written.told:
             out.write(written.shown)
         else:
-            self.show(out, row.variable, row.was)
+            self.show(out, row.variable, row._was)
 
     def names(self, variable: Variable) -> str:
         """Return the part of its rows that names a variable."""
@@ -436,7 +436,7 @@ class ValueJsonl(RowWriter):
         out.write(written.names)
         out.write(b',"value":')
         self._show(out, row, written)
-        told = row.told
+        told = row._told
         if told.text:
             out.write(f',"text":{json_text(told.text)}'.encode("utf-8", ERRORS))
         out.write(b',"previous":')
@@ -521,7 +521,7 @@ class ValueCsv(RowWriter):
     def end(self, out: BytesWriter, row: ValueRow, written: Written) -> None:
         """Write the remaining cells."""
         variable = row.variable
-        told = row.told
+        told = row._told
         out.write(written.names)
         out.append(_COMMA)
         self._show(out, row, written)

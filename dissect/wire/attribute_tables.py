@@ -351,8 +351,6 @@ ATTRIBUTES: Final[Mapping[str, Mapping[str, str]]] = {
         "how": "How the value came: by a read, a write or a push.",
         "time_ns": "Time of the packet with the value, in nanoseconds since 1970.",
         "frame": "Number of that packet.",
-        "told": "The value with its bytes, which rows share until it changes.",
-        "was": "The same of the value before.",
         "writes": "True when the client gave the value.",
         "first": "True for the first value of the variable.",
         "changed": "True when the value differs from the one before.",
