@@ -26,9 +26,9 @@ from dissect.findings.transport_rules import (
     judge_confirm,
     judge_data,
     judge_expedited,
+    judge_faults,
     judge_number,
     judge_order,
-    judge_stray,
     note_early,
     note_large,
 )
@@ -37,7 +37,6 @@ from dissect.iso.cotp import MAX_EXPEDITED, Tpdu, parse_tpdu
 from dissect.iso.foreign import identify_connect
 from dissect.iso.irregular import holds_data, is_odd, odd_place, odd_said
 from dissect.iso.tables import CC, CR, DR, DT, ED, ER, TPDU_TYPES
-from dissect.iso.tpkt import BAD_VERSION, HIDING
 from dissect.iso.upper import (
     S7COMM,
     S7COMM_PLUS,
@@ -54,7 +53,6 @@ from dissect.s7.tables import ACK, ACK_DATA, JOB, USERDATA
 from dissect.transactions.connection import FOREIGN, ISO
 from dissect.transactions.protocol import Protocol
 from dissect.transactions.side import Place, Side
-from dissect.transactions.stray import Stray
 from dissect.wire.build import COMPILED
 from dissect.wire.octets import Tally, u16
 from dissect.wire.text import count
@@ -104,9 +102,25 @@ class IsoOnTcp(Protocol):
 
     def feed(self, side: Side, buf: bytes, at: i64, size: i64, frame: i64, time_ns: i64) -> None:
         """Take the next octets of a connection: whole TPKTs directly from ``buf``, the rest through the framer."""
+        self._take(side, buf, at, at, at + size, frame, time_ns)
+
+    def rest(self, side: Side, buf: bytes, at: i64, end: i64, frame: i64, time_ns: i64) -> bool:
+        """Take what is in ``buf[at:end]`` behind a TPKT that `usual` took; return whether it is nothing but more of these."""
+        while end - at >= LEAST:
+            length: i64 = self.usual(side, buf, at, min(end - at, side.longest), frame, time_ns)
+            if length == 0:
+                break
+            at += length
+        if at == end:
+            return True
+        self._take(side, buf, 0, at, end, frame, time_ns)
+        return False
+
+    def _take(self, side: Side, buf: bytes, start: i64, at: i64, end: i64, frame: i64, time_ns: i64) -> None:
+        """Take ``buf[at:end]``, of octets that begin at ``start``."""
         framer = side.framer
-        start: i64 = at
-        end: i64 = at + size
+        if framer.pending is not None and side.stray is None:
+            at = self._completed(side, buf, at, end, frame, time_ns)
         if framer.synced and framer.pending is None and framer.skip == 0:
             length: i64
             longest: i64 = -1  # not known yet
@@ -116,7 +130,7 @@ class IsoOnTcp(Protocol):
                         longest = self.longest(side)
                     length = 0
                     if longest:
-                        length = self.usual(side, buf, at, 0, min(end - at, longest), frame, time_ns)
+                        length = self.usual(side, buf, at, min(end - at, longest), frame, time_ns)
                     if length > 0:
                         at += length
                         continue
@@ -148,6 +162,22 @@ class IsoOnTcp(Protocol):
             return
         self._frame(side, buf, at, at == start, frame, time_ns)
 
+    def _completed(self, side: Side, buf: bytes, at: i64, end: i64, frame: i64, time_ns: i64) -> i64:
+        """Take the TPKT that earlier octets began if ``buf[at:end]`` ends it, and it is a usual one; return where it ends."""
+        framer = side.framer
+        begun = framer.pending
+        packet = framer.joined(buf, at, end)
+        size: i64 = len(packet)
+        if begun is None or size < LEAST:
+            return at
+        had: i64 = len(begun)
+        framer.pending = None  # `longest` is 0 while there is one
+        if size <= self.longest(side) and self.usual(side, packet, 0, size, frame, time_ns):
+            framer.end_pending()
+            return at + size - had
+        framer.pending = begun
+        return at
+
     def _frame(self, side: Side, buf: bytes, at: i64, at_segment_start: bool, frame: i64, time_ns: i64) -> None:
         """Take ``buf[at:]`` through the framer."""
         framer = side.framer
@@ -155,7 +185,7 @@ class IsoOnTcp(Protocol):
         given: i64 = framer.framed + framer.skipped + begun
         framer.push(buf, at, at_segment_start)
         if framer.faults:
-            self._faults(side, frame, time_ns)
+            judge_faults(self._exchange.reporter, side, frame, time_ns)
         if side.stray is not None:
             follow_stray(self._exchange.reporter, side, side.stray, frame, time_ns)
         if framer.packets:
@@ -196,11 +226,11 @@ class IsoOnTcp(Protocol):
             return 0
         return connection.dt_limit + 4
 
-    def usual(self, side: Side, buf: bytes, at: i64, least: i64, most: i64, frame: i64, time_ns: i64) -> i64:
+    def usual(self, side: Side, buf: bytes, at: i64, most: i64, frame: i64, time_ns: i64) -> i64:
         """Take the TPKT at ``at`` if it is one like most: a DT with EOT, and in it one whole S7 PDU; return its size.
 
-        Return 0, and do nothing, when it is not like that or has fewer than ``least`` or more than ``most`` octets. At least 17
-        octets must be there. This skips `_tpkt`, `_tsdu` and `message`; where `longest` allows it, they would only count.
+        Return 0, and do nothing, when it is not like that or has more than ``most`` octets. At least 17 octets must be there.
+        This skips `_tpkt`, `_tsdu` and `message`; where `longest` allows it, they would only count.
         """
         length: i64
         number: i64
@@ -229,12 +259,7 @@ class IsoOnTcp(Protocol):
         stated += 17
         if rosctr == ACK_DATA or rosctr == ACK:  # `header_size`, inlined
             stated += 2
-        if (
-            stated != length
-            or not least <= length <= most
-            or rosctr < JOB
-            or (rosctr > ACK_DATA and rosctr != USERDATA)
-        ):
+        if stated != length or length > most or rosctr < JOB or (rosctr > ACK_DATA and rosctr != USERDATA):
             return 0
         side.framer.framed += length
         self.tpdus.often_count += 1
@@ -259,25 +284,6 @@ class IsoOnTcp(Protocol):
         if side.connection.open_requests[1 - side.index].count:
             note_early(self._exchange.reporter, side, frame, time_ns)
         return True
-
-    def _faults(self, side: Side, frame: i64, time_ns: i64) -> None:
-        number = side.connection.number
-        who = side.tcp.ends[side.index]
-        reporter = self._exchange.reporter
-        for fault in side.framer.faults:
-            if fault.kind == HIDING:
-                reporter.note("tpkt.false_length", number, [frame], time_ns, f"length {fault.value} from {who}")
-                continue
-            if fault.kind != BAD_VERSION:
-                reporter.note("tpkt.bad_length", number, [frame], time_ns, f"length {fault.value} from {who}")
-            stray = side.stray
-            if stray is None or stray.framed != fault.framed:
-                if stray is not None:  # these stray octets end, and others begin in the same packet
-                    judge_stray(reporter, side, stray, fault.skipped, f"; decoding resumed in packet {frame}")
-                first: i64 = fault.value if fault.kind == BAD_VERSION else _TPKT >> 8
-                stray = side.stray = Stray(first, fault.skipped, fault.framed, frame, time_ns)
-            stray.garbage = stray.garbage or fault.kind == BAD_VERSION
-        side.framer.faults = []
 
     def _take_back(self, side: Side, buf: bytes, size: i64, place: Place, tpkt: bool) -> None:
         """Take a TPKT (``tpkt``) or a TSDU that an earlier packet completed, with the numbers and time of that packet.

@@ -8,8 +8,8 @@ no clock, file or thread in here: time comes in with each packet. The stages, in
     S7           take                                  messages to requests and responses (`dissect.engine.s7`)
     Exchange     completed                             transactions and findings, to the `Observer` (`dissect.engine.exchange`)
 
-The fast path goes from `_packet` (Ethernet and IPv4) or `_other_frame` (VLANs, other links, IPv6) by `_known` straight to
-`IsoOnTcp.usual`. It takes a segment that is next in order and holds one TPKT with one DT, and in that a whole S7 PDU.
+The fast path goes from `_packet` (`_packet6` for IPv6), whatever the link, by `_known` straight to `IsoOnTcp.usual`. It takes
+a segment that is next in order and holds TPKTs with one DT each, and in that a whole S7 PDU.
 Everything else takes a slower path, through `_slow_frame`, `_lifecycle` or `_irregular`.
 Sides with something that has to wait are in `Timers`; `Timers.chunks` passes on what is in order again. Every connection begins
 with the protocol `Recognition`, which gives it to the one that it speaks; a new protocol is one more entry of ``streams``.
@@ -22,7 +22,7 @@ from typing import Final
 from librt.strings import read_i16_be, read_i32_be, read_i64_be
 from mypy_extensions import i64
 
-from dissect.engine import attempts, ends, vlans
+from dissect.engine import attempts, disorder, ends, vlans
 from dissect.engine.connections import Connections, Recognition, on_102
 from dissect.engine.counters import Counters
 from dissect.engine.exchange import Exchange
@@ -33,7 +33,7 @@ from dissect.engine.options import Options
 from dissect.engine.payload import PayloadStream
 from dissect.engine.plus import S7Plus
 from dissect.engine.s7 import S7
-from dissect.engine.silent import NO_PROBE, SilentConnections, judge_silent, may_be_probe, untold
+from dissect.engine.silent import NO_PROBE, SilentConnections, judge_silent, may_be_probe
 from dissect.engine.sums import counts_of
 from dissect.engine.timers import FAR_FUTURE, Timers, next_tick
 from dissect.engine.tls import Tls
@@ -43,21 +43,21 @@ from dissect.iso.recognition import is_connect_request
 from dissect.iso.tpkt import MIN_LENGTH, sound_length
 from dissect.source.packet import PacketSink
 from dissect.tcp import stream
-from dissect.tcp.ip import UDP
-from dissect.tcp.segment import usual_places
+from dissect.tcp.ip import TCP, UDP
+from dissect.tcp.link import ETHERNET
 from dissect.tcp.stream import ACK, FIN, RST, SYN
+from dissect.tcp.usual import usual_ip
 from dissect.transactions import accounts
 from dissect.transactions.accounts import NO_PAYLOAD, PAYLOAD
 from dissect.transactions.connection import FOREIGN, ISO, LEFT_OUT, PROBING
 from dissect.transactions.memory_limit import Room
 from dissect.transactions.pairing import Dialogue
 from dissect.transactions.protocol import Protocol
-from dissect.transactions.retransmission import note_sent_again
 from dissect.transactions.side import Side
 from dissect.transactions.table import ConnectionTable
 from dissect.transactions.transaction import CAPTURE_ENDED, CONNECTION_CLOSED, CONNECTION_EVICTED
 from dissect.wire.copies import leaves_as
-from dissect.wire.octets import u16, u32
+from dissect.wire.octets import u32
 
 __all__ = ["Observer", "Options", "Pipeline"]
 
@@ -222,32 +222,69 @@ class Pipeline(PacketSink):
         self._finish(side, CONNECTION_EVICTED)
 
     def _packet(self, buf: bytes, start: i64, end: i64, link_type: i64) -> i64:
-        if link_type != 1 or end - start < _HEADERS or self._checksums:
-            return self._other_frame(buf, start, end, link_type)
         # Few and wide reads: EtherType to IP identification, fragment offset to IP protocol, TCP sequence and ACK numbers.
-        head: i64 = read_i64_be(buf, start + 12)
-        if head >> 40 != 0x080045 or i64(read_i32_be(buf, start + 20)) & 0x3FFF00FF != 6:
-            return self._other_frame(buf, start, end, link_type)
-        stop: i64 = start + 14 + (head >> 16 & 0xFFFF)
-        side = self.table.find(buf, start + 26, 0)
-        head = read_i64_be(buf, start + 38)
-        seq: i64 = head >> 32 & 0xFFFFFFFF
-        ack: i64 = head & 0xFFFFFFFF
-        word: i64 = i64(read_i16_be(buf, start + 46)) & 0xFFFF
-        data: i64 = start + 34 + ((word >> 12) << 2)
+        at: i64 = start + 14
+        vlan: i64 = 0
+        length: i64 = -1
+        head: i64
+        side: Side | None
+        if link_type == ETHERNET and end - start >= _HEADERS:
+            head = read_i64_be(buf, start + 12)
+            if head >> 40 == 0x080045:
+                length = head >> 16 & 0xFFFF
+        if length < 0:  # in a VLAN, of another link type, or no IPv4 without options
+            at, vlan = usual_ip(buf, start, end, link_type)
+            if at < 0:
+                return self._slow_frame(buf, start, end, link_type)
+            head = read_i64_be(buf, at)
+            if head >> 56 == 0x45:
+                length = head >> 32 & 0xFFFF
+            elif head >> 60 == 6 and head >> 8 & 0xFF == TCP:
+                return self._packet6(buf, start, at, at + 40 + (head >> 16 & 0xFFFF), end, vlan, link_type)
+        if length < 0 or i64(read_i32_be(buf, at + 6)) & 0x3FFF00FF != TCP or self._checksums:
+            return self._slow_frame(buf, start, end, link_type)
+        stop: i64 = at + length
+        side = self.table.find(buf, at + 12, vlan)
+        word: i64 = i64(read_i16_be(buf, at + 32)) & 0xFFFF
+        data: i64 = at + 20 + ((word >> 12) << 2)
         if stop > end or data > stop or word < 0x5000:
             return self._slow_frame(buf, start, end, link_type)
         if side is None or word & 7:  # SYN, FIN, RST
-            self._link = buf[start : start + 12]
-            return self._lifecycle(side, buf[start + 26 : start + 38], 0, seq, ack, word & 0x3F, buf[data:stop], 0)
-        return self._known(side, seq, ack, word, buf, data, stop)
+            self._link = buf[start : start + 12] if link_type == ETHERNET else b""
+            return self._at_ends(side, buf, at + 12, at + 20, vlan, word, data, stop)
+        return self._known(side, buf, at + 20, word, data, stop)
 
-    def _known(self, side: Side, seq: i64, ack: i64, word: i64, buf: bytes, data: i64, stop: i64) -> i64:
-        """Take a packet of a known connection without SYN, FIN and RST, whose payload is ``buf[data:stop]``."""
+    def _packet6(self, buf: bytes, start: i64, at: i64, stop: i64, end: i64, vlan: i64, link_type: i64) -> i64:
+        """Take a packet with IPv6 at ``at``, and TCP behind that, as `_packet` does."""
+        if stop > end or at + 60 > stop or self._checksums:
+            return self._slow_frame(buf, start, end, link_type)
+        side = self.table.find6(buf, at + 8, vlan)
+        word: i64 = i64(read_i16_be(buf, at + 52)) & 0xFFFF
+        data: i64 = at + 40 + ((word >> 12) << 2)
+        if data > stop or word < 0x5000:
+            return self._slow_frame(buf, start, end, link_type)
+        if side is None or word & 7:
+            self._link = buf[start : start + 12] if link_type == ETHERNET else b""
+            return self._at_ends(side, buf, at + 8, at + 40, vlan, word, data, stop)
+        return self._known(side, buf, at + 40, word, data, stop)
+
+    def _at_ends(
+        self, side: Side | None, buf: bytes, first: i64, tcp: i64, vlan: i64, word: i64, data: i64, stop: i64
+    ) -> i64:
+        """Take the first packet of a connection, or one with SYN, FIN or RST: its key is at ``first``, TCP at ``tcp``."""
+        key = buf[first : tcp + 4] + self.table.tag_of(vlan)
+        seq, ack = u32(buf, tcp + 4), u32(buf, tcp + 8)
+        return self._lifecycle(side, key, vlan, seq, ack, word & 0x3F, buf[data:stop], 0)
+
+    def _known(self, side: Side, buf: bytes, at: i64, word: i64, data: i64, stop: i64) -> i64:
+        """Take a packet of a known connection without SYN, FIN and RST: TCP is at ``at``, the payload ``buf[data:stop]``."""
+        head: i64 = read_i64_be(buf, at + 4)
+        seq: i64 = head >> 32 & 0xFFFFFFFF
+        ack: i64 = head & 0xFFFFFFFF
         if side.longest and word & ACK:
             size: i64 = stop - data
             half = side.stream
-            if size == 0 or (seq == half.next_seq and size <= side.longest):
+            if size == 0 or seq == half.next_seq:
                 # `_segment`, inlined: while `longest` is not 0, none of its checks would find anything.
                 counters = self.counters
                 tcp = side.tcp
@@ -267,26 +304,15 @@ class Pipeline(PacketSink):
                 half.passed(octets, size)
                 side.end_seq = half.next_seq
                 side.size = size
-                if size < LEAST or self.iso.usual(side, octets, 0, size, size, counters.frames, counters.now_ns) == 0:
-                    self._feed(side, octets, size)
+                taken: i64 = 0
+                if size >= LEAST:
+                    most: i64 = size
+                    most = min(most, side.longest)
+                    taken = self.iso.usual(side, octets, 0, most, counters.frames, counters.now_ns)
+                if taken != size:
+                    self._feed(side, octets, taken, size)
                 return PAYLOAD
         return self._segment(side, seq, ack, word, buf[data:stop], 0)
-
-    def _other_frame(self, buf: bytes, start: i64, end: i64, link_type: i64) -> i64:
-        """Take a packet that is not IPv4 in an Ethernet frame without tags: in a VLAN, of another link type, IPv6."""
-        addresses, at, stop, vlan = usual_places(buf, start, end, link_type)
-        word: i64 = u16(buf, at + 12) if addresses >= 0 else 0
-        data: i64 = at + ((word >> 12) << 2)
-        if data > stop or word < 0x5000 or self._checksums:
-            return self._slow_frame(buf, start, end, link_type)
-        side = self.table.find(buf, addresses, vlan) if at - addresses == 8 else self.table.find6(buf, addresses, vlan)
-        seq: i64 = u32(buf, at + 4)
-        ack: i64 = u32(buf, at + 8)
-        if side is None or word & 7:
-            self._link = buf[start : start + 12] if link_type == 1 else b""
-            key = buf[addresses : at + 4] + self.table.tag_of(vlan)
-            return self._lifecycle(side, key, vlan, seq, ack, word & 0x3F, buf[data:stop], 0)
-        return self._known(side, seq, ack, word, buf, data, stop)
 
     def _slow_frame(self, buf: bytes, start: i64, end: i64, link_type: i64) -> i64:
         """Take any packet: find its TCP segment, or return why there is none."""
@@ -413,17 +439,25 @@ class Pipeline(PacketSink):
             half.passed(octets, size)
             side.end_seq = half.next_seq
             side.size = size
-            self._feed(side, octets, size)
+            self._feed(side, octets, 0, size)
             return PAYLOAD
         return self._irregular(side, seq, octets, missing)
 
-    def _feed(self, side: Side, octets: bytes, size: i64) -> None:
-        """Hand the next octets of ``side`` to ISO-on-TCP, then set `Side.longest`: what the fast path may take next."""
-        if side.longest and size < LEAST and self.iso.empty(side, octets, self.counters.frames, self.counters.now_ns):
+    def _feed(self, side: Side, octets: bytes, at: i64, size: i64) -> None:
+        """Hand ``octets[at:size]`` to ISO-on-TCP, then set `Side.longest`: what the fast path may take next."""
+        frame: i64 = self.counters.frames
+        time_ns: i64 = self.counters.now_ns
+        if at:
+            if self.iso.rest(side, octets, at, size, frame, time_ns):
+                return
+        elif side.longest and size < LEAST and self.iso.empty(side, octets, frame, time_ns):
             return
-        self.iso.feed(side, octets, 0, size, self.counters.frames, self.counters.now_ns)
+        else:
+            self.iso.feed(side, octets, 0, size, frame, time_ns)
         peer = side.peer
         if peer is None or side.waiting or peer.waiting or side.tcp.doubt or side.connection.plus is not None:
+            if side.unfinished:
+                side.longest = 0
             return
         side.longest = self.iso.longest(side)
         if peer.stream.held is None:
@@ -465,42 +499,7 @@ class Pipeline(PacketSink):
             return accounts.KEEP_ALIVE
         if half.next_seq < 0:
             side.begin_late(seq)
-        what: i64 = stream.NEW
-        conflicts: i64 = half.conflicts
-        if octets:
-            if peer.stream.octets:
-                half.heard = True
-            if seq == half.next_seq and half.held is None and missing == 0 and not half.ready and not half.outside:
-                half.passed(octets, len(octets))  # what `accept` and `chunks` would do, without a `Chunk`
-                side.end_seq = half.next_seq
-                side.size = len(octets)
-                side.protocol.feed(side, octets, 0, len(octets), self.counters.frames, self.counters.now_ns)
-            else:
-                what = half.accept(seq, octets, self.counters.frames, self.counters.now_ns, side.last_ack)
-        if half.conflicts > conflicts and connection.followed:
-            self.counters.note(
-                "stream.conflict", f"{len(octets)} bytes at TCP sequence number {seq}", connection.number
-            )
-        if missing and half.held is None and half.next_seq == (seq + len(octets)) & stream.MASK:
-            self.timers.chunks(side)
-            half.skip(missing, self.counters.frames, self.counters.now_ns)
-            self.timers.chunks(side, True)
-        elif half.ready or half.outside:
-            self.timers.chunks(side)
-        if half.repeats:
-            note_sent_again(side, seq, len(octets), self.counters.frames, self.counters.now_ns)
-        if half.held is not None:
-            self.timers.wait(side)
-        if what == stream.KEEP_ALIVE and (side.probes or untold(side)):
-            side.note_probe(self.counters.frames, self.counters.now_ns, True)
-            return accounts.KEEP_ALIVE
-        if connection.state == LEFT_OUT:
-            return accounts.LEFT_OUT
-        if connection.state == FOREIGN or (connection.state == PROBING and half.held is None):
-            return accounts.OTHER_PROTOCOL  # unused, even if it is not yet reported as a different protocol
-        if what == stream.NEW or what == stream.OLD:
-            return PAYLOAD if what == stream.NEW else accounts.RETRANSMISSION
-        return accounts.KEEP_ALIVE if what == stream.KEEP_ALIVE else accounts.BEFORE_START
+        return disorder.take(self.counters, self.timers, side, seq, octets, missing)
 
     # ---- what waits for time to pass --------------------------------------------------------------------------------
 

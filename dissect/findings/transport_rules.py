@@ -14,6 +14,7 @@ from dissect.findings.reporter import Reporter
 from dissect.findings.ways import whole
 from dissect.iso.cotp import Tpdu
 from dissect.iso.tables import CC, CR, DR, DT, ER, TPDU_TYPES
+from dissect.iso.tpkt import BAD_VERSION, HIDING, VERSION
 from dissect.iso.tsap import Tsap
 from dissect.transactions.connection import NO_LIMIT, Connection
 from dissect.transactions.ending import DISCONNECT, Ending
@@ -37,6 +38,26 @@ _LONG_STRAY: Final = 65536
 DT_HEAD: Final = 3
 #: The default TPDU size of a connect request (RFC 1006).
 _LARGEST: Final = 65531
+
+
+def judge_faults(reporter: Reporter, side: Side, frame: i64, time_ns: i64) -> None:
+    """Report what the framer of ``side`` found wrong with headers of TPKTs, and let a stretch of stray octets begin there."""
+    number = side.connection.number
+    who = side.tcp.ends[side.index]
+    for fault in side.framer.faults:
+        if fault.kind == HIDING:
+            reporter.note("tpkt.false_length", number, [frame], time_ns, f"length {fault.value} from {who}")
+            continue
+        if fault.kind != BAD_VERSION:
+            reporter.note("tpkt.bad_length", number, [frame], time_ns, f"length {fault.value} from {who}")
+        stray = side.stray
+        if stray is None or stray.framed != fault.framed:
+            if stray is not None:  # these stray octets end, and others begin in the same packet
+                judge_stray(reporter, side, stray, fault.skipped, f"; decoding resumed in packet {frame}")
+            first: i64 = fault.value if fault.kind == BAD_VERSION else VERSION
+            stray = side.stray = Stray(first, fault.skipped, fault.framed, frame, time_ns)
+        stray.garbage = stray.garbage or fault.kind == BAD_VERSION
+    side.framer.faults = []
 
 
 def judge_stray(reporter: Reporter, side: Side, stray: Stray, skipped: i64, how: str) -> None:

@@ -23,6 +23,7 @@ from mypy_extensions import i64
 from dissect.iso.upper import MMS, RDP, S7COMM, S7COMM_PLUS, TLS, classify, is_sound, stated_size
 from dissect.wire.octets import u16
 
+VERSION: Final = 3
 HEADER: Final = 4
 #: Smallest packet with a TPDU in it: an empty DT.
 MIN_LENGTH: Final = 7
@@ -57,7 +58,7 @@ def plausible(octets: bytes, at: i64, end: i64) -> bool:
 
     The first four must be there: version, a zero reserved octet and a legal length. The other two are checked if they are.
     """
-    if end - at < HEADER or octets[at] != 3 or octets[at + 1] != 0:
+    if end - at < HEADER or octets[at] != VERSION or octets[at + 1] != 0:
         return False
     length: i64 = u16(octets, at + 2)
     if length < MIN_LENGTH:
@@ -97,7 +98,7 @@ def judge_beginning(octets: bytes, at: i64, end: i64) -> i64:
 
 def sound_length(octets: bytes, at: i64, end: i64) -> i64:
     """Return the length of the sound TPKT that begins at ``at`` and lies whole before ``end``, 0 when there is none."""
-    if end - at < MIN_LENGTH + HEADER or octets[at] != 3 or octets[at + 1] != 0:
+    if end - at < MIN_LENGTH + HEADER or octets[at] != VERSION or octets[at + 1] != 0:
         return 0
     length: i64 = u16(octets, at + 2)
     if length <= MIN_LENGTH or at + length > end or octets[at + 4] != 2 or octets[at + 5] != _DT:
@@ -140,7 +141,7 @@ def _may_follow(octets: bytes, at: i64, end: i64) -> bool:
     """Return whether the octets at ``at``, which may be fewer than a header, fit the beginning of a TPKT."""
     if end - at >= HEADER:
         return plausible(octets, at, end)
-    return octets[at] == 3 and (at + 1 == end or octets[at + 1] == 0)
+    return octets[at] == VERSION and (at + 1 == end or octets[at + 1] == 0)
 
 
 def _first_open(octets: bytes) -> i64:
@@ -150,7 +151,7 @@ def _first_open(octets: bytes) -> i64:
     while here >= 0:
         at: i64 = here - HEADER
         length: i64 = u16(octets, at + 2)
-        if octets[at] == 3 and octets[at + 1] == 0 and at + length > end and length <= MAX_SOUGHT:
+        if octets[at] == VERSION and octets[at + 1] == 0 and at + length > end and length <= MAX_SOUGHT:
             if agrees(octets[at : at + _TELLING], length):
                 return at
         here = octets.find(_DT_EOT, here + 1)
@@ -268,7 +269,7 @@ class Framer:
                     at = 0
                     fresh = 0
                     end = len(octets)
-            elif self.synced and self._tail and octets[at] != 3:
+            elif self.synced and self._tail and octets[at] != VERSION:
                 # No TPKT begins here, and the length of the one before did not agree with its content: it was too large.
                 self.framed -= len(self._tail)
                 self._tell(BAD_VERSION, octets[at])
@@ -327,7 +328,7 @@ class Framer:
 
     def _begin(self, octets: bytes, at: i64, end: i64) -> i64:
         """In step, at the first octet of a TPKT: take it whole, keep its beginning, or note a fault; return the next place."""
-        if octets[at] != 3:
+        if octets[at] != VERSION:
             self._tell(BAD_VERSION, octets[at])
             self.synced = False
             return at
@@ -383,6 +384,29 @@ class Framer:
         self.framed += length
         return length
 
+    def joined(self, octets: bytes, at: i64, end: i64) -> bytes:
+        """Return the pending TPKT, made whole by ``octets[at:end]``, which follow it; empty where they do not end it.
+
+        Empty as well where another TPKT might begin in its place. The caller looks at what it is, and at its length.
+        """
+        pending = self.pending
+        if pending is None or at == end or octets[at] == VERSION:
+            return b""
+        have: i64 = len(pending)
+        need: i64 = self._need
+        if need == 0:  # its header is cut
+            if have + end - at < HEADER:
+                return b""
+            need = u16(bytes(pending) + octets[at : at + HEADER - have], 2)
+        if need <= have or need - have > end - at:
+            return b""  # before a copy is made of what may have come in any number of segments
+        return bytes(pending) + octets[at : at + need - have]
+
+    def end_pending(self) -> None:
+        """The pending TPKT was taken as `joined` returned it: it agrees with its length."""
+        self.pending = None
+        self._tail = b""
+
     def _add(self, packet: bytes) -> None:
         self.framed += len(packet)
         self._whole(packet, self.framed + self.skipped)
@@ -400,7 +424,7 @@ class Framer:
 
     def _pass(self, octets: bytes, at: i64, end: i64) -> i64:
         """Skip the rest of a damaged TPKT, but end at a sound one: the length of the damaged one was wrong then."""
-        if self._brief and octets[at] == 3:
+        if self._brief and octets[at] == VERSION:
             self.skip = 0
             return at
         step: i64 = min(self.skip, end - at)
@@ -533,7 +557,7 @@ class Framer:
             self.synced = True
             self.skipped += found - at
             return found
-        if fresh < end and octets[end - 1] == 3:
+        if fresh < end and octets[end - 1] == VERSION:
             candidates.append(end - 1)
         candidates = candidates[-_MAX_CANDIDATES:]
         keep: i64 = candidates[0] if candidates else end

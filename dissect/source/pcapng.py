@@ -13,6 +13,7 @@ from __future__ import annotations
 import struct
 from typing import Final
 
+from librt.strings import read_i64_le
 from mypy_extensions import i64
 
 from dissect.source.packet import PacketSink
@@ -141,6 +142,8 @@ class PcapngReader(ChunkReader):
         self._pair: struct.Struct = struct.Struct("<II")
         self._fields: struct.Struct = struct.Struct("<IIIII")
         self._interfaces: list[Interface] = []
+        self._latest: Interface | None = None  # the one of the packet before, which is number `_number` of them
+        self._number: i64 = 0
         self._time_ns: i64 = 0
         self._doubt: bool = False
         self._need = _MIN_BLOCK
@@ -186,7 +189,8 @@ class PcapngReader(ChunkReader):
             elif self._big:
                 kind, total = u32(buf, at), u32(buf, at + 4)
             else:
-                kind, total = u32le(buf, at), u32le(buf, at + 4)
+                pair: i64 = read_i64_le(buf, at)
+                kind, total = pair & 0xFFFFFFFF, pair >> 32 & 0xFFFFFFFF
             if kind == SECTION:
                 if not self._order(at):
                     return
@@ -203,11 +207,14 @@ class PcapngReader(ChunkReader):
                 (trailer,) = self._single.unpack_from(buf, at + total - 4)
             else:
                 trailer = self._u32(at + total - 4)
-            if trailer == total:
-                self._doubt = False
-                self._block(sink, kind, at, total)
-            else:
+            if trailer != total:
                 self._contradiction(sink, kind, at, total, trailer)
+            else:
+                self._doubt = False
+                if kind == ENHANCED_PACKET or kind == _OLD_PACKET:
+                    self._packet(sink, kind, buf, at, total)
+                else:
+                    self._block(sink, kind, at, total)
             if self._done:
                 return
             at += total
@@ -241,10 +248,8 @@ class PcapngReader(ChunkReader):
             self._reject(_TRAILER, trailer, at)
 
     def _block(self, sink: PacketSink, kind: i64, at: i64, total: i64) -> None:
-        """Read one whole block."""
-        if kind == ENHANCED_PACKET or kind == _OLD_PACKET:
-            self._packet(sink, kind, at, total)
-        elif kind == SECTION:
+        """Read one whole block, of any kind but those `_packet` takes."""
+        if kind == SECTION:
             self._section(at, total)
         elif kind == INTERFACE:
             self._interface(at, total)
@@ -281,6 +286,7 @@ class PcapngReader(ChunkReader):
             self._stop(at, f"a section is of version {major} of the format, which is not defined")
             return
         self._interfaces = []
+        self._latest = None
         room = _MOST_STATISTICS - len(self.earlier_statistics)
         self.earlier_statistics += list(self.statistics.values())[:room]
         self.statistics = {}
@@ -343,12 +349,11 @@ class PcapngReader(ChunkReader):
             interface.base = 2 if value & 0x80 else 10
             interface.exponent = exponent
 
-    def _packet(self, sink: PacketSink, kind: i64, at: i64, total: i64) -> None:
+    def _packet(self, sink: PacketSink, kind: i64, buf: bytes, at: i64, total: i64) -> None:
         """Deliver the packet of an Enhanced Packet Block or an obsolete Packet Block; only their first field differs."""
         if total < _MIN_PACKET:
             self._reject(_SHORT_BLOCK, total, at)
             return
-        buf = self._buf
         number: i64
         high: i64
         low: i64
@@ -359,15 +364,22 @@ class PcapngReader(ChunkReader):
         elif self._big:
             number, high, low = u32(buf, at + 8), u32(buf, at + 12), u32(buf, at + 16)
             captured, wire = u32(buf, at + 20), u32(buf, at + 24)
-        else:
-            number, high, low = u32le(buf, at + 8), u32le(buf, at + 12), u32le(buf, at + 16)
-            captured, wire = u32le(buf, at + 20), u32le(buf, at + 24)
+        else:  # each read gives two numbers
+            pair: i64 = read_i64_le(buf, at + 8)
+            number, high = pair & 0xFFFFFFFF, pair >> 32 & 0xFFFFFFFF
+            pair = read_i64_le(buf, at + 16)
+            low, captured = pair & 0xFFFFFFFF, pair >> 32 & 0xFFFFFFFF
+            wire = u32le(buf, at + 24)
         if kind == _OLD_PACKET:
             number = number >> 16 if self._big else number & 0xFFFF
-        if number >= len(self._interfaces) or self._interfaces[number].link_type < 0:
-            self._reject(_NO_INTERFACE, number, at)
-            return
-        interface = self._interfaces[number]
+        interface = self._latest
+        if number != self._number or interface is None:
+            if number >= len(self._interfaces) or self._interfaces[number].link_type < 0:
+                self._reject(_NO_INTERFACE, number, at)
+                return
+            interface = self._interfaces[number]
+            self._latest = interface
+            self._number = number
         start = at + 28
         end = start + captured
         if captured > total - _MIN_PACKET or captured > interface.limit:
@@ -380,7 +392,7 @@ class PcapngReader(ChunkReader):
         option = start + ((captured + 3) & ~3)
         if option + 4 <= at + total - 4:
             self._comments(sink, option, at + total - 4)
-        self._deliver(sink, interface, start, end, wire)
+        self._deliver(sink, interface, buf, start, end, wire)
 
     def _simple(self, sink: PacketSink, at: i64, total: i64) -> None:
         """Deliver the packet of a Simple Packet Block: of interface 0, without a time, cut at that interface's snap length."""
@@ -397,15 +409,16 @@ class PcapngReader(ChunkReader):
             self._reject(_LONG_PACKET, captured, at)
             return
         self._note(_NO_TIME, 0, at)
-        self._deliver(sink, interface, at + 12, at + 12 + captured, wire)
+        self._deliver(sink, interface, self._buf, at + 12, at + 12 + captured, wire)
 
-    def _deliver(self, sink: PacketSink, interface: Interface, start: i64, end: i64, wire: i64) -> None:
+    def _deliver(self, sink: PacketSink, interface: Interface, buf: bytes, start: i64, end: i64, wire: i64) -> None:
         if wire < end - start:
             self._note(SHORT_WIRE, wire, start)
             wire = end - start
         self.packets += 1
-        self.interface = interface.name
-        sink.frame(self._time_ns, self._buf, start, end, wire, interface.link_type)
+        if self.interface is not interface.name:
+            self.interface = interface.name
+        sink.frame(self._time_ns, buf, start, end, wire, interface.link_type)
 
     def _slow_time(self, interface: Interface, high: i64, low: i64, at: i64) -> i64:
         """Return a time that may not fit 64 bits: of a binary or fine resolution, with an offset, or huge (then clamped)."""

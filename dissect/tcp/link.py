@@ -35,8 +35,11 @@ FRAME: Final = -4
 #: What follows cannot be read: the second number is a key of `SEALED_NAMES`.
 SEALED: Final = -5
 
-_ETHERTYPE_IPV4: Final = 0x0800
-_ETHERTYPE_IPV6: Final = 0x86DD
+TYPE_IPV4: Final = 0x0800
+TYPE_IPV6: Final = 0x86DD
+#: The EtherTypes of a VLAN tag, and of one that stands in front of others (IEEE 802.1Q).
+TAG: Final = 0x8100
+OUTER_TAG: Final = 0x88A8
 _VN_TAG: Final = 0x8926
 _HSR: Final = 0x892F
 _CMD: Final = 0x8909
@@ -90,7 +93,7 @@ def _after_tags(buf: bytes, type_at: i64, at: i64, end: i64) -> tuple[i64, i64]:
     if at > end:
         return CUT, 0
     ethertype: i64 = u16(buf, type_at)
-    if ethertype == _ETHERTYPE_IPV4 or ethertype == _ETHERTYPE_IPV6:
+    if ethertype == TYPE_IPV4 or ethertype == TYPE_IPV6:
         return at, 0
     return after_type(buf, ethertype, at, end)
 
@@ -101,8 +104,8 @@ def after_type(buf: bytes, ethertype: i64, at: i64, end: i64) -> tuple[i64, i64]
     tags: i64 = 0
     headers: i64 = 0
     type_at: i64
-    while ethertype != _ETHERTYPE_IPV4 and ethertype != _ETHERTYPE_IPV6:
-        if ethertype == 0x8100 or ethertype == 0x88A8 or ethertype == 0x9100 or ethertype == 0x9200:
+    while ethertype != TYPE_IPV4 and ethertype != TYPE_IPV6:
+        if ethertype == TAG or ethertype == OUTER_TAG or ethertype == 0x9100 or ethertype == 0x9200:
             if tags == _MAX_TAGS:
                 return NOT_IP, 0
             if at + 4 > end:
@@ -192,7 +195,7 @@ def _after_labels(buf: bytes, at: i64, end: i64) -> tuple[i64, i64]:
 
 def _is_usual(ethertype: i64) -> bool:
     """Return whether this is the EtherType of IP or of a VLAN tag."""
-    return ethertype == _ETHERTYPE_IPV4 or ethertype == _ETHERTYPE_IPV6 or ethertype == 0x8100 or ethertype == 0x88A8
+    return ethertype == TYPE_IPV4 or ethertype == TYPE_IPV6 or ethertype == TAG or ethertype == OUTER_TAG
 
 
 def _serial(buf: bytes, at: i64, end: i64) -> tuple[i64, i64]:

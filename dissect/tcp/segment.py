@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from typing import Final
 
-from librt.strings import read_i16_be, read_i64_be
 from mypy_extensions import i64
 
 from dissect.tcp import ip, link
@@ -112,29 +111,6 @@ def find_segment(
         tag = int(vlan).to_bytes(8, "big") if vlan else b""
         return _read(packet.addresses, tag, vlan, buf, packet.start, packet.end, packet.missing, checksums)
     return _innermost(Inner(packet, vlan, wants_udp), buf, fragments, time_ns, checksums)
-
-
-def usual_places(buf: bytes, start: i64, end: i64, link_type: i64) -> tuple[i64, i64, i64, i64]:
-    """Return (offset of the addresses, offset of the TCP header, end, VLAN key) of the frame ``buf[start:end]``.
-
-    Only of a frame with a whole segment of at least 20 octets, in IPv4 without options or IPv6 without extension headers; for
-    all others the first is -1. `find_segment` takes any frame, with the same results for these.
-    """
-    at, vlan = link.find_ip(buf, start, end, link_type)
-    if at < 0 or at + 40 > end:
-        return -1, 0, 0, 0
-    head: i64 = read_i64_be(buf, at)
-    stop: i64
-    if head >> 56 == 0x45:
-        stop = at + (head >> 32 & 0xFFFF)
-        protocol: i64 = i64(read_i16_be(buf, at + 8)) & 0xFF
-        if protocol == TCP and head & 0x3FFF == 0 and at + 40 <= stop <= end:
-            return at + 12, at + 20, stop, vlan
-    elif head >> 60 == 6:
-        stop = at + 40 + (head >> 16 & 0xFFFF)
-        if head >> 8 & 0xFF == TCP and at + 60 <= stop <= end:
-            return at + 8, at + 40, stop, vlan
-    return -1, 0, 0, 0
 
 
 def _without_ip(answer: i64, detail: i64, link_type: i64) -> Segment:

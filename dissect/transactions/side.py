@@ -48,6 +48,7 @@ class Side:
         "connection",
         "end_seq",
         "first_ack",
+        "fourth",
         "framer",
         "hole_end",
         "hole_frame",
@@ -69,11 +70,13 @@ class Side:
         "protocol",
         "requests",
         "rival",
+        "second",
         "size",
         "slight",
         "stray",
         "stream",
         "tcp",
+        "third",
         "told_jobs",
         "told_overdue",
         "waiting",
@@ -95,9 +98,12 @@ class Side:
         self.inner: FrameStream | None = None  # frames what was decrypted; there once anything was
         self.kept: Kept | None = None  # state of another protocol that frames the stream itself, instead of `framer`
         self.peer: Side | None = None
-        self.place: i64 = -1  # where `ConnectionTable.find` found it last, by the next two
+        self.place: i64 = -1  # where `ConnectionTable.find` found it last, by the next ones
         self.addresses: i64 = 0
         self.ports: i64 = 0
+        self.second: i64 = 0  # what IPv6 addresses have behind `addresses`
+        self.third: i64 = 0
+        self.fourth: i64 = 0
         self.last_ack: i64 = -1  # TCP acknowledgement of the packet at hand
         #: The highest sequence number that the other side is known to have sent: this side acknowledged it, or the other side
         #: continued after it. -1 for none.

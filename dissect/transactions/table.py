@@ -19,7 +19,7 @@ from dissect.tcp.stream import MASK, Endpoint
 from dissect.transactions.connection import Connection
 from dissect.transactions.protocol import Protocol
 from dissect.transactions.side import Side
-from dissect.wire.octets import same, u16
+from dissect.wire.octets import u16
 
 #: How many connections `IdleSearch.step` examines.
 LOOK_AT_ONCE: Final = 64
@@ -204,8 +204,8 @@ _PORTS: Final = 4
 _VLAN: Final = 8
 #: The size of an IPv4 key without VLAN. From this VLAN key on, `Side.ports` cannot distinguish keys: more than two tags.
 _MANY_TAGS: Final = 1 << 24
-#: Instead of ports: that of a side with IPv6 addresses, which no IPv4 packet has.
-_NO_PORTS: Final = 1 << 62
+#: A bit in which the ports of a side with IPv6 addresses differ from those of any with IPv4: in these, it equals the sign.
+_SIX: Final = 1 << 62
 _KEY4: Final = 8 + _PORTS
 _KEY6: Final = 32 + _PORTS
 #: The first size of the list by which `find` avoids the dictionary; it grows fourfold whenever more sides are open.
@@ -343,18 +343,25 @@ class ConnectionTable:
 
     def find6(self, buf: bytes, at: i64, vlan: i64) -> Side | None:
         """Return the side that `sides` has for the IPv6 addresses and ports at ``at``, and a VLAN key; as `find` does."""
-        end: i64 = at + _KEY6
-        ports: i64 = i64(read_i32_be(buf, at + 32))
-        mixed: i64 = read_i64_be(buf, at) ^ read_i64_be(buf, at + 8) ^ (read_i64_be(buf, at + 24) >> 1)
+        first: i64 = read_i64_be(buf, at)
+        second: i64 = read_i64_be(buf, at + 8)
+        third: i64 = read_i64_be(buf, at + 16)
+        fourth: i64 = read_i64_be(buf, at + 24)
+        ports: i64 = i64(read_i32_be(buf, at + 32)) ^ (vlan << 32) ^ _SIX
+        mixed: i64 = first ^ second ^ (third >> 2) ^ (fourth >> 1)
         mixed = (mixed ^ (mixed >> 29)) + (ports ^ (ports >> 16))
         place: i64 = (mixed ^ (mixed >> 13)) & self._mask
         side = self._places[place]
-        if side is not None and vlan == 0 and same(side.key, buf, at, end):
-            return side
-        key = buf[at:end]
+        if side is not None and side.ports == ports and side.addresses == first and vlan < _MANY_TAGS:
+            if side.second == second and side.third == third and side.fourth == fourth:
+                return side
+        key = buf[at : at + _KEY6]
         side = self.sides.get(key + self.tag_of(vlan) if vlan else key)
-        if side is not None and vlan == 0:
-            self._keep_place(side, place, 0, _NO_PORTS)
+        if side is not None and vlan < _MANY_TAGS:
+            side.second = second
+            side.third = third
+            side.fourth = fourth
+            self._keep_place(side, place, first, ports)
         return side
 
     def _keep_place(self, side: Side, place: i64, addresses: i64, ports: i64) -> None:

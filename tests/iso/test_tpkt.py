@@ -94,6 +94,23 @@ def test_a_tpkt_split_anywhere(split: int) -> None:
     assert fed(made, [CR[5:]]) == [CR]
 
 
+@each("split", range(1, len(READ)))
+@each("behind", [b"", CR, b"\x03"])
+def test_the_caller_may_join_a_tpkt_itself(split: int, behind: bytes) -> None:
+    made = framer()
+    octets = b"??" + READ[split:] + behind
+    assert made.joined(octets, 2, len(octets)) == b""  # none is begun
+    pushed(made, READ[:split])
+    assert made.joined(octets, 2, len(octets) - len(behind) - 1) == b""
+    assert made.joined(b"", 0, 0) == b""
+    joined = made.joined(octets, 2, len(octets))
+    assert joined == (b"" if READ[split] == 3 else READ)  # where another might begin, `push` decides
+    assert made.buffered == split
+    made.end_pending()
+    assert (made.buffered, made.synced) == (0, True)
+    assert fed(made, [CR]) == [CR]
+
+
 def test_the_caller_may_have_taken_the_first_tpkts_itself() -> None:
     made = framer()
     pushed(made, READ + CR, len(READ), False)

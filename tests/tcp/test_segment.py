@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from dissect.tcp import link
 from dissect.tcp.ip import FragmentStore
-from dissect.tcp.segment import Segment, find_segment, usual_places
+from dissect.tcp.segment import Segment, find_segment
 from dissect.transactions.accounts import CATEGORIES
 from tests.cases import each
 from tests.tcp.craft import DST, DST6, SRC, SRC6, TCP, UDP, extension, fragment_header, v4, v6
@@ -402,80 +402,3 @@ def test_any_octets_as_udp(content: bytes, stated: int | None, six: bool, lackin
         assert len(got.octets) + got.missing == length - 8
     else:
         assert got.problem == "bad_header"
-
-
-#: What stands before the IP packet, by link type: with none, one or two VLAN tags, and in frames of other link types.
-LINKS = [
-    (link.ETHERNET, bytes(12) + b"%b"),
-    (link.ETHERNET, bytes(12) + b"\x81\0\0\5%b"),
-    (link.ETHERNET, bytes(12) + b"\x88\xa8\0\7\x81\0\0\5%b"),
-    (link.LINUX_SLL, bytes(14) + b"%b"),
-    (link.LINUX_SLL2, b"%b" + bytes(18)),
-    (link.RAW, b""),
-]
-
-
-def framed(head: bytes, packet: bytes) -> bytes:
-    return (head % (b"\x86\xdd" if packet[0] >> 4 == 6 else b"\x08\0") if head else b"") + packet
-
-
-def read_at(frame: bytes, link_type: int) -> tuple[object, ...] | None:
-    """What the places of a usual frame hold, None where the frame is none."""
-    buf = b"x" + frame
-    addresses, at, stop, vlan = usual_places(buf, 1, len(buf), link_type)
-    if addresses < 0:
-        return None
-    seq, ack, word = struct.unpack_from(">IIH", buf, at + 4)
-    data = at + (word >> 12 << 2)
-    if word < 0x5000 or data > stop:
-        return None  # the pipeline hands these on, too
-    tag = int(vlan).to_bytes(8, "big") if vlan else b""
-    return buf[addresses : at + 4] + tag, vlan, seq, ack, word, buf[data:stop]
-
-
-def told(segment: Segment) -> tuple[object, ...]:
-    return segment.key, segment.vlan, segment.seq, segment.ack, segment.word, segment.octets
-
-
-@each(("link_type", "head"), LINKS)
-@pytest.mark.parametrize("packet", [v4(tcp()), v6(tcp()), v4(tcp(options=b"\1" * 12)), v4(tcp(b""))])
-def test_usual_frames_are_read_in_place(link_type: int, head: bytes, packet: bytes) -> None:
-    for padding in (b"", bytes(7)):  # behind the packet: Ethernet fills short frames
-        frame = framed(head, packet) + padding
-        assert read_at(frame, link_type) == told(found(frame, link_type))
-
-
-#: Packets that look usual but for one thing.
-UNUSUAL = [
-    v4(tcp(), flags=MORE), v4(tcp(), flags=3), v4(tcp(), total=0), v4(tcp(), total=39), v4(tcp(), total=60), v4(tcp(), ihl=6),
-    v4(tcp(), protocol=UDP), v6(tcp(), next_header=UDP), v6(tcp(), next_header=0), v6(tcp(), length=0), v6(tcp(), length=40),
-    b"\x55" + v4(tcp())[1:], b"\x50" + v6(tcp())[1:],
-]  # fmt: skip
-ANY = [v4(tcp()), v6(tcp()), v4(tcp(options=b"\1" * 12)), v4(tcp(), options=b"\1" * 4), v4(udp()), *UNUSUAL]
-
-
-@each(("link_type", "head"), LINKS)
-@pytest.mark.parametrize("packet", UNUSUAL)
-def test_unusual_frames_are_not_read_in_place(link_type: int, head: bytes, packet: bytes) -> None:
-    assert read_at(framed(head, packet), link_type) is None
-
-
-@given(
-    st.sampled_from(LINKS),
-    st.sampled_from(ANY),
-    st.lists(st.tuples(st.integers(0, 90), st.integers(0, 255)), max_size=3),
-    st.integers(0, 12),
-)
-def test_a_frame_that_is_read_in_place_is_read_so_by_all(
-    place: tuple[int, bytes], packet: bytes, changes: list[tuple[int, int]], cut: int
-) -> None:
-    link_type, head = place
-    frame = bytearray(framed(head, packet))
-    for at, octet in changes:
-        frame[at % len(frame)] = octet
-    octets = bytes(frame[: len(frame) - cut])
-    here = read_at(octets, link_type)
-    if here is not None:
-        segment = found(octets, link_type)
-        assert (segment.problem, segment.missing, segment.macs) == ("", 0, None)
-        assert here == told(segment)

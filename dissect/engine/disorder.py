@@ -1,0 +1,57 @@
+"""Takes the segments of a known connection that are not simply the next one in order."""
+
+from __future__ import annotations
+
+from mypy_extensions import i64
+
+from dissect.engine.counters import Counters
+from dissect.engine.silent import untold
+from dissect.engine.timers import Timers
+from dissect.tcp import stream
+from dissect.transactions import accounts
+from dissect.transactions.accounts import PAYLOAD
+from dissect.transactions.connection import FOREIGN, LEFT_OUT, PROBING
+from dissect.transactions.retransmission import note_sent_again
+from dissect.transactions.side import Side
+
+
+def take(counters: Counters, timers: Timers, side: Side, seq: i64, octets: bytes, missing: i64) -> i64:
+    """Take a segment where it belongs, pass on what is in order now; return what became of it (`transactions.accounts`)."""
+    connection = side.connection
+    half = side.stream
+    peer = side.peer
+    assert peer is not None
+    what: i64 = stream.NEW
+    conflicts: i64 = half.conflicts
+    if octets:
+        if peer.stream.octets:
+            half.heard = True
+        if seq == half.next_seq and half.held is None and missing == 0 and not half.ready and not half.outside:
+            half.passed(octets, len(octets))  # what `accept` and `chunks` would do, without a `Chunk`
+            side.end_seq = half.next_seq
+            side.size = len(octets)
+            side.protocol.feed(side, octets, 0, len(octets), counters.frames, counters.now_ns)
+        else:
+            what = half.accept(seq, octets, counters.frames, counters.now_ns, side.last_ack)
+    if half.conflicts > conflicts and connection.followed:
+        counters.note("stream.conflict", f"{len(octets)} bytes at TCP sequence number {seq}", connection.number)
+    if missing and half.held is None and half.next_seq == (seq + len(octets)) & stream.MASK:
+        timers.chunks(side)
+        half.skip(missing, counters.frames, counters.now_ns)
+        timers.chunks(side, True)
+    elif half.ready or half.outside:
+        timers.chunks(side)
+    if half.repeats:
+        note_sent_again(side, seq, len(octets), counters.frames, counters.now_ns)
+    if half.held is not None:
+        timers.wait(side)
+    if what == stream.KEEP_ALIVE and (side.probes or untold(side)):
+        side.note_probe(counters.frames, counters.now_ns, True)
+        return accounts.KEEP_ALIVE
+    if connection.state == LEFT_OUT:
+        return accounts.LEFT_OUT
+    if connection.state == FOREIGN or (connection.state == PROBING and half.held is None):
+        return accounts.OTHER_PROTOCOL  # unused, even if it is not yet reported as a different protocol
+    if what == stream.NEW or what == stream.OLD:
+        return PAYLOAD if what == stream.NEW else accounts.RETRANSMISSION
+    return accounts.KEEP_ALIVE if what == stream.KEEP_ALIVE else accounts.BEFORE_START
