@@ -1,4 +1,4 @@
-"""Takes the segments of a known connection that are not simply the next one in order."""
+"""Takes the segments of a known connection that are not the next ones in order."""
 
 from __future__ import annotations
 
