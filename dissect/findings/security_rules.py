@@ -37,6 +37,7 @@ from dissect.s7plus.tables import RETURN_CODES as PLUS_CODES
 from dissect.tcp.link import within
 from dissect.transactions.connection import Connection
 from dissect.transactions.naming import items_said, subject
+from dissect.transactions.refusals import read_codes
 from dissect.transactions.results import DATA, refusal
 from dissect.transactions.transaction import (
     ANSWERED,
@@ -306,7 +307,9 @@ class SecurityWatch:
             return
         if not told:
             traits.refusals += 1
-        codes = [result.return_code for result in transaction.s7_results]
+        codes = read_codes(transaction)
+        if codes is None:
+            codes = [int(result.return_code) for result in transaction.s7_results]
         # If other items of the request succeeded, access is not denied as a whole, only these addresses are refused.
         denied = _ACCESS_DENIED in codes and SUCCESS not in codes
         code = int(transaction.error_code)

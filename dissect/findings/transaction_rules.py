@@ -58,6 +58,7 @@ from dissect.s7.tables import (
 )
 from dissect.s7plus.tables import PARTIAL_ERROR
 from dissect.transactions.naming import item_subject, subject
+from dissect.transactions.refusals import read_codes
 from dissect.transactions.results import (
     ALARM,
     ASKED_JUDGED,
@@ -461,6 +462,10 @@ def _judge_errors(reporter: Reporter, transaction: Transaction) -> None:
 
 
 def _judge_items(reporter: Reporter, transaction: Transaction) -> None:
+    codes = read_codes(transaction) if reporter.because is None else None
+    if codes is not None:
+        _judge_codes(reporter, transaction, codes)
+        return
     slug = "transaction.item_error"
     because = reporter.because
     alone: bool = False  # whether an item was refused for no known reason
@@ -481,6 +486,18 @@ def _judge_items(reporter: Reporter, transaction: Transaction) -> None:
             )
     if alone:
         reporter.because = None  # what follows is about all items
+
+
+def _judge_codes(reporter: Reporter, transaction: Transaction, codes: list[int]) -> None:
+    """Report the items of a plain read that were refused, for which nothing is to blame."""
+    slug = "transaction.item_error"
+    for index in range(len(codes)):
+        code: i64 = codes[index]
+        if code != SUCCESS and reporter.wants_of(slug, transaction):
+            error = next(one for one in transaction.errors if one.item == index + 1)
+            what = f"{transaction.function_name} {_about(transaction, error)}: {error.coded}"
+            time_ns = transaction.response_ns
+            reporter.detail(slug, transaction.connection.number, transaction.frames, time_ns, what)
 
 
 def _why_refused(

@@ -12,7 +12,6 @@ from librt.strings import BytesWriter, read_i32_be, read_i64_be, write_i64_be
 from mypy_extensions import i64
 
 from dissect.s7.address import address_text
-from dissect.s7.plain_items import S7ANY_SIZE
 from dissect.s7.syntaxes import DB_AREA, DB_READ, DB_READ_ITEM, item_text
 from dissect.s7.tables import (
     ANSWER_TRANSPORT_SIZE,
@@ -33,6 +32,7 @@ from dissect.wire.octets import u16, u24, u32
 
 SPECIFICATION: Final = 0x12
 DATA_HEAD: Final = 4
+S7ANY_SIZE: Final = 12
 #: The parts of `item_heads`: the octets of the data block; then for each item its place and the octets that it begins with.
 _SIZE: Final = struct.Struct(">q")
 _PLACED: Final = struct.Struct(">II")
@@ -44,14 +44,10 @@ WRITTEN_IO: Final = 1
 WRITTEN_ELSEWHERE: Final = 2
 _IO_AREAS: Final = frozenset((0x80, 0x82))
 
-BITS: Final = 1
-_UNCLEAR: Final = 2
+#: Transport sizes of data whose length field counts bits, a bit for each, as every item needs it; they are below `_CODED`.
+_CODED: Final = 32
+_IN_BITS: Final[i64] = sum([1 << code for code in LENGTH_IN_BITS if code < _CODED])
 _DINTEGER: Final = 0x06
-#: What the length field of a data item counts, by transport size: `BITS`, unclear, or 0 for octets. A table, as every item
-#: needs it.
-COUNTED: Final = bytes(
-    [BITS if code in LENGTH_IN_BITS else _UNCLEAR if code == _DINTEGER else 0 for code in range(256)]
-)
 
 
 class Item:
@@ -251,10 +247,9 @@ def data_size_within(transport_size: i64, length: i64, room: i64) -> i64:
 
     Sources disagree whether it counts octets or bits for 0x06. So ``room``, the number of octets left, decides (reference 3.6).
     """
-    counted: i64 = COUNTED[transport_size]
-    if counted == 0:
-        return length
-    if counted == BITS or length > room:
+    if transport_size < _CODED and _IN_BITS >> transport_size & 1:
+        return (length + 7) >> 3
+    if transport_size == _DINTEGER and length > room:
         return (length + 7) >> 3
     return length
 

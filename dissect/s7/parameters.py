@@ -12,8 +12,17 @@ from typing import Final
 from librt.strings import read_i64_be
 from mypy_extensions import i64
 
-from dissect.s7.items import SPECIFICATION, Item, answer_layout, item_fill, parse_items, written_area, written_areas
-from dissect.s7.plain_items import are_plain, plain_area, plain_size
+from dissect.s7.items import (
+    DATA_HEAD,
+    SPECIFICATION,
+    Item,
+    answer_layout,
+    item_fill,
+    parse_items,
+    written_area,
+    written_areas,
+)
+from dissect.s7.plain_items import plain_area, plain_octets, plain_size
 from dissect.s7.tables import (
     ACK,
     ACK_DATA,
@@ -237,17 +246,22 @@ class Parameters:
     @property
     def known_items(self) -> i64:
         """How many `items` there are: ``item_count``, unless the block is malformed."""
-        return self.item_count if self.plain else len(self.items)
+        if self.plain:
+            return self.item_count
+        return len(self.items)
 
     def size_of(self, index: i64) -> i64:
         """Return the `Item.size` of the item ``index``, from 0."""
-        return plain_size(self.octets, index) if self.plain else self.items[index].size
+        if self.plain:
+            return plain_size(self.octets, index)
+        return self.items[index].size
 
     def take_items(self) -> None:
         """Read what a job asks for; of a plain block the `Item` objects come later, and there is nothing to judge."""
         octets = self.octets
         count: i64 = self.item_count
-        if are_plain(octets, count):
+        answered: i64 = plain_octets(octets, count)
+        if answered >= 0:
             self.plain = True
             self._items = None
             self.unjudged = False
@@ -258,21 +272,25 @@ class Parameters:
                 self.malformed = wrong
         if self.function == READ_VAR:
             self.answer_unjudged = True
-            self.answer_size = self._answer_size()
+            if answered < 0:
+                answered = self._answered_octets()
+            self.answer_size = _ANSWER_DATA_AT + answered
         elif self.plain:
-            for index in range(count):
+            index: i64 = 0
+            while index < count:
                 self.written |= written_area(plain_area(octets, index))
+                index += 1
         else:
             self.written = written_areas(self.items)
 
-    def _answer_size(self) -> i64:
-        """Return the octets of the PDU that answers a read: header, function, count, one data item per item (reference 3.5)."""
-        total: i64 = 14
-        left: i64 = self.known_items
-        for index in range(left):
+    def _answered_octets(self) -> i64:
+        """Return the octets of the data items that answer a read, as far as they are known (reference 3.5)."""
+        total: i64 = 0
+        left: i64 = len(self.items)
+        for item in self.items:
             left -= 1
-            size: i64 = max(self.size_of(index), 0)
-            total += 4 + size + item_fill(size, left == 0)
+            size: i64 = max(item.size, 0)
+            total += DATA_HEAD + size + item_fill(size, left == 0)
         return total
 
     def note(self, wrong: Malformed) -> None:

@@ -18,7 +18,7 @@ from dissect.s7.items import (
     walk_areas,
 )
 from dissect.s7.parameters import ACK_HEADER_SIZE, Parameters
-from dissect.s7.plain_items import plain_answered_as
+from dissect.s7.plain_items import plain_answered_as, plainly_answered
 from dissect.s7.tables import ACK_DATA, READ_VAR, SETUP_COMMUNICATION, SUCCESS, USERDATA, WRITE_VAR
 from dissect.transactions.results import (
     BAD_DATA,
@@ -72,6 +72,12 @@ def _check_read(transaction: Transaction, count: i64, buf: bytes, at: i64, end: 
     expected = count == parameters.item_count
     if expected and begin_alike(parameters.good_answer, buf, at, end):
         return
+    if expected and parameters.plain and plainly_answered(parameters.octets, buf, at, end):
+        if parameters.answer_unjudged:
+            parameters.answer_unjudged = False
+        else:  # many reads come only once, so that what the next answers are compared with is kept at the second
+            _keep_good(transaction, count, buf, at, end)
+        return
     if not expected and not parameters.malformed:
         transaction._flags |= COUNT_MISMATCH  # not for a malformed request, whose item count proves nothing
     known: i64 = parameters.known_items
@@ -101,9 +107,15 @@ def _check_read(transaction: Transaction, count: i64, buf: bytes, at: i64, end: 
     if at != end and not (at + 1 == end and size & 1):
         transaction._flags |= BAD_DATA
     elif good:
-        parameters.good_answer = item_heads(count, buf, begin, end)
-        if not COMPILED:
-            parameters.keep_layout(buf, transaction._response_offset, begin)
+        _keep_good(transaction, count, buf, begin, end)
+
+
+def _keep_good(transaction: Transaction, count: i64, buf: bytes, at: i64, end: i64) -> None:
+    """Keep what the next answers are compared with: ``buf[at:end]`` are the data items of a good one."""
+    parameters = transaction.parameters
+    parameters.good_answer = item_heads(count, buf, at, end)
+    if not COMPILED:
+        parameters.keep_layout(buf, transaction._response_offset, at)
 
 
 def _check_size(transaction: Transaction, index: i64, buf: bytes, at: i64, size: i64, end: i64) -> bool:

@@ -10,14 +10,15 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from dissect.findings.transaction_rules import odd_address
-from dissect.s7.items import WRITTEN_ELSEWHERE, WRITTEN_IO, Item, parse_items, written_areas
+from dissect.s7.items import WRITTEN_ELSEWHERE, WRITTEN_IO, Item, parse_data_items, parse_items, written_areas
 from dissect.s7.parameters import Parameters, parse_parameters
-from dissect.s7.plain_items import are_plain, plain_answered_as, plain_area, plain_size
+from dissect.s7.plain_items import plain_answered_as, plain_area, plain_octets, plain_size, plainly_answered
 from dissect.s7.tables import (
     ANSWER_TRANSPORT_SIZE,
     AREAS,
     ELEMENT_OCTETS,
     JOB,
+    LENGTH_IN_BITS,
     RECORD_AREA,
     S7ANY,
     TRANSPORT_SIZES,
@@ -32,6 +33,10 @@ WRITE = b"\x05"
 
 def block(*items: bytes, function: bytes = READ) -> bytes:
     return function + bytes([len(items)]) + b"".join(items)
+
+
+def are_plain(octets: bytes, count: int) -> bool:
+    return plain_octets(octets, count) >= 0
 
 
 def parsed(octets: bytes) -> Parameters:
@@ -162,3 +167,42 @@ def test_items_of_a_plain_block_are_made_once_and_when_asked_for() -> None:
 def test_a_copy_of_a_plain_block_has_its_items() -> None:
     found = pickle.loads(pickle.dumps(parsed(block(dbw(1, 2)))))
     assert [one.label for one in found.items] == ["DB1.DBW2"]
+
+
+CODES = st.sampled_from([0xFF] * 8 + [0x0A, 0])
+ANSWERED = st.lists(
+    st.tuples(
+        st.sampled_from([1, 2, 3, 4, 6, 8, 0x0A, 0x1C]), st.integers(0, 3), CODES, st.sampled_from([0] * 8 + [1])
+    ),
+    min_size=1,
+    max_size=3,
+)
+
+
+@given(ANSWERED, st.sampled_from([b"", b"", b"\0", b"\0\0"]), st.integers(0, 1), st.booleans())
+def test_an_answer_is_plain_exactly_if_its_data_items_are_good(
+    told: list[tuple[int, int, int, int]], behind: bytes, cut: int, filled: bool
+) -> None:
+    items, data = [], b""
+    for size, number, code, wrong in told:
+        asked = 1 if size == 1 else number
+        items.append(build.any_item(size, asked, 0, 0x1C if size == 0x1C else 0x83, 0))
+        octets = ELEMENT_OCTETS[size] * asked + wrong
+        transport = ANSWER_TRANSPORT_SIZE.get(size, 4)
+        length = octets * 8 if transport in LENGTH_IN_BITS else octets
+        data += b"\0" * (len(data) % 2) + bytes([code, transport]) + length.to_bytes(2, "big") + bytes(octets)
+    data += (b"\0" * (len(data) % 2) if filled else b"") + behind
+    data = data[: len(data) - cut]
+    octets_asked = block(*items)
+    assert are_plain(octets_asked, len(items))
+    wrong_data: list[Malformed] = []
+    found = parse_data_items(b"**" + data, 2, 2 + len(data), len(items), True, wrong_data)
+    good = (
+        not wrong_data
+        and all(each.return_code == 0xFF for each in found)
+        and [len(each.data) for each in found] == [each.size for each in items_of(octets_asked)[0]]
+        and all(
+            ANSWER_TRANSPORT_SIZE.get(one[0], -1) == each.transport_size for one, each in zip(told, found, strict=True)
+        )
+    )
+    assert plainly_answered(octets_asked, b"**" + data + b"***", 2, 2 + len(data)) is good

@@ -1,20 +1,23 @@
-"""Userdata answers that refuse by the return code of their data: for every function, code and form of the answer."""
+"""Userdata answers that refuse by the return code of their data, for every function, code and form; codes of refused reads."""
 
 from __future__ import annotations
 
 from typing import Final
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from dissect.s7.message import NOT_REFUSED, parse_pdu
 from dissect.s7.tables import DATA, RETURN_CODES, USERDATA_SUBFUNCTIONS
 from dissect.stations.evidence import Evidence
 from dissect.transactions.multipart import Joiner
+from dissect.transactions.refusals import read_codes
 from dissect.transactions.transaction import Transaction
 from tests import build
 from tests.cases import each
 from tests.findings import events
-from tests.transactions.talk import Talk, head, userdata
+from tests.transactions.talk import Talk, ack, ack_data, head, item, read, userdata, write, written
 
 REQUEST: Final = 1
 RESPONSE: Final = 2
@@ -251,3 +254,42 @@ def test_a_clock_that_was_not_set_or_read_is_no_fact() -> None:
         talk.ask(userdata(1, head(REQUEST, 7, subfunction), build.payload(asked)))
         talk.tell(told(7, subfunction, code, content))
         assert len(Evidence().of_transaction(talk.transactions[0])) == facts
+
+
+@given(
+    st.lists(st.tuples(st.sampled_from([0xFF, 0xFF, 0x0A, 0x06, 3]), st.integers(0, 3)), min_size=1, max_size=4),
+    st.integers(0, 3),
+    st.integers(-1, 1),
+)
+def test_codes_of_a_plain_read_are_those_of_its_results(told: list[tuple[int, int]], short: int, more: int) -> None:
+    data = b""
+    for code, size in told:
+        data += b"\0" * (len(data) % 2)
+        data += build.data_item(code, 4, bytes(size)) if code == 0xFF else build.refused_item(code)
+    talk = Talk()
+    talk.open(8, 8)
+    talk.ask(read(1, *(item(0x84, 1, 8 * number, 2) for number in range(len(told)))))
+    talk.tell(ack_data(1, bytes([4, len(told) + more]), data[: len(data) - short]))
+    (transaction,) = talk.transactions
+    codes = [one.return_code for one in transaction.s7_results if one.answer is not None]
+    assert read_codes(transaction) == codes
+    refused = [one.detail.split(": ")[1][:4] for one in talk.findings if one.slug == "transaction.item_error"]
+    assert refused == [f"0x{code:02x}" for code in codes if code != 0xFF]
+
+
+def test_only_plain_reads_have_codes_of_their_own() -> None:
+    def of(asked: bytes, answer: bytes) -> list[int] | None:
+        talk = Talk()
+        talk.open(8, 8)
+        talk.ask(asked)
+        talk.tell(answer)
+        (transaction,) = talk.transactions
+        return read_codes(transaction)
+
+    one = item(0x84, 1, 8, 2)
+    assert of(read(1, one), ack_data(1, b"\x04\x01", build.refused_item(0x0A))) == [0x0A]
+    assert of(read(1, item(0x84, 1, 3, 2)), ack_data(1, b"\x04\x01", build.refused_item(0x0A))) is None
+    assert of(write(1, [one], written(2, b"\0")), ack_data(1, b"\x05\x01", b"\x0a")) is None
+    assert of(read(1, one), ack_data(1, b"\x04\x01", b"", 0x8500)) is None
+    assert of(read(1, one), ack(1, 0x8104)) is None
+    assert of(read(1, one), ack_data(1, b"\x05\x01", b"\x0a")) is None
