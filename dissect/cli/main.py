@@ -264,6 +264,7 @@ def run(arguments: list[str] | None = None) -> int:
     if sys.stdout is None:
         click.echo("s7dissect: standard output is closed", err=True)
         return EXIT_OUTPUT
+    _write_utf8()
     try:
         result = group.main(arguments, prog_name="s7dissect", complete_var=COMPLETION, standalone_mode=False)
         sys.stdout.flush()
@@ -290,6 +291,17 @@ def run(arguments: list[str] | None = None) -> int:
             click.echo(f"    {printable(line)}", err=True)
         return EXIT_USAGE
     return result if isinstance(result, int) else EXIT_OK
+
+
+def _write_utf8() -> None:
+    """Let help and messages on stdout be UTF-8, as results are, whatever the locale or ``PYTHONIOENCODING`` says.
+
+    A code page of Windows has no place for some of what they hold, and of one stream each part would have another encoding. What
+    stderr has no place for, Python escapes (``\\u2192``).
+    """
+    stream = sys.stdout
+    if isinstance(stream, io.TextIOWrapper) and stream.encoding.lower() not in {"utf-8", "utf8"}:
+        stream.reconfigure(encoding="utf-8", errors="backslashreplace")
 
 
 def _say(text: str) -> None:

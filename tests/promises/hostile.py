@@ -69,9 +69,12 @@ def _talk(number: int, said: bytes) -> Talk:
     return talk
 
 
-def write(path: Path) -> Path:
-    """Write the capture; the file itself says the strings in its section, interfaces, names of addresses and comments."""
-    said = strings()
+def write(path: Path, chosen: list[bytes] | None = None) -> Path:
+    """Write the capture; the file itself says the strings in its section, interfaces, names of addresses and comments.
+
+    ``chosen`` are at least five strings to say instead of all.
+    """
+    said = chosen or strings()
     file = Pcapng(begin=False)
     about = b"".join([Pcapng().option(code, said[code]) for code in (1, 2, 3, 4)])
     file.section(options=about + file_end())
