@@ -296,8 +296,8 @@ def run(arguments: list[str] | None = None) -> int:
 def _write_utf8() -> None:
     """Let help and messages on stdout be UTF-8, as results are, whatever the locale or ``PYTHONIOENCODING`` says.
 
-    A code page of Windows has no place for some of what they hold, and of one stream each part would have another encoding. What
-    stderr has no place for, Python escapes (``\\u2192``).
+    A code page of Windows has no place for some of what they hold, and of one stream each part would have another encoding. On
+    stderr, Python escapes what its code page has no place for.
     """
     stream = sys.stdout
     if isinstance(stream, io.TextIOWrapper) and stream.encoding.lower() not in {"utf-8", "utf8"}:

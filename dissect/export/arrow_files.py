@@ -21,12 +21,15 @@ class ArrowSink(Sink):
     """
 
     def __init__(self, path: Path, tables: Iterable[Table], alone: bool, metadata: Mapping[str, str]) -> None:
-        ipc = needed("pyarrow.ipc")
+        pa, ipc = needed("pyarrow"), needed("pyarrow.ipc")
         self._batches = {table.name: Batches(table, dictionaries=False, metadata=dict(metadata)) for table in tables}
         self._writers: dict[str, Any] = {}
+        # Ours to close: a writer that opened its file leaves it open until it is forgotten, and Windows renames no open file.
+        self._files: list[Any] = []
         for name, batches in self._batches.items():
             place = path if alone else path / f"{name}.arrow"
-            self._writers[name] = ipc.new_file(str(place), batches.schema)
+            self._files.append(pa.OSFile(str(place), "wb"))
+            self._writers[name] = ipc.new_file(self._files[-1], batches.schema)
 
     def take(self, table: Table, rows: Sequence[Row]) -> None:
         """Write rows as one batch."""
@@ -34,11 +37,11 @@ class ArrowSink(Sink):
 
     def close(self) -> None:
         """Write the footers, and close the files."""
-        for writer in self._writers.values():
-            writer.close()
+        for file in (*self._writers.values(), *self._files):
+            file.close()
 
     def abandon(self) -> None:
         """Close the files, which will be deleted."""
-        for writer in self._writers.values():
+        for file in (*self._writers.values(), *self._files):
             with suppress(Exception):  # the file may be what failed
-                writer.close()
+                file.close()

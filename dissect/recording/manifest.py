@@ -20,6 +20,7 @@ from typing import Any, Final, NamedTuple
 
 from dissect.config.hostile import ContentError, read_json
 from dissect.recording.names import PART, SUFFIX
+from dissect.wire import locks
 
 #: The end of the name of a manifest, after the name of its ring.
 ENDING: Final = ".manifest.jsonl"
@@ -120,7 +121,8 @@ class Manifest:
 
     def add_file(self, path: Path, time: str, kind: str = FILE, **facts: Any) -> None:
         """Write the entry of a file, which is brought to the disk before."""
-        descriptor = os.open(path, os.O_RDONLY)
+        # Windows syncs only what may be written.
+        descriptor = os.open(path, os.O_RDWR if locks.MANDATORY else os.O_RDONLY)
         try:
             os.fsync(descriptor)
             octets = os.fstat(descriptor).st_size
@@ -129,7 +131,8 @@ class Manifest:
         self.add(kind, time, name=path.name, sha256=content_hash(path), octets=octets, **facts)
 
     def _append(self, octets: bytes) -> None:
-        descriptor = os.open(self.path, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o640)
+        flags = os.O_WRONLY | os.O_CREAT | os.O_APPEND | getattr(os, "O_BINARY", 0)
+        descriptor = os.open(self.path, flags, 0o640)
         try:
             try:
                 rest = memoryview(octets)

@@ -85,6 +85,7 @@ def lock(descriptor: int) -> None:
 def _status(path: Path, mark: str) -> os.stat_result | None:
     """Return the status of a file of the ring that is not being written; None for any other file."""
     flags = os.O_RDONLY | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_CLOEXEC", 0)
+    flags |= getattr(os, "O_BINARY", 0)
     try:
         descriptor = os.open(path, flags)
     except OSError:
@@ -241,6 +242,8 @@ class RingBuffer(PacketSink):
         self._directory.mkdir(parents=True, exist_ok=True)
         self._kept: deque[KeptFile] = deque()  # files that may be removed, the oldest first
         self._octets = 0
+        # Windows removes no file that somebody has open, Wireshark or the thread that hashes it: it goes with the next one.
+        self._read_by_others: list[KeptFile] = []
         if self._limits.removes:
             for file in earlier_files(self._directory, self._name):
                 self._keep(file.path, file.octets, file.written_ns)
@@ -433,7 +436,15 @@ class RingBuffer(PacketSink):
         self._octets -= file.octets
         if self.finished and self.finished[0] == file.path:
             self.finished.popleft()
-        file.path.unlink(missing_ok=True)
-        self.witness.removed(file.path)
-        self.removed += 1
+        self._read_by_others.append(file)
+        for one in [*self._read_by_others]:
+            try:
+                one.path.unlink(missing_ok=True)
+            except PermissionError:
+                if not locks.MANDATORY:
+                    raise
+                continue
+            self._read_by_others.remove(one)
+            self.witness.removed(one.path)
+            self.removed += 1
         return True

@@ -345,3 +345,44 @@ def test_the_capture_filter_stands_in_the_interfaces(tmp_path: Path) -> None:
     for path in ring.finished:
         assert path.read_bytes().count(option) == 2
         assert len(drain(open_capture(str(path))).frames) > 0
+
+
+def test_where_an_open_file_cannot_be_removed_it_goes_with_the_next_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Windows: Wireshark shows a file of the ring, or a thread hashes it. Elsewhere a refusal is an error."""
+    read: set[str] = set()
+    unlink = Path.unlink
+
+    def unlinked(path: Path, missing_ok: bool = False) -> None:
+        if path.name in read:
+            raise PermissionError(13, "used by another process", str(path))
+        unlink(path, missing_ok)
+
+    monkeypatch.setattr(Path, "unlink", unlinked)
+    monkeypatch.setattr("dissect.recording.ring_buffer.locks.MANDATORY", True)
+    ring = RingBuffer(str(tmp_path), RingLimits(octets=300, files=2))
+    for number in range(6):
+        put(ring, number)
+    read.add(first := names(tmp_path)[0])
+    for number in range(6, 20):
+        put(ring, number)
+    kept = names(tmp_path)
+    assert first in kept
+    assert len(kept) == 3
+    read.clear()
+    for number in range(20, 30):
+        put(ring, number)
+    assert first not in names(tmp_path)
+    assert len(names(tmp_path)) == 2
+    ring.close()
+    assert (ring.lost, ring.removed) == (0, ring.files - 2)
+    monkeypatch.setattr("dissect.recording.ring_buffer.locks.MANDATORY", False)
+    ring = RingBuffer(str(tmp_path), RingLimits(octets=300, age_ns=NS))
+    read.update(names(tmp_path))
+    for number in range(2):
+        put(ring, number)
+    with pytest.raises(PermissionError):
+        ring.look_at_room(TIME + 10**6 * NS)
+    read.clear()
+    ring.close()
