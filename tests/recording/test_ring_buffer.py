@@ -383,6 +383,6 @@ def test_where_an_open_file_cannot_be_removed_it_goes_with_the_next_one(
     for number in range(2):
         put(ring, number)
     with pytest.raises(PermissionError):
-        ring.look_at_room(TIME + 10**6 * NS)
+        ring.look_at_room(time.time_ns() + 10**6 * NS)
     read.clear()
     ring.close()
