@@ -178,16 +178,17 @@ class Rules:
     def _plain_value(self, plan: RewritePlan, begin: int, end: int, bit: bool) -> None:
         if begin == end:
             return
-        octets = plan.octets[begin:end]
-        rewritten = None
-        if self.scd is not None and self._inside and octets.startswith(self._openings):
-            rewritten = self.scd.inside(octets)
-        if rewritten is not None:
-            plan.write(rewritten, begin)
-        elif self._choices.values == KEEP:
+        if self.scd is not None and self._inside:
+            described = plan.octets[begin:end]
+            rewritten = self.scd.inside(described) if described.startswith(self._openings) else None
+            if rewritten is not None:
+                plan.write(rewritten, begin)
+                return
+        if self._choices.values == KEEP:
             plan.keep(begin, end)
             plan.account.keep(account.VALUES)
         elif self._choices.values == SCRAMBLE:
+            octets = plan.octets[begin:end]
             new = replace_bit(self._key, octets) if bit else replace_octets(self._key, octets)
             plan.put(begin, new, account.VALUES)
         else:

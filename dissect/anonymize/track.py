@@ -68,6 +68,7 @@ class Track:
         "_expected",
         "_forgotten",
         "_index",
+        "_last_end",
         "_latest",
         "_new",
         "_new_at",
@@ -90,6 +91,7 @@ class Track:
         self._room = room
         self._begins = array("Q")
         self._ends = array("Q")
+        self._last_end = -1  # the last of them
         self._new_at = array("Q")
         self._new: list[bytes] = []
         self._expected = array("Q", (0,))
@@ -103,13 +105,15 @@ class Track:
 
     def keep(self, begin: int, end: int) -> None:
         """Keep the octets from ``begin`` to ``end``."""
-        if self._ends and self._ends[-1] == begin:
-            self._ends[-1] = end
-        elif begin < 0 or (self._ends and begin < self._ends[-1]):
+        last: int = self._last_end
+        if begin < last or begin < 0:
             return  # contradicts an earlier range: neither can be trusted
+        if begin == last:
+            self._ends[-1] = self._last_end = end
         elif self._room.take(0):
             self._begins.append(begin)
             self._ends.append(end)
+            self._last_end = end
         else:
             self.full = True
 
@@ -127,6 +131,7 @@ class Track:
         if self._room.take(0):
             self._begins.insert(place, at)
             self._ends.insert(place, at + 1)
+            self._last_end = self._ends[-1]
         else:
             self.full = True
 

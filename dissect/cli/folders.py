@@ -5,14 +5,19 @@ from __future__ import annotations
 import os
 from collections.abc import Callable
 from pathlib import Path
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 import click
 
 from dissect.wire.text import printable
 
+if TYPE_CHECKING:
+    from dissect.index.lookup import Indexes
+
 #: Key in the context of a command: the named folders, each with its files that are not captures.
 _FOLDERS: Final = "dissect.cli.folders.foreign"
+#: Key in the context of a command: the indexes that it looks into.
+_INDEXES: Final = "dissect.cli.folders.indexes"
 #: The file that marks a folder of blocks, which `blocks` reads directly.
 _BLOCKS: Final = "manifest.json"
 
@@ -66,19 +71,26 @@ def _captures(folder: str) -> list[str]:
 
 def _known_first() -> Callable[[str], int | None]:
     """Return what gives the time of a file's first packet, None without one: from an index, else from the file."""
-    from dissect import __version__
-    from dissect.index.lookup import Indexes
     from dissect.source.order import first_ns
 
-    indexes = Indexes(__version__)  # an unusable one is ignored here
+    known = indexes()  # an unusable one is ignored here
 
     def first(path: str) -> int | None:
-        facts = indexes.facts(path)
+        facts = known.facts(path)
         if facts is None:
             return first_ns(path)
         return facts.first_ns if facts.packets else None
 
     return first
+
+
+def indexes() -> Indexes:
+    """Return the indexes of the command at hand, each opened once."""
+    from dissect import __version__
+    from dissect.index.lookup import Indexes
+
+    found: Indexes = click.get_current_context().meta.setdefault(_INDEXES, Indexes(__version__))
+    return found
 
 
 def _others(folder: str) -> list[str]:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from dissect import __version__
+from dissect.cli.folders import indexes
 from dissect.cli.look import clock
 from dissect.cli.options.jobs import indexed_meant
 from dissect.report import words
@@ -26,16 +26,15 @@ def may_match(files: tuple[str, ...], chosen: Chosen) -> tuple[str, ...]:
         return files
     if chosen.where is None:
         raise click.UsageError("--indexed needs -Y: without it every file has something that is wanted.")
-    from dissect.index.lookup import Indexes
     from dissect.index.possible import Possible
 
     possible = Possible(chosen.where.text, clock().local)
-    indexes = Indexes(__version__)
-    kept = [file for file in files if (facts := indexes.facts(file)) is None or possible(facts)]
-    if not indexes.used:
+    known = indexes()
+    kept = [file for file in files if (facts := known.facts(file)) is None or possible(facts)]
+    if not known.used:
         none = "no file has an index in its folder or one above: s7dissect index DIR makes one"
-        raise click.ClickException("; ".join(map(printable, indexes.troubles)) or none)
-    for trouble in indexes.troubles:
+        raise click.ClickException("; ".join(map(printable, known.troubles)) or none)
+    for trouble in known.troubles:
         click.echo(f"s7dissect: {printable(trouble)}; the files of this folder are opened", err=True)
     if not kept:
         where = printable(files[0]) if len(files) == 1 else f"any of {len(files)} files; only {printable(files[0])}"

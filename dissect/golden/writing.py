@@ -125,10 +125,24 @@ def _cached_lines(transaction: Transaction) -> str:
 def _fragment(exchange: Exchange) -> str:
     """Return the lines of request and answer of an exchange."""
     lines = _usual_lines(exchange) or list(_exchange_lines(exchange))
-    if max(map(len, lines), default=0) > _WIDTH:
-        lines = [piece for line in lines for piece in ((line,) if len(line) <= _WIDTH else _wrapped(line))]
+    if _are_wide(lines):
+        wrapped: list[str] = []
+        for line in lines:
+            if len(line) <= _WIDTH:
+                wrapped.append(line)
+            else:
+                wrapped += _wrapped(line)
+        lines = wrapped
     exchange.fragment = "\n".join(lines)
     return exchange.fragment
+
+
+def _are_wide(lines: list[str]) -> bool:
+    """Return whether a line is wider than a line of a golden is."""
+    for line in lines:  # noqa: SIM110 - compiled, any() would be slower
+        if len(line) > _WIDTH:
+            return True
+    return False
 
 
 def _usual_lines(exchange: Exchange) -> list[str] | None:
@@ -351,12 +365,11 @@ def item_lines(exchange: Exchange, answered: bool) -> list[ItemLine]:
 # ---- width ----------------------------------------------------------------------------------------------------------
 
 
-def _wrapped(line: str) -> Iterator[str]:
-    """Yield a line in pieces of bounded width; continuations are indented deeper than everything else."""
+def _wrapped(line: str) -> list[str]:
+    """Return a line in pieces of bounded width; continuations are indented deeper than everything else."""
     text, mark, remark = line.partition("  # ")
     if len(text) <= _WIDTH or not (text.endswith((">", "]")) or "> " in text or "] " in text):
-        yield line
-        return
+        return [line]
     pieces: list[str] = []
     room = _WIDTH
     while len(text) > room:
@@ -367,7 +380,7 @@ def _wrapped(line: str) -> Iterator[str]:
         text = _CONTINUED + text[at + 1 :]
     pieces.append(text)
     pieces[-1] += mark + remark
-    yield from pieces
+    return pieces
 
 
 __all__ = ["EXTRAS", "FORMAT", "FORMS", "SCD", "golden_lines", "golden_text", "item_lines", "link_lines"]

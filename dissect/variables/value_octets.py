@@ -122,6 +122,8 @@ def write_json(out: BytesWriter, told: Told) -> bool:
         out.write(b"true" if octets[0] & 1 else b"false")
         return True
     size: i64 = len(octets)
+    if kind == REAL:  # as `repr` writes it: transactions write large numbers with an exponent
+        return size > 0 and size & 3 == 0 and _write_finite(out, kind, 4, octets, b",")
     return write_numbers(out, kind, octets, 0, size) or write_times(out, kind, octets, 0, size)
 
 
@@ -149,20 +151,27 @@ def write_cell(out: BytesWriter, told: Told) -> bool:
     step = number_size(kind)
     if step == 0 or size == 0 or size & (step - 1) or kind == BIT:
         return False
-    return _write_numbers(out, kind, step, octets)
+    begin = len(out)
+    if size > step:
+        out.append(_QUOTE)
+    if not _write_finite(out, kind, step, octets, b", "):
+        out.truncate(begin)
+        return False
+    if size > step:
+        out.append(_QUOTE)
+    return True
 
 
-def _write_numbers(out: BytesWriter, kind: i64, step: i64, octets: bytes) -> bool:
-    """Write finite numbers for a cell."""
+def _write_finite(out: BytesWriter, kind: i64, step: i64, octets: bytes, joint: bytes) -> bool:
+    """Write a number, or several in brackets with ``joint`` between them; False, with nothing written, if one is not finite."""
     begin = len(out)
     size: i64 = len(octets)
     if size > step:
-        out.append(_QUOTE)
         out.append(_OPEN)
     at: i64 = 0
     while at < size:
         if at:
-            out.write(b", ")
+            out.write(joint)
         if kind != REAL:
             write_number(out, kind, octets, at)
         elif u16(octets, at) & NOT_FINITE == NOT_FINITE:
@@ -173,5 +182,4 @@ def _write_numbers(out: BytesWriter, kind: i64, step: i64, octets: bytes) -> boo
         at += step
     if size > step:
         out.append(_CLOSE)
-        out.append(_QUOTE)
     return True

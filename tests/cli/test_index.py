@@ -14,6 +14,8 @@ import pytest
 import dissect
 from dissect.cli.main import EXIT_INTERRUPTED
 from dissect.cli.run import drive
+from dissect.index.facts import FileFacts
+from dissect.index.lookup import Indexes
 from dissect.index.place import cached
 from dissect.index.store import NAME
 from dissect.session import Run
@@ -175,6 +177,23 @@ def test_files_that_cannot_answer_are_not_opened(
         path.write_bytes(b"no capture, but long enough to be looked at")
         ran = run(capfdbinary, "analyze", *where, *wanted, str(path), "--indexed")
         assert (ran.code, f"{path}: " in ran.err) == (3, True)
+
+
+def test_the_index_of_a_folder_is_read_once(
+    capfdbinary: Capture, folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its order and --indexed ask for the same facts."""
+    run(capfdbinary, "index", folder)
+    read = Indexes._read
+    asked: list[Path] = []
+
+    def counted(indexes: Indexes, at: Path) -> dict[str, FileFacts] | None:
+        asked.append(at)
+        return read(indexes, at)
+
+    monkeypatch.setattr(Indexes, "_read", counted)
+    assert run(capfdbinary, "transactions", "--separate", "-Y", "port == 45840", folder, "--indexed").code == 0
+    assert len(asked) == len(set(asked)) > 0
 
 
 def test_indexed_needs_an_index_and_a_question(capfdbinary: Capture, folder: Path) -> None:
