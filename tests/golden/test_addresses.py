@@ -67,10 +67,10 @@ def test_items_look_like_this(text: str, octets: str) -> None:
     [
         ("DB10.DBD4 INT", "does not fit the type"),
         ("DB10.DBW4 NUMBER", "is not a type"),
-        ("DB99999.DBW4 INT", "beyond"),
+        ("DB99999.DBW4 INT", "more than an item can hold"),
         ("somewhere INT", "is not an address"),
         ("DB10.DBW4", "is not an item such as"),
-        ("DB10.DBW4 INT x70000", "beyond"),
+        ("DB10.DBW4 INT x70000", "more than an item can hold"),
         ("item <12 05 82>", "second byte must count"),
         ("DB10.DBW4 INT refused 0x05 head <00>", "three bytes"),
     ],
