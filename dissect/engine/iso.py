@@ -54,7 +54,7 @@ from dissect.transactions.connection import FOREIGN, ISO
 from dissect.transactions.protocol import Protocol
 from dissect.transactions.side import Place, Side
 from dissect.wire.build import COMPILED
-from dissect.wire.octets import Tally, u16
+from dissect.wire.octets import Tally, u16, u32
 from dissect.wire.text import count
 
 #: The size of a TPKT with a DT and just the header of an S7 PDU, in octets.
@@ -67,7 +67,10 @@ _TPKT: Final = 0x0300
 _PLAIN: Final = 0x02F08000 | PROTOCOL_ID
 _ALL_BUT_NUMBER: Final = 0xFFFF80FF
 #: A TPKT with a DT that has neither EOT nor data: the everyday acknowledgement of Siemens stacks (reference 2.5).
-_EMPTY: Final = bytes.fromhex("0300000702f000")
+#: It is read by its first four octets and its last four.
+_EMPTY_BEGIN: Final = 0x03000007
+_EMPTY_END: Final = 0x0702F000
+_EMPTY_SIZE: Final = 7
 #: Protocols whose TSDU counts are reported even when they are zero.
 _ALWAYS: Final = frozenset(("s7comm", "s7comm_plus", "mms", "tls", "unknown"))
 
@@ -105,9 +108,13 @@ class IsoOnTcp(Protocol):
         self._take(side, buf, at, at, at + size, frame, time_ns)
 
     def rest(self, side: Side, buf: bytes, at: i64, end: i64, frame: i64, time_ns: i64) -> bool:
-        """Take what is in ``buf[at:end]`` behind a TPKT that `usual` took; return whether it is nothing but more of these."""
-        while end - at >= LEAST:
-            length: i64 = self.usual(side, buf, at, min(end - at, side.longest), frame, time_ns)
+        """Take ``buf[at:end]`` of a segment where `longest` allows `usual`; return whether that and `empty` took all of it."""
+        while end - at >= _EMPTY_SIZE:
+            length: i64 = 0
+            if self.empty(side, buf, at, frame, time_ns):
+                length = _EMPTY_SIZE
+            elif end - at >= LEAST:
+                length = self.usual(side, buf, at, min(end - at, side.longest), frame, time_ns)
             if length == 0:
                 break
             at += length
@@ -272,14 +279,14 @@ class IsoOnTcp(Protocol):
             self._exchange.note_bug(bug, frame, time_ns)
         return length
 
-    def empty(self, side: Side, octets: bytes, frame: i64, time_ns: i64) -> bool:
-        """Count ``octets`` if they are just one TPKT with a DT that has neither EOT nor data; else return False.
+    def empty(self, side: Side, buf: bytes, at: i64, frame: i64, time_ns: i64) -> bool:
+        """Count the TPKT at ``at`` if it is a DT that has neither EOT nor data; else return False. Seven octets must be there.
 
         Such a DT begins and ends no TSDU. Call this only where `longest` allows `usual`.
         """
-        if octets != _EMPTY:
+        if u32(buf, at + 3) != _EMPTY_END or u32(buf, at) != _EMPTY_BEGIN:
             return False
-        side.framer.framed += len(_EMPTY)
+        side.framer.framed += _EMPTY_SIZE
         self.tpdus.often_count += 1
         if side.connection.open_requests[1 - side.index].count:
             note_early(self._exchange.reporter, side, frame, time_ns)

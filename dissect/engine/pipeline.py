@@ -447,13 +447,10 @@ class Pipeline(PacketSink):
         """Hand ``octets[at:size]`` to ISO-on-TCP, then set `Side.longest`: what the fast path may take next."""
         frame: i64 = self.counters.frames
         time_ns: i64 = self.counters.now_ns
-        if at:
-            if self.iso.rest(side, octets, at, size, frame, time_ns):
-                return
-        elif side.longest and size < LEAST and self.iso.empty(side, octets, frame, time_ns):
-            return
-        else:
+        if not side.longest:
             self.iso.feed(side, octets, 0, size, frame, time_ns)
+        elif self.iso.rest(side, octets, at, size, frame, time_ns):
+            return
         peer = side.peer
         if peer is None or side.waiting or peer.waiting or side.tcp.doubt or side.connection.plus is not None:
             if side.unfinished:
