@@ -75,6 +75,7 @@ from dissect.transactions.results import (
     STILL_OPEN,
     WRITE_SIZE,
     TransactionError,
+    item_error,
 )
 from dissect.transactions.side import Side
 from dissect.transactions.transaction import (
@@ -494,8 +495,13 @@ def _judge_codes(reporter: Reporter, transaction: Transaction, codes: list[int])
     for index in range(len(codes)):
         code: i64 = codes[index]
         if code != SUCCESS and reporter.wants_of(slug, transaction):
-            error = next(one for one in transaction.errors if one.item == index + 1)
-            what = f"{transaction.function_name} {_about(transaction, error)}: {error.coded}"
+            items = transaction.parameters.items
+            item = items[index] if index < len(items) else None
+            error = item_error(int(code), index + 1, item.address if item is not None else "")
+            about = (
+                item.label if item is not None and transaction.connection.naming is None else _about(transaction, error)
+            )
+            what = f"{transaction.function_name} {about}: {error.coded}"
             time_ns = transaction.response_ns
             reporter.detail(slug, transaction.connection.number, transaction.frames, time_ns, what)
 

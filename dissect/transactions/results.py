@@ -294,6 +294,11 @@ class TransactionError:
         }
 
 
+def item_error(code: int, number: int, address: str) -> TransactionError:
+    """Return the error of an item that is refused by ``code``; ``number`` counts from 1."""
+    return TransactionError(ITEM, code, RETURN_CODES.name(code), RETURN_CODES.text(code), number, address)
+
+
 def refusal(transaction: Transaction) -> TransactionError | None:
     """Return the error with which an answer refuses its request as a whole, None when it does not; SCD has messages instead."""
     code = int(transaction.error_code)

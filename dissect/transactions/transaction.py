@@ -22,7 +22,6 @@ from dissect.s7.tables import (
     ACK_DATA,
     JOB,
     READ_VAR,
-    RETURN_CODES,
     USERDATA,
     WRITE_VAR,
 )
@@ -52,6 +51,7 @@ from dissect.transactions.results import (
     alarm_errors,
     data_code,
     has_items,
+    item_error,
     refusal,
     userdata_results,
 )
@@ -512,9 +512,7 @@ class Transaction(OldNames):
             result, code = results[number - 1], results[number - 1].return_code
             address = result.item.address if result.item is not None else ""
             if result.refused:
-                errors.append(
-                    TransactionError(ITEM, code, RETURN_CODES.name(code), RETURN_CODES.text(code), number, address)
-                )
+                errors.append(item_error(code, number, address))
             elif code < 0 and self._flags & UNCONFIRMED:
                 errors.append(TransactionError(ITEM, NO_CODE, *NO_CODE_TEXTS, number, address))
         return errors
