@@ -275,7 +275,7 @@ def decoder_of(
     if scd is None and bind is None:
         return None
     if scd is None or bind is None:
-        raise ValueError("decoding SCD takes both a dictionary (scd) and a file that says where it travels (bind)")
+        raise ValueError("decoding SCD needs both a dictionary (scd) and a file of bindings (bind)")
     from dissect.bindings import load_carrier
 
     with of_family():
@@ -488,7 +488,7 @@ def devices(
     """Iterate the devices of one capture or several, the CPUs first: what each is, and which packets show it (docs/devices.md).
 
     The first device comes when everything was read. `dissect.inventory.collector.Inventory` is an observer that does the same
-    in a run of yours; it also knows who talked to whom. ``checksums``, ``tls_keys``, ``tags`` and ``where`` as for `open`.
+    in your own run; it also records who talked to whom. ``checksums``, ``tls_keys``, ``tags`` and ``where`` as for `open`.
     Raises `CaptureError` when a file cannot be read at all; damage inside a file ends the reading of that file.
     """
     from dissect.inventory.collector import Inventory

@@ -11,7 +11,7 @@ from dissect.report import words
 from dissect.wire.text import Clock, encodable, printable, shortened
 
 SCHEMA: Final = "s7dissect.alert/1"
-#: At most so many characters of the text are on a line.
+#: At most this many characters of the text are on a line.
 _MAX_TEXT: Final = 1000
 
 

@@ -17,7 +17,7 @@ from dissect.wire.text import Clock
 
 #: Greatest number of different things that are remembered; a new one replaces the oldest.
 MAX_REMEMBERED: Final = 16384
-#: How often (capture time) all entries are checked, and with each so many entries it is done more rarely.
+#: Interval (capture time) of the checks of all entries; it grows with every this many entries.
 _FLUSH_NS: Final = 1_000_000_000
 _MANY: Final = 1024
 #: Servers of which the first alert of a minute is given beyond the limit `Rule.burst`, and named when they are more.

@@ -204,7 +204,7 @@ class SpoolLane:
                 self._complaints.about("refused", refused)
 
 
-#: At most so many alerts wait for one action.
+#: At most this many alerts wait for one action.
 MAX_QUEUED: Final = 256
 
 

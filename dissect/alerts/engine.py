@@ -25,10 +25,10 @@ from dissect.report.words import Places
 from dissect.transactions.connection import Connection
 from dissect.transactions.transaction import Transaction
 
-#: How often (capture time) states are checked, and with each so many connections and measures it is done more rarely.
+#: Interval (capture time) of the checks of states; it grows with every this many connections and measures.
 LOOK_NS: Final = 200_000_000
 _MANY: Final = 512
-#: After so long, a connection without a transaction is judged by what is known of it.
+#: After this long, a connection without a transaction is judged by what is known of it.
 _JUDGE_NS: Final = 1_000_000_000
 #: A tick that is earlier than the one before by more than this means that the clock was set back.
 _SET_BACK_NS: Final = 1_000_000_000

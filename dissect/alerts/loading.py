@@ -278,7 +278,7 @@ def _rate(table: Table) -> dict[str, Any]:
     window = _window(table, 10 * _S)
     learned = _learned(table, "above_learned", per)
     if learned and (window not in _LEARNED_WINDOWS or of != states.TRANSACTIONS):
-        raise table.fail("above_learned", 'a baseline holds transactions in windows of "1s" and "10s"')
+        raise table.fail("above_learned", 'a baseline has transactions in windows of "1s" and "10s"')
     return {
         "per": per, "of": of, "window_ns": window, "learned": learned,
         "above": _positive(table, "above"), "below": _positive(table, "below"),

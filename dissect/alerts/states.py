@@ -26,7 +26,7 @@ from dissect.transactions.transaction import (
 
 #: Greatest number of pairs or connections that one rule measures; a new one replaces the one that was silent for longest.
 MAX_MEASURED: Final = 4096
-#: A learned rate counts as at least so many in a window: three instead of one is not worth an alert.
+#: A learned rate is raised to at least this number per window: three instead of one is not worth an alert.
 LEAST_RATE: Final = 10
 #: The same minimum for a learned silence and for learned answer times.
 LEAST_SILENCE_NS: Final = 1_000_000_000

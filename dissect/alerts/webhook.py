@@ -110,7 +110,7 @@ def webhook_of(
     ):
         raise table.fail("webhook", 'is not an address such as "http://127.0.0.1:8080/alerts"')
     if parts.username is not None or parts.password is not None:
-        raise table.fail("webhook", "holds a name or a password, which must not be in the address")
+        raise table.fail("webhook", "contains a user name or password: remove it from the address")
     if not allowed(host, hosts):
         raise table.fail("webhook", f"{host} is not this machine: name it in allow_hosts at the top of the file")
     spool: Path | None = None
@@ -137,4 +137,4 @@ def _trusted(table: Table) -> ssl.SSLContext | None:
     try:
         return ssl.create_default_context(cafile=path)
     except (OSError, ValueError) as error:  # ssl.SSLError is an OSError
-        raise table.fail("ca_file", f"{shown(path)} holds no certificates: {reason(error)}") from None
+        raise table.fail("ca_file", f"{shown(path)} contains no certificates: {reason(error)}") from None

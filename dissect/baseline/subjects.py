@@ -23,9 +23,9 @@ from dissect.transactions.transaction import PUSH, Transaction
 Pair = tuple[str, str]
 
 _MAX_CACHED: Final = 4096
-#: The addresses of S7comm-plus reads up to so many octets are remembered.
+#: The addresses of S7comm-plus reads up to this many octets are remembered.
 _LARGEST: Final = 2048
-#: The pairs of so many connections are remembered: findings may come after the end of their connection.
+#: The pairs of this many connections are remembered: findings may come after the end of their connection.
 _MAX_CONNECTIONS: Final = 16384
 #: Greatest number of characters of a TSAP: real ones have a few octets, but the protocol allows 254.
 _MAX_TSAP: Final = 64

@@ -109,7 +109,7 @@ def _object(dictionary: Dictionary, written: str) -> Content | None:
 
 def _whole(obj: Object) -> Content:
     if obj.object_class == NULL:
-        raise Error(E_VALUE, "", f"0x{obj.index:04x} {shown(obj.name)} is a NULL, which holds no data")
+        raise Error(E_VALUE, "", f"0x{obj.index:04x} {shown(obj.name)} is a NULL, which has no data")
     if obj.single and obj.head is not None:
         return _value(obj.head)
     key = f"0x{obj.index:04x}"

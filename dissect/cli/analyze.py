@@ -39,7 +39,8 @@ def command(reading: Reading, format_: Format, brief: bool, per_file: bool) -> i
 
     FILE is a pcap or pcapng file, plain or compressed with gzip or zstd; - is standard input. Several files are read in
     order; one that continues where the previous one ended (a ring buffer) continues its connections, unless --separate
-    reads each file on its own. Of a folder each file is read on its own, in the order of their times, and has a row.
+    reads each file on its own. Each file of a folder is read separately, in the order
+    of their times, and gets a row.
     """
     from dissect.report.analysis import Analysis
     from dissect.report.summary import Summary

@@ -79,12 +79,12 @@ def page(topic: str) -> str:
 
 
 def unfolded(text: str, columns: int) -> str:
-    """Return a page whose tables fit into so many columns: a wider table becomes a list of terms and descriptions."""
+    """Return a page whose tables fit into this number of columns: a wider table becomes a list of terms and descriptions."""
     return _TABLE.sub(lambda table: table[0] if _fits(table, columns) else _rows(table), text)
 
 
 def _fits(table: re.Match[str], columns: int) -> bool:
-    """Return whether a table can be read in so many columns: no word is cut off, and texts have room for a few words a line."""
+    """Return whether a table can be read in this width: no word is cut off, and texts have room for a few words a line."""
     rows = [_cells(line) for line in (table[1], *table[2].splitlines())]
     texts = sum(max(map(len, column)) > columns // 2 for column in zip(*rows, strict=True))
     return (texts < _TEXTS or len(rows[0]) <= _TEXTS + 1) and formatted(table[0], columns).count("…") == table[0].count(
@@ -167,7 +167,7 @@ def _show(text: str) -> None:
 
 
 def formatted(text: str, columns: int, colours: bool = False) -> str:
-    """Return Markdown as a terminal with so many columns shows it."""
+    """Return Markdown as a terminal with this number of columns shows it."""
     from rich.console import Console
     from rich.markdown import Markdown
 

@@ -40,7 +40,7 @@ def command(reading: Reading, format_: Format, frames: tuple[range, ...], verbos
     """
     if verbose and not format_.verbose:
         names = " and ".join([row.name for row in formats_for(PDUS) if row.verbose])
-        raise click.UsageError(f"-V applies to {names} only; -T {format_.name} has no longer form.")
+        raise click.UsageError(f"-V applies to {names} only; -T {format_.name} has no detailed form.")
     chosen = reading.chosen
     writer = chosen.writer(format_, PDUS, clock(), verbose)
     feed = PduFeed(writer, Numbers(frames) if frames else None, reading.decoder, chosen.message_choice(), tpdus)

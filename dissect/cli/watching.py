@@ -40,9 +40,7 @@ def _topics(ctx: click.Context, param: click.Parameter, value: str | None) -> tu
 def expect_scd(topics: tuple[str, ...], decoder: PayloadDecoder | None) -> None:
     """Refuse to report only messages that nothing searches for."""
     if set(topics) == {_SCD} and decoder is None:
-        raise click.UsageError(
-            "--only scd needs --scd DICT and --bind BINDINGS, which say what SCD is and where it is."
-        )
+        raise click.UsageError("--only scd needs --scd DICT and --bind BINDINGS, to decode SCD and to find it.")
 
 
 #: ``--only TOPICS``; the command's argument is called ``topics``.

@@ -23,11 +23,11 @@ from dissect.cluster.workers import Machine, Worker, obstacle, workers_of
 from dissect.jobs.tasks import FileError
 from dissect.source.remote import bounded, is_remote, shown
 
-#: After so many files in a row that a worker cannot read, but others can, it gets no further tasks.
+#: After this many files in a row that a worker cannot read, but others can, it gets no further tasks.
 _BLIND: Final = 3
-#: Every so many seconds the scheduler is asked whether it is still there.
+#: Every this many seconds the scheduler is asked whether it is still there.
 _ASK_S: Final = 5
-#: After so many seconds without an answer, the scheduler counts as gone. That is longer than at the start: it may be busy.
+#: After this many seconds without an answer, the scheduler counts as gone. That is longer than at the start: it may be busy.
 SILENCE_S: Final = 30
 
 

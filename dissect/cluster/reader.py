@@ -20,7 +20,7 @@ from typing import Any, Final, NamedTuple
 
 from dissect.jobs.tasks import FileError
 
-#: After so many seconds without a task the process ends, to free its memory.
+#: After this many seconds without a task the process ends, to free its memory.
 IDLE_S: Final = 30
 #: Kinds of answers: a result, a reason why there is none, or a bug.
 FOUND: Final = "found"

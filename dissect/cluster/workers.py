@@ -78,7 +78,7 @@ def workers_of(client: Any, patience: Patience, addresses: Sequence[str] | None 
     try:
         info = bounded(lambda: client.scheduler_info(n_workers=-1), patience.left)
     except TimeoutError:
-        raise ClusterError(f"the scheduler does not say who its workers are within {patience.whole} seconds") from None
+        raise ClusterError(f"the scheduler did not list its workers within {patience.whole} seconds") from None
     known: Mapping[str, Any] = info["workers"]
     asked = [address for address in known if addresses is None or address in addresses]
     answers: dict[str, Any] = {}

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Final
 
 NAME: Final = "s7dissect.toml"
-#: At most so many folders above the present one are searched for a project's file.
+#: At most this many folders above the present one are searched for a project's file.
 _MOST_FOLDERS: Final = 64
 
 

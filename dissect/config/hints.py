@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from itertools import islice
 from typing import Final
 
-#: At most so many names are compared, so many characters of a name, and so many names suggested.
+#: At most this many names are compared, this many characters of a name, and this many names suggested.
 _MOST_COMPARED: Final = 4096
 _LONGEST: Final = 200
 _MOST_SHOWN: Final = 3

@@ -62,7 +62,7 @@ def read_toml(text: str) -> dict[str, Any]:
     except ValueError:
         raise ContentError("a number of too many digits", _line(text, _LONG_NUMBER)) from None
     except RecursionError:
-        raise ContentError("arrays in arrays without end") from None
+        raise ContentError("arrays are nested too deeply") from None
 
 
 def read_json(text: str | bytes, pairs: Callable[[list[tuple[str, Any]]], Any] | None = None) -> Any:
@@ -74,7 +74,7 @@ def read_json(text: str | bytes, pairs: Callable[[list[tuple[str, Any]]], Any] |
     except UnicodeError:
         raise ContentError("not UTF-8") from None
     except RecursionError:
-        raise ContentError("it nests without end") from None
+        raise ContentError("it is nested too deeply") from None
     except ContentError:
         raise
     except ValueError:  # Python reads no number of so many digits

@@ -91,7 +91,7 @@ class BareConnections:
         return sum([self.counts[port] for port in ports]), min([self.first[port] for port in ports], default=0)
 
     def add_first(self, later: dict[int, int], packets: int) -> None:
-        """Add the first packets of another file, before which ``packets`` packets came."""
+        """Add the first packets of a further file, after ``packets`` earlier packets."""
         for port, frame in later.items():
             self.first.setdefault(port, frame + packets)
 

@@ -18,7 +18,7 @@ from dissect.transactions.table import endpoints
 from dissect.wire.octets import Tally
 from dissect.wire.text import duration_text
 
-#: For so many kinds of packets that are not opened, the first one is a detailed finding. There may be any number of kinds.
+#: For this many kinds of packets that are not opened, the first one is a detailed finding. There may be any number of kinds.
 _MAX_SEALED: Final = 32
 #: Later than every packet.
 _NEVER_NS: Final = 0x7FFF_FFFF_FFFF_FFFF

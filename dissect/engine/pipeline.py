@@ -64,7 +64,7 @@ __all__ = ["Observer", "Options", "Pipeline"]
 #: Size of the headers of Ethernet, IPv4 without options, and TCP.
 _HEADERS: Final = 54
 
-#: After each so many captured octets, what all buffers hold is added up; it cannot have grown by more in between.
+#: Interval, in captured octets, at which the contents of all buffers are added up; they cannot grow by more in between.
 LOOK_OCTETS: Final = 32 * 1024 * 1024
 
 

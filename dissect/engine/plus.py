@@ -33,7 +33,7 @@ from dissect.transactions.protocol import Protocol
 from dissect.transactions.side import Side
 from dissect.wire.octets import Tally, u16
 
-#: The functions that have names are among so many codes from this one on.
+#: The functions that have names are among this many codes from this one on.
 _FIRST: Final = 0x0480
 _CODES: Final = 0x0200
 #: Functions with which a client may restart its sequence numbers.

@@ -46,7 +46,7 @@ from dissect.transactions.transaction import LIKELY, Transaction
 from dissect.wire.text import Clock, encodable
 
 ECS_VERSION: Final = "9.4.0"
-#: Elasticsearch indexes texts up to so many characters; longer ones cannot be searched.
+#: Elasticsearch indexes texts up to this many characters; longer ones cannot be searched.
 _LONGEST: Final = 1024
 _TCP: Final = "6"
 _UDP: Final = "17"

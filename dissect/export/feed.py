@@ -42,7 +42,7 @@ from dissect.transactions.side import Side
 from dissect.transactions.transaction import Transaction
 from dissect.variables.collector import Collector
 
-#: So many rows of a table are passed on together; items earlier, when their PDUs have so many bytes.
+#: This many rows of a table are passed on together; items earlier, when their PDUs have this many bytes.
 ROWS: Final = 8192
 _MOST_BYTES: Final = 16 * 1024 * 1024
 #: The tables with most rows, which are collected column by column.

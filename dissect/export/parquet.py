@@ -20,10 +20,10 @@ from dissect.export.tables import BYTES, INT, TEXT, TIME, WORD, Table
 from dissect.export.transaction_rows import Row
 from dissect.wire.text import civil
 
-#: Rows of a row group: DuckDB's unit of work. A group is written earlier when it has so many bytes.
+#: Rows of a row group: DuckDB's unit of work. A group is written earlier when it has this many bytes.
 ROW_GROUP: Final = 122_880
 _GROUP_BYTES: Final = 64 * 1024 * 1024
-#: At most so many files of one table are open at once; each is for one day.
+#: At most this many files of one table are open at once; each is for one day.
 _MOST_OPEN: Final = 4
 _DAY_NS: Final = 86_400_000_000_000
 #: Hive's name for a partition without a value.

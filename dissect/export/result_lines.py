@@ -13,7 +13,7 @@ from dissect.export.sql import Result
 from dissect.report.outcome import Outcome
 from dissect.wire.text import cell, printable, shortened
 
-#: At most so many characters of a text are shown in a table.
+#: At most this many characters of a text are shown in a table.
 _WIDEST: Final = 120
 
 

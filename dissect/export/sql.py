@@ -17,7 +17,7 @@ _WORD: Final = re.compile(r"\w+")
 #: DuckDB's error for a table that does not exist, and its guess which one was meant.
 _MISSING: Final = re.compile(r"Table with name (\S+) does not exist!")
 _OTHERS: Final = re.compile(r'Did you mean "[^"]*"\?')
-#: So many rows of a result are fetched together.
+#: This many rows of a result are fetched together.
 _FETCH: Final = 8192
 
 

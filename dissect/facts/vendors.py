@@ -10,7 +10,7 @@ _LOCAL: Final = 2
 LOCALLY_ADMINISTERED: Final = "locally administered"
 #: Digits of the prefixes that are assigned to vendors, the longest first.
 _DIGITS: Final = (9, 7, 6)
-#: From so many look-ups on, a dictionary is cheaper than searching the text of the list.
+#: From this many look-ups on, a dictionary is cheaper than searching the text of the list.
 _MANY: Final = 100
 
 

@@ -33,7 +33,7 @@ def written(
     clock: Clock,
     owned: Mapping[str, Any] = _NOTHING,
 ) -> dict[str, object]:
-    """Return a record as JSON values, its keys in the order of the table; ``owned`` has the objects that others make."""
+    """Return a record as JSON values, its keys in the order of the table; ``owned`` has the objects from other writers."""
     told: dict[str, object] = {}
     for fact in facts.values():
         key = fact.key

@@ -16,10 +16,10 @@ from mypy_extensions import i64
 
 from dissect.wire.text import count
 
-#: So many findings of a rule are kept for two hosts, and in all; beyond those, one for each connection or pair of hosts.
+#: This many findings of a rule are kept for two hosts, and in all; beyond those, one for each connection or pair of hosts.
 MAX_DETAILED: Final = 100
 MAX_DETAILED_ALL: Final = 1000
-#: So many pairs of hosts have one that is kept.
+#: This many pairs of hosts have one that is kept.
 MAX_FIRST: Final = 10_000
 #: Rules on pairs of hosts that are remembered. Half of them, those with a finding least long ago, are never forgotten.
 MAX_PLACES: Final = 16_384

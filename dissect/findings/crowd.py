@@ -12,7 +12,7 @@ from dissect.transactions.connection import Connection
 from dissect.transactions.table import ConnectionTable
 from dissect.wire.text import count
 
-#: From so many connections of one client on, it looks like one that does not close them: small CPUs do not have more.
+#: From this many connections of one client on, it looks like one that does not close them: small CPUs do not have more.
 PILED_UP: Final = 8
 
 

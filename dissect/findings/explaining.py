@@ -31,7 +31,7 @@ from dissect.transactions.transaction import (
 )
 from dissect.wire.text import count
 
-#: So long findings wait for their cause at most: clients wait a few seconds for an answer, and alerts must not be late.
+#: This long findings wait for their cause at most: clients wait a few seconds for an answer, and alerts must not be late.
 WAIT_NS: Final = 5_000_000_000
 #: Requests at fault that are remembered of one connection, and on all of them.
 _MOST: Final = 256

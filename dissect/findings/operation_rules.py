@@ -23,7 +23,7 @@ from dissect.transactions.results import NOT_LOADED, STRAY_PUSH
 from dissect.transactions.transaction import CAPTURE_ENDED, HOLE, Transaction
 
 _TRANSFERS: Final = frozenset((DOWNLOAD, UPLOAD, BSEND, LONG_ANSWER))
-#: An answer in parts that is longer than this is called endless: no list of a device is so long.
+#: An answer in parts that is longer than this is called endless: no list of a device is this long.
 _ENDLESS_OCTETS: Final = 1 << 20
 #: At the end of the capture: a transfer whose last step is older than this had stopped before.
 _STOPPED_NS: Final = 1_000_000_000

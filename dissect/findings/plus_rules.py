@@ -55,7 +55,7 @@ _SLUGS: Final[dict[str, str]] = {
 _AREAS: Final[dict[str, int]] = {WRITTEN: WRITTEN_ELSEWHERE, WRITTEN_OUTPUTS: WRITTEN_IO}
 #: Return value "access denied": the client lacks the rights for a request.
 _PROTECTED: Final = 0xFF9C
-#: From so many Explore requests on, a connection is a reconnaissance, unless its client subscribes to anything at that CPU.
+#: From this many Explore requests on, a connection is a reconnaissance, unless its client subscribes to anything at that CPU.
 _EXPLORES: Final = 3
 _SUBSCRIBING: Final = frozenset((SUBSCRIBED, SUBSCRIBED_ALARMS))
 #: Subscribers that are remembered.

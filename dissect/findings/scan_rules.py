@@ -19,7 +19,7 @@ WINDOW_NS: Final = 60_000_000_000
 #: Pairs of client and server that are remembered, and TSAPs that are remembered of each pair.
 MAX_PAIRS: Final = 1024
 MAX_TSAPS: Final = 32
-#: So many TSAPs of one server within the window are a scan, or so many refused ones.
+#: This many TSAPs of one server within the window are a scan, or this many refused ones.
 TSAPS: Final = 6
 REFUSED: Final = 3
 #: How many TSAPs and packets a finding names.

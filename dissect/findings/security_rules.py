@@ -56,18 +56,18 @@ from dissect.wire.text import duration_text, hex_number, titled
 #: SZL lists that identify a device (reference 7.4): list of ids, identification. The lists of communication capabilities (0x31,
 #: 0x32) are not among them, because panels read them at each start.
 _TELLING: Final = frozenset((0x00, 0x11, 0x1C))
-#: A connection is a reconnaissance from so many inquiries on, or so many distinct lists.
+#: A connection is a reconnaissance from this many inquiries on, or this many distinct lists.
 _INQUIRIES: Final = 3
 _MANY_LISTS: Final = 10
 
-#: So many refused passwords in a row, of one client at one server, are guessing.
+#: This many refused passwords in a row, of one client at one server, are guessing.
 _GUESSES: Final = 3
 #: The return code that denies access; the error codes that do are in `dissect.s7.errors`.
 _ACCESS_DENIED: Final = 0x03
 #: How many refused reads and writes of a connection are examined.
 _LOOKED_AT: Final = 100
 
-#: So many PDUs of one connection within a second are a flood: no PLC answers so many.
+#: This many PDUs of one connection within a second are a flood: no PLC answers this many.
 PACE: Final = 2048
 #: Writes of one connection are judged in groups of this size; one write in `SAMPLED` is examined.
 _WRITES: Final = 256
@@ -80,13 +80,13 @@ _MOST: Final = 0.75
 _FEW_VARIABLES: Final = 4
 _BUSY: Final = 0.5
 #: Without answers, as when only the client was captured, a group is a flood if it came within this time: half of what the
-#: fastest PLCs take to answer so many.
+#: fastest PLCs take to answer this many.
 _UNHEARD_NS: Final = 1_500_000_000
 #: How many variables a finding about modifying or forcing names, and how many return codes one about a refused write.
 _NAMED: Final = 8
 _SECOND_NS: Final = 1_000_000_000
 
-#: A diagnostic message at most so long before a STOP states its cause: a CPU sends it as it stops.
+#: A diagnostic message at most this long before a STOP states its cause: a CPU sends it as it stops.
 _CAUSE_NS: Final = 5_000_000_000
 
 #: What a connection remembers once a write to outputs was refused.

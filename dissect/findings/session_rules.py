@@ -27,13 +27,13 @@ from dissect.wire.text import count
 
 #: The smallest sensible PDU length: the setup answer itself has 20 octets, and no real device grants less than 240.
 _MIN_PDU_LENGTH: Final = 64
-#: A connection must have so many PDUs to be reported as captured on one side only.
+#: A connection must have this many PDUs to be reported as captured on one side only.
 _ONE_SIDED_PDUS: Final = 3
 #: A bit of `Connection.told` for side 0, shifted by one for side 1; the bits below belong to the transport rules.
 _REDUNDANT: Final = 64
 #: Another bit: two requests under one reference were reported.
 _SHARED: Final = 512
-#: If so many requests were open when a connection was cut, one finding sums them up.
+#: If this many requests were open when a connection was cut, one finding sums them up.
 _SEVERAL: Final = 2
 #: Reasons of a DR without information: not specified, normal disconnect.
 _NO_REASON: Final = frozenset((0x00, 0x80))

@@ -96,7 +96,7 @@ from dissect.wire.text import count, duration_text, over_limit, some
 _COMMANDS: Final = frozenset((REQUEST_DOWNLOAD, DOWNLOAD_ENDED, START_UPLOAD, END_UPLOAD, PI_SERVICE, PLC_STOP))
 #: Two capture queues may swap packets that are so close in time; beyond that the clock runs backwards.
 DISORDER_NS: Final = 1_000_000
-#: A request captured so long after its answer is not out of order: TCP sent it again (in practice after 20 ms or more).
+#: A request captured this long after its answer is not out of order: TCP sent it again (in practice after 20 ms or more).
 _SENT_AGAIN_NS: Final = 10_000_000
 #: Userdata groups whose payloads have the same length on every CPU, or state their length.
 _SERVICES: Final = frozenset((GROUP_PBC, GROUP_SECURITY, GROUP_TIME))

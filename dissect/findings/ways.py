@@ -12,7 +12,7 @@ from mypy_extensions import i64
 from dissect.findings.reporter import Finding
 from dissect.transactions.side import Side
 
-#: So many requests of a way are remembered. More are not reported: no client waits for so many answers.
+#: This many requests of a way are remembered. More are not reported: no client waits for this many answers.
 _MOST: Final = 4096
 
 

@@ -124,7 +124,9 @@ class Store:
         if isinstance(error, sqlite3.OperationalError) and "locked" in str(error):
             return StoreError(f"{self.path} is being written by another process: try again when that is done")
         if isinstance(error, sqlite3.DatabaseError) and "not a database" in str(error):
-            return StoreError(f"{self.path} is no index of s7dissect: remove it, or choose another name with --file")
+            return StoreError(
+                f"{self.path} is not an index of s7dissect: remove it, or choose another name with --file"
+            )
         if "disk is full" in str(error):
             return StoreError(f"{self.path}: {error}", errno.ENOSPC)
         if "readonly" in str(error) or "unable to open" in str(error):

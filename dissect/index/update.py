@@ -15,7 +15,7 @@ from dissect.index.store import Store
 #: Endings of the names of captures, before the ending of a compression.
 _CAPTURES: Final = (".pcap", ".pcapng", ".cap", ".ntar")
 _COMPRESSED: Final = (".gz", ".zst")
-#: At most so many changes are written together, and none waits longer than this for the next file.
+#: At most this many changes are written together, and none waits longer than this for the next file.
 _TOGETHER: Final = 200
 _LONGEST_S: Final = 1.0
 
@@ -82,7 +82,7 @@ class _Batch:
         self._written = time.monotonic()
 
     def add(self, change: FileFacts | str) -> None:
-        """Take the facts on a file, or the name of one to forget; write what waits when it is many or a second old."""
+        """Take the facts on a file, or the name of one to forget; write them when there are many or a second has passed."""
         self._waiting.append(change)
         if len(self._waiting) >= _TOGETHER or time.monotonic() - self._written >= _LONGEST_S:
             self.write()

@@ -215,7 +215,7 @@ class Framer:
         self.ends: list[int] = _NO_PLACES
         self.pending: bytearray | None = None
         self._need: i64 = 0  # size of the pending TPKT, 0 while its header is not complete
-        self._searched: i64 = 0  # in so many octets of the pending TPKT no sound one begins
+        self._searched: i64 = 0  # number of octets of the pending TPKT in which no sound one begins
         self._sought: bytes = b""  # while searching: the octets from the first possible beginning of a TPKT on
         self._candidates: list[int] = _NO_PLACES  # the places in `_sought` where a TPKT may begin
         # The end of the last TPKT, from where another may begin, if its length did not agree with its content.

@@ -197,7 +197,7 @@ def receive(sent: Sent, offsets: Offsets) -> Any:
 def _ours(module: str, name: str) -> Any:
     found = getattr(importlib.import_module(module), name) if module.startswith(_OURS) else None
     if not isinstance(found, type) or found.__module__ != module:
-        raise ValueError(f"{module}.{name} is no class of this package")
+        raise ValueError(f"{module}.{name} is not a class of this package")
     return found
 
 

@@ -236,7 +236,7 @@ def _class_of(dictionary: Dictionary | Codec) -> type[SCD]:
     codec = dictionary if isinstance(dictionary, Codec) else Codec(dictionary, limits=False)  # a tester sends anything
     if codec.envelope.record != DEFAULT:
         raise Error(
-            E_DICTIONARY, codec.dictionary.name, "it describes an envelope of its own, the layer is the default one"
+            E_DICTIONARY, codec.dictionary.name, "it describes its own envelope, but the layer has the default one"
         )
     hook = SCD.__dict__["dispatch_hook"]  # Scapy looks for it in the class itself
     body = {"__doc__": SCD.__doc__, "__module__": SCD.__module__, "codec": codec, "dispatch_hook": hook}

@@ -20,7 +20,7 @@ from dissect.transactions.connection import Connection
 from dissect.transactions.transaction import Transaction
 from dissect.wire.text import count
 
-#: At most so many alerts wait while a dispatcher ends and the next one has not begun; the oldest give way.
+#: At most this many alerts wait while a dispatcher ends and the next one has not begun; the oldest give way.
 MAX_BETWEEN: Final = 4096
 
 

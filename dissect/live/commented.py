@@ -18,7 +18,7 @@ from dissect.source.pcapng_writer import PcapngWriter
 
 #: How long a packet is held, in nanoseconds by the clock of the capture: most answers come sooner, and users do not notice it.
 HOLD_NS: Final = 200_000_000
-#: At most so many octets are held; beyond that, packets are written early.
+#: At most this many octets are held; beyond that, packets are written early.
 MAX_HELD: Final = 16 * 1024 * 1024
 
 

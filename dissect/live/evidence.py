@@ -20,7 +20,7 @@ from dissect.select.comments import MARK
 from dissect.source.live.reader import Drops
 from dissect.wire.text import Clock, printable
 
-#: So often (capture time) the ring looks whether files are too old or too much space is taken.
+#: This often (capture time) the ring looks whether files are too old or too much space is taken.
 _LOOK_NS: Final = 1_000_000_000
 
 

@@ -29,7 +29,7 @@ TOPICS: Final = {
     "devices": (DEVICE,),
     "scd": (SCD,),
 }
-#: At most so many characters of a finding's detail are shown.
+#: At most this many characters of a finding's detail are shown.
 _DETAIL: Final = 300
 
 

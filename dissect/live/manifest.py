@@ -15,10 +15,10 @@ from dissect.recording import manifest
 from dissect.recording.manifest import Manifest
 from dissect.wire.text import Clock, reason
 
-#: At most so many entries wait for the disk.
+#: At most this many entries wait for the disk.
 MAX_WAITING: Final = 10_000
 _LOOK_S: Final = 0.5
-#: At the end, at most so many seconds are spent on what waits.
+#: At the end, at most this many seconds are spent on what waits.
 _END_S: Final = 30.0
 
 

@@ -15,7 +15,7 @@ from dissect.alerts.problems import KINDS
 #: Seconds until something that failed is tried again: at first, and at most.
 FIRST_S: Final = 1.0
 LONGEST_S: Final = 60.0
-#: At most so many problems wait to be shown; each is counted in any case.
+#: At most this many problems wait to be shown; each is counted in any case.
 _MAX_WAITING: Final = 1000
 
 

@@ -24,7 +24,7 @@ from dissect.transactions.operation import Operation
 from dissect.transactions.transaction import Transaction
 from dissect.wire.text import Clock
 
-#: At most so many pages that cannot be written wait.
+#: At most this many pages that cannot be written wait.
 _MAX_WAITING: Final = 8
 
 

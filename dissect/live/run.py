@@ -149,13 +149,13 @@ _NO_DROPS: Final = Drops(None, None)
 #: How often lost packets are fetched from the source, and companions get a tick, by the clock of this machine.
 _DROPS_EVERY_NS: Final = _SECOND
 _TICK_NS: Final = 50_000_000
-#: After so long the bounds on the number of findings are reset.
+#: After this long the bounds on the number of findings are reset.
 _RENEW_NS: Final = 60 * _SECOND
 #: The least silence before the end of a run that counts as silence.
 _SILENCE_NS: Final = _SECOND
-#: For at most so long after `LiveRun.stop`, packets that already arrived are still read.
+#: For at most this long after `LiveRun.stop`, packets that already arrived are still read.
 _DRAIN_NS: Final = 2 * _SECOND
-#: At most so many messages on failed companions are kept.
+#: At most this many messages on failed companions are kept.
 _MAX_FAILURES: Final = 100
 
 

@@ -27,10 +27,10 @@ from dissect.report.words import Places
 from dissect.source.live.reader import Drops, LiveReader
 from dissect.source.packet import Reader
 
-#: So many events may wait to be taken, and so many more that are not transactions.
+#: This many events may wait to be taken, and this many more that are not transactions.
 MAX_EVENTS: Final = 20_000
 _RESERVE: Final = 5_000
-#: While the reading of a file waits for events to be taken, it checks every so many seconds whether it should stop.
+#: While the reading of a file waits for events to be taken, it checks every this many seconds whether it should stop.
 _PATIENCE_S: Final = 0.1
 
 

@@ -19,7 +19,7 @@ from dissect.live.run import Companion
 from dissect.source.live.reader import Drops
 from dissect.wire.text import Clock
 
-#: A beat comes so many times within the time after which systemd acts.
+#: A beat comes this many times within the time after which systemd acts.
 _OFTEN: Final = 3
 #: Interval of status messages without a watchdog, in seconds.
 _STATUS_S: Final = 10.0

@@ -66,7 +66,7 @@ def encode_line(text: str, line: int = 0, german: bool = False, names: Names = N
     rest = rest.strip()
     rows = _BY_NAME.get(name)
     if rows is None:
-        raise AssemblyError(line, f"{name[:20]!r} is no instruction")
+        raise AssemblyError(line, f"{name[:20]!r} is not an instruction")
     listed = None
     if name in _CALLS:
         match = _LIST.fullmatch(rest)
@@ -130,7 +130,7 @@ def _pointers(text: str, line: int, german: bool) -> list[int]:
         written = part.strip()
         operand = next((each for each in parse_operand(written, german) if each.width == 4), None)
         if operand is None:
-            raise AssemblyError(line, f"{written[:40]!r} is no address of a parameter, for example P#M 0.0")
+            raise AssemblyError(line, f"{written[:40]!r} is not an address of a parameter, for example P#M 0.0")
         found.append(operand.number if operand.kind == CONSTANT else pointer_value(operand))
     return found
 
@@ -161,7 +161,7 @@ def assemble(text: str, german: bool = False, names: Names = NO_NAMES) -> Assemb
         found = _LABEL.fullmatch(stripped)
         if found is not None:
             if found[1] in labels:
-                raise AssemblyError(number, f"label {found[1]} stands twice")
+                raise AssemblyError(number, f"label {found[1]} occurs twice")
             labels[found[1]] = len(code)
             stripped = _uncommented(found[2])
             if not stripped:

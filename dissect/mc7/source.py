@@ -266,7 +266,7 @@ def _assemble_interface(lines: list[tuple[int, str]]) -> bytes:
 def _declaration(text: str, line: int) -> Declaration:
     found = _DECLARATION.fullmatch(text)
     if found is None or found["type"] not in _TYPE_OF:
-        raise AssemblyError(line, f"{text[:40]!r} is no declaration, for example IN INT")
+        raise AssemblyError(line, f"{text[:40]!r} is not a declaration, for example IN INT")
     declaration = Declaration(_TYPE_OF[found["type"]])
     rest = found["rest"]
     if declaration.type in INSTANCES:

@@ -41,7 +41,7 @@ S7COMM_PLUS: Final = "s7comm_plus"
 SCD_PROTOCOL: Final = "scd"
 OTHER: Final = "other"
 
-#: At most so many SCD functions are counted separately: the user's dictionary may have any number of names.
+#: At most this many SCD functions are counted separately: the user's dictionary may have any number of names.
 MAX_SCD: Final = 64
 
 #: Key of a USEND, which has no subfunction; the only negative function code is -1.

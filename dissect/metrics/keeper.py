@@ -36,7 +36,7 @@ class MetricsKeeper(Companion):
         return self._server
 
     def start(self) -> None:
-        """Answer from now on; what cannot be opened now is tried again. Call it when there may be threads."""
+        """Answer from now on; a failure to open is tried again later. Call it when there may be threads."""
         self._begun = True
         if self._server is not None:
             self._server.start()

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 MAX_CLIENTS: Final = 8
 PATIENCE_S: Final = 5.0
 PER_SECOND: Final = 5
-#: The thread checks every so many seconds whether it should end.
+#: The thread checks every this many seconds whether it should end.
 _POLL_S: Final = 0.2
 
 _PATH: Final = "/metrics"

@@ -41,7 +41,7 @@ from dissect.variables.wanted import WantedSet
 from dissect.variables.writers import value_line
 from dissect.wire.text import Clock, printable, shortened
 
-#: So many file names are tried before saving fails.
+#: This many file names are tried before saving fails.
 _TRIES: Final = 1000
 
 
@@ -63,9 +63,9 @@ def save(directory: Path, time_ns: int, lines: Iterable[str]) -> Path:
 #: Seconds until events are taken again: after some came, and after none did.
 _BUSY_S: Final = 0.2
 _QUIET_S: Final = 0.5
-#: For so many seconds a message says that the screen was saved.
+#: For this many seconds a message says that the screen was saved.
 _SAID_S: Final = 6
-#: At most so many events are taken at once.
+#: At most this many events are taken at once.
 _MOST: Final = 5000
 #: Signals on which the application quits in order; Windows has no SIGHUP.
 _SIGNALS: Final = tuple(getattr(signal, name) for name in ("SIGTERM", "SIGINT", "SIGHUP") if hasattr(signal, name))

@@ -28,9 +28,9 @@ from dissect.transactions.transaction import DOUBT_TEXTS, PUSH, Transaction
 from dissect.variables.writers import place_text, shown, value_line
 from dissect.wire.text import Clock, printable, shortened
 
-#: At most so many lines of details are shown.
+#: At most this many lines of details are shown.
 MAX_LINES: Final = 20_000
-#: At most so many transactions are listed with their connection, and so many characters of each shown.
+#: At most this many transactions are listed with their connection, and this many characters of each shown.
 _LAST: Final = 20
 _LONG: Final = 1000
 _NOTES: Final = 200

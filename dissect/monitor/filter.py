@@ -24,10 +24,10 @@ from dissect.transactions.transaction import Transaction
 FAILED: Final = "failed"
 SLOW: Final = "slow"
 
-#: The texts of so many parameter blocks are remembered, and so many new ones are searched at once.
+#: The texts of this many parameter blocks are remembered, and this many new ones are searched at once.
 _REMEMBERED: Final = 4096
 _NEW_AT_ONCE: Final = 2000
-#: At most so many items of a request are searched, and so many characters of the filter used.
+#: At most this many items of a request are searched, and this many characters of the filter used.
 _ITEMS: Final = 32
 _MOST_TYPED: Final = 200
 _CONNECTION: Final = re.compile(r"c([0-9]{1,9})")

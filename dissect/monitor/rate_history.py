@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Final
 
 _NS_PER_S: Final = 1_000_000_000
-#: So many seconds are remembered.
+#: This many seconds are remembered.
 SECONDS: Final = 60
 
 #: Upper bounds of the levels of answer times, each √10 times the one before; the last level has no upper bound.

@@ -31,9 +31,9 @@ from dissect.wire.text import Clock, printable, shortened
 #: From this width on, rows show more.
 WIDE: Final = 130
 _ROOM_FOR_A_MINUTE: Final = 170
-#: At most so many characters of a row are made.
+#: At most this many characters of a row are made.
 _LONG: Final = 400
-#: A value that changed less than so many nanoseconds ago is drawn bold.
+#: A value that changed less than this many nanoseconds ago is drawn bold.
 _FRESH_NS: Final = 2_000_000_000
 
 PLAIN: Final = ""

@@ -18,7 +18,7 @@ _EXAMPLE: Final = "127.0.0.1:9102"
 #: The port of PLCs (RFC 1006).
 PLC_PORT: Final = 102
 _DANGER: Final = "and anyone who reaches it reaches the PLC"
-#: At most so many addresses of one name are used.
+#: At most this many addresses of one name are used.
 _MAX_ADDRESSES: Final = 8
 _ADDRESS: Final = re.compile(r"(?:\[(?P<six>[0-9A-Fa-f:.%\w]+)\]|(?P<host>[^\[\]:\s]+)):(?P<port>[0-9]{1,5})", re.ASCII)
 

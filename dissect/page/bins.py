@@ -15,13 +15,13 @@ WIDTHS: Final = tuple(
         *(7_200_000, 43_200_000, 86_400_000, 864_000_000, 8_640_000_000, 86_400_000_000, 864_000_000_000),
     )
 )
-#: At most so many bins are kept while packets are read.
+#: At most this many bins are kept while packets are read.
 _MOST: Final = 1500
 
 #: Buckets of a distribution for each doubling, as a power of two: durations are distinguished to 1/32.
 _STEP_BITS: Final = 5
 _STEPS: Final = 1 << _STEP_BITS
-#: Up to so many durations of a distribution are kept one by one.
+#: Up to this many durations of a distribution are kept one by one.
 _EXACT: Final = 1024
 
 

@@ -13,7 +13,7 @@ from dissect.report import words
 from dissect.report.happened import facts_of, times_of
 from dissect.wire.text import cut_inside
 
-#: At most so many findings of a kind are shown one by one, with so many characters each.
+#: At most this many findings of a kind are shown one by one, with this many characters each.
 _DETAILS: Final = 25
 _DETAIL: Final = 400
 

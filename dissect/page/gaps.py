@@ -7,7 +7,7 @@ from typing import Final
 from dissect.source.packet import CONTINUES_NS, SourceFile
 from dissect.transactions.connection import Connection
 
-#: A connection was idle for most of a gap if it usually sends so many times what is missing in that time.
+#: A connection was idle for most of a gap if it usually sends this many times what is missing in that time.
 _IDLE: Final = 10
 
 

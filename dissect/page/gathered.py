@@ -48,7 +48,7 @@ MAX_FURTHER: Final = 10_000
 #: Greatest number of gaps, and of changes of the operating mode.
 MAX_GAPS: Final = 1000
 MAX_MODES: Final = 1000
-#: In answer times over time, each doubling is divided into so many bands.
+#: In answer times over time, each doubling is divided into this many bands.
 BANDS: Final = 4
 #: Findings after which packets of any connection may be missing. Missing bytes of one connection show in its streams.
 _GAPS: Final = frozenset(("capture.dropped", "capture.damaged"))

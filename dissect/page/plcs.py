@@ -10,9 +10,9 @@ from dissect.page.rows import Station
 
 #: Greatest number of PLCs whose answer times are kept over time.
 MAX_PLCS: Final = 200
-#: So many of the slowest requests of each.
+#: This many of the slowest requests of each.
 _SLOWEST: Final = 5
-#: At most so many bins of time for each while packets are read.
+#: At most this many bins of time for each while packets are read.
 _BINS: Final = 240
 #: Buckets of a distribution that make a band: two for each doubling.
 BAND: Final = 16

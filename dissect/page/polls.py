@@ -18,9 +18,9 @@ from dissect.wire.text import titled
 
 #: Greatest number of distinct requests that are followed; if there are more, those that came fewer than `REPEATED` times go.
 MAX_REQUESTS: Final = 2000
-#: A request that came so many times is a poll.
+#: A request that came this many times is a poll.
 REPEATED: Final = 4
-#: At most so many refused transactions are searched for their refused items.
+#: At most this many refused transactions are searched for their refused items.
 _MAX_LOOKED: Final = 20_000
 _READ_SZL: Final = (GROUP_CPU, 1)
 

@@ -10,7 +10,7 @@ from typing import Any, Final
 
 from dissect.page.bins import WIDTHS, Bins
 
-#: The rows are spread over so many bins of time or fewer, and on average a bin has room for so many rows or more.
+#: The rows are spread over this many bins of time or fewer, and on average a bin has room for this many rows or more.
 _BINS: Final = 64
 _ROOM: Final = 4
 #: Mixes a number (golden ratio of 2**64), so that numbers in a row are kept or not without a pattern.

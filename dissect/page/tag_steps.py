@@ -12,7 +12,7 @@ from dissect.transactions.transaction import Transaction
 from dissect.variables.collector import Collector
 from dissect.variables.wanted import WantedSet
 
-#: Up to so many values are kept one by one; more are joined in bins of time.
+#: Up to this many values are kept one by one; more are joined in bins of time.
 _EXACT: Final = 2000
 #: Greatest number of writes kept for each tag.
 _WRITES: Final = 300

@@ -11,7 +11,7 @@ from dissect.transactions.connection import Connection
 
 #: Greatest number of pairs of client and server that are kept.
 MAX_PAIRS: Final = 1000
-#: So many connections that are over are remembered, as findings on them may still come.
+#: This many connections that are over are remembered, as findings on them may still come.
 _RECENT: Final = 4096
 
 

@@ -26,13 +26,13 @@ from dissect.proxy.relay import Problem, Relay
 from dissect.proxy.tap import OVERHEAD, Passed, Tap, take_from
 from dissect.tcp.stream import Endpoint
 
-#: At most so many octets wait in this process, plus an overhead for each message; more waits in the other process.
+#: At most this many octets wait in this process, plus an overhead for each message; more waits in the other process.
 _MAX_HELD: Final = 4 * 1024 * 1024
 _LENGTH: Final = struct.Struct(">I")
 _PATIENCE_S: Final = 0.2
 #: The nice value (nice(2)) of this process, so that the relay's process has priority.
 _LATER: Final = 5
-#: At most so many messages, and so many octets of them, are sent together.
+#: At most this many messages, and this many octets of them, are sent together.
 _MOST: Final = 256
 _PIECE: Final = 262_144
 

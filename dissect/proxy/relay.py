@@ -23,7 +23,7 @@ from dissect.net.sockets import close_with_reset, prepare
 from dissect.proxy.packets import endpoint_of
 from dissect.proxy.tap import REFUSED, UNANSWERED, Tap
 
-#: At most so many octets are read at once, and wait in one direction.
+#: At most this many octets are read at once, and wait in one direction.
 PIECE: Final = 65_536
 
 _NOTHING: Final = memoryview(b"")
@@ -137,7 +137,7 @@ def trouble(one: socket.socket) -> int:
 MAX_LINKS: Final = 400
 #: How long a server may take to accept, in seconds, for each of its addresses.
 CONNECT_S: Final = 10.0
-#: Ends that the selector does not watch are checked every so many seconds.
+#: Ends that the selector does not watch are checked every this many seconds.
 _LOOK_S: Final = 0.1
 _MAX_PROBLEMS: Final = 1000
 _UNDER_WAY: Final = frozenset((errno.EINPROGRESS, errno.EWOULDBLOCK, errno.EAGAIN))

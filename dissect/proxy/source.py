@@ -11,7 +11,7 @@ from dissect.source.live.reader import WAIT_MS, Drops, LiveReader
 from dissect.source.packet import PacketSink
 from dissect.tcp.link import ETHERNET
 
-#: At most so many octets, and so many events, are taken in one step.
+#: At most this many octets, and this many events, are taken in one step.
 _STEP_OCTETS: Final = 262_144
 _STEP_EVENTS: Final = 512
 

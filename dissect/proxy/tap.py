@@ -20,7 +20,7 @@ CLOSED: Final = "closed"
 RESET: Final = "reset"
 GONE: Final = "gone"
 
-#: At most so many octets wait, where each event counts as `OVERHEAD` more; beginnings of connections may exceed that by
+#: At most this many octets wait, where each event counts as `OVERHEAD` more; beginnings of connections may exceed that by
 #: `_RESERVE`. Ends of connections whose beginning got through are never left out; there are at most three for each.
 MAX_OCTETS: Final = 64 * 1024 * 1024
 OVERHEAD: Final = 400

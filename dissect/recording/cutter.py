@@ -14,7 +14,7 @@ if TYPE_CHECKING:  # interpreted
     from dissect.select.selection import Choice
     from dissect.source.pcapng_writer import PcapngWriter
 
-#: At most so many octets of packets are held, in case a later packet is wanted.
+#: At most this many octets of packets are held, in case a later packet is wanted.
 MAX_HELD: Final = 64 * 1024 * 1024
 
 _FOREVER_NS: Final = 2**62
@@ -24,7 +24,7 @@ _TOGETHER: Final = 65_536
 
 
 class Around:
-    """How much is written around each wanted packet: so many ``packets``, and all within ``ns`` nanoseconds."""
+    """How much is written around each wanted packet: ``packets`` packets, and all within ``ns`` nanoseconds."""
 
     __slots__ = ("ns", "packets")
 
@@ -64,7 +64,7 @@ class Cutter(PacketSink):
         self._recent: RecentPackets | None = None
         if around.packets or around.ns:
             self._recent = RecentPackets(MAX_HELD, around.ns or _FOREVER_NS, around.packets)
-        self._left: i64 = 0  # so many further packets are written after the last wanted one
+        self._left: i64 = 0  # number of packets still to be written after the last wanted one
         self._until_ns: int = -1
         self._reader: Reader | None = None
         self._comments: list[str] = []

@@ -25,7 +25,7 @@ from dissect.source.packet import PacketSink
 from dissect.source.pcapng_writer import PcapngWriter
 from dissect.wire.text import Clock
 
-#: After so many octets a new file begins, if triggers keep coming.
+#: After this many octets a new file begins, if triggers keep coming.
 MAX_FILE_OCTETS: Final = 1_000_000_000
 #: The greatest number of files that are kept, and of their octets. Beyond that the oldest file goes of the two hosts that have
 #: most, so that a flood between two hosts does not cost the evidence of others.
@@ -286,7 +286,7 @@ class EventCapture(PacketSink):
             path.unlink(missing_ok=True)
 
     def _forgive(self) -> None:
-        """The time of the trigger is over: what is owed is lost."""
+        """The time of the trigger is over: its unwritten packets are lost."""
         owed = self._owed
         self._owed = None
         if owed is not None:

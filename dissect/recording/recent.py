@@ -56,7 +56,7 @@ class RecentPackets:
 
     def __init__(self, max_octets: int, most_ns: int, most: int = 0) -> None:
         if max_octets <= 0:
-            raise ValueError(f"{max_octets} bytes hold no packet")
+            raise ValueError(f"{max_octets} bytes are too few for one packet")
         self.shortened = 0
         self.octets = 0
         self._max_octets = max_octets

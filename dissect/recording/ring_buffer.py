@@ -103,13 +103,13 @@ def _status(path: Path, mark: str) -> os.stat_result | None:
         os.close(descriptor)
 
 
-#: A ring without a limit of files remembers so many finished files.
+#: A ring without a limit of files remembers this many finished files.
 _REMEMBERED: Final = 1000
 
 #: Octets by which a file may exceed its limit: its last packet, and its last blocks.
 _OVERSHOOT: Final = 512 * 1024
 
-#: At most so many comments wait for their packet.
+#: At most this many comments wait for their packet.
 _MAX_COMMENTS: Final = 64
 
 _KILO: Final = 1000
@@ -134,7 +134,7 @@ class RingLimits:
         for word, number in (("files:N", files), ("total:KB", total), ("days:N", age_ns)):
             if number and not (octets or duration_ns):
                 raise ValueError(
-                    f"{word} says what is kept of several files, so filesize:KB or duration:SECONDS is needed as well"
+                    f"{word} limits the files of a ring, so filesize:KB or duration:SECONDS is needed as well"
                 )
         self.octets = octets
         self.duration_ns = duration_ns

@@ -18,7 +18,7 @@ from dissect.tcp.link import within
 from dissect.transactions.connection import Connection
 from dissect.wire.text import Clock, cut_inside, printable, shortened
 
-#: At most so many lines in all, and in each part; a last line of the part says how many were left out.
+#: At most this many lines in all, and in each part; a last line of the part says how many were left out.
 MOST: Final = 40
 _FILES: Final = 3
 _FINDINGS: Final = 11

@@ -66,9 +66,9 @@ _TOLD_BY_ITEMS: Final = frozenset((READ_VAR, WRITE_VAR, SETUP_COMMUNICATION))
 #: Group and subfunction of the request that lists the blocks of a type.
 _LIST_OF_TYPE: Final = (3, 2)
 
-#: At most so many tags of one item are named on a line.
+#: At most this many tags of one item are named on a line.
 _SHOWN_TAGS: Final = 16
-#: At most so many types of blocks are shown with their numbers; there are fewer types, so all are.
+#: At most this many types of blocks are shown with their numbers; there are fewer types, so all are.
 _BLOCK_TYPES: Final = 16
 #: Why a request stayed without an answer.
 REASONS: Final = {

@@ -14,7 +14,7 @@ from dissect.report.styled import DIM, HEADING, PLAIN, Line
 from dissect.report.words import Places
 from dissect.wire.text import cut_inside
 
-#: How many findings of a rule are shown one by one, with so many characters each, and how many packets of the others.
+#: How many findings of a rule are shown one by one, with this many characters each, and how many packets of the others.
 _DETAILS: Final = 3
 _MORE_FRAMES: Final = 8
 _DETAIL_SIZE: Final = 400

@@ -14,7 +14,7 @@ from dissect.wire.text import Clock, count
 
 #: Pairs of hosts that JSON names for a rule; of further ones the events are added up.
 PAIRS: Final = 100
-#: From so much time on, moments are written to the second.
+#: From this much time on, moments are written to the second.
 _SECONDS_NS: Final = 10_000_000_000
 
 

@@ -19,7 +19,7 @@ _CONSTANTS: Final[dict[object, str]] = {None: "null", True: "true", False: "fals
 _MAX_NAMES: Final = 4096
 
 
-#: Only texts of at least so many characters are kept for reuse: sentences and advice, not times and addresses.
+#: Only texts of at least this many characters are kept for reuse: sentences and advice, not times and addresses.
 _LONG: Final = 40
 
 

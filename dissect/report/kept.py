@@ -10,9 +10,9 @@ from typing import Final, overload
 from dissect.findings.catalogue import Rule
 from dissect.findings.reporter import Finding
 
-#: The first so many are kept as objects, some 2 MB: packing takes time, and pays only in a long capture with many findings.
+#: The first this many are kept as objects, some 2 MB: packing takes time, and pays only in a long capture with many findings.
 FIRST: Final = 4096
-#: Of the findings after those, so many at a time are packed together.
+#: Of the findings after those, this many at a time are packed together.
 BLOCK: Final = 64
 #: Settings that make deflate use little memory: windows of 4 KB, some 40 KB in all; by default it takes 256 KB.
 _WINDOW_BITS: Final = 12

@@ -11,17 +11,17 @@ from mypy_extensions import i64
 from dissect.wire.build import COMPILED
 from dissect.wire.copies import leaves
 
-#: So many answer times are kept one by one; if there are more, all of them are counted in buckets.
+#: This many answer times are kept one by one; if there are more, all of them are counted in buckets.
 EXACT: Final = 16384
-#: With each further answer time, so many of the kept ones move to buckets: to move all at once would hold up one packet.
+#: With each further answer time, this many of the kept ones move to buckets: to move all at once would hold up one packet.
 _AT_ONCE: Final = 32
 #: Buckets for each doubling of the answer time.
 _STEPS: Final = 128
 #: Buckets for every answer time that 63 bits can hold.
 _BUCKETS: Final = 57 * _STEPS
-#: Up to so many kept answer times are sorted to find a quantile. Of more, only those near the wanted rank are sorted.
+#: Up to this many kept answer times are sorted to find a quantile. Of more, only those near the wanted rank are sorted.
 _FEW: Final = 256
-#: To find those, kept answer times are counted in groups of so many neighbouring buckets.
+#: To find those, kept answer times are counted in groups of this many neighbouring buckets.
 _COARSE: Final = 16
 
 

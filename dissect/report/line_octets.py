@@ -28,7 +28,7 @@ _BLANK: Final = 0x20
 _POINT: Final = 0x2E
 _OPEN: Final = 0x5B
 _CLOSE: Final = 0x5D
-#: With so many connections in it, the cache of their ends is emptied.
+#: With this many connections in it, the cache of their ends is emptied.
 _MAX_CACHED: Final = 8192
 
 

@@ -29,7 +29,7 @@ from dissect.wire.text import count, hex_number, json_text, shortened, some
 PROTOCOL: Final = UPPER_NAMES[S7COMM_PLUS]
 
 _MESSAGE: Final = 100
-#: At most so many characters are shown of what a PDU is about, and so many items named on a line.
+#: At most this many characters are shown of what a PDU is about, and this many items named on a line.
 _SUMMARY: Final = 200
 #: Characters of the value of an item: six members of a structure and more.
 _VALUE: Final = 160

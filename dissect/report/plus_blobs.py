@@ -15,7 +15,7 @@ from dissect.report import words
 from dissect.s7plus.blobs import BAD, NO_DICTIONARY, TOO_LARGE, Opened, open_blob
 from dissect.wire.text import shortened
 
-#: At most so many lines of a blob, characters of a line and levels of indentation are shown, and so many octets decompressed.
+#: Maximum number of lines of a blob, characters of a line and levels of indentation shown, and of octets decompressed.
 _LINES: Final = 400
 _WIDTH: Final = 180
 _LEVELS: Final = 20

@@ -38,8 +38,8 @@ from dissect.wire.text import json_text
 _COMMA: Final = 0x2C
 _QUOTE: Final = 0x22
 _CLOSE: Final = 0x7D
-#: Everything that is remembered is forgotten when it takes so many octets, by this estimate: `_TIMES` the octets of a PDU plus
-#: `_COST`; for items their octets plus `_ITEMS_COST`.
+#: All caches are emptied when they take this many octets, by this estimate: `_TIMES` the octets of a PDU plus `_COST`; for
+#: items their octets plus `_ITEMS_COST`.
 _MAX_KEPT: Final = 4 * 1024 * 1024
 _COST: Final = 2048
 _TIMES: Final = 8
@@ -51,7 +51,7 @@ _STAMP_BITS: Final = 24
 _MAX_STAMP: Final = 1 << _STAMP_BITS
 #: Added to the stamp of a session, which takes the place of a request's number in `_key`, so that the two never coincide.
 _FIRST_STAMP: Final = 1 << _NUMBER_BITS
-#: At most so many heads of requests are remembered.
+#: At most this many heads of requests are remembered.
 _MAX_HEADS: Final = 4096
 
 

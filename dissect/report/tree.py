@@ -30,17 +30,17 @@ from dissect.wire.malformed import Malformed
 from dissect.wire.part import FILL, OCTETS, Part
 from dissect.wire.text import printable, shortened
 
-#: At most so many characters of the note on a part are shown.
+#: At most this many characters of the note on a part are shown.
 _NOTE: Final = 120
 _TPKT_SIZE: Final = 4
 #: The head of a TPKT and of the everyday DT in it.
 _DT_HEAD: Final = 7
 _LI_AT: Final = 4
 _DT: Final = b"\x02\xf0"
-#: Lines of PDUs up to so many octets are kept, since traffic repeats itself; each cache holds up to `_MOST` entries.
+#: Lines of PDUs up to this many octets are kept, since traffic repeats itself; each cache holds up to `_MOST` entries.
 _SMALL: Final = 256
 _MOST: Final = 4096
-#: At most so many octets of a PDU in its hex view, which takes five times their memory: an S7comm-plus PDU may have 8 MiB.
+#: At most this many octets of a PDU in its hex view, which takes five times their memory: an S7comm-plus PDU may have 8 MiB.
 MAX_HEX: Final = 1 << 20
 #: Frames of a PDU that are listed; more are counted.
 _MOST_FRAMES: Final = 100

@@ -13,9 +13,9 @@ from dissect.report import words
 from dissect.wire.layout import REST, Field, FieldValue, Layout
 from dissect.wire.text import decimal, hex_number, shortened
 
-#: At most so many characters of a field's meaning are shown.
+#: At most this many characters of a field's meaning are shown.
 _MEANING: Final = 100
-#: Beginnings of lines are kept for so many pairs of layout and place.
+#: Beginnings of lines are kept for this many pairs of layout and place.
 _MOST: Final = 4096
 #: Hexadecimal digits of a number of 32 bits.
 _SMALL: Final = 8

@@ -145,7 +145,7 @@ LATENCY_WIDTH: Final = 8
 SHOWN: Final = 8
 SHOWN_TEXT: Final = 36
 SHOWN_OCTETS: Final = 16
-#: At most so many items or notes are named in a summary, and so many characters of a note shown.
+#: At most this many items or notes are named in a summary, and this many characters of a note shown.
 NAMED: Final = 3
 NOTE: Final = 100
 

@@ -30,7 +30,7 @@ from dissect.transactions.side import Side
 from dissect.transactions.transaction import BEHIND_MALFORMED, UNANSWERED, Transaction
 from dissect.wire.text import Clock
 
-#: At most so many lines of transactions, and so many characters of them, wait for earlier transactions that are held back.
+#: At most this many lines of transactions, and this many characters of them, wait for earlier transactions that are held back.
 KEPT_LINES: Final = 4096
 KEPT_CHARACTERS: Final = 16 * 1024 * 1024
 

@@ -117,7 +117,7 @@ def _decode(content: memoryview, start: int) -> Body:
         where = f"body, byte {start + at + error.start}" if at >= 0 else "body"
         raise DictionaryError(where, f"a name or text is not UTF-8: {error.reason}", rule="R42") from None
     except RecursionError:
-        raise DictionaryError("body", "arrays in arrays without end") from None
+        raise DictionaryError("body", "arrays are nested too deeply") from None
 
 
 def wire_id(body: Body) -> bytes:

@@ -30,7 +30,7 @@ def check_bounds(content: object, where: str, line: int = 0) -> None:
         for key, value in items:
             spot = f"{place}, {key if len(key) <= _LONGEST_KEY else shown(key)}" if key else place
             if isinstance(value, int) and not LOWEST <= value <= HIGHEST:
-                raise DictionaryError(spot, f"{shown(value)} is more than 64 bits hold", line=line)
+                raise DictionaryError(spot, f"{shown(value)} does not fit 64 bits", line=line)
             if not isinstance(value, (dict, list)):
                 continue
             if len(waiting) > MAX_DEPTH:

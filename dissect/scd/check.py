@@ -80,7 +80,7 @@ def _check_struct(struct: StructRecord, simple: dict[int, SimpleType]) -> None:
     where = _where("type", struct.index, struct.name)
     if not ranges.own_complex_type(struct.index):
         raise DictionaryError(
-            where, "a DEFSTRUCT stands at 0x20 to 0x5f or 0x80 to 0x9f, or there plus 0x40 for each device",
+            where, "a DEFSTRUCT must be at 0x20 to 0x5f or 0x80 to 0x9f, or there plus 0x40 for each device",
             rule="R88, R89, R81", index=struct.index,
         )  # fmt: skip
     _check_fields(struct.fields, simple, where, struct.index)
@@ -99,7 +99,9 @@ def _ascend(rows: Iterable[_Entry], what: str) -> None:
         if row.index == last:
             raise DictionaryError(where, "the index occurs twice", rule="R57", index=row.index)
         if row.index < last:
-            raise DictionaryError(where, f"stands after 0x{last:04x}; indices ascend", rule="R57", index=row.index)
+            raise DictionaryError(
+                where, f"must come before 0x{last:04x}: indices must ascend", rule="R57", index=row.index
+            )
         last = row.index
 
 
@@ -131,7 +133,7 @@ def _check_type(row: TypeRecord) -> None:
     if not ranges.own_static_type(row.index):
         raise DictionaryError(
             where,
-            "a DEFTYPE stands at 0x60 to 0x7f, or there plus 0x40 for each device",
+            "a DEFTYPE must be at 0x60 to 0x7f, or there plus 0x40 for each device",
             rule="R90, R81",
             index=row.index,
         )
@@ -287,7 +289,7 @@ class _Objects:
         row = self.row
         section = ranges.section_of(row.index)
         if section.holds != "object":
-            raise self.fail(f"0x{section.first:04x} to 0x{section.last:04x} ({section.name}) holds no objects", "R77")
+            raise self.fail(f"0x{section.first:04x} to 0x{section.last:04x} ({section.name}) has no objects", "R77")
         if row.values and row.values[-1] is None:
             raise self.fail("the last default value has no effect", "C36")
         if row.object_class == NULL:
@@ -310,7 +312,7 @@ class _Objects:
         self.no_parts(fields=True)
         kind = self.type()
         if row.object_class == DOMAIN and kind.kind not in SIZED:
-            raise self.fail(f"a DOMAIN is of variable length, so a block or string, not {kind.name}", "R65")
+            raise self.fail(f"a DOMAIN has variable length: it must be a block or string, not {kind.name}", "R65")
         bits = _width(kind, row.bits, self.where, row.index)
         if row.object_class == DOMAIN and (kind.bits or bits or row.mappable):
             raise self.fail("a DOMAIN is of variable length: no size, and it cannot be mapped", "R65")
@@ -332,7 +334,7 @@ class _Objects:
         if bits * row.count > 8 * MAX_OCTETS:
             raise self.fail(f"{bits * row.count} bits, a message has {8 * MAX_OCTETS}", "R50")
         if not 0 <= row.used <= row.count or (row.used != row.count and not ranges.is_mapping(row.index)):
-            raise self.fail(f"sub-index 0 says {row.used}, there are {row.count} elements", "R60")
+            raise self.fail(f"sub-index 0 is {row.used}, but there are {row.count} elements", "R60")
         if len(row.values) > row.count:
             raise self.fail(f"{len(row.values)} default values for {row.count} elements", "R69")
         _check_traits(row.traits, kind, self.where, row.index)
@@ -343,13 +345,13 @@ class _Objects:
         row = self.row
         self.no_parts(fields=False)
         if row.bits or row.traits is not None:
-            raise self.fail("a RECORD has no size, unit or limits of its own, its fields have", "R70")
+            raise self.fail("a RECORD has no size, unit or limits: set them in its fields", "R70")
         if not row.type:
             fields = row.fields
             _check_fields(fields, self.simple, self.where, row.index)
         elif row.type in self.structs:
             if row.fields:
-                raise self.fail("either a type or fields of its own", "R70")
+                raise self.fail("give either a type or fields", "R70")
             fields = self.structs[row.type]
         elif row.type in self.simple:
             raise self.fail(f"{self.simple[row.type].name} is simple; a RECORD is of a DEFSTRUCT", "R70, C34")
@@ -371,7 +373,7 @@ class _Objects:
             raise self.fail("the mapping parameter of a PDO is an ARRAY of uint64 or uint32", "R106, C49")
         values = row.values[: row.used]
         if len(values) < row.used or None in values:
-            raise self.fail(f"sub-index 0 says {row.used} entries, some of them have no value", "R103")
+            raise self.fail(f"sub-index 0 gives {row.used} entries, but some have no value", "R103")
 
     def no_parts(self, *, fields: bool, count: bool = True) -> None:
         row = self.row
@@ -393,7 +395,7 @@ def _check_errors(errors: Sequence[tuple[int, str]]) -> None:
         if not -128 <= number <= 127 or number == 0:
             raise DictionaryError(where, "scd_err_t has 8 bits, and 0 is good", rule="R52")
         if number <= last:
-            raise DictionaryError(where, "numbers ascend, each once", rule="R52")
+            raise DictionaryError(where, "numbers must ascend and be unique", rule="R52")
         if _name_trouble(text):
             raise DictionaryError(where, _name_trouble(text), rule="R52")
         last = number

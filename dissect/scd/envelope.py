@@ -340,7 +340,7 @@ def _places(fields: list[EnvelopeField], side: str) -> tuple[list[_Place], int]:
         places.append(_Place(field, offset))
         offset += field.bits
     if offset % 8:
-        raise Error(E_DICTIONARY, "envelope", f"{offset} bits stand {side} the data: fill them up with reserved ones")
+        raise Error(E_DICTIONARY, "envelope", f"{offset} bits are {side} the data: fill them up with reserved ones")
     return places, offset // 8
 
 

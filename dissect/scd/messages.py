@@ -286,7 +286,7 @@ def _data(codec: Codec, message: Message) -> bytes:
     """Return the data for the values."""
     if message.service == "pdo":
         if not message.pdo:
-            raise Error(E_PDO_NUMBER, "message", "say which PDO")
+            raise Error(E_PDO_NUMBER, "message", "name the PDO")
         return codec.encode(message.pdo, message.values)
     carries = message.phase == ("response" if message.service == "read" else "request")
     if not carries or (message.err and not message.values):

@@ -89,7 +89,7 @@ def type_of_device(index: int, device: int) -> int:
     Raises `Error` for another index or device.
     """
     if not 0x60 <= index <= 0x9F:
-        raise Error(E_INDEX, hex(index), "types of device 0 stand at 0x60 to 0x9f")
+        raise Error(E_INDEX, hex(index), "types of device 0 must be at 0x60 to 0x9f")
     return index + TYPE_SPACE * _device(device)
 
 
@@ -99,7 +99,7 @@ def object_of_device(index: int, device: int) -> int:
     Raises `Error` for another index or device.
     """
     if not 0x6000 <= index <= 0x67FF:
-        raise Error(E_INDEX, hex(index), "objects of device 0 stand at 0x6000 to 0x67ff")
+        raise Error(E_INDEX, hex(index), "objects of device 0 must be at 0x6000 to 0x67ff")
     return index + DEVICE_SPACE * _device(device)
 
 
@@ -109,7 +109,7 @@ def device_of_object(index: int) -> tuple[int, int]:
     Raises `Error` for another index.
     """
     if not 0x6000 <= index <= 0x9FFF:
-        raise Error(E_INDEX, hex(index), "objects of devices stand at 0x6000 to 0x9fff")
+        raise Error(E_INDEX, hex(index), "objects of devices must be at 0x6000 to 0x9fff")
     device, offset = divmod(index - 0x6000, DEVICE_SPACE)
     return device, 0x6000 + offset
 

@@ -372,7 +372,7 @@ class _Reader:
         if table.has("fields"):
             fields = fields_of(table, self._field_type)
             if table.has("type"):
-                raise table.fail("type", "either a type or fields of its own", "R70")
+                raise table.fail("type", "give either a type or fields", "R70")
             row = msgspec.structs.replace(row, fields=fields)
         else:
             found = self._any_type(table)

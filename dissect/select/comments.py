@@ -10,7 +10,7 @@ from dissect.wire.text import printable, some
 #: The beginning of all our comments, by which a display filter finds them: ``frame.comment contains "s7dissect:"``.
 MARK: Final = "s7dissect:"
 
-#: At most so many frames of a finding are named in a comment.
+#: At most this many frames of a finding are named in a comment.
 _NAMED: Final = 8
 
 

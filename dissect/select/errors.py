@@ -9,7 +9,7 @@ from typing import Final
 from dissect.wire.errors import Error
 from dissect.wire.text import printable
 
-#: So many characters of an expression are shown before the place that is wrong, and as many after its beginning.
+#: This many characters of an expression are shown before the place that is wrong, and as many after its beginning.
 _SHOWN: Final = 70
 
 

@@ -255,7 +255,7 @@ def _explain(text: str, error: Any) -> NoReturn:
         raise SelectError(f"expected {_wanted(could)}, got a text", text, at, at + 1) from None
     if text[at] == "[" and "OPERATOR" in could:
         raise SelectError(
-            "these brackets are not closed; a name that has some of its own can stand in quotes",
+            "these brackets are not closed; put a name with brackets in quotes",
             text, at, len(text),
         ) from None  # fmt: skip
     hint = ""

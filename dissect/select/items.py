@@ -27,7 +27,7 @@ from dissect.select.literals import CodeValue, Place, place_of
 from dissect.transactions.naming import NamedValue, Naming
 from dissect.transactions.transaction import Transaction
 
-#: The facts of so many request items are remembered: polling repeats the same ones.
+#: The facts of this many request items are remembered: polling repeats the same ones.
 _MOST_KNOWN: Final = 8192
 _UNKNOWN_ELEMENT: Final = 1
 #: The name of an element of an array of one dimension. Where an item covers all elements, the lowest index is in the tag's type

@@ -15,7 +15,7 @@ from typing import Any, Final
 from dissect.select.errors import SelectError
 from dissect.select.grammar import Literal
 
-#: A text is taken to have so many characters, and a pattern may have so many ways to match it (powers of ten).
+#: A text is taken to have this many characters, and a pattern may have this many ways to match it (powers of ten).
 _LENGTH: Final = 1000
 _MOST: Final = 9.0
 

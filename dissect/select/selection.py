@@ -81,7 +81,7 @@ class ContextBook:
 #: TPDUs that open and close a transport connection, and IBH-NetLink packets that do.
 _OPENING: Final = frozenset((CR, CC, DR, DC))
 _OPENING_IBH: Final = frozenset((KIND_CONNECT, KIND_CONFIRM, KIND_DISCONNECT, KIND_GO_AHEAD, KIND_SERVICE))
-#: Retransmissions of a transaction's octets are searched for so long before its request and after its answer.
+#: Retransmissions of a transaction's octets are searched for this long before its request and after its answer.
 AGAIN_NS: Final = 10_000_000_000
 
 

@@ -30,7 +30,7 @@ from dissect.transactions.transaction import Transaction
 #: `Numbers` takes a bit for each number, in pages of `_PAGE` bits. It keeps up to `_PAGES` pages: 16 million numbers in 2 MiB.
 _PAGE: Final = 32_768
 _PAGES: Final = 512
-#: So many findings wait for a transaction that may select them; further ones are judged by the transactions so far.
+#: This many findings wait for a transaction that may select them; further ones are judged by the transactions so far.
 MAX_WAITING: Final = 20_000
 
 

@@ -11,7 +11,7 @@ from dissect.transactions.operation import CYCLIC, MESSAGES, TEST_JOB, Operation
 from dissect.transactions.operations import subscription_of
 from dissect.transactions.transaction import PUSH, Transaction
 
-#: From so many requests on, those of no running operation are dropped; and the greatest number after that.
+#: From this many requests on, those of no running operation are dropped; and the greatest number after that.
 _MANY: Final = 2048
 MAX_KEPT: Final = 65_536
 

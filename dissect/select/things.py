@@ -33,7 +33,7 @@ MESSAGE: Final = "message"
 PACKET: Final = "packet"
 KINDS: Final = (TRANSACTION, OPERATION, FINDING, CONNECTION, MESSAGE, PACKET)
 
-#: So many connections that are over are still remembered, for findings that come later.
+#: This many connections that are over are still remembered, for findings that come later.
 _REMEMBERED: Final = 4096
 
 

@@ -371,7 +371,7 @@ def _some(parts: list[Predicate]) -> Predicate:
 
 # ---- what a connection alone decides --------------------------------------------------------------------------------
 
-#: Fields that name one end. A comparison with an address that neither end of the connection has cannot hold.
+#: Fields that name one end. A comparison with an address of neither end of the connection is false.
 _ENDS: Final = frozenset(("client", "server", "asked_by", "answered_by"))
 
 

@@ -6,7 +6,7 @@ import os
 import weakref
 from typing import Final
 
-#: At most so many octets of a file are read; no file of this kind is longer.
+#: At most this many octets of a file are read; no file of this kind is longer.
 MAX_READ: Final = 64 * 1024 * 1024
 _PIECE: Final = 1024 * 1024
 

@@ -199,7 +199,7 @@ def _coded(
             raise AddressError(f"{shown}: the length of the string is missing: {shown}.20 for 20 characters")
         return TagAddress(area, db, byte, -1, "", string_type(name, int(length)), int(second or 0), letters)
     if second is not None:
-        raise AddressError(f"{shown}: two numbers behind the byte are for bits and strings only")
+        raise AddressError(f"{shown}: two numbers after the byte are for bits and strings only")
     count = int(first or third or 0)
     width = code if code in {"B", "W", "D", "L"} else ""
     return TagAddress(area, db, byte, -1, width, TYPES[name], count, letters)
@@ -233,7 +233,7 @@ def fitted(
     if address.elements > 1 and not dims:
         dims = [(0, checked_count(address.elements, base) - 1)]
     if address.type is not None and address.type.bits != base.bits:
-        raise AddressError(f"{shown} is {address.type.name}, the row says {base.name}: they differ in size")
+        raise AddressError(f"{shown} is {address.type.name}, but the row has {base.name}: they differ in size")
     if address.area in NUMBERED_AREAS:
         if base.bits != NUMBERED_BITS:
             raise AddressError(f"{shown}: a timer or counter has 16 bits, {base.name} does not")

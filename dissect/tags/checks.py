@@ -6,7 +6,7 @@ from typing import Final, NamedTuple
 
 from dissect.tags.model import Tag, place_text
 
-#: At most so many pairs are kept.
+#: At most this many pairs are kept.
 MAX_OVERLAPS: Final = 1000
 
 

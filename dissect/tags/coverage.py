@@ -12,7 +12,7 @@ from dissect.tags.model import Tag
 from dissect.tags.naming import TagNaming
 from dissect.transactions.transaction import Transaction
 
-#: At most so many distinct items are kept; further ones are only counted.
+#: At most this many distinct items are kept; further ones are only counted.
 MAX_ITEMS: Final = 100_000
 
 

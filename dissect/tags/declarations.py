@@ -398,14 +398,14 @@ class _Reader:
             bounds.append(text)
             of = self._next()
             if of.upper != "OF":
-                raise self._fail(token, f"expected OF behind the bounds of an array, found {of.text[:40]!r}")
+                raise self._fail(token, f"expected OF after the bounds of an array, found {of.text[:40]!r}")
             token = self._next()
             while token.kind == "attributes":
                 token = self._next()
         if token.upper == "STRUCT":
             return "STRUCT", Shape([Section(self._members(token, "STRUCT", "END_STRUCT", beyond, depth + 1))])
         if token.kind not in {"word", "quoted"}:
-            raise self._fail(token, f"expected a type behind the colon, found {token.text[:40]!r}")
+            raise self._fail(token, f"expected a type after the colon, found {token.text[:40]!r}")
         name = self._type_name(token)
         if self._peek().text == "[" and token.upper in {"STRING", "WSTRING"}:
             self._next()
@@ -417,7 +417,7 @@ class _Reader:
     def _expect(self, mark: str, near: Token) -> None:
         token = self._next()
         if token.text != mark:
-            raise self._fail(near, f"expected {mark!r} behind {near.text!r}, found {token.text[:40]!r}")
+            raise self._fail(near, f"expected {mark!r} after {near.text!r}, found {token.text[:40]!r}")
 
     def _ending(self, first: Token, structure: bool) -> str:
         """Skip the start value and the semicolon of a member; return the value."""

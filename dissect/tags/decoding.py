@@ -15,7 +15,7 @@ _MARKS: Final = (
     (codecs.BOM_UTF16_LE, "utf-16"),
     (codecs.BOM_UTF16_BE, "utf-16"),
 )
-#: UTF-16 without a byte order mark is recognised by so many octets.
+#: UTF-16 without a byte order mark is recognised by this many octets.
 _BEGINNING: Final = 100
 DEFAULT_PAGE: Final = "cp1252"
 CYRILLIC_PAGE: Final = "cp1251"

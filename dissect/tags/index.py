@@ -10,9 +10,9 @@ from mypy_extensions import i64
 from dissect.s7.tables import DB, DB_AREAS
 from dissect.tags.model import NUMBERED_BITS, Tag
 
-#: With so many addresses in it, the cache of their tags is emptied.
+#: With this many addresses in it, the cache of their tags is emptied.
 MAX_CACHED: Final = 8192
-#: At most so many parts of one item: a tag for each bit of the longest PDU would be more.
+#: At most this many parts of one item: a tag for each bit of the longest PDU would be more.
 MAX_PARTS: Final = 4096
 
 

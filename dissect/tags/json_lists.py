@@ -58,7 +58,7 @@ def _object(pairs: list[tuple[str, Any]], into: TagFile) -> dict[str, Any]:
     found = dict(pairs)
     if len(found) < len(pairs):
         for name in [name for name, value in pairs if found[name] != value]:
-            into.problems.error(0, f"{name[:60]!r} stands in one object twice, with two values: which one is right?")
+            into.problems.error(0, f"{name[:60]!r} occurs twice in one object, with two values: remove one")
     return found
 
 

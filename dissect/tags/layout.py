@@ -13,7 +13,7 @@ from typing import Final, NamedTuple
 from dissect.tags.declarations import Member, Shape
 from dissect.tags.types import MAX_ARRAY, MAX_DIMENSIONS, DataType, TypeNameError, elementary, parse_bounds
 
-#: At most so many members of a block, counting those of each element of an array of structures, and levels of nested types.
+#: At most this many members of a block, counting those of each element of an array of structures, and levels of nested types.
 MAX_MEMBERS: Final = 200_000
 MAX_DEPTH: Final = 32
 #: Bits of the pointer to a parameter that is passed by reference.

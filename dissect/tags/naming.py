@@ -16,7 +16,7 @@ from dissect.transactions.connection import Connection
 from dissect.transactions.naming import NamedValue, Naming
 from dissect.wire.copies import leaves
 
-#: The values of so many items are remembered with their octets: a polled value rarely changes, and is not decoded again.
+#: The values of this many items are remembered with their octets: a polled value rarely changes, and is not decoded again.
 _MAX_REMEMBERED: Final = 4096
 
 

@@ -9,7 +9,7 @@ from dissect.wire.text import shortened
 ERROR: Final = "error"
 WARNING: Final = "warning"
 NOTE: Final = "note"
-#: At most so many characters of a message, and so many problems of one file are kept.
+#: At most this many characters of a message, and this many problems of one file are kept.
 _LONGEST: Final = 400
 MAX_PROBLEMS: Final = 1000
 

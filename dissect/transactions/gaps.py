@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 LEAST_ANSWER: Final = 19
 #: A connection on which a request is open is not silent for longer: TCP acknowledges it or sends it again.
 _ACK_DUE_NS: Final = 1_000_000_000
-#: After so many requests, each with another reference than the one before, a client is known to change it.
+#: After this many requests, each with another reference than the one before, a client is known to change it.
 _FEW_REQUESTS: Final = 3
 #: Maximum number of requests that are examined for one gap.
 _MOST: Final = 16

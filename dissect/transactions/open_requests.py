@@ -38,15 +38,15 @@ SHORT_REST_NS: Final = 100_000_000
 BESIDE_NS: Final = 200_000_000
 #: Requests of a side that may wait in rows before the latest of their reference. The oldest of a row gives way.
 MAX_BEHIND: Final = 256
-#: No server answers a request so long after it, once its reference is used again: clients give up after 2 to 5 s.
+#: No server answers a request this long after it, once its reference is used again: clients give up after 2 to 5 s.
 NEVER_NS: Final = 10_000_000_000
 #: Clients wait at least two seconds before they give a request up (reference 5.6).
 GIVEN_UP_NS: Final = 2_000_000_000
 #: Only grants below this are checked closely; no device is known to grant more than 8.
 FEW_JOBS: Final = 64
-#: `open_since` examines so many of the longest open requests before the latest ones.
+#: `open_since` examines this many of the longest open requests before the latest ones.
 _FEW_OLD: Final = 8
-#: The table is rebuilt whenever so many requests were given up from its front.
+#: The table is rebuilt whenever this many requests were given up from its front.
 _FRESH: Final = 1024
 
 

@@ -90,9 +90,9 @@ MAX_OPEN: Final = 4096
 #: Requests open at once on all connections. Beyond that, each new request of a side with more than `FEW_OPEN` drops its oldest.
 MAX_OPEN_ALL: Final = 65536
 FEW_OPEN: Final = 16
-#: A client of one reference rests when no request is open for `SHORT_REST_NS`, and so many times as long as it last waited.
+#: A client of one reference rests when no request is open for `SHORT_REST_NS`, and this many times as long as it last waited.
 _MANY_TIMES: Final = 4
-#: When `Dialogue.asking` has so many sides, those of closed connections are removed. It is more than can be open at once.
+#: When `Dialogue.asking` has this many sides, those of closed connections are removed. It is more than can be open at once.
 _MANY_ASKING: Final = MAX_OPEN_ALL
 
 

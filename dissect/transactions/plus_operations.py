@@ -54,11 +54,11 @@ _LOADING: Final = frozenset((LOADED, CONFIRMED, SEQUENCE_BEGUN, SEQUENCE_ENDED))
 #: How many reads of the same variables are polling, and how many different reads are remembered.
 _POLLED: Final = 3
 MAX_POLLS: Final = 1024
-#: At so many open operations, those that the book has closed are removed.
+#: At this many open operations, those that the book has closed are removed.
 _MANY: Final = 1024
 #: Up to this size all captured octets of an answer are kept; if a larger one is incomplete, its rest may have been dropped.
 _ALL_KEPT: Final = MAX_PDU - 0x10004
-#: A poll is identified by its addresses if they have up to so many octets, else by a digest: a request may have 8 MiB.
+#: A poll is identified by its addresses if they have up to this many octets, else by a digest: a request may have 8 MiB.
 _LARGEST: Final = 2048
 #: What ends the addresses in a request.
 _QUALIFIER: Final = b"\x00\x00\x04\xe8"

@@ -179,7 +179,7 @@ class IdleSearch:
 
 
 MAX_CONNECTIONS: Final = 8192
-#: The search for idle connections begins so many below `MAX_CONNECTIONS`, and is finished at once so many above it.
+#: The search for idle connections begins this many below `MAX_CONNECTIONS`, and is finished at once this many above it.
 RESERVE: Final = 512
 #: The most connections that are evicted when one opens.
 LEAVE_AT_ONCE: Final = 2

@@ -26,7 +26,7 @@ _OBJECT: Final = re.compile(r"0x[0-9a-f]{1,16}:[0-9]{1,10}")
 _PLUS: Final = re.compile(r'.*".*|.* LID [0-9]+.*')
 #: The name of an element of an array: the array and the indexes.
 _ELEMENT: Final = re.compile(r"(.+)\[([0-9,. -]+)\]")
-#: Of a whole data block, at most so many bits are watched.
+#: Of a whole data block, at most this many bits are watched.
 _MOST_BITS: Final = 8 * 65536
 
 

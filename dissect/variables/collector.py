@@ -45,7 +45,7 @@ from dissect.variables.model import FORCE, MODIFY, NOTIFICATION, PDO, PUSH, READ
 from dissect.variables.tracker import MAX_VARIABLES, NO_ANSWER, Plan, Plc, Tracker
 from dissect.variables.wanted import Image, WantedSet
 
-#: At most so many plans of items are remembered; polling repeats the same items.
+#: At most this many plans of items are remembered; polling repeats the same items.
 MAX_PLANS: Final = 16_384
 
 #: Returns whether a transaction is wanted.

@@ -10,9 +10,9 @@ from mypy_extensions import i64
 from dissect.transactions.connection import Connection
 from dissect.variables.model import ValueRow
 
-#: At most so many distinct values are counted; of more it is only known that there are more.
+#: At most this many distinct values are counted; of more it is only known that there are more.
 MAX_DISTINCT: Final = 20
-#: At most so many clients of a variable are counted separately; others are counted together.
+#: At most this many clients of a variable are counted separately; others are counted together.
 MAX_CLIENTS: Final = 8
 #: Points of a trend: when there are twice as many, neighbours are joined.
 POINTS: Final = 24

@@ -19,7 +19,7 @@ from dissect.variables.wanted import Image, Wanted
 from dissect.wire.codes import CodeTable
 
 MAX_VARIABLES: Final = 20_000
-#: At most so many octets of latest values are kept, for all variables together.
+#: At most this many octets of latest values are kept, for all variables together.
 MAX_KEPT: Final = 8 << 20
 #: Stands for a return code if the result of an item was not captured.
 NO_ANSWER: Final = -1

@@ -54,7 +54,7 @@ CSV_COLUMNS: Final[list[str]] = [
 FILE_COLUMN: Final = "file"
 #: Bytes as JSON numbers: most lists are lists of bytes.
 _SMALL: Final = [str(number) for number in range(256)]
-#: A cache with so many entries is emptied.
+#: A cache with this many entries is emptied.
 _MAX_CACHED: Final = 8192
 _NAME: Final = 100
 _STRUCT: Final = 200

@@ -9,7 +9,7 @@ from mypy_extensions import i64
 
 from dissect.wire.build import COMPILED
 
-#: Up to so many octets, comparing eight at a time is faster than a copy.
+#: Up to this many octets, comparing eight at a time is faster than a copy.
 _SHORT: Final = 64
 
 

@@ -88,7 +88,7 @@ def test_secrets_are_put_in(port: int, tmp_path: Path, monkeypatch: pytest.Monke
         ('webhook = "http://127.0.0.1/"\nheaders = { Host = "x" }', "'Host' is not a header that can be set"),
         ('webhook = "http://127.0.0.1/"\nheaders = { "A b" = "x" }', "'A b' is not a header that can be set"),
         ('webhook = "http://127.0.0.1/"\nheaders = ["x"]', "must be a table"),
-        ('webhook = "https://127.0.0.1/"\nca_file = "/dev/null"', "'/dev/null' holds no certificates"),
+        ('webhook = "https://127.0.0.1/"\nca_file = "/dev/null"', "'/dev/null' contains no certificates"),
         ('webhook = "ftp://127.0.0.1/{env:LINES_TWO}"', "is not an address such as"),
     ],
 )

@@ -270,7 +270,7 @@ def test_one_name_for_two_things(load: Load) -> None:
     for written, message in (
         ("both", '\'both\' is a struct and a value: write "0x0040" or "0x2000:0"'),
         ("T1", '\'T1\' is a pdo and a value: write "TPDO 1" or "0x2001:0"'),
-        ("nothing", "0x2002 'nothing' is a NULL, which holds no data"),
+        ("nothing", "0x2002 'nothing' is a NULL, which has no data"),
     ):
         with pytest.raises(BindingError) as caught:
             load(table("udp = 1", f'holds = "{written}"'), od)

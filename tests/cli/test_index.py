@@ -117,7 +117,7 @@ def test_wrong_use_is_one_line(capfdbinary: Capture, folder: Path) -> None:
         (("-0",), "-0 needs -Y"),
         (("-Y", "hots == 1"), "did you mean host"),
         (("--no-update",), "there is no index yet"),
-        (("--file", other), "is no index of s7dissect"),
+        (("--file", other), "is not an index of s7dissect"),
         (("--file", folder / "nowhere" / "x"), "cannot be written"),
     ):
         ran = run(capfdbinary, "index", folder, *words)

@@ -70,6 +70,6 @@ class _Mute:
 def test_a_scheduler_that_stops_answering(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(connect, "ANSWER_S", 0.05)
     mute = _Mute()
-    with pytest.raises(ClusterError, match=r"^the scheduler does not say who its workers are within 0\.05 seconds$"):
+    with pytest.raises(ClusterError, match=r"^the scheduler did not list its workers within 0\.05 seconds$"):
         workers_of(mute, Patience())
     mute.over.set()

@@ -144,7 +144,7 @@ def test_a_damaged_index(capfdbinary: Capture, tmp_path: Path) -> None:
     path.write_bytes(cases[0])
     assert "is damaged: remove it" in run(capfdbinary, "index", tmp_path, "--file", path).err
     path.write_bytes(gzip.compress(sound))
-    assert "is no index of s7dissect" in run(capfdbinary, "index", tmp_path, "--file", path).err
+    assert "is not an index of s7dissect" in run(capfdbinary, "index", tmp_path, "--file", path).err
 
 
 def test_an_index_is_written_in_batches(capfdbinary: Capture, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

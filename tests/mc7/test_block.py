@@ -255,11 +255,11 @@ def test_hostile_tables_are_bounded() -> None:
 @each(
     ("text", "words"),
     [
-        ("A I 0.0\nFOO 1", "line 2: 'FOO' is no instruction"),
+        ("A I 0.0\nFOO 1", "line 2: 'FOO' is not an instruction"),
         ("L MZ 1", "line 1: L does not take 'MZ 1'"),
         ("JU nowhere", "line 1: label nowhere is nowhere"),
-        ("x: A I 0.0\nx: BE", "line 2: label x stands twice"),
-        ("UC FC 1 (M 0.0)", "line 1: 'M 0.0' is no address of a parameter"),
+        ("x: A I 0.0\nx: BE", "line 2: label x occurs twice"),
+        ("UC FC 1 (M 0.0)", "line 1: 'M 0.0' is not an address of a parameter"),
         ("SLD", ""),
         ("OPN", "line 1: OPN needs an operand"),
     ],

@@ -15,7 +15,7 @@ from dissect.scd.toml_tables import parse_tables, source_text
         ("\na = ", 2, "Invalid value"),
         ("\n" + ".".join("a" * 18) + " = 1", 2, "a key of more than 16 parts"),
         ("\n\na = " + "1" * 5000, 3, "a number of too many digits"),
-        ("a = " + "[" * 5000, 0, "arrays in arrays without end"),
+        ("a = " + "[" * 5000, 0, "arrays are nested too deeply"),
     ],
 )
 def test_what_is_no_toml(text: str, line: int, detail: str) -> None:

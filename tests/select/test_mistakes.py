@@ -42,7 +42,7 @@ MISTAKES: Final[list[tuple[str, str, str]]] = [
     (
         "value[Curve[2] > 5",
         "[Curve[2] > 5",
-        "these brackets are not closed; a name that has some of its own can stand in quotes",
+        "these brackets are not closed; put a name with brackets in quotes",
     ),
     ("host == 10.0.0.0/33", "10.0.0.0/33", "expected an address or a network"),
     ("host == plc1", "plc1", "expected an address or a network"),

@@ -125,7 +125,7 @@ CASES: Final[dict[str, tuple[str, str | bytes, str, int, str]]] = {
     ),
     "15 one name twice in an object of JSON": (
         "tags.json", '{"A": "DB1,INT0", "B": "DB1,INT4",\n"A": "DB1,INT2"}', "error", 0,
-        "'A' stands in one object twice, with two values: which one is right?",
+        "'A' occurs twice in one object, with two values: remove one",
     ),
     "5 UTF-16 without its mark": (
         "tags.csv", (HEAD + "DB1.DBW0,INT,a\n").encode("utf-16-le"), "error", 1, "try --tags-encoding utf-16-le",

@@ -87,7 +87,7 @@ def naming_of(paths: Sequence[str], encoding: str, numbers: dict[str, int]) -> N
     """Return what names values by files of tags, None for no file. Raises `click.ClickException`."""
     if not paths:
         if was_given("encoding", "numbers"):
-            raise click.UsageError("missing --tags FILE: --tags-encoding and --tags-db say how it is read.")
+            raise click.UsageError("missing --tags FILE: --tags-encoding and --tags-db are options for reading it.")
         return None
     from dissect.config.settings import split_host
     from dissect.tags.naming import HostNaming

@@ -28,7 +28,7 @@ from dissect.transactions.operation import LONG_ANSWER, Operation
 from dissect.transactions.side import Side
 from dissect.transactions.transaction import Transaction
 
-#: So many connections are remembered with their uid, device and unfinished answers.
+#: This many connections are remembered with their uid, device and unfinished answers.
 _MOST_KNOWN: Final = 16_384
 _TRUSTED_VERSION: Final = 3  # the only version of S7comm-plus that ICSNPP reads
 

@@ -68,7 +68,7 @@ CSV_COLUMNS: Final[list[str]] = _COLUMNS + _ITEM_COLUMNS
 
 #: Beginning of `TransactionError.where` for an error that belongs to an item.
 _ITEM: Final = "item"
-#: A cache with so many entries is emptied.
+#: A cache with this many entries is emptied.
 _MAX_CACHED: Final = 8192
 #: One encoder for all values: making an encoder takes longer than using it.
 _JSON: Final = json.JSONEncoder(ensure_ascii=False, default=str)

@@ -70,7 +70,7 @@ _NO_ERRORS_TEXT: Final = _NO_ERRORS.decode("ascii")
 _HEAD_OCTETS: Final = _HEAD.encode("ascii")
 _COMMA: Final = 0x2C
 _SECOND_NS: Final = 1_000_000_000
-#: A cache with so many entries is emptied.
+#: A cache with this many entries is emptied.
 _MAX_CACHED: Final = 8192
 #: Places in the table of beginnings of lines (`_starts`), a power of two; a table is faster than a dictionary.
 _PLACES: Final = 1024

@@ -40,7 +40,7 @@ from dissect.wire.build import COMPILED
 from dissect.wire.malformed import Malformed
 from dissect.wire.text import Clock, decimal, hex_number, shortened, some
 
-#: At most so many characters of a packet comment are shown.
+#: At most this many characters of a packet comment are shown.
 _COMMENT: Final = 1000
 _BLANKS: Final[list[str]] = [" " * count for count in range(13)]
 #: Faults that a PDU may have only because its end is missing.

@@ -46,7 +46,7 @@ def open_live(
     if not 0 <= snaplen <= MAX_SNAPLEN or not 1 <= buffer_mib <= MAX_BUFFER_MIB:
         raise LiveError(f"a snap length is 0 to {MAX_SNAPLEN} bytes, a buffer 1 to {MAX_BUFFER_MIB} MiB")
     if "\0" in interface + expression:
-        raise LiveError("neither an interface nor a capture filter holds a NUL")
+        raise LiveError("an interface or capture filter must not contain a NUL")
     if interface == "-":
         return open_stdin(wait_ms)
     known = _find(interface)

@@ -11,7 +11,7 @@ from dissect.source.packet import CaptureError, Reader
 
 #: How long `LiveReader.step` waits for packets by default, in milliseconds.
 WAIT_MS: Final = 50
-#: At most so many sentences on the interface wait to be taken.
+#: At most this many sentences on the interface wait to be taken.
 _MAX_OUTAGES: Final = 100
 
 
