@@ -98,7 +98,7 @@ _ROWS: Final[tuple[Fact[Connection], ...]] = (
          " in its packets instead of TPKTs; `scd` where a binding says so.", lambda of: of.protocol or None, null=True,
          codes=("s7comm", "s7comm_plus", "mms", "tls", "rdp", "unknown", "ibh_netlink", "scd")),
     Fact("identified_by", TEXT, "For a different protocol its identification, for a person: TLS record, version and server"
-         " name, ISO session SPDU with application context and AP titles, RDP cookie and security, first bytes; of S7comm-plus"
+         " name, ISO session SPDU with application context and AP titles, RDP cookie and security, first bytes; for S7comm-plus"
          " that InitSSL was requested and what followed. Null elsewhere.", lambda of: of.identified_by or None, null=True),
     Fact("tls", JSON, "TLS in its COTP messages, as far as it was captured (docs/tls.md); null without it.",
          None, shape={"oneOf": [{"$ref": "#/$defs/tls"}, {"type": "null"}]}),

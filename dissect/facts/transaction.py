@@ -98,7 +98,7 @@ _ITEM: Final[tuple[Fact[Any], ...]] = (
          " though the request does not.", None, rare=True),
     # ---- what JSON has inside of an object, or not at all
     Fact("transaction", COUNT, "Number of the transaction.", None, key="", least=1),
-    Fact("item", COUNT, "Number of the item, from 1; of S7comm-plus its own.", None, key="", least=1),
+    Fact("item", COUNT, "Number of the item, from 1; for S7comm-plus its own.", None, key="", least=1),
     Fact("connection", COUNT, "Number of the connection.", None, key="", least=1),
     Fact("begin_time", TIME, "Time of the request, or of the message sent unasked.", None, key="", column="ts"),
     Fact("request_frame", FRAME, "Packet that completed the request.", None, key=""),
@@ -111,7 +111,7 @@ _ITEM: Final[tuple[Fact[Any], ...]] = (
     Fact("area_name", WORD, "Area, such as DB, M, I or Q.",
          lambda of: of.area.names[0] if of.area is not None else None, key="", column="area"),
     Fact("db_number", COUNT, "Number of the data block.", lambda of: of.db, key="", column="db"),
-    Fact("byte", COUNT, "Byte address; of timers and counters their number.",
+    Fact("byte", COUNT, "Byte address; for timers and counters their number.",
          lambda of: _at(of, False), key=""),
     Fact("bit", COUNT, "Bit within the byte.", lambda of: _at(of, True), key=""),
     Fact("label", WORD, "Address as people write it, DB10.DBW4; `overlaps` compares bits.",
@@ -122,7 +122,7 @@ _ITEM: Final[tuple[Fact[Any], ...]] = (
          lambda of: of.return_code.names[0] if of.return_code is not None else None, key=""),
     Fact("refused", FLAG, "The answer refuses this item, or the whole request.",
          lambda of: of.return_code is not None and of.return_code.number not in {0, SUCCESS}, key=""),
-    Fact("number_value", REAL, "Value: a number or truth value; of a single tag in its unit.", None, key="", column="number"),
+    Fact("number_value", REAL, "Value: a number or truth value; for a single tag in its unit.", None, key="", column="number"),
     Fact("text_value", TEXT, "Value where it is text, several numbers as JSON, an integer beyond 2^53.",
          None, key="", column="text"),
     Fact("spelled", TEXT, "Text that several bytes seem to spell, a guess.", None, key=""),
@@ -140,8 +140,8 @@ _ROWS: Final[tuple[Fact[Transaction], ...]] = (
     Fact("asked_by", END, "The end that sent the request, or that received an unsolicited message.",
          lambda of: of.connection.tcp.ends[of.asked_by]),
     Fact("answered_by", END, "The other end.", lambda of: of.connection.tcp.ends[1 - of.asked_by]),
-    Fact("pdu_ref", DURATION, "PDU reference, read in network order; of S7comm-plus the sequence number, null in its"
-         " notifications; of SCD the transaction number, null where the envelope has none.", None, null=True),
+    Fact("pdu_ref", DURATION, "PDU reference, read in network order; for S7comm-plus the sequence number, null in its"
+         " notifications; for SCD the transaction number, null where the envelope has none.", None, null=True),
     Fact("rosctr", JSON, "Kind of the request: 1 Job, 7 Userdata; null for S7comm-plus, which has none.",
          lambda of: int(of.rosctr) if of.rosctr <= USERDATA else None, shape={"enum": [JOB, USERDATA, None]}),
     Fact("function", JSON, "The function byte; of the answer when there is no request.",

@@ -34,7 +34,7 @@ _VALUE: Final = {"$ref": "urn:s7dissect:schema:transaction:1#/$defs/value"}
 
 _ROWS: Final[tuple[Fact[Any], ...]] = (
     Fact("time", TIME, "Time of `frame`.", lambda of: int(of.time_ns), column="ts"),
-    Fact("frame", FRAME, "The packet that has the value: of a read its response, of a write the request; of a modified or"
+    Fact("frame", FRAME, "The packet that has the value: for a read its response, for a write the request; for a modified or"
          " forced variable the confirmation.", lambda of: int(of.frame)),
     Fact("connection", COUNT, "Number of the connection, that of `connections` in the analysis.",
          lambda of: int(of.connection), least=1),
@@ -42,7 +42,7 @@ _ROWS: Final[tuple[Fact[Any], ...]] = (
     Fact("plc", END, "The end that has the variable.", lambda of: of.plc),
     Fact("how", CODE, "`push` of a cyclic or change-driven service or of a variable table, `modify` and `force` of a variable"
          " table, `notification` of S7comm-plus, `pdo` of SCD.", lambda of: of.how, column="operation", codes=_HOWS),
-    Fact("address", WORD, "Where the value begins, for example `DB10.DBD4`; of S7comm-plus the name or the LIDs, of SCD index"
+    Fact("address", WORD, "Where the value begins, for example `DB10.DBD4`; for S7comm-plus the name or the LIDs, of SCD index"
          " and sub-index.", lambda of: encodable(of.address)),
     Fact("tag", WORD, "Name of the variable, by `--tags` or an SCD dictionary; null where nobody knows one.",
          lambda of: encodable(of.tag) or None, column="name", null=True),

@@ -392,7 +392,7 @@ _ROWS: Final = (
     Field("scd.phase", Code(lambda: ("request", "response", "abort", "push")), "Its part in it.", "scd.phase == abort",
           _all(of.of_scd(lambda found: of.name_code(found.message.phase) if found.message.phase else None), _PDUS)),
     *[Field(f"scd.{role}", Number(), about, example, _all(of.of_scd(of.scd_number(role)), _PDUS)) for role, about, example in (
-        ("tid", "Transaction number; of a PDO its counter.", "scd.tid == 7"),
+        ("tid", "Transaction number; for a PDO its counter.", "scd.tid == 7"),
         ("err", "`scd_err_t`: 0 good, below 0 an error.", "scd.err < 0"),
         ("index", "Index of the object.", "scd.index == 0x6001"),
         ("sub", "Sub-index.", "scd.sub == 1"),
