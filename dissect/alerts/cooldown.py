@@ -97,7 +97,7 @@ class Cooldown:
         self._say(told, now_ns)
 
     def state(self, rule: Rule, about: Hashable, now_ns: int, make: Make | None) -> None:
-        """Note that a state that ``rule`` looks for holds, or (``make`` is None) does not."""
+        """Note that the state of ``rule`` is present, or (``make`` is None) absent."""
         if make is None:
             known = self._told.get((rule, about))
             if known is not None:

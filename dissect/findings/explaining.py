@@ -211,7 +211,7 @@ class Causes:
     # ---- answers that do not fit the TPDU size ----------------------------------------------------------------------
 
     def _is_too_large(self, transaction: Transaction) -> bool:
-        """Return whether the answer to a read fits the PDU length, but not the TPDU size, and the server sent none so large."""
+        """Return whether the answer to a read fits the PDU length, but exceeds the TPDU size and all TPDUs of the server."""
         connection = transaction.connection
         size: i64 = transaction.parameters.answer_size
         return (

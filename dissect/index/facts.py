@@ -25,8 +25,8 @@ class FileFacts:
 
     ``pairs`` are the ends of every connection that `analyze` numbers, each pair once; ``all_pairs`` is False when some did not
     fit. Times are nanoseconds since 1970, 0 for a file without packets; where the clock of the capture ran ``backwards``, they
-    are those of the first and the last packet. ``findings`` counts by slug. ``damage`` says what could not be read, empty where
-    all was.
+    are those of the first and the last packet. ``findings`` counts by slug. ``damage`` describes the unreadable part, empty for
+    none.
     """
 
     name: str

@@ -136,8 +136,8 @@ def row_of(word: int) -> Row:
 def decode(code: bytes, borders: Sequence[int] = ()) -> list[Instruction]:
     """Return the instructions of ``code``, without a gap.
 
-    ``borders`` are offsets at which an instruction should begin (networks, jumps). They are used only if otherwise some bytes
-    are no instruction, and if they leave fewer such bytes: wrong tables must not hide correct code.
+    ``borders`` are offsets at which an instruction should begin (networks, jumps). They are used only if some bytes cannot be
+    decoded without them, and if they leave fewer such bytes: wrong tables must not hide correct code.
     """
     plain = _decode(code, frozenset())
     unknown = unknown_octets(plain)

@@ -105,7 +105,7 @@ class Data:
         return found[:_ZONES]
 
     def _width(self, most: int) -> int:
-        """Return how wide bins are of which at most ``most`` are as long as the session, in nanoseconds."""
+        """Return the width of bins in nanoseconds, so that at most ``most`` bins cover the session."""
         return next((width for width in WIDTHS if (self._end - self._start) // width <= most), WIDTHS[-1])
 
     # ---- plots ------------------------------------------------------------------------------------------------------

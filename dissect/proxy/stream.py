@@ -104,7 +104,7 @@ class Stream:
             raise StreamError(str(error)) from None
 
     def _feed(self, frames: Sequence[bytes], time_ns: int | None) -> list[Event]:
-        # Clocks of computers are set; the order in which octets came is certain.
+        # The clock of a computer may be set back; the order of arrival is certain.
         self._now_ns = max(self._now_ns, time.time_ns() if time_ns is None else time_ns)
         for frame in frames:
             self.pipeline.frame(self._now_ns, frame, 0, len(frame), len(frame), _ETHERNET)

@@ -25,8 +25,8 @@ from dissect.s7plus.walk import MAX_PARTS, Wanted
 from dissect.wire.layout import HOLDS_VALUE
 from dissect.wire.part import Part
 
-#: What a line about a PDU needs: all items; of the attributes of objects only names, subscribed items and alarms. Attributes
-#: that may be compressed are read as well, to find their faults.
+#: Parts that a line about a PDU needs: all items; among the attributes of objects only names, subscribed items and alarms.
+#: Attributes that may be compressed are read as well, to find their faults.
 _SAID: Final = Wanted(table(ATTRIBUTES | COMPRESSED | {NAME, REFERENCE_LIST}), written=True)
 
 #: Requests that name an attribute by a value, which comes before that of the attribute.

@@ -1,4 +1,4 @@
-"""The rules of a dictionary (R57-R96), checked on its records, whatever they come from.
+"""The rules of a dictionary (R57-R96), checked on its records, whatever their source.
 
 The mappings of PDOs are checked where they are placed (`mapping`), because their targets must exist before.
 """

@@ -33,9 +33,8 @@ def place_key(area: i64, db: i64) -> i64:
 class Wanted:
     """Something wanted: ``bits`` bits from bit ``start`` of a place (`dissect.tags.model.Tag.start`), or a ``word``.
 
-    ``part`` says how the place is decoded, None if its type is unknown. ``naming`` are the tags of the CPUs that it belongs to,
-    None for every CPU. ``word``, in lower case, is the address or name of a value that has no place in memory (S7comm-plus,
-    SCD).
+    ``part`` says how the place is decoded, None if its type is unknown. ``naming`` are the tags of its CPUs, None for every
+    CPU. ``word``, in lower case, is the address or name of a value that has no place in memory (S7comm-plus, SCD).
     """
 
     __slots__ = ("area", "bits", "db", "naming", "part", "start", "text", "word")
