@@ -311,7 +311,7 @@ def _extcap_folder() -> Path:
     program = find_program("tshark") or find_program("wireshark")
     if not program:
         raise click.UsageError(
-            "tshark was not found, which knows the folder: give it as --install DIR (Wireshark: Help, About, Folders, "
+            "the folder is unknown without tshark: use --install DIR (Wireshark: Help, About, Folders, "
             "Personal Extcap path)."
         )
     try:

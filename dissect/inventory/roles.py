@@ -52,7 +52,8 @@ class Deeds:
     """What the client of a connection did that shows its role, each with the first packet that shows it.
 
     ``done`` are kinds of operations that the server did not refuse, ``tried`` those that it refused; both have what acts show,
-    too. ``texts`` describe what is neither an act nor an operation. ``hints`` are what other devices do now and then as well.
+    too. ``texts`` describe what is neither an act nor an operation. ``hints`` are weak signs, which other devices occasionally
+    show as well.
     """
 
     __slots__ = ("done", "hints", "texts", "tried")

@@ -45,7 +45,7 @@ PLUS_SECTIONS: Final[dict[str, list[Row]]] = {
         Row("S7Plus_VariableList", layouts.VARIABLE_LIST, "A list of variables; blocks follow, the last without variables.", {"tag": tables.VARIABLES_TAG}),
         Row("S7Plus_NameList", layouts.NAME_LIST, "A list of their names; blocks follow, the last without names.", {"tag": tables.NAMES_TAG}),
         Row("S7Plus_Block", layouts.LIST_BLOCK, "A block of variables or names.", {"length": None}, counting=block_behind),
-        Row("S7Plus_ListId", layouts.LIST_ID, "What begins the first block of variables.", {"first": 0x02000080}),
+        Row("S7Plus_ListId", layouts.LIST_ID, "The beginning of the first block of variables.", {"first": 0x02000080}),
         Row("S7Plus_Variable", layouts.VARIABLE, "A variable; how many numbers it has, its kind says.", replace={"lid": LEIntField("lid", 0), "crc": XLEIntField("crc", 0), "offset_1": LEShortField("offset_1", 0), "offset_2": LEShortField("offset_2", 0), "numbers": little_numbers_field("numbers")}),
         Row("S7Plus_Name", layouts.VARIABLE_NAME, "The name of a variable.", {"length": None}, computed={"length": name_octets}, replace={"name": TextField("name_", b"\0")}),
         Row("S7Plus_TagDescription", layouts.TAG_DESCRIPTION, "A variable of an S7-1200 with firmware 2, by its name.", {"tag": tables.TAG_DESCRIPTION_TAG}, replace={"name": TextField("name_")}),

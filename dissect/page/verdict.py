@@ -54,7 +54,7 @@ class Verdict:
 def by_weight(analysis: Analysis) -> list[Rule]:
     """Return the rules that applied, the heaviest first: what changes a running plant, then what failed, then by time."""
     rules = by_gravity([CATALOGUE[slug] for slug in analysis.finding_counts], analysis.ledger)
-    return sorted(rules, key=_weight)  # of equal weight, the order stays
+    return sorted(rules, key=_weight)  # for equal weight, the order stays
 
 
 def _weight(rule: Rule) -> tuple[int, int, int, bool]:

@@ -61,9 +61,9 @@ class Writer(Observer):
     wire: pass text for a person through `dissect.wire.text.printable`.
 
     ``number_width`` and ``joint`` say how numbers can be changed in finished lines. ``number_width`` is the least number of
-    characters that the number of a transaction takes. ``joint`` is what stands between the numbers of transaction and
-    connection, if each line names both in this way and nowhere else; it is empty if lines name only a connection, and None if
-    numbers may stand anywhere.
+    characters that the number of a transaction takes. ``joint`` is the text between the numbers of transaction and connection,
+    if each line contains both in this form and only there; it is empty if lines contain only a connection, and None if numbers
+    may be anywhere.
 
     Feeds call these methods of an observer: `transaction`, `operation`, `comment`, for PDUs `pdu` and `plus_pdu`, and for
     packets without a PDU `tpdu` and `ibh_packet`; and the methods `packet` and `scd_message` of this class. PDUs may hold

@@ -130,7 +130,7 @@ def object_text(found: PlusObject) -> str:
     if found.class_id == ALARM:
         return alarm_text(found)
     name = found.text(NAME)
-    known = {short_name(found.class_id): None}  # some roots are called like their class
+    known = {short_name(found.class_id): None}  # some roots have the name of their class
     if found.rid != NEW_OBJECT:
         known[short_name(found.rid)] = None
     return f"{' '.join(known)}{f' {name!r}' if name else ''}"

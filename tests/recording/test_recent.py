@@ -68,5 +68,5 @@ def test_comments_are_told_once_and_bounded() -> None:
 
 
 def test_room_for_nothing_is_refused() -> None:
-    with pytest.raises(ValueError, match="hold no packet"):
+    with pytest.raises(ValueError, match="too few for one packet"):
         RecentPackets(0, 1)
