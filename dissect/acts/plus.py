@@ -27,7 +27,7 @@ _ACTS: Final[dict[str, str]] = {
 }
 #: Kinds of operations, where they are not those of the act.
 _COMMANDS: Final[dict[str, str]] = {events.ORDERED: CONTROL, events.TEST_JOB: TEST_JOB}
-#: What the client does with what the text of an event names.
+#: The client's action on the object that an event text names.
 _VERBS: Final[dict[str, str]] = {loads.LOADED: "load ", events.REMOVED: "delete ", loads.PROTECTED: "write "}
 #: Longest text of an event in a finding, in characters.
 TEXT: Final = 200

@@ -24,7 +24,7 @@ _KINDS: Final = frozenset((".py", ".json", ".css", ".js", ".j2", ".md"))
 _ROOMS_LEFT_OUT: Final = frozenset(
     ("cluster", "layers", "metrics", "monitor", "oracle", "playback", "proxy", "testing")
 )
-#: Of the room `browser` only what runs inside the page.
+#: From the room `browser` only the parts that run inside the page.
 _INSIDE: Final = frozenset(("__init__.py", "bridge.py"))
 #: Modules of the standard library that nothing here imports: tools for developers, servers, protocols of mail and news.
 _UNUSED: Final = """

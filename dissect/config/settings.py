@@ -32,7 +32,7 @@ class ConfigError(Error):
 
 
 class Settings(NamedTuple):
-    """What the files say, key by key (`KEYS`), and the files in the order in which they were asked."""
+    """The contents of the files, key by key (`KEYS`), and the files in the order in which they were read."""
 
     values: Mapping[str, Any]
     files: tuple[Path, ...]

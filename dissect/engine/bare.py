@@ -20,7 +20,7 @@ from dissect.wire.octets import u16
 
 #: How many ports they are counted on, besides 102.
 MAX_PORTS: Final = 1024
-#: Who closed a connection of which only FINs were captured: the keys of `BareConnections.ends`.
+#: Which side closed a connection of which only FINs were captured: the keys of `BareConnections.ends`.
 BY_SERVER: Final = 0
 BY_CLIENT: Final = 1
 #: The key in `BareConnections.first` of the first of these.

@@ -48,7 +48,7 @@ def on_102(side: Side) -> bool:
 
 
 class Foreign(Protocol):
-    """Names protocols that are not S7, by what identifies them. Of connections that are given to it only octets are counted."""
+    """Names protocols that are not S7, by what identifies them. It only counts the octets of its connections."""
 
     def __init__(self, exchange: Exchange) -> None:
         super().__init__(FOREIGN)

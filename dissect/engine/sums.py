@@ -13,7 +13,7 @@ from dissect.wire.octets import Tally
 if TYPE_CHECKING:
     from dissect.engine.pipeline import Pipeline
 
-#: What of a pipeline is added up: numbers, tallies, lists and dictionaries of numbers.
+#: The counters of a pipeline that are added up: numbers, tallies, lists and dictionaries of numbers.
 _COUNTERS: Final = (
     *[f"counters.{name}" for name in ("frames", "cut_frames", "packets", "bare.counts", "bare.spoken", "bare.ends")],
     *[

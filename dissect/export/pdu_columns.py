@@ -14,7 +14,7 @@ from dissect.transactions.connection import Connection
 from dissect.transactions.payloads import ScdMessage
 from dissect.wire.text import encodable
 
-#: What has a version and no opcode.
+#: Messages with a version and without an opcode.
 _WITHOUT_OPCODE: Final = frozenset((SYSTEM_EVENT, KEEP_ALIVE))
 #: Groups of columns that repeat: those of the connection and the sender, and those of the kind of message.
 ROUTE: Final = ("connection", "client_host", "client_port", "server_host", "server_port", "from_client")

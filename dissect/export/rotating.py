@@ -29,9 +29,9 @@ _PROBE: Final = 64 * 1024
 class RotatingSink(Sink):
     """Writes ``FOLDER/TABLE/day=YYYY-MM-DD/part-TIME-N.parquet``; `rotate` completes the present files.
 
-    TIME is the time of the latest `rotate`, by the clock of the capture, in UTC. What cannot be written raises nothing:
-    ``error`` is the latest `OSError`, the rows of its file are counted in ``lost``, and so are further rows until `probe` has
-    found that files can be written again. ``files`` counts those that were completed, ``octets`` theirs.
+    TIME is the time of the latest `rotate`, by the clock of the capture, in UTC. A failure to write does not raise: ``error``
+    is the latest `OSError`, the rows of its file are counted in ``lost``, and so are further rows until `probe` has found that
+    files can be written again. ``files`` counts those that were completed, ``octets`` theirs.
 
     `prepare` imports pyarrow, which starts threads: call it before the first rows.
     """

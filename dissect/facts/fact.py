@@ -2,8 +2,8 @@
 
 A record (a connection, a finding …) has a table of its facts in this room. From it are made its JSON (`dissect.facts.written`),
 the JSON Schema of that (`dissect.facts.schema`), its columns in tables and SQL (`dissect.export.tables`) and its fields of
-selections (`dissect.select.fields`). Each of these knows how it writes or compares a kind. What only one of them has, such as
-the example of a field or the order of columns, is there, by the name of the fact.
+selections (`dissect.select.fields`). Each of these knows how it writes or compares a kind. Properties that only one of them
+needs, such as the example of a field or the order of columns, are defined there, by the name of the fact.
 """
 
 from __future__ import annotations

@@ -18,7 +18,7 @@ REQUEST: Final = "request"
 #: A cause explains what its connection ended with: requests that stayed unanswered, and the end itself.
 CONNECTION: Final = "connection"
 
-#: What a request leads to that is refused as a whole, and one that is ignored.
+#: The consequences of a request that is refused as a whole, and of one that is ignored.
 _REFUSAL: Final = ("transaction.refused", "security.protected")
 _SILENCE: Final = ("transaction.unanswered", "session.cut")
 

@@ -341,12 +341,12 @@ class Reporter:
         return None if found.because or (found.number == 0 and found.room == KEPT) else found
 
     def blame(self, slug: str) -> None:
-        """What is judged at the moment is at fault, says the finding that was noted last."""
+        """The message that is being judged is the cause, according to the finding that was noted last."""
         if self.because is None:
             self.because = self.noted(slug)
 
     def hold(self, connection: i64) -> None:
-        """What a cause may explain that shows itself only later waits from now on, until `release`."""
+        """Findings that a later cause may explain wait from now on, until `release`."""
         if connection not in self._waiting:
             self._waiting[connection] = _Waiting()
 

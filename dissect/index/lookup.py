@@ -1,4 +1,4 @@
-"""What the indexes of folders know of files, as these are now."""
+"""The facts about files, in their present state, from the indexes of folders."""
 
 from __future__ import annotations
 

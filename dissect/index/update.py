@@ -39,8 +39,8 @@ class Changes:
 def captures(folder: Path, unreadable: dict[str, str] | None = None) -> Iterator[str]:
     """Yield the captures in a folder and below it, by names relative to it, sorted; hidden files and folders are left out.
 
-    Symbolic links to folders are not followed. What cannot be looked into or at is added to ``unreadable``, with the reason;
-    the names of folders end with a slash there. Raises `OSError` when the folder itself cannot be read.
+    Symbolic links to folders are not followed. Unreadable files and folders are added to ``unreadable``, with the reason; the
+    names of folders end with a slash there. Raises `OSError` when the folder itself cannot be read.
     """
     with os.scandir(folder) as entries:
         found = sorted(entries, key=lambda entry: entry.name)

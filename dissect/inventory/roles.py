@@ -36,7 +36,7 @@ _PANEL: Final = {
 }
 _LISTS_BLOCKS: Final = "asks which blocks there are"
 _BLOCK_INFO: Final = "asks what is known of a block"
-#: What some panels do as well, but seldom, to show diagnostics.
+#: Actions that some panels perform rarely, to show diagnostics.
 _DIAGNOSTICS: Final = "subscribes to diagnostics, not to alarms"
 _BUFFER: Final = "reads the diagnostic buffer"
 #: The partial list of the diagnostic buffer and its extracts.

@@ -86,8 +86,8 @@ class Recovery:
     """When to try again what failed: after 1, 2, 4 … 60 s.
 
     ``failing``: it failed and has not worked since. ``count`` counts failures that began, ``clock`` is a monotonic clock in
-    seconds. What fails again within a minute of having worked waits longer as well, so that a disk that has room for a few
-    packets now and then does not bring two lines a second.
+    seconds. After a failure within a minute of success, the wait grows as well, so that a disk with occasional room for a few
+    packets does not cause two lines a second.
     """
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:

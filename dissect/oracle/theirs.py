@@ -49,7 +49,7 @@ _BOOLEANS: Final = {"true": 1, "false": 0}
 
 
 class Frame:
-    """What Wireshark found in one packet: TPDUs, PDUs, ``protocols`` by its names; ``cut``: it was captured incompletely."""
+    """Wireshark's results for one packet: TPDUs, PDUs, ``protocols`` by its names; ``cut``: it was captured incompletely."""
 
     __slots__ = ("cut", "number", "pdus", "protocols", "tpdus")
 

@@ -35,7 +35,8 @@ from dissect.transactions.operation import CONNECT, Operation
 from dissect.transactions.transaction import ORPHAN, PUSH, UNANSWERED, Transaction
 from dissect.variables.wanted import WantedSet
 
-#: Greatest number of rows of each table. Of the slowest transactions there are as many of all, and as many more over the time.
+#: Greatest number of rows of each table. Maximum number of the slowest transactions of all, and of further ones spread over the
+#: time.
 MAX_SLOWEST: Final = 200
 MAX_FAILED: Final = 500
 MAX_CONNECTIONS: Final = 1000

@@ -29,7 +29,7 @@ class Header:
 
     @property
     def remark(self) -> str:
-        """What stands on the line of the PDU."""
+        """The text for the line of the PDU."""
         return f"  {'BEHIND A MALFORMED TPDU HEADER' if self.behind else 'MALFORMED'} {self.said}"
 
 

@@ -33,7 +33,7 @@ _MAX_CACHED: Final = 8192
 
 
 class BothEnds:
-    """Who sent and who got what lines tell, as their octets, made once for each connection and direction."""
+    """Sender and receiver for lines, as octets, made once for each connection and direction."""
 
     __slots__ = ("_known", "_places")
 

@@ -59,8 +59,8 @@ class Known:
     """The texts for PDUs that are alike.
 
     ``half`` is the first of them, ``notes`` are what it says beside its function, as elements of an array, ``head`` is how
-    `head_json` begins. Of a request and a notification both are without what each has for itself. ``number`` is 0 for a PDU
-    that is alike to none, whose ``head`` is whole. ``secret``: what answers the request is not shown.
+    `head_json` begins. For a request or notification, both are without its individual parts. ``number`` is 0 for a PDU that
+    is alike to none, whose ``head`` is whole. ``secret``: what answers the request is not shown.
     """
 
     __slots__ = ("alarms", "half", "head", "notes", "number", "secret")

@@ -42,7 +42,7 @@ ACK_HEADER: Final = Layout(
     ],
 )
 
-#: Where the reference stands in every PDU.
+#: Position of the reference in every PDU.
 PDU_REF: Final = slice(*HEADER.places(HOLDS_REFERENCE)[0])
 
 SETUP: Final = Layout(

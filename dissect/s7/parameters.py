@@ -65,7 +65,7 @@ RESPONSE: Final = 2
 _ONE_ITEM: Final = 14
 _SHORT: Final = 8
 _EXTENDED: Final = 12
-#: Where the type and group of userdata stand in its PDU.
+#: Positions of type and group in a userdata PDU.
 _TYPE_AT: Final = HEADER_SIZE + 5
 #: How many distinct blocks of just function and item count there are in answers to reads and writes: 2 x 256.
 _SHORT_BLOCKS: Final = 512

@@ -31,7 +31,7 @@ from dissect.wire.octets import u16, u32
 
 #: What an S7ANY item begins with: specification, length of the rest, syntax.
 _HEAD: Final = 0x120A10
-#: Where the first item of a block stands, and in an item the count and the area.
+#: Position of the first item of a block, and of count and area in an item.
 _FIRST: Final = 2
 _COUNT_AT: Final = 4
 _AREA_AT: Final = 8

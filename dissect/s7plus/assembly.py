@@ -27,8 +27,8 @@ MAX_PDU: Final = 8 * 1024 * 1024
 #: Frames of a PDU that are kept: as many as 8 MiB need on a connection with the smallest TPDUs. A frame may carry only one
 #: octet of data, but costs more than a hundred octets of memory when the PDU is read.
 MAX_FRAMES: Final = 65_536
-#: Empty frames of a PDU before version 3 that may be passed over: each looks like the trailer, so that contents tell. What is
-#: larger, in octets, is not looked at for that.
+#: Empty frames of a PDU before version 3 that may be passed over: each looks like the trailer, so that contents tell. Larger
+#: PDUs, in octets, are not examined for that.
 _MOST_EMPTY: Final = 64
 _LARGEST_JUDGED: Final = 1 << 16
 #: The parts with which contents end, and the fewest zeros of one.

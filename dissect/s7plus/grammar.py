@@ -1,7 +1,7 @@
 """Which elements the body of each function has, one row each: the only place that says so (docs/s7plus.md).
 
-Two interpreters read the rows: `dissect.s7plus.check` passes over a body without making objects of it, and finds out whether
-it is sound; `dissect.s7plus.bodies` makes parts, values and objects. What an element looks like is known only to them.
+Two interpreters read the rows: `dissect.s7plus.check` passes over a body without making objects of it, and finds out whether it
+is sound; `dissect.s7plus.bodies` makes parts, values and objects. Only they know the structure of an element.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What a request to read asks for, and whether the next one reads the same: polling repeats its requests."""
+"""The items of a read request, and whether the next one reads the same: polling repeats its requests."""
 
 from __future__ import annotations
 

@@ -53,7 +53,7 @@ KEEP_ALIVE: Final = 2
 BEFORE_START: Final = 3
 
 
-#: What a stream has ready while there is nothing: most streams share this list, which is never appended to.
+#: The ready data of a stream without any: most streams share this list, which is never appended to.
 _NOTHING: Final[list[Chunk]] = []
 
 
@@ -189,7 +189,7 @@ class HalfStream:
         ):
             while self.held is not None and self.held[0].at <= self._acked_to:
                 self.give_up()
-            # What was acknowledged since then gets a grace of its own.
+            # Octets acknowledged since then get a separate grace period.
             self._acked_to = self._acked_latest if self._acked_latest > self._acked_to else -1
             self._acked_ns = time_ns
             self._acked_segments = 0

@@ -34,7 +34,7 @@ class Kept:
 
 
 class Protocol:
-    """What a protocol may do with what passes; this base class accepts everything and ignores it.
+    """The interface of a protocol; this base class accepts everything and ignores it.
 
     ``state`` is the value of `Connection.state` while a connection speaks it (`dissect.transactions.connection`: PROBING, ISO
     …); it means nothing for a protocol inside another protocol.

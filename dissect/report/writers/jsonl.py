@@ -64,7 +64,7 @@ _ANSWERED: Final = f',"outcome":"{OUTCOMES[ANSWERED]}","reason":null'.encode("as
 _WELL: Final = _ANSWERED + _ITEMS.encode("ascii")
 _WELL_TEXT: Final = _WELL.decode("ascii")
 _NO_ERRORS: Final = b'],"errors":[]}'
-#: What stands between items and errors.
+#: The text between items and errors.
 _ERRORS: Final = b'],"errors":['
 _NO_ERRORS_TEXT: Final = _NO_ERRORS.decode("ascii")
 _HEAD_OCTETS: Final = _HEAD.encode("ascii")
