@@ -25,7 +25,7 @@ _numbers: Final = itertools.count(1)
 def is_special(path: str | os.PathLike[str]) -> bool:
     """Return whether ``path`` is something to write to that is never replaced, such as a device or a FIFO.
 
-    False for a regular file, a folder, and where nothing is. `OSError` when that cannot be found out.
+    False for a regular file, a folder, and a missing file. `OSError` when that cannot be found out.
     """
     try:
         mode = os.stat(path).st_mode  # noqa: PTH116 - text or path alike

@@ -82,7 +82,7 @@ def look(counters: Counters, side: Side) -> None:
 
 
 def note_quiet(side: Side, flags: i64) -> None:
-    """At a FIN or RST, perhaps after idle time: what is acknowledged and not captured by then has been missing since before."""
+    """At a FIN or RST, perhaps after idle time: octets that are acknowledged but not captured by then were missing before."""
     peer = side.peer
     if peer is None or not flags & (FIN | RST):
         return

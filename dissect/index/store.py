@@ -146,7 +146,7 @@ class Store:
         return {os.fsdecode(name): (size, mtime_ns) for name, size, mtime_ns in rows}
 
     def write(self, changes: Iterable[FileFacts | str]) -> None:
-        """Write the facts on files in one transaction, and replace earlier ones; of a name, forget the file."""
+        """Write the facts on files in one transaction, replacing earlier ones; for a name alone, remove the file."""
         try:
             with self._base as base:
                 for change in changes:

@@ -181,7 +181,7 @@ def _told(metrics: Metrics) -> dict[str, list[Sample]]:
 
 
 def _writers(metrics: Metrics) -> dict[str, list[Sample]]:
-    """Return the metrics of what writes files; several of one kind are added up, and well only if each is."""
+    """Return the metrics of file writers; those of one kind are added up, and are well only if all are."""
     states: dict[str, list[WriterState]] = {}
     for state in [writer() for writer in list(metrics.problems.writers)]:
         states.setdefault(state.label, []).append(state)
