@@ -94,7 +94,6 @@ HOT: Final = (
     "dissect/export/value_columns.py",
     "dissect/page/bins.py",
     "dissect/page/gaps.py",
-    "dissect/page/gathered.py",
     "dissect/page/plcs.py",
     "dissect/page/polls.py",
     "dissect/page/rows.py",

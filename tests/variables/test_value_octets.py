@@ -32,7 +32,7 @@ def contents(seed: int) -> list[bytes]:
 
 @each("size", range(0x40))
 def test_the_same_from_octets(size: int) -> None:
-    variable = Variable(Endpoint("10.0.0.1", 102), 0, "DB1.DBB0", "", "", "")
+    variable = Variable(Endpoint(bytes((10, 0, 0, 1)), 102), 0, "DB1.DBB0", "", "", "")
     for data in contents(size):
         value = decode_value(size, data)
         for write, said in (
