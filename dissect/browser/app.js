@@ -31,7 +31,7 @@ const TABS = [
   ["transactions", "Transactions", transactionsTab],
   ["values", "Values", valuesTab],
   ["operations", "Operations", (place) => operationsTab(place)],
-  ["devices", "Devices", (place) => shown(place, desk, argvOf(desk, "devices", []), async (result) => h("pre", { class: "wrapped" }, await result.out.text()))],
+  ["devices", "Devices", (place) => devicesView(desk, place)],
   ["blocks", "Blocks", blocksTab],
   ["save", "Save as …", saveTab],
   ["command", "Command", commandTab],
@@ -216,9 +216,9 @@ function valuesTab(place) {
     if (!lines.count) return h("p", {}, "No values.");
     const table = await rowsTable(lines, heads.slice(1), (line) => {
       const one = JSON.parse(line);
-      return [one.plc, one.address, one.tag ?? "", one.type ?? "", one.count, one.changes, one.min ?? "", one.max ?? "", one.last ?? ""].map((cell) => (typeof cell === "object" ? JSON.stringify(cell) : String(cell)));
+      return [one.vlan.length ? `${one.plc} VLAN ${one.vlan.join(", ")}` : one.plc, one.address, one.tag ?? "", one.type ?? "", one.count, one.changes, one.min ?? "", one.max ?? "", one.last ?? ""].map((cell) => (typeof cell === "object" ? JSON.stringify(cell) : String(cell)));
     }, (cells) => {
-      const [plc, address] = cells;
+      const [plc, address] = [cells[0].replace(/ VLAN .*$/, ""), cells[1]];
       const name = `${plc} ${address}`;
       if (!chosen.delete(name)) chosen.set(name, { plc, address });
       return drawValues(drawn, [...chosen.values()].slice(0, 6));

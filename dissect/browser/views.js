@@ -220,3 +220,42 @@ async function pageOf(lines, wanted) {
   for (const page of order) if ((await lines.page(page)).some((line) => line.startsWith(`${wanted}\t`))) return page;
   return 0;
 }
+
+/** Devices as a table; one that is chosen tells its facts and why it is taken for what it is. @param {Desk} desk @param {HTMLElement} place */
+function devicesView(desk, place) {
+  const heads = ["Address", "Role", "Order number", "Firmware", "Station, module", "Mode", "Connections", "Transactions", "With errors", "Asked by", "Asks"];
+  return shown(place, desk, argvOf(desk, "devices", ["-T", "json"]), async (result) => {
+    /** @type {any[]} */
+    const devices = result.out.size ? JSON.parse(await result.out.text()).devices : [];
+    if (!devices.length) return h("p", {}, "No devices.");
+    const detail = h("div", { class: "detail", tabindex: "-1" });
+    const named = (/** @type {any} */ one) => (one.vlan.length ? `${one.address} VLAN ${one.vlan.join(", ")}` : one.address);
+    const table = await rowsTable(listed(devices), heads, (line) => {
+      const one = JSON.parse(line);
+      return [named(one), one.role, one.order_number, one.firmware, [one.station_name, one.module_name].filter(Boolean).join(", "), one.operating_mode, one.connections, one.transactions, one.with_errors, one.asked_by.join(", "), one.asks.join(", ")].map((cell) => String(cell ?? ""));
+    }, (texts) => {
+      const one = devices.find((device) => named(device) === texts[0]);
+      if (one) detail.replaceChildren(...deviceFacts(desk, one));
+      detail.scrollIntoView({ block: "nearest" });
+    });
+    return h("div", { class: "beside" }, table.root, detail);
+  });
+}
+
+/** Objects in pages, as `Lines` has them. @param {any[]} items @returns {any} */
+function listed(items) {
+  return { count: items.length, pages: Math.max(1, Math.ceil(items.length / 100)), page: async (/** @type {number} */ page) => items.slice(page * 100, page * 100 + 100).map((one) => JSON.stringify(one)) };
+}
+
+/** What a device says of itself, and what it is known by. @param {Desk} desk @param {any} one */
+function deviceFacts(desk, one) {
+  const packets = h("div", {});
+  const packet = (/** @type {number|null} */ frame) => frame && h("button", { type: "button", class: "small", click: () => showPackets(desk, packets, [String(frame)]) }, `packet ${frame}`);
+  const row = (/** @type {any[]} */ ...cells) => h("tr", {}, ...cells.map((cell) => h("td", { class: "text" }, cell || "")));
+  /** @type {[string, any][]} */
+  const facts = one.modules.flatMap((/** @type {any} */ module) => Object.entries(module.facts).flatMap(([name, values]) => /** @type {any[]} */ (values).map((value) => [module.module ?? "", { name, ...value }])));
+  const rows = facts.map(([module, fact]) => row(module, fact.name, fact.value, fact.source, packet(fact.first_frame)));
+  const table = h("div", { class: "scroll" }, h("table", {}, h("thead", {}, h("tr", {}, ...["Module", "Fact", "Value", "Source", "First"].map((head) => h("th", { scope: "col" }, head)))), h("tbody", {}, ...rows)));
+  const why = one.evidence.map((/** @type {any} */ each) => h("li", {}, `${each.role}: ${each.text}, ${counted(each.times, "time")} `, packet(each.frame)));
+  return [h("h3", {}, `${one.address}: ${one.role}`), h("p", { class: "quiet" }, [...one.macs.map((/** @type {any} */ mac) => mac.value), ...one.sessions, ...one.tsaps.map((/** @type {string} */ tsap) => `TSAP ${tsap}`)].join("; ")), rows.length > 0 && table, h("ul", {}, ...why), packets].filter(Boolean);
+}

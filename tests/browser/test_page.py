@@ -154,8 +154,13 @@ def test_several_captures_are_read_as_one_or_one_at_a_time(opened: Opened) -> No
     names = ["item-errors.pcapng", "blocks.pcapng"]
     opened.choose(*[OWN / name for name in names])
     opened.select("devices")
-    assert opened.texts(".command code") == [f"s7dissect devices {' '.join(names)}"]
-    assert opened.texts("pre")[0] == here(OWN, ["devices", *names])[1]
+    assert opened.texts(".command code") == [f"s7dissect devices -T json {' '.join(names)}"]
+    told = json.loads(here(OWN, ["devices", "-T", "json", *names])[1])["devices"]
+    rows = opened.script(
+        "return [...document.querySelectorAll('tbody tr')].map((one) => [...one.cells].map((c) => c.textContent))"
+    )
+    assert [row[:2] for row in rows] == [[one["address"], one["role"]] for one in told]
+    assert [row[7:9] for row in rows] == [[str(one["transactions"]), str(one["with_errors"])] for one in told]
     opened.select("files")
     together = (
         "[...document.querySelectorAll('label')].find((one) => one.textContent.includes('as one')).control.click()"
@@ -165,6 +170,21 @@ def test_several_captures_are_read_as_one_or_one_at_a_time(opened: Opened) -> No
     opened.click(f"[aria-label='Use {names[1]}']")
     assert opened.script("return held.filter((one) => one.used).map((one) => one.name)") == names[1:]
     opened.script(together)
+
+
+def test_a_device_tells_its_facts_and_what_it_is_known_by(opened: Opened) -> None:
+    name = "crafted/plus-plant.pcapng"
+    opened.choose(OWN / name)
+    opened.select("devices")
+    one = json.loads(here(OWN, ["devices", "-T", "json", name])[1])["devices"][0]
+    opened.click("tbody tr")
+    facts = [value["value"] for module in one["modules"] for values in module["facts"].values() for value in values]
+    assert opened.texts(".detail td:nth-child(3)") == facts
+    assert len(facts) > 1
+    told = opened.texts(".detail li")
+    assert [each["text"] in line for each, line in zip(one["evidence"], told, strict=True)] == [True] * len(told)
+    opened.click(".detail li button")
+    opened.until("document.querySelector('.detail .dissected')")
 
 
 def test_rows_are_chosen_linked_and_taken_apart(opened: Opened) -> None:
