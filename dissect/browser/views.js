@@ -251,11 +251,12 @@ function listed(items) {
 function deviceFacts(desk, one) {
   const packets = h("div", {});
   const packet = (/** @type {number|null} */ frame) => frame && h("button", { type: "button", class: "small", click: () => showPackets(desk, packets, [String(frame)]) }, `packet ${frame}`);
-  const row = (/** @type {any[]} */ ...cells) => h("tr", {}, ...cells.map((cell) => h("td", { class: "text" }, cell || "")));
+  const heads = ["Module", "Fact", "Value", "Source", "First"];
+  const row = (/** @type {any[]} */ ...cells) => h("tr", {}, ...cells.map((cell, at) => h("td", { class: "text", "data-head": heads[at] }, cell || "")));
   /** @type {[string, any][]} */
   const facts = one.modules.flatMap((/** @type {any} */ module) => Object.entries(module.facts).flatMap(([name, values]) => /** @type {any[]} */ (values).map((value) => [module.module ?? "", { name, ...value }])));
-  const rows = facts.map(([module, fact]) => row(module, fact.name, fact.value, fact.source, packet(fact.first_frame)));
-  const table = h("div", { class: "scroll" }, h("table", {}, h("thead", {}, h("tr", {}, ...["Module", "Fact", "Value", "Source", "First"].map((head) => h("th", { scope: "col" }, head)))), h("tbody", {}, ...rows)));
+  const rows = facts.map(([module, fact]) => row(module, fact.name.replaceAll("_", " "), fact.value, fact.source, packet(fact.first_frame)));
+  const table = h("div", { class: "rows" }, h("table", {}, h("thead", {}, h("tr", {}, ...heads.map((head) => h("th", { scope: "col" }, head)))), h("tbody", {}, ...rows)));
   const why = one.evidence.map((/** @type {any} */ each) => h("li", {}, `${each.role}: ${each.text}, ${counted(each.times, "time")} `, packet(each.frame)));
   return [h("h3", {}, `${one.address}: ${one.role}`), h("p", { class: "quiet" }, [...one.macs.map((/** @type {any} */ mac) => mac.value), ...one.sessions, ...one.tsaps.map((/** @type {string} */ tsap) => `TSAP ${tsap}`)].join("; ")), rows.length > 0 && table, h("ul", {}, ...why), packets].filter(Boolean);
 }
