@@ -209,8 +209,10 @@ BUSIEST: Final = (
     "dissect/s7plus/message.py",
     "dissect/s7plus/plain.py",
     "dissect/s7plus/check.py",
+    "dissect/s7plus/checked.py",
     "dissect/s7plus/cursor.py",
     "dissect/s7plus/walk.py",
+    "dissect/s7plus/writes.py",
     "dissect/transactions/plus_operations.py",
 )
 
@@ -247,6 +249,7 @@ BUSY: Final = (
     "dissect/s7plus/bodies.py",
     "dissect/s7plus/contents.py",
     "dissect/s7plus/ending.py",
+    "dissect/s7plus/event.py",
     "dissect/s7plus/grammar.py",
     "dissect/s7plus/hiding.py",
     "dissect/s7plus/ids.py",

@@ -6,7 +6,8 @@ from typing import Final
 
 from dissect.acts import tables as kinds
 from dissect.acts.act import Act, act_of
-from dissect.s7plus import events, loads
+from dissect.s7plus import event as events
+from dissect.s7plus import loads
 from dissect.s7plus.event import Event
 from dissect.transactions.operation import CONTROL, TEST_JOB
 from dissect.transactions.transaction import Transaction

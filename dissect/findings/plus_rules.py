@@ -17,8 +17,7 @@ from dissect.findings.security_rules import SecurityWatch
 from dissect.s7.items import WRITTEN_ELSEWHERE, WRITTEN_IO
 from dissect.s7plus.check import check
 from dissect.s7plus.check_response import count_mismatch
-from dissect.s7plus.event import Event, Facts
-from dissect.s7plus.events import (
+from dissect.s7plus.event import (
     READ_OUT,
     REPLAYED,
     RUNNING,
@@ -28,8 +27,10 @@ from dissect.s7plus.events import (
     SUBSCRIBED_ALARMS,
     WRITTEN,
     WRITTEN_OUTPUTS,
-    take,
+    Event,
+    Facts,
 )
+from dissect.s7plus.events import take
 from dissect.s7plus.program import Program
 from dissect.s7plus.reads import Reads
 from dissect.s7plus.session import Identity, PlusSession
@@ -199,12 +200,12 @@ class PlusWatch:
         self, session: PlusSession, slug: str, area: int, event: Event, transaction: Transaction, code: int
     ) -> None:
         """Report a write that was refused, or that goes to a kind of area that this connection did not write before."""
-        what = shortened(event.text, TEXT)
         if code in {0, PARTIAL_ERROR}:
-            self._security.wrote(
-                slug, area, transaction, what, code, transaction._outcome not in {UNANSWERED, BEHIND_MALFORMED}
-            )
+            sure: bool = transaction._outcome not in {UNANSWERED, BEHIND_MALFORMED}
+            if not self._security.wrote_before(slug, area, transaction, sure):
+                self._security.wrote(slug, area, transaction, shortened(event.text, TEXT), code, sure)
             return
+        what = shortened(event.text, TEXT)
         if area == WRITTEN_IO:
             self._security.refused_outputs(transaction, what, code)
         if self._security.first_of(transaction, "security.write_refused"):

@@ -190,15 +190,9 @@ class SecurityWatch:
         A write that may not have been carried out (``sure`` is False) is reported as well; the first sure one is reported after
         it.
         """
-        traits = transaction.connection.traits
-        if (traits.written if sure else traits.written | traits.sent) & area:
-            self._reporter.again(
-                slug,
-                transaction.connection.number,
-                max(transaction.request_frame, transaction.response_frame),
-                max(transaction.request_ns, transaction.response_ns),
-            )
+        if self.wrote_before(slug, area, transaction, sure):
             return
+        traits = transaction.connection.traits
         if sure:
             traits.written |= area
         else:
@@ -208,6 +202,17 @@ class SecurityWatch:
         self.tell(slug, transaction, what, code)
         if sure:
             self._writer(transaction)
+
+    def wrote_before(self, slug: str, area: i64, transaction: Transaction, sure: bool) -> bool:
+        """Return whether this connection wrote to a kind of area before: then the write is only counted, whatever it writes."""
+        traits = transaction.connection.traits
+        before: i64 = traits.written if sure else traits.written | traits.sent
+        if before & area == 0:
+            return False
+        frame: i64 = max(transaction.request_frame, transaction.response_frame)
+        time_ns: i64 = max(transaction.request_ns, transaction.response_ns)
+        self._reporter.again(slug, transaction.connection.number, frame, time_ns)
+        return True
 
     def _writer(self, transaction: Transaction) -> None:
         """Report a client that writes to a PLC after another client did."""

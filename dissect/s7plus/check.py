@@ -10,7 +10,8 @@ from typing import Final
 
 from mypy_extensions import i64
 
-from dissect.s7plus.cursor import MET, Cursor, marks
+from dissect.s7plus.checked import Checked
+from dissect.s7plus.cursor import marks
 from dissect.s7plus.ending import FILL, NOTIFICATION_FILL, RESPONSE2_FILL, read_tail, zeros_at
 from dissect.s7plus.grammar import (
     ADDRESSES,
@@ -57,9 +58,8 @@ from dissect.s7plus.grammar import (
     WRITTEN,
 )
 from dissect.s7plus.identification import IDENTIFICATION
-from dissect.s7plus.message import SHORT_HEADS, PlusPdu, parse_plus
-from dissect.s7plus.pieces import USUAL_QUALIFIER
-from dissect.s7plus.plain import NOTIFICATION_SIZE, REQUEST_SIZE, RESPONSE_SIZE, SEQUENCE_AT, SESSION_AT, one_frame
+from dissect.s7plus.message import SHORT_HEADS, parse_plus
+from dissect.s7plus.plain import NOTIFICATION_SIZE, REQUEST_SIZE, RESPONSE_SIZE, one_frame
 from dissect.s7plus.program import CODE, TYPE_INFO
 from dissect.s7plus.session import ASKED_OF_OBJECTS, CPU_EXEC_UNIT, CPU_PROXY, DIAGNOSIS, OPERATING_STATE
 from dissect.s7plus.tables import (
@@ -94,119 +94,26 @@ _SECOND_PART: Final = 6
 _TIME: Final = 8
 
 
-class Check(Cursor):
-    """A PDU and what the check found out about it.
+class Check(Checked):
+    """Checks the contents of a PDU, and keeps what it found out about it."""
 
-    ``sound``: the contents are sound; ``odd``: they must be read. If it is neither, they are not judged: those of an incomplete
-    PDU, or of a function whose body is not known. All else has a meaning only if it is ``sound``.
+    __slots__ = ()
 
-    ``octets`` are the frames; ``data`` has the data of the PDU from ``begin`` to ``end``. ``code`` is the lower 16 bits of the
-    return value, -1 for none. ``refuses``: items are refused; ``refusals`` are those of a notification, as (number, kind).
-    ``asks``: a read may request the operating state, or the identification of the CPU; ``item`` is the number of the item that
-    is the state, 0 for none or several; ``place`` is where the addresses of a read end. ``numbered`` is how many values a
-    response has, if they are numbered from 1, else 0 or less. ``object_id`` is the object that comes first, ``made`` are the
-    ids of created objects. ``noted`` as in `Cursor`, for CreateObject and Explore.
-    """
+    def seek(self, reference: i64) -> i64:
+        """Return where the value of an item begins in a sound notification: 0 if it has no such item, -1 if several."""
+        refused, self._refused = self._refused, None
+        self.at = self.begin + NOTIFICATION_SIZE
+        self.valued = 0
+        self._sought = reference
+        self._notification(self.subscription_id)
+        self._sought = -1
+        self._refused = refused
+        return self.valued
 
-    __slots__ = (
-        "_expected",
-        "_known",
-        "_made",
-        "_marks",
-        "_pdu",
-        "_refused",
-        "_version",
-        "asks",
-        "begin",
-        "code",
-        "details",
-        "function",
-        "integrity_id",
-        "item",
-        "numbered",
-        "object_id",
-        "octets",
-        "odd",
-        "opcode",
-        "place",
-        "refuses",
-        "sound",
-    )
-
-    def __init__(
-        self, octets: bytes, data: bytes, begin: i64, end: i64, marks: bytes, pdu: PlusPdu | None = None
-    ) -> None:
-        super().__init__(data, begin, end)
-        self.octets = octets
-        self.begin: i64 = begin
-        self.opcode: i64 = data[begin] if begin < end else 0
-        self.function: i64 = -1
-        self.sound = False
-        self.odd = False
-        self.code: i64 = -1
-        self.refuses = False
-        self.asks = False
-        self.item: i64 = 0
-        self.place: i64 = 0
-        self.numbered: i64 = 0
-        self.integrity_id: i64 = -1
-        self.object_id: i64 = -1
-        self.details = False
-        self._made: list[int] | None = None
-        self._refused: list[tuple[int, int]] | None = None
-        self._known = True
-        self._expected: i64 = 0  # how many values follow the addresses of a write
-        self._version: i64 = octets[1] if len(octets) > 1 else 0
-        self._marks = marks
-        self._pdu: PlusPdu | None = pdu
-
-    @property
-    def data(self) -> bytes:
-        """Octets that hold the data."""
-        return self._octets
-
-    @property
-    def end(self) -> i64:
-        """Where the data ends."""
-        return self._end
-
-    @property
-    def made(self) -> list[int]:
-        """The ids of created objects."""
-        return self._made if self._made is not None else []
-
-    @property
-    def refusals(self) -> list[tuple[int, int]]:
-        """The items that a notification refuses."""
-        return self._refused if self._refused is not None else []
-
-    @property
-    def met(self) -> bool:
-        """True if a class or attribute that matters was passed: code of a block or names of variables."""
-        return self.seen & MET != 0
-
-    @property
-    def sequence(self) -> i64:
-        """The sequence number of a request or response."""
-        return u16(self._octets, self.begin + SEQUENCE_AT)
-
-    @property
-    def subscription_id(self) -> i64:
-        """The subscription of a notification, -1 if the PDU is too short."""
-        at: i64 = self.begin + 1
-        return u32(self._octets, at) if at + 4 <= self._end else -1
-
-    @property
-    def session_id(self) -> i64:
-        """The session of a request."""
-        return u32(self._octets, self.begin + SESSION_AT)
-
-    def pdu(self) -> PlusPdu:
-        """Return the PDU, parsed. Its frame, time and connection have no meaning."""
-        found = self._pdu
-        if found is None:
-            found = self._pdu = parse_plus(self.octets)
-        return found
+    def _meet(self, reference: i64) -> None:
+        """Note where the value of an item of a notification begins, if it is sought."""
+        if reference == self._sought:
+            self.valued = -1 if self.valued != 0 else self.at
 
     def run(self, single: bool) -> None:
         """Check the contents; ``single``: they are in one frame."""
@@ -289,18 +196,21 @@ class Check(Cursor):
         if element == REFUSALS:
             return self._refusals()
         if element == VALUE:
+            self.valued = self.at
             return self.value(0)
         if element == OBJECT:
             return self._object()
         if element == RESERVED_1:
             return self._skip(1)
         if element == IDS:
+            self.place = self.at
             return self._ids()
         if element == TARGETS:
-            self._expected = self._addresses()
-            return self._expected >= 0
+            self.expected = self._addresses()
+            self.place = self.at
+            return self.expected >= 0
         if element == WRITTEN:
-            return self._values(self._expected)
+            return self._values(self.expected)
         if element == PATH:
             return self._path()
         if element == RESERVED_2:
@@ -368,45 +278,6 @@ class Check(Cursor):
         if early < 0:
             self.integrity_id = max(id_, -1)
         return id_ >= -1
-
-    def _peek(self) -> i64:
-        at: i64 = self.at
-        return self._octets[at] if at < self._end else -1
-
-    def _octet(self) -> i64:
-        """Read an octet; beyond the end return a number larger than any octet or count that could be there."""
-        at: i64 = self.at
-        self.at = at + 1
-        return self._octets[at] if at < self._end else self._end
-
-    def _skip(self, size: i64) -> bool:
-        self.at += size
-        return self.at <= self._end
-
-    def _id(self) -> bool:
-        self.integrity_id = self.number()
-        return self.integrity_id >= 0
-
-    def _count(self) -> i64:
-        """Read a count of elements of at least one octet each, -1 if it is too large."""
-        count = self.number()
-        return count if count <= self._end - self.at else -1
-
-    def _qualifier(self) -> bool:
-        """Pass over the usual qualifier."""
-        at: i64 = self.at
-        behind: i64 = at + len(USUAL_QUALIFIER)
-        self.at = behind
-        return behind <= self._end and self._octets[at:behind] == USUAL_QUALIFIER
-
-    def _object(self) -> bool:
-        """Read the id of an object."""
-        at: i64 = self.at
-        self.at = at + _ID
-        if at + _ID > self._end:
-            return False
-        self.object_id = u32(self._octets, at)
-        return True
 
     def _ids(self) -> bool:
         """Pass over the ids of attributes; a compressed value of one must be read."""
@@ -554,7 +425,11 @@ class Check(Cursor):
                 return False
             form: i64 = FORMS[kind]
             if form == REFERENCED:
-                if not self._skip(_ID) or not self.value(0):
+                if not self._skip(_ID):
+                    return False
+                if self._sought >= 0:
+                    self._meet(u32(self._octets, self.at - _ID))
+                if not self.value(0):
                     return False
             elif kind == 0:
                 return True
@@ -567,7 +442,9 @@ class Check(Cursor):
                         self._refused = []
                     self._refused.append((int(u32(self._octets, self.at - _ID)), int(kind)))
             elif form == REFERENCED_VLQ:
-                if self.number() < 0 or not self.value(0):
+                reference = self.number()
+                self._meet(reference)
+                if reference < 0 or not self.value(0):
                     return False
             elif form == NOTIFIED_OBJECTS:
                 if not self.elements(self._marks):

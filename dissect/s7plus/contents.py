@@ -124,10 +124,10 @@ class Made:
 
     __slots__ = ("begun", "ids", "object_id", "objects")
 
-    def __init__(self) -> None:
+    def __init__(self, ids: list[int], objects: list[PlusObject]) -> None:
         self.object_id = -1
-        self.ids: list[int] = []
-        self.objects: list[PlusObject] = []
+        self.ids: list[int] = ids
+        self.objects: list[PlusObject] = objects
         self.begun: list[PlusObject] = []
 
     @property
@@ -169,7 +169,7 @@ class Contents(Made):
 
     def __init__(self, version: int, return_value: int, frame_starts: dict[int, int]) -> None:
         """``frame_starts`` as in `PlusPdu`."""
-        super().__init__()
+        super().__init__([], [])
         self.version = version
         self.return_value = return_value
         self.frame_starts = frame_starts

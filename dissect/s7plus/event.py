@@ -1,8 +1,34 @@
-"""What contents of S7comm-plus say happened: `Event`, and the `Facts` of a request and its response."""
+"""What contents of S7comm-plus say happened: the kinds of events, `Event`, and the `Facts` of a request and its response."""
 
 from __future__ import annotations
 
+from typing import Final
+
 from dissect.wire.malformed import Malformed
+
+# Kinds of events.
+STOP: Final = "stop"
+START: Final = "start"
+RESET: Final = "reset"
+ORDERED: Final = "unknown state request"
+STOPPED: Final = "stopped"
+RUNNING: Final = "running"
+REMOVED: Final = "delete"
+CONFIRMED: Final = "consistent"
+SEQUENCE_BEGUN: Final = "sequence begun"
+SEQUENCE_ENDED: Final = "sequence ended"
+READ_OUT: Final = "program read"
+WRITTEN: Final = "write"
+WRITTEN_OUTPUTS: Final = "write outputs"
+PASSWORD: Final = "password"  # noqa: S105 - the name of a kind, no secret
+TEST_JOB: Final = "test job"
+STREAMED: Final = "stream"
+REPLAYED: Final = "replay"
+SESSION: Final = "session"
+SUBSCRIBED: Final = "subscription"
+SUBSCRIBED_ALARMS: Final = "alarm subscription"
+LISTED: Final = "subscription list"
+DELETED: Final = "deleted object"
 
 
 class Event:
@@ -12,13 +38,18 @@ class Event:
     written, -1 if only the return value of the whole response counts. Text from the wire is not escaped.
     """
 
-    __slots__ = ("kind", "object_id", "refusal", "text")
+    __slots__ = ("_text", "kind", "object_id", "refusal")
 
     def __init__(self, kind: str, text: str, object_id: int = 0) -> None:
         self.kind = kind
-        self.text = text
+        self._text = text
         self.object_id = object_id
         self.refusal = -1
+
+    @property
+    def text(self) -> str:
+        """What the event is about."""
+        return self._text
 
 
 class Facts:

@@ -9,15 +9,29 @@ from typing import Final
 
 from mypy_extensions import i64
 
+from dissect.s7plus import layouts
 from dissect.s7plus.bodies import parse_contents
 from dissect.s7plus.check import Check, check
 from dissect.s7plus.contents import Address, Contents, Made
-from dissect.s7plus.cursor import table
-from dissect.s7plus.event import Event, Facts
+from dissect.s7plus.event import (
+    DELETED,
+    READ_OUT,
+    REMOVED,
+    REPLAYED,
+    RUNNING,
+    SEQUENCE_BEGUN,
+    SEQUENCE_ENDED,
+    SESSION,
+    STOPPED,
+    SUBSCRIBED,
+    SUBSCRIBED_ALARMS,
+    TEST_JOB,
+    Event,
+    Facts,
+)
 from dissect.s7plus.identification import IDENTIFICATION
 from dissect.s7plus.ids import AREAS, BLOCK_KINDS, PASSWORDS, PROTECTIONS, block_name
 from dissect.s7plus.loads import (
-    CONSISTENT,
     CONTAINERS,
     FIRMWARE,
     FIRMWARE_PACKAGE,
@@ -25,18 +39,16 @@ from dissect.s7plus.loads import (
     LOADED,
     load_text,
     said,
-    written_as,
 )
 from dissect.s7plus.message import PlusPdu, parse_plus
-from dissect.s7plus.objects import PlusObject, every_object, whole_numbers
+from dissect.s7plus.objects import Attribute, PlusObject, every_object
 from dissect.s7plus.pieces import item_at
 from dissect.s7plus.plain import REQUEST_SIZE, RESPONSE_SIZE, data_of
 from dissect.s7plus.program import CODE
-from dissect.s7plus.program_tables import OPERATING_STATES, STATE_REQUESTS
+from dissect.s7plus.program_tables import OPERATING_STATES
 from dissect.s7plus.read_objects import read_objects
 from dissect.s7plus.reads import Reads
 from dissect.s7plus.session import (
-    ASKED_OF_OBJECTS,
     CPU_EXEC_UNIT,
     CPU_PROXY,
     CYCLE,
@@ -47,16 +59,12 @@ from dissect.s7plus.session import (
     OPERATING_STATE,
     REFERENCE_LIST,
     SERVER_SESSION,
-    SESSION_KEY,
-    STATE_REQUEST,
     SUBSCRIPTION,
     PlusSession,
     is_state,
-    parse_reference_list,
     reference_lists_of,
 )
-from dissect.s7plus.states import number_in, state_in
-from dissect.s7plus.summary import single_address
+from dissect.s7plus.states import state_in
 from dissect.s7plus.tables import (
     BEGIN_SEQUENCE,
     CREATE_OBJECT,
@@ -71,37 +79,13 @@ from dissect.s7plus.tables import (
     SET_VAR_SUBSTREAMED,
     SET_VARIABLE,
     V3,
-    VALUE_ITEM_VLQ,
 )
-from dissect.s7plus.value_showing import value_text
+from dissect.s7plus.value_reading import read_value
 from dissect.s7plus.values import Blob, Value
-from dissect.s7plus.walk import MAX_WORK, Wanted
+from dissect.s7plus.walk import MAX_WORK, Walk, Wanted
+from dissect.s7plus.writes import NAMED, SHORT, WANTED, is_plain, judge_write, judge_writes, take_write
 from dissect.wire.octets import u32
 from dissect.wire.varint import VLQ, build_varint, read_varint
-
-# Kinds of events.
-STOP: Final = "stop"
-START: Final = "start"
-RESET: Final = "reset"
-ORDERED: Final = "unknown state request"
-STOPPED: Final = "stopped"
-RUNNING: Final = "running"
-REMOVED: Final = "delete"
-CONFIRMED: Final = "consistent"
-SEQUENCE_BEGUN: Final = "sequence begun"
-SEQUENCE_ENDED: Final = "sequence ended"
-READ_OUT: Final = "program read"
-WRITTEN: Final = "write"
-WRITTEN_OUTPUTS: Final = "write outputs"
-PASSWORD: Final = "password"  # noqa: S105 - the name of a kind, no secret
-TEST_JOB: Final = "test job"
-STREAMED: Final = "stream"
-REPLAYED: Final = "replay"
-SESSION: Final = "session"
-SUBSCRIBED: Final = "subscription"
-SUBSCRIBED_ALARMS: Final = "alarm subscription"
-LISTED: Final = "subscription list"
-DELETED: Final = "deleted object"
 
 _ALARM_SUBSCRIPTION: Final = 2662
 #: Class of a job of the test functions, with which an engineering tool watches a running program. The classes of other jobs
@@ -109,11 +93,6 @@ _ALARM_SUBSCRIPTION: Final = 2662
 _TEST_JOB: Final = 2709
 _STATES: Final = {4: STOPPED, 8: RUNNING}
 _STATE_NAMES: Final = {state: OPERATING_STATES.name(state) for state in _STATES}
-#: Meaning of a state request, unless it asks for RUN.
-_ORDERS: Final = {1: STOP, 2: RESET}
-_WANTED: Final = table(ASKED_OF_OBJECTS)
-#: How many variables a text names.
-_NAMED: Final = 5
 
 # Marks of a read that may matter: the ids of the operating state and the identification record.
 _READ_MARKS: Final = tuple([build_varint(id_, VLQ) for id_ in (OPERATING_STATE, DIAGNOSIS, IDENTIFICATION)])
@@ -134,12 +113,6 @@ _WRITING: Final = frozenset((DELETE_OBJECT, SET_VARIABLE, SET_MULTI_VARIABLES, S
 _WRITTEN: Final = Contents(V3, -1, {})
 _WRITTEN.whole = True
 _BIT_7: Final = 0x80
-
-
-#: Writes to areas of the memory and to data blocks.
-_WRITES: Final = frozenset((WRITTEN, WRITTEN_OUTPUTS))
-#: Areas of the outputs.
-OUTPUTS: Final = frozenset((81,))
 
 
 def take(
@@ -232,7 +205,20 @@ def _read_all(
     if not _may_matter(function, request, told):
         return _judge_contents(asked if asked is not None else check(request), told)
     facts = Facts()
-    pdu = asked.pdu() if asked is not None else parse_plus(request)
+    writes: bool = function == SET_VARIABLE or function == SET_MULTI_VARIABLES
+    if writes and (told is None or _says_no_more(function, told)):
+        if asked is None:
+            asked = check(request)
+        if is_plain(asked, function):
+            good: bool = told is None or told.code < 0x8000
+            _judge_id(session, facts.events, function, asked.session_id, asked.sequence, asked.integrity_id)
+            take_write(session, facts.events, asked, told is not None, good)
+            return facts
+    return _read_in_full(session, function, asked.pdu() if asked is not None else parse_plus(request), told, facts)
+
+
+def _read_in_full(session: PlusSession, function: i64, pdu: PlusPdu, told: Check | None, facts: Facts) -> Facts:
+    """Judge a transaction of which all contents are read."""
     contents = _read(pdu, facts)
     _judge_id(session, facts.events, function, pdu.session_id, pdu.sequence, contents.integrity_id)
     answer: Contents | None = None
@@ -294,7 +280,7 @@ def _state_items(function: int, asked: Contents) -> frozenset[int] | None:
 
 
 def _read(pdu: PlusPdu, facts: Facts, items: frozenset[int] | None = None) -> Contents:
-    found = parse_contents(pdu, False, MAX_WORK, Wanted(_WANTED, items))
+    found = parse_contents(pdu, False, MAX_WORK, Wanted(WANTED, items))
     facts.exhausted = facts.exhausted or found.exhausted
     if pdu.whole and not pdu.malformed:
         for fact in found.malformed:
@@ -363,11 +349,26 @@ def _judge(
         if told is not None and good:
             _explored(session, events, told)
     elif function == SET_MULTI_VARIABLES and asked.addresses:
-        _written(session, events, asked, told, good)
+        values = {number: Attribute(0, value) for number, value in asked.items}
+        refused = {number: code & 0xFFFF for number, code in told.refusals} if told is not None else {}
+        judge_writes(session, events, asked.addresses, values, refused, told is not None and told.whole, good)
     elif function == GET_MULTI_VARIABLES:
         _states(session, events, asked, told)
+    elif asked.ids and function == GET_VAR_SUBSTREAMED:
+        if told is not None and told.value is not None and good:
+            _attribute_read(session, events, asked.object_id, asked.ids, told.value)
     elif asked.ids:
-        _one(session, events, function, asked, told, good)
+        written = Attribute(0, asked.value) if asked.value is not None else None
+        judge_write(session, events, asked.object_id, asked.ids, written, len(asked.pieces) > 0, good)
+
+
+def _attribute_read(session: PlusSession, events: list[Event], object_id: int, ids: list[int], value: Value) -> None:
+    """Judge what was read of one attribute: the operating state, or the identification record."""
+    if is_state(Address(0, object_id, ids[0], ids[1:])):
+        _state(session, events, state_in(value))
+    elif ids[0] == IDENTIFICATION and object_id == CPU_PROXY:
+        record = value.content
+        session.identified(record.octets if isinstance(record, Blob) else b"")
 
 
 def _gone(session: PlusSession, events: list[Event], object_id: int, session_id: int, good: bool) -> None:
@@ -418,9 +419,9 @@ def _subscription(session: PlusSession, one: PlusObject, addresses: list[Address
     alarms = any(inner.class_id == _ALARM_SUBSCRIPTION for inner in one.objects)
     cycle = one.number(CYCLE)
     texts = [one.text(NAME), f"every {cycle} ms" if cycle > 0 else "on change"]
-    labels = [session.label(address) for address in addresses[:_NAMED]]
-    if len(addresses) > _NAMED:
-        labels.append(f"and {len(addresses) - _NAMED} more")
+    labels = [session.label(address) for address in addresses[:NAMED]]
+    if len(addresses) > NAMED:
+        labels.append(f"and {len(addresses) - NAMED} more")
     kind = SUBSCRIBED_ALARMS if alarms else SUBSCRIBED
     return Event(kind, ", ".join([text for text in texts if text] + labels), id_)
 
@@ -431,110 +432,6 @@ def _explored(session: PlusSession, events: list[Event], told: Made) -> None:
     found = [one for one in every if one.holds_any(CODE)]
     if found:
         events.append(Event(READ_OUT, f"{'at least ' if told.begun else ''}{said(found)}"))
-
-
-def _written(session: PlusSession, events: list[Event], asked: Contents, told: Contents | None, good: bool) -> None:
-    """Judge a write of several items, each by its own result; writes to one kind of area with one result are one event."""
-    values = dict(asked.items)
-    refused: dict[int, int] = {}
-    if told is not None:
-        refused = {number: code & 0xFFFF for number, code in told.refusals}
-    writes: dict[tuple[str, int], Event] = {}
-    counts: dict[tuple[str, int], int] = {}
-    for number, address in enumerate(asked.addresses, 1):
-        before = len(events)
-        refusal = refused.get(number, 0)
-        _item_written(session, events, address, values.get(number), good and not refusal)
-        if refusal or (told is not None and told.whole):
-            for event in events[before:]:
-                event.refusal = refusal
-        if len(events) == before or events[-1].kind not in _WRITES:
-            continue
-        key = (events[-1].kind, events[-1].refusal)
-        counts[key] = counts.get(key, 0) + 1
-        if counts[key] == 1:
-            writes[key] = events[-1]
-        elif counts[key] <= _NAMED:
-            writes[key].text += f", {events.pop().text}"
-        else:
-            events.pop()
-    for key, event in writes.items():
-        if counts[key] > _NAMED:
-            event.text += f" and {counts[key] - _NAMED} more"
-
-
-def _item_written(session: PlusSession, events: list[Event], address: Address, value: Value | None, good: bool) -> None:
-    last = address.lids[-1] if address.lids else address.sub_area
-    if last in PASSWORDS:
-        events.append(Event(PASSWORD, ""))
-    elif last == SESSION_KEY:
-        session.authenticated = session.authenticated or good
-    elif last == REFERENCE_LIST and value is not None and good:
-        _listed(session, events, address.area, whole_numbers(value))
-    elif last == STATE_REQUEST and address.area == CPU_EXEC_UNIT and value is not None:
-        events.append(_state_requested(value))
-    else:
-        _write(session, events, address, value)
-
-
-def _listed(session: PlusSession, events: list[Event], object_id: int, numbers: list[int]) -> None:
-    """A subscription gets another list of variables, or more: some tools create it first and fill it later."""
-    told = parse_reference_list(numbers)
-    session.change(object_id, told)
-    labels = [session.label(address) for _, address in told[2][:_NAMED]]
-    if labels:
-        events.append(Event(LISTED, ", ".join(labels), object_id))
-
-
-def _write(session: PlusSession, events: list[Event], address: Address, value: Value | None) -> None:
-    kind, text = written_as(address)
-    if kind:
-        events.append(Event(kind, text, address.area))
-        return
-    if address.area not in AREAS and address.area >> 16 not in BLOCK_KINDS:
-        if address.area == HARDWARE and address.sub_area == CONSISTENT and value is not None and value.content is True:
-            events.append(Event(CONFIRMED, "", address.area))
-        return
-    kind = WRITTEN_OUTPUTS if address.area in OUTPUTS else WRITTEN
-    events.append(Event(kind, f"{session.label(address)}{f' = {value_text(value)}' if value is not None else ''}"))
-
-
-def _one(
-    session: PlusSession, events: list[Event], function: int, asked: Contents, told: Contents | None, good: bool
-) -> None:
-    """Judge a read or write of one variable or attribute."""
-    object_id, ids = asked.object_id, asked.ids
-    if function == GET_VAR_SUBSTREAMED:
-        if told is None or told.value is None or not good:
-            return
-        if is_state(Address(0, object_id, ids[0], ids[1:])):
-            _state(session, events, state_in(told.value))
-        elif ids[0] == IDENTIFICATION and object_id == CPU_PROXY:
-            record = told.value.content
-            session.identified(record.octets if isinstance(record, Blob) else b"")
-        return
-    value = asked.value
-    if asked.pieces:
-        events.append(Event(STREAMED, session.label(Address(0, object_id, ids[0], ids[1:])), object_id))
-    if ids[-1] in PASSWORDS:
-        events.append(Event(PASSWORD, ""))
-    elif ids[0] == REFERENCE_LIST and value is not None and good:
-        _listed(session, events, object_id, whole_numbers(value))
-    elif object_id == CPU_EXEC_UNIT and ids == [STATE_REQUEST] and value is not None:
-        events.append(_state_requested(value))
-    else:
-        address = single_address(asked)
-        if address is not None:
-            _write(session, events, address, value)
-
-
-def _state_requested(value: Value) -> Event:
-    """Return the event for a requested operating state; a value without a name has a meaning only to the CPU."""
-    number = number_in(value)
-    row = STATE_REQUESTS.get(number)
-    if row is None:
-        return Event(ORDERED, f"operating state request {value_text(value)} (unknown)")
-    return Event(_ORDERS.get(number, START), f"operating state request {number} {row.name}")
 
 
 def _states(session: PlusSession, events: list[Event], asked: Contents, told: Contents | None) -> None:
@@ -564,19 +461,35 @@ def subscription_of(octets: bytes) -> i64:
     return u32(data, at + 1) if at + 5 <= end else -1
 
 
-def _reports_state(told: Check, marks: list[bytes]) -> bool:
-    """Return False for a notification that certainly has none of the items that begin with ``marks``."""
-    data = told.data
-    for mark in marks:
-        if data.find(mark, told.begin, told.end) >= 0:
-            return True
-    return data.find(VALUE_ITEM_VLQ, told.begin, told.end) >= 0  # a reference of variable size
+def _state_place(told: Check, references: list[int]) -> i64:
+    """Return where the one value of a notification begins that is the operating state.
+
+    0 if it certainly has none, -1 if it must be read in full.
+    """
+    if not told.sound or told.begin + SHORT < told.end:
+        return -1
+    place: i64 = 0
+    for reference in references:
+        found = told.seek(reference)
+        if found != 0:
+            if found < 0 or place > 0:
+                return -1
+            place = found
+    return place
 
 
 def _notified(session: PlusSession, told: Check) -> Facts | None:
-    marks = session.states.get(int(told.subscription_id)) if session.states else None
-    if marks is None or (told.sound and not _reports_state(told, marks)):
+    references = session.states.get(int(told.subscription_id)) if session.states else None
+    if references is None:
         return _judge_contents(None, told)
+    place = _state_place(told, references)
+    if place == 0:
+        return None
+    if place > 0:
+        events: list[Event] = []
+        value = read_value(Walk(told.data, int(place), int(told.end), False), layouts.VALUE, int(place))
+        _state(session, events, state_in(value))
+        return _facts_of(events)
     facts = Facts()
     pdu = told.pdu()
     found = _read(pdu, facts)

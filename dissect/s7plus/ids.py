@@ -45,6 +45,9 @@ PASSWORDS: Final = frozenset((304, 1846))
 #: Attributes by which a CPU is protected: the level, and its passwords.
 PROTECTIONS: Final = frozenset((3451, 7918, 7919, 7920, 7921))
 _IS_SECRET: Final = bytes([id_ in SECRETS for id_ in range(max(SECRETS) + 1)])
+#: No id of a block and no class of one is lower.
+_FIRST_BLOCK: Final = min(BLOCK_KINDS) << 16
+_FIRST_CLASS: Final = min(BLOCK_CLASSES)
 #: How the names of objects and classes begin or end.
 _OBJECTS: Final = ("NativeObjects.", "EventRid.", "Class", "GetNewRID")
 _CLASS: Final = ".Class_Rid"
@@ -103,13 +106,18 @@ def member_name(number: int) -> str:
 
 def block_name(number: int) -> str:
     """Return the name of a block by the id of its object, for example ``DB3``; empty if it is not a block."""
+    if number < _FIRST_BLOCK:
+        return ""
     kind = BLOCK_KINDS.get(number >> 16)
     return f"{kind}{number & 0xFFFF}" if kind is not None else ""
 
 
 def block_kind(rid: int, class_id: int) -> str:
     """Return what engineers call the block that an object with this id and class is; empty if it is not a block."""
-    return (BLOCK_KINDS.get(rid >> 16) or BLOCK_CLASSES.get(class_id, "")) if class_id else ""
+    if class_id == 0:
+        return ""
+    kind = BLOCK_KINDS.get(rid >> 16, "") if rid >= _FIRST_BLOCK else ""
+    return kind or (BLOCK_CLASSES.get(class_id, "") if class_id >= _FIRST_CLASS else "")
 
 
 def is_secret(id_: int) -> bool:

@@ -80,8 +80,14 @@ def written_as(address: Address) -> tuple[str, str]:
     return "", ""
 
 
+def _is_container(class_id: int) -> bool:
+    return class_id == _PROGRAM_CLASS or class_id == _HARDWARE_CLASS or class_id == _TEXTS_CLASS
+
+
 def _parts(every: list[PlusObject], blocks: bool) -> list[str]:
     """Return what else is loaded, without blocks."""
+    if not blocks and not any(_is_container(one.class_id) for one in every):
+        return []
     classes = [one.class_id for one in every]
     parts = ["the hardware configuration"] if _HARDWARE_CLASS in classes else []
     whole = _PROGRAM_CLASS in classes

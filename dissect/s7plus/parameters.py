@@ -17,6 +17,9 @@ PLUS: Final = 0x72
 _FUNCTION: Final = 0x20000
 #: `Parameters.function` of a notification, which has no function.
 _NOTIFICATION: Final = 0x30000
+#: The functions that have names are among so many codes from this one on.
+_FIRST: Final = 0x0480
+_CODES: Final = 0x0200
 #: The row of statistics for all functions without a name, of which there may be sixty thousand.
 _UNKNOWN: Final = 0x30001
 
@@ -79,21 +82,24 @@ class PlusParameterCache:
     CAPACITY: Final = 4096
 
     def __init__(self) -> None:
-        self._by_code: dict[int, PlusParameters] = {}
-        self._latest: PlusParameters | None = None
+        self._named: list[PlusParameters | None] = [None] * (_CODES + 1)  # of notifications and of functions with names
+        self._by_code: dict[int, PlusParameters] = {}  # of all others
 
     def get(self, code: i64) -> PlusParameters:
         """Return the object for a function code, -1 for notifications."""
-        latest = self._latest
-        if latest is not None and latest.code == code:
-            return latest
+        at: i64 = code - _FIRST if code >= 0 else _CODES
+        if 0 <= at <= _CODES:
+            named = self._named[at]
+            if named is None:
+                named = PlusParameters(code)
+                self._named[at] = named
+            return named
         found = self._by_code.get(code)
         if found is None:
             if len(self._by_code) >= self.CAPACITY:
                 self._by_code.clear()
             found = PlusParameters(code)
             self._by_code[code] = found
-        self._latest = found
         return found
 
 

@@ -208,19 +208,23 @@ def take_values(walk: Walk, found: Contents, count: int) -> None:
     for _ in range(count):
         at = walk.at
         number = walk.number(VLQ, "item")
-        if walk.wanted is not None and not _is_asked_for(walk.wanted, found, number) and passed(walk):
+        if walk.wanted is not None and not _is_needed(walk.wanted, found, number) and passed(walk):
             continue
         take_item(walk, found, number, layouts.ITEM_VALUE, at)
 
 
-def _is_asked_for(wanted: Wanted, found: Contents, number: int) -> bool:
-    """Return whether an item is a variable of the program, or an attribute that the walk wants."""
+def _is_needed(wanted: Wanted, found: Contents, number: int) -> bool:
+    """Return whether the walk wants an item."""
     if wanted.written or not 0 < number <= len(found.addresses):
         return True
-    address = found.addresses[number - 1]
+    return is_asked_for(wanted.attributes, found.addresses[number - 1])
+
+
+def is_asked_for(attributes: bytes, address: Address) -> bool:
+    """Return whether an address is a variable of the program, or an attribute that the table ``attributes`` wants."""
     if address.area in AREAS or address.area >> 16 in BLOCK_KINDS:
         return True
-    return is_wanted(wanted.attributes, address.lids[-1] if address.lids else address.sub_area)
+    return is_wanted(attributes, address.lids[-1] if address.lids else address.sub_area)
 
 
 def _item_number(walk: Walk) -> int:

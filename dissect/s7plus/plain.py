@@ -122,7 +122,7 @@ class Head:
             if (not request and opcode != RESPONSE and opcode != RESPONSE2) or end - at < size:
                 return False
             function: i64 = u16(octets, at + 3)
-            if function not in _FUNCTIONS and u16(octets, at + 1) | u16(octets, at + 5) != 0:
+            if u16(octets, at + 1) | u16(octets, at + 5) != 0 and function not in _FUNCTIONS:
                 return False
             self.function = function
             self.subscription_id = -1

@@ -16,10 +16,9 @@ class Outline(Made):
 
     __slots__ = ("_every",)
 
-    def __init__(self, objects: list[PlusObject], every: list[PlusObject]) -> None:
+    def __init__(self, ids: list[int], objects: list[PlusObject], every: list[PlusObject]) -> None:
         """``objects`` are those that are not inside another one; ``every`` are these and all objects inside them."""
-        super().__init__()
-        self.objects = objects
+        super().__init__(ids, objects)
         self._every = every
 
     @property
@@ -30,8 +29,11 @@ class Outline(Made):
 
 def read_objects(checked: Check) -> Outline:
     """Return the objects of a sound PDU whose objects are noted: CreateObject, and responses to Explore."""
-    objects, every = objects_at(checked.data, checked.noted or [], checked.end)
-    found = Outline(objects, every)
-    found.ids = checked.made
+    noted = checked.noted
+    if noted:
+        objects, every = objects_at(checked.data, noted, checked.end)
+    else:
+        objects = every = []
+    found = Outline(checked.made, objects, every)
     found.object_id = int(checked.object_id)
     return found

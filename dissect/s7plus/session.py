@@ -15,7 +15,6 @@ from dissect.s7plus.objects import PlusObject
 from dissect.s7plus.program import CODE, Program, symbol
 from dissect.s7plus.program_tables import ROLES
 from dissect.s7plus.stamps import next_stamp
-from dissect.s7plus.tables import VALUE_ITEM
 from dissect.wire.copies import leaves
 
 # Classes and attributes.
@@ -54,6 +53,8 @@ OPERATING_STATE: Final = 3486
 DIAGNOSIS: Final = 2237
 
 _NEW_LIST: Final = 0x80000000
+#: The largest reference that fits into four octets, as notifications have them.
+_MAX_REFERENCE: Final = 0xFFFFFFFF
 #: Bounds: subscriptions of a connection that are remembered, and items of one.
 MAX_SUBSCRIPTIONS: Final = 256
 MAX_ITEMS: Final = 4096
@@ -153,7 +154,7 @@ class PlusSession:
     """What is known about one connection. Texts are from the wire and not escaped.
 
     ``program`` and ``identity`` are shared by all connections of a CPU. ``states`` are the subscriptions that report the
-    operating state of the CPU, each with what begins an item that does. ``tls``: the client asked for TLS.
+    operating state of the CPU, each with the references that it has there. ``tls``: the client asked for TLS.
     ``challenged``: the CPU offers authentication; ``authenticated``: the client used it. ``given`` are the ids of its sessions.
     ``writes`` and ``reads``: clients count requests that change something, and all others, separately. ``explores`` counts
     Explore requests; ``explored`` are the packets of the first and the last one. ``stamp`` is 0 until something is subscribed.
@@ -201,7 +202,7 @@ class PlusSession:
         self.latest: i64 = -1  # the id in ``given`` that was used last
         self.reads: Counted = Counted()
         self.writes: Counted = Counted()
-        self.states: dict[int, list[bytes]] = {}
+        self.states: dict[int, list[int]] = {}
         self.subscriptions: dict[int, dict[int, Address]] = {}
         self.stamp: i64 = 0
 
@@ -235,17 +236,24 @@ class PlusSession:
     @property
     def who(self) -> str:
         """How the client calls itself, its host and its user, as far as it said so."""
-        client = [self.application or self.session_name, f"on {self.host}" if self.host else ""]
-        client.append(f"as {self.user}" if self.user else "")
-        return " ".join([text for text in client if text])
+        who = self.application or self.session_name
+        if self.host:
+            who = f"{who} on {self.host}" if who else f"on {self.host}"
+        if self.user:
+            who = f"{who} as {self.user}" if who else f"as {self.user}"
+        return who
 
     def describe(self) -> str:
         """Return who the client is and which CPU or panel answers, as a short text."""
+        who = self.who
         kind = self.client_kind
-        role = f"({kind})" if kind else ""
-        server = " ".join([text for text in (self.identity.order_number, self.identity.firmware) if text])
-        who = " ".join([text for text in (self.who, role) if text])
-        return f"{who}, {self.identity.kind or 'CPU'} {server}" if server else who
+        if kind:
+            who = f"{who} ({kind})" if who else f"({kind})"
+        identity = self.identity
+        server, firmware = identity.order_number, identity.firmware
+        if firmware:
+            server = f"{server} {firmware}" if server else firmware
+        return f"{who}, {identity.kind or 'CPU'} {server}" if server else who
 
     # ---- sessions ---------------------------------------------------------------------------------------------------
 
@@ -324,9 +332,9 @@ class PlusSession:
     def _changed(self, id_: int, known: dict[int, Address]) -> None:
         """Note what a subscription reports from now on."""
         self.stamp = next_stamp()
-        marks = [_mark(reference) for reference, address in known.items() if is_state(address)]
-        if marks:
-            self.states[id_] = marks
+        states = [one for one, address in known.items() if is_state(address) and 0 <= one <= _MAX_REFERENCE]
+        if states:
+            self.states[id_] = states
         elif id_ in self.states:
             del self.states[id_]
 
@@ -359,11 +367,6 @@ def is_state(address: Address) -> bool:
     if address.area != CPU_EXEC_UNIT:
         return False
     return address.lids[-1] == OPERATING_STATE if address.lids else address.sub_area == DIAGNOSIS
-
-
-def _mark(reference: int) -> bytes:
-    """Return how an item of a notification begins that has this reference, in four octets."""
-    return (VALUE_ITEM << 32 | reference & 0xFFFFFFFF).to_bytes(5, "big")
 
 
 def reference_lists_of(objects: list[PlusObject]) -> ReferenceLists:

@@ -30,13 +30,14 @@ from dissect.s7plus.tables import (
 )
 from dissect.s7plus.walk import STEP, FormatError, Walk
 from dissect.wire.copies import leaves
-from dissect.wire.octets import u32
+from dissect.wire.octets import u32, u32_le
 from dissect.wire.varint import SIGNED, VLQ
 
+#: What a variable has before its attributes (LID, CRC, type) and behind them (offsets), and how many octets these are.
 _HEAD: Final = struct.Struct("<IIB")
 _OFFSETS: Final = struct.Struct("<BHH")
-#: The numbers of a variable, by its kind.
-_NUMBERS: Final = tuple([struct.Struct(f"<{count}I") for count in VARIABLE_NUMBERS])
+_HEAD_SIZE: Final = 9
+_OFFSETS_SIZE: Final = 5
 
 # Kinds of variables (`dissect.s7plus.tables.VARIABLE_KINDS`), and the meaning of their numbers by position.
 _FB_ARRAY: Final = 0
@@ -285,16 +286,26 @@ def _next_block(walk: Walk) -> int:
 def _read_variable(walk: Walk, end: int) -> Variable:
     at = walk.at
     walk.spend(STEP, "variable")
-    lid, crc, datatype = _HEAD.unpack(walk.take(9, "variable"))
+    octets = walk.octets
+    head = walk.step(_HEAD_SIZE, "variable")
     attributes = walk.fixed(2, "variable")
-    bit_offsets, offset_1, offset_2 = _OFFSETS.unpack(walk.take(5, "variable"))
-    kind = _NUMBERS[attributes >> 12]
-    numbers = list(kind.unpack(walk.take(kind.size, "variable")))
+    offsets = walk.step(_OFFSETS_SIZE, "variable")
+    count = VARIABLE_NUMBERS[attributes >> 12]
+    first = walk.step(4 * count, "variable")
     if walk.at > end:
         raise FormatError("length_beyond", "variable", at, walk.at - at, end - at)
-    variable = Variable(lid, crc, datatype, attributes, bit_offsets, offset_1, offset_2, numbers)
+    variable = Variable(
+        int(u32_le(octets, head)),
+        int(u32_le(octets, head + 4)),
+        octets[head + 8],
+        attributes,
+        octets[offsets],
+        octets[offsets + 1] | octets[offsets + 2] << 8,
+        octets[offsets + 3] | octets[offsets + 4] << 8,
+        [int(u32_le(octets, first + 4 * index)) for index in range(count)],
+    )
     if walk.shown:
-        walk.part(VARIABLE, at, f"LID {lid} {variable.datatype_name}")
+        walk.part(VARIABLE, at, f"LID {variable.lid} {variable.datatype_name}")
     return variable
 
 

@@ -142,6 +142,13 @@ class Walk:
         self.at = at + size
         return big_endian(self.octets, at, size)
 
+    def step(self, size: int, field: str) -> int:
+        """Pass over ``size`` octets; return where they begin."""
+        at = self.at
+        self.need(size, field)
+        self.at = at + size
+        return at
+
     def take(self, size: int, field: str) -> bytes:
         """Read ``size`` octets."""
         self.need(size, field)

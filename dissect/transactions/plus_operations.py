@@ -15,8 +15,7 @@ from dissect.s7plus.assembly import MAX_PDU
 from dissect.s7plus.bodies import parse_contents
 from dissect.s7plus.check import check
 from dissect.s7plus.contents import Address
-from dissect.s7plus.event import Event
-from dissect.s7plus.events import (
+from dissect.s7plus.event import (
     CONFIRMED,
     DELETED,
     LISTED,
@@ -27,6 +26,7 @@ from dissect.s7plus.events import (
     SUBSCRIBED,
     SUBSCRIBED_ALARMS,
     TEST_JOB,
+    Event,
 )
 from dissect.s7plus.loads import LOADED
 from dissect.s7plus.message import parse_plus
@@ -152,12 +152,12 @@ class PlusOperations:
             self._load(event, transaction, code)
             return
         kind = kind or _KINDS.get(event.kind, "")
+        if not kind:
+            return
         subject = session.describe() if event.kind == SESSION else event.text
         if event.kind == STREAMED and session.identity.kind:
             server = " ".join([text for text in (session.identity.kind, session.identity.order_number) if text])
             subject = f"{server}: {subject}"
-        if not kind:
-            return
         operation = self._book.begin(kind, str(event.object_id), transaction, subject[:MAX_SUBJECT])
         if kind == kinds.TRANSFER:
             operation.first_frame, operation.begin_ns, left_out = beginning_of(transaction)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from librt.strings import read_i16_be, read_i32_be, read_i64_le
+from librt.strings import read_i16_be, read_i32_be, read_i32_le, read_i64_le
 from mypy_extensions import i64
 
 from dissect.wire.build import COMPILED
@@ -28,6 +28,11 @@ def u24(octets: bytes, at: i64) -> i64:
 def u32(octets: bytes, at: i64) -> i64:
     """Return the four octets at ``at`` as a number; IndexError when they are not there."""
     return i64(read_i32_be(octets, at)) & 0xFFFFFFFF
+
+
+def u32_le(octets: bytes, at: i64) -> i64:
+    """Return the four octets at ``at``, of which the last counts most, as a number; IndexError when they are not there."""
+    return i64(read_i32_le(octets, at)) & 0xFFFFFFFF
 
 
 def same(octets: bytes, buf: bytes, at: i64, end: i64) -> bool:

@@ -12,7 +12,8 @@ from dissect.golden.masking import mask_plus
 from dissect.report.tree import plus_tree_lines
 from dissect.s7plus.assembly import MAX_FRAMES
 from dissect.s7plus.bodies import parse_contents
-from dissect.s7plus.events import STOP, take
+from dissect.s7plus.event import STOP
+from dissect.s7plus.events import take
 from dissect.s7plus.message import parse_plus
 from dissect.s7plus.program import Program
 from dissect.s7plus.session import Identity, PlusSession

@@ -7,7 +7,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dissect.s7plus.contents import Address
-from dissect.s7plus.events import REPLAYED, RUNNING, STOPPED, take
+from dissect.s7plus.event import REPLAYED, RUNNING, STOPPED
+from dissect.s7plus.events import take
 from dissect.s7plus.program import Program
 from dissect.s7plus.session import Identity, PlusSession
 from dissect.s7plus.tables import GET_MULTI_VARIABLES

@@ -139,7 +139,7 @@ def test_subscriptions() -> None:
     one.change(0x70400001, parse_reference_list([0x20000, 1, 1, 0xFFFFFFFF, 0x80150002, 4, 48, 52, 0, 2237, 3486]))
     assert one.address_of(0x70400001, 0xFFFFFFFF) is None
     assert one.address_of(0x70400001, 4) == Address(0, 52, 2237, [3486])
-    assert one.states == {0x70400001: [bytes.fromhex("9200000004")]}
+    assert one.states == {0x70400001: [4]}
     one.change(0x70400001, parse_reference_list([0x20000, 1, 0, 4]))
     assert one.states == {}
     one.unsubscribe(0x70400001)
