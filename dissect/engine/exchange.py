@@ -118,7 +118,7 @@ class Watch:
             self.plus.take(transaction)
             session = transaction.connection.plus
             if session is not None and session.identity.told:
-                self._facts(self.stations.identified(session.identity, transaction))
+                self._facts(self.stations.identified(session.identity, transaction, self._observer.wants_facts))
             self._tell()
             return
         self.operations.take(transaction)

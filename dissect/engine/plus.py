@@ -290,7 +290,9 @@ class S7Plus(Protocol):
         before: i64 = plus.notified
         number: i64 = head.sequence
         plus.notified = number
-        expected: i64 = (before + 1) & (0xFF if head.subscription_id < SHORT_HEADS else 0xFFFFFFFF)
+        expected: i64 = (before + 1) & 0xFFFFFFFF
+        if head.subscription_id < SHORT_HEADS:
+            expected = (before + 1) & 0xFF
         if before < 0 or number == expected or number == 1:
             return  # the first one seen, the next one, or a new session
         detail = (

@@ -37,6 +37,8 @@ class PlusSessions:
         self._given: OrderedDict[tuple[str, int], int] = (
             OrderedDict()
         )  # the number of the connection, by CPU and session
+        self._judged: tuple[str, str] = ("", "")  # order number and firmware of the CPU that was judged last
+        self._offers_tls = False  # whether it offers TLS
 
     def take(self, session: PlusSession, transaction: Transaction) -> None:
         """Judge the use of a session; call this before the contents of the transaction are judged."""
@@ -66,11 +68,18 @@ class PlusSessions:
         identity = session.identity
         if (
             not _in_tls(session, connection)
-            and _offers_tls(identity)
+            and self._offers(identity)
             and self._security.first_of(transaction, "security.clear_text")
         ):
             text = f"no TLS, though {identity.order_number} {identity.firmware} offers it"
             self._security.tell("security.clear_text", transaction, text)
+
+    def _offers(self, identity: Identity) -> bool:
+        """Return whether a CPU offers TLS; mostly it has order number and firmware of the one before it."""
+        if identity.firmware != self._judged[1] or identity.order_number != self._judged[0]:
+            self._judged = (identity.order_number, identity.firmware)
+            self._offers_tls = _offers_tls(identity)
+        return self._offers_tls
 
     def _judge_owner(self, number: i64, transaction: Transaction) -> None:
         """Report a session that was given to another connection.

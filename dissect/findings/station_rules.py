@@ -89,19 +89,24 @@ class StationWatch:
         """Take the facts of an answer in several parts that is complete."""
         return self._noted(self._evidence.of_operation(operation), int(operation.connection.tcp.vlan))
 
-    def identified(self, identity: Identity, transaction: Transaction) -> list[Fact]:
-        """Take what a CPU said about itself in S7comm-plus."""
+    def identified(self, identity: Identity, transaction: Transaction, wanted: bool = True) -> list[Fact]:
+        """Take what a CPU said about itself in S7comm-plus. ``wanted`` as for `opened`."""
         told = identity.told
         identity.told = []
         frames = transaction.frames
+        frame = frames[-1] if frames else 0
         time_ns = max(int(transaction.request_ns), int(transaction.response_ns))
         connection = transaction.connection
         asked_by = int(transaction.asked_by)
         host = connection.tcp.ends[1 - asked_by].host
         module = module_asked(connection, asked_by)
-        number = int(connection.number)
-        found = [Fact(host, module, key, value, where, number, frames, time_ns) for key, value, where in told]
-        return self._noted(found, int(connection.tcp.vlan))
+        number, vlan = int(connection.number), int(connection.tcp.vlan)
+        found: list[Fact] = []
+        for key, value, where in told:
+            # behind a new value all are noted in their order
+            if wanted or found or not self.book.again(host, vlan, (module, key), value, where, frame, time_ns):
+                found.append(Fact(host, module, key, value, where, number, frames, time_ns))
+        return self._noted(found, vlan) if found else found
 
     def _noted(self, found: list[Fact], vlan: int) -> list[Fact]:
         for fact in found:

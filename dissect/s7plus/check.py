@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from mypy_extensions import i64
+from mypy_extensions import i64, mypyc_attr
 
 from dissect.s7plus.checked import Checked
 from dissect.s7plus.cursor import marks
@@ -94,54 +94,77 @@ _SECOND_PART: Final = 6
 _TIME: Final = 8
 
 
+@mypyc_attr(acyclic=True, free_list_len=1)  # as `Cursor`
 class Check(Checked):
     """Checks the contents of a PDU, and keeps what it found out about it."""
 
     __slots__ = ()
 
-    def seek(self, reference: i64) -> i64:
-        """Return where the value of an item begins in a sound notification: 0 if it has no such item, -1 if several."""
-        refused, self._refused = self._refused, None
-        self.at = self.begin + NOTIFICATION_SIZE
+    def seek(self, number: i64) -> i64:
+        """Return where the value of the item with a number begins in a sound PDU: 0 if there is none, -1 if several."""
+        self._sought = number
         self.valued = 0
-        self._sought = reference
-        self._notification(self.subscription_id)
+        self._again()
         self._sought = -1
-        self._refused = refused
         return self.valued
 
-    def _meet(self, reference: i64) -> None:
-        """Note where the value of an item of a notification begins, if it is sought."""
-        if reference == self._sought:
-            self.valued = -1 if self.valued != 0 else self.at
+    def places(self) -> list[int]:
+        """Return for each item of a sound PDU its number and where its value begins, one after the other."""
+        found: list[int] = []
+        self._met = found
+        self._again()
+        self._met = None
+        return found
+
+    def _again(self) -> None:
+        """Pass over a sound PDU once more: the items that it has are sought."""
+        refused = self._refused
+        self._seeking = True
+        self._contents(True)
+        self._seeking = False
+        self._refused = refused
+
+    def _meet(self, number: i64) -> None:
+        """Note where the value of an item begins, if it is sought."""
+        met = self._met
+        if met is not None:
+            met.append(int(number))
+            met.append(int(self.at))
+        elif number == self._sought:
+            if self.valued == 0:
+                self.valued = self.at
+            else:
+                self.valued = -1
 
     def run(self, single: bool) -> None:
         """Check the contents; ``single``: they are in one frame."""
-        opcode = self.opcode
-        size: i64 = self._end - self.begin
-        sound: bool
-        if opcode == NOTIFICATION:
-            if self._version == V1:
-                self.odd = True
-                return
-            if size < NOTIFICATION_SIZE:
-                return
-            self.at = self.begin + NOTIFICATION_SIZE
-            sound = self._notification(u32(self._octets, self.begin + 1))
-        elif opcode == REQUEST:
-            if size < REQUEST_SIZE:
-                return
-            self.at = self.begin + REQUEST_SIZE
-            sound = self._request(single)
-        elif (opcode == RESPONSE or opcode == RESPONSE2) and size >= RESPONSE_SIZE:
-            self.at = self.begin + RESPONSE_SIZE
-            sound = self._response()
-        else:
+        if not self._is_read():
             return
-        if not sound or self.spent > MAX_WORK:
+        if not self._contents(single) or self.spent > MAX_WORK:
             self.odd = True
         else:
             self.sound = self._known
+
+    def _is_read(self) -> bool:
+        """Return whether it is a PDU whose contents are checked, and long enough for its head."""
+        size: i64 = self._end - self.begin
+        opcode = self.opcode
+        if opcode == NOTIFICATION:
+            return size >= NOTIFICATION_SIZE or self._version == V1
+        if opcode == REQUEST:
+            return size >= REQUEST_SIZE
+        return size >= RESPONSE_SIZE and (opcode == RESPONSE or opcode == RESPONSE2)
+
+    def _contents(self, single: bool) -> bool:
+        """Pass over the contents, with the end; ``single``: they are in one frame."""
+        if self.opcode == NOTIFICATION:
+            self.at = self.begin + NOTIFICATION_SIZE
+            return self._version != V1 and self._notification(u32(self._octets, self.begin + 1))
+        if self.opcode == REQUEST:
+            self.at = self.begin + REQUEST_SIZE
+            return self._request(single)
+        self.at = self.begin + RESPONSE_SIZE
+        return self._response()
 
     def _request(self, single: bool) -> bool:
         self.function = u16(self._octets, self.begin + 3)
@@ -155,7 +178,9 @@ class Check(Checked):
         octets = self._octets
         at: i64 = self.at
         self.function = u16(octets, self.begin + 3)
-        code: i64 = octets[at] if at < self._end else 0
+        code: i64 = 0
+        if at < self._end:
+            code = octets[at]
         if code >= _BIT_7:
             value = read_varint(octets, at, self._end, VLQ64)[0]
             self.details = value >> DETAILS_BIT & 1 != 0
@@ -163,7 +188,9 @@ class Check(Checked):
         if not self.wide():
             return False
         self.code = code
-        fill: i64 = RESPONSE2_FILL if self.opcode == RESPONSE2 else FILL
+        fill: i64 = FILL
+        if self.opcode == RESPONSE2:
+            fill = RESPONSE2_FILL
         if self.opcode == RESPONSE and (self.function == EXPLORE or self.function == CREATE_OBJECT):
             self.noted = []
         return self._body(self.function, False) and (not self._known or self._ends(fill))
@@ -174,7 +201,9 @@ class Check(Checked):
         if at < 0 or at >= len(REQUESTS):
             self._known = False
             return True
-        place: i64 = REQUESTS[at] if request else RESPONSES[at]
+        place: i64 = RESPONSES[at]
+        if request:
+            place = REQUESTS[at]
         element: i64 = ELEMENTS[place]
         self._known = place > 0
         while element != END:
@@ -295,7 +324,9 @@ class Check(Checked):
             return -1
         if link:
             passed: bool = self._attributes(fields) if link == CPU_EXEC_UNIT else self.numbers(fields)
-            return count if passed else -1
+            if not passed:
+                return -1
+            return count
         index: i64 = 0
         while index < count:
             if not self.numbers(1):
@@ -309,10 +340,11 @@ class Check(Checked):
                 return -1
             index += 1
             if area == CPU_EXEC_UNIT and last == (OPERATING_STATE if ids > 1 else DIAGNOSIS):
-                self.item = 0 if self.asks else index
-                self.asks = True
+                self._ask(index)
             fields -= 3 + ids
-        return count if fields == 0 else -1
+        if fields != 0:
+            return -1
+        return count
 
     def _attributes(self, count: i64) -> bool:
         """Pass over ``count`` attributes of the execution unit, each of which is an item."""
@@ -323,9 +355,15 @@ class Check(Checked):
                 return False
             index += 1
             if id_ == DIAGNOSIS:
-                self.item = 0 if self.asks else index
-                self.asks = True
+                self._ask(index)
         return True
+
+    def _ask(self, index: i64) -> None:
+        """Note that an item may be the operating state."""
+        self.item = 0
+        if not self.asks:
+            self.item = index
+        self.asks = True
 
     def _path(self) -> bool:
         """Pass over the ids of an attribute of the object that came before."""
@@ -345,19 +383,26 @@ class Check(Checked):
         if count < 0:
             return False
         while count > 0:
-            if self.number() < 0 or not self.value(0):
+            number = self.number()
+            if self._seeking:
+                self._meet(number)
+            if number < 0 or not self.value(0):
                 return False
             count -= 1
         return True
 
     def _items(self) -> bool:
         """Pass over numbers with values up to the number 0; count them while they are numbered from 1."""
-        count: i64 = self.items()
+        count: i64 = 0
+        if not self._seeking:
+            count = self.items()
         while True:
             number = self.number()
             if number <= 0:
                 self.numbered = count
                 return number == 0
+            if self._seeking:
+                self._meet(number)
             if number != count + 1:
                 count = -2  # stays negative
             count += 1
@@ -427,7 +472,7 @@ class Check(Checked):
             if form == REFERENCED:
                 if not self._skip(_ID):
                     return False
-                if self._sought >= 0:
+                if self._seeking:
                     self._meet(u32(self._octets, self.at - _ID))
                 if not self.value(0):
                     return False
@@ -443,7 +488,8 @@ class Check(Checked):
                     self._refused.append((int(u32(self._octets, self.at - _ID)), int(kind)))
             elif form == REFERENCED_VLQ:
                 reference = self.number()
-                self._meet(reference)
+                if self._seeking:
+                    self._meet(reference)
                 if reference < 0 or not self.value(0):
                     return False
             elif form == NOTIFIED_OBJECTS:

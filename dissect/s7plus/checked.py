@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from mypy_extensions import i64
+from mypy_extensions import i64, mypyc_attr
 
 from dissect.s7plus.cursor import MET, Cursor
 from dissect.s7plus.message import PlusPdu, parse_plus
@@ -16,6 +16,7 @@ from dissect.wire.octets import u16, u32
 _ID: Final = 4
 
 
+@mypyc_attr(acyclic=True)
 class Checked(Cursor):
     """A PDU and what the check found out about it.
 
@@ -35,8 +36,10 @@ class Checked(Cursor):
         "_known",
         "_made",
         "_marks",
+        "_met",
         "_pdu",
         "_refused",
+        "_seeking",
         "_sought",
         "_version",
         "asks",
@@ -64,7 +67,9 @@ class Checked(Cursor):
         super().__init__(data, begin, end)
         self.octets = octets
         self.begin: i64 = begin
-        self.opcode: i64 = data[begin] if begin < end else 0
+        self.opcode: i64 = 0
+        if begin < end:
+            self.opcode = data[begin]
         self.function: i64 = -1
         self.sound = False
         self.odd = False
@@ -80,10 +85,14 @@ class Checked(Cursor):
         self._made: list[int] | None = None
         self._refused: list[tuple[int, int]] | None = None
         self._known = True
+        self._seeking = False
         self._sought: i64 = -1
+        self._met: list[int] | None = None
         self.expected: i64 = 0
         self.valued: i64 = 0
-        self._version: i64 = octets[1] if len(octets) > 1 else 0
+        self._version: i64 = 0
+        if len(octets) > 1:
+            self._version = octets[1]
         self._marks = marks
         self._pdu: PlusPdu | None = pdu
 
@@ -121,7 +130,9 @@ class Checked(Cursor):
     def subscription_id(self) -> i64:
         """The subscription of a notification, -1 if the PDU is too short."""
         at: i64 = self.begin + 1
-        return u32(self._octets, at) if at + 4 <= self._end else -1
+        if at + 4 > self._end:
+            return -1
+        return u32(self._octets, at)
 
     @property
     def session_id(self) -> i64:
@@ -137,13 +148,17 @@ class Checked(Cursor):
 
     def _peek(self) -> i64:
         at: i64 = self.at
-        return self._octets[at] if at < self._end else -1
+        if at >= self._end:
+            return -1
+        return self._octets[at]
 
     def _octet(self) -> i64:
         """Read an octet; beyond the end return a number larger than any octet or count that could be there."""
         at: i64 = self.at
         self.at = at + 1
-        return self._octets[at] if at < self._end else self._end
+        if at < self._end:  # no conditional expression: it makes an int object (mypyc)
+            return self._octets[at]
+        return self._end
 
     def _skip(self, size: i64) -> bool:
         self.at += size
@@ -156,7 +171,9 @@ class Checked(Cursor):
     def _count(self) -> i64:
         """Read a count of elements of at least one octet each, -1 if it is too large."""
         count = self.number()
-        return count if count <= self._end - self.at else -1
+        if count > self._end - self.at:
+            return -1
+        return count
 
     def _qualifier(self) -> bool:
         """Pass over the usual qualifier."""

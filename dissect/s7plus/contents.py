@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Final
 
+from mypy_extensions import mypyc_attr
+
 from dissect.s7plus.ids import AREAS, DATA_BLOCK, block_name, member_name, short_name
 from dissect.s7plus.objects import PlusObject, every_object
 from dissect.s7plus.values import Member, Value
@@ -12,6 +14,7 @@ from dissect.wire.malformed import Malformed
 from dissect.wire.part import Part
 
 
+@mypyc_attr(acyclic=True)
 class Address:
     """The address of a variable: an area or object, the attribute with the variable (``sub_area``), and the way to it.
 
@@ -116,6 +119,7 @@ _CLASSIC_BLOB: Final = 3
 _ACTUAL: Final = frozenset((2550, 3736))
 
 
+@mypyc_attr(acyclic=True)
 class Made:
     """Contents of CreateObject and Explore. ``object_id``: where objects are created, -1 for none; ``ids``: ids they got.
 
@@ -136,6 +140,7 @@ class Made:
         return every_object(self.objects)
 
 
+@mypyc_attr(acyclic=True, free_list_len=1)
 class Contents(Made):
     """The contents of one PDU. What its function does not have is empty or -1.
 

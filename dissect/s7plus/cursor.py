@@ -9,7 +9,7 @@ from __future__ import annotations
 from typing import Final
 
 from librt.strings import read_i16_be, read_i64_be
-from mypy_extensions import i64
+from mypy_extensions import i64, mypyc_attr
 
 from dissect.s7plus.blobs import COMPRESSED, MAX_INFLATED, check_blob, is_compressed, may_swell
 from dissect.s7plus.cursor_lists import pass_names, pass_variables
@@ -121,6 +121,7 @@ def is_wanted(wanted: bytes, id_: int) -> bool:
     return id_ >= len(wanted) or wanted[id_] == _WANTED
 
 
+@mypyc_attr(acyclic=True, free_list_len=1)  # made for each PDU and value: the one that was used last is used again
 class Cursor:
     """Passes over values and objects in ``octets``, from ``at`` up to an end.
 
@@ -249,7 +250,9 @@ class Cursor:
                 id_ = self.number()
                 if id_ < 0:
                     return False
-                mark: i64 = bits[id_] if id_ < _IDS else 0
+                mark: i64 = 0
+                if id_ < _IDS:
+                    mark = bits[id_]
                 self.seen |= mark & MET
                 if noted is not None and mark & _NOTED:
                     noted.append(at)
@@ -507,8 +510,10 @@ def _pass_attribute(word: i64, bits: bytes) -> i64:
         id_ = (id_ & 0x7F) << 7 | second
         left = _BEHIND_3
     passed = pass_plain(word, left)
+    if passed == 0:
+        return 0
     mark: i64 = bits[id_]
-    return passed | mark << _MARK if passed > 0 else 0
+    return passed | mark << _MARK
 
 
 def _pass_member(word: i64) -> i64:
@@ -518,9 +523,13 @@ def _pass_member(word: i64) -> i64:
     """
     first: i64 = word >> _BEHIND_1 & 0xFF
     if first < _BIT_7:
-        return pass_plain(word, _BEHIND_1) if first > 0 else 0
+        if first == 0:
+            return 0
+        return pass_plain(word, _BEHIND_1)
     second: i64 = word >> _BEHIND_2 & 0xFF
-    return pass_plain(word, _BEHIND_2) if second < _BIT_7 and first + second > _BIT_7 else 0
+    if second >= _BIT_7 or first + second == _BIT_7:
+        return 0
+    return pass_plain(word, _BEHIND_2)
 
 
 def pass_plain(word: i64, left: i64) -> i64:
@@ -542,7 +551,9 @@ def pass_plain(word: i64, left: i64) -> i64:
             return 0
         left -= 8
         size: i64 = word >> left & 0xFF
-        return behind + 1 + size if size < _BIT_7 else 0
+        if size >= _BIT_7:
+            return 0
+        return behind + 1 + size
     while left > 0:
         left -= 8
         behind += 1

@@ -11,7 +11,7 @@ from dissect.s7plus.contents import Contents
 from dissect.s7plus.message import DIGEST_SIZE, PlusPdu
 from dissect.s7plus.tables import RESPONSE2, V1, V2
 from dissect.s7plus.walk import FormatError, Walk
-from dissect.wire.varint import VLQ, read_varint
+from dissect.wire.varint import VLQ, pass_varint
 
 #: How many zeros may end a PDU and a notification; one less is possible, too.
 FILL: Final = 5
@@ -69,8 +69,14 @@ def read_tail(octets: bytes, at: i64, end: i64, version: i64, fill: i64, early: 
         return -1
     if early or version == V1:
         return _BAD
-    id_, behind = read_varint(octets, at, end, VLQ)
-    return id_ if behind > 0 and (_filled(octets, behind, end, FILL) or _is_digest(octets, behind, end)) else _BAD
+    behind: i64 = pass_varint(octets, at, end, False)
+    if behind < 0 or not (_filled(octets, behind, end, FILL) or _is_digest(octets, behind, end)):
+        return _BAD
+    id_: i64 = 0
+    while at < behind:
+        id_ = id_ << 7 | octets[at] & 0x7F
+        at += 1
+    return id_ & 0xFFFFFFFF
 
 
 def _filled(octets: bytes, at: i64, end: i64, fill: i64) -> bool:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Final
 
+from mypy_extensions import mypyc_attr
+
 from dissect.wire.malformed import Malformed
 
 # Kinds of events.
@@ -31,6 +33,7 @@ LISTED: Final = "subscription list"
 DELETED: Final = "deleted object"
 
 
+@mypyc_attr(acyclic=True)
 class Event:
     """An event: its kind, a text of what it is about, and the id of the object that it is about (0 for none).
 
@@ -52,6 +55,7 @@ class Event:
         return self._text
 
 
+@mypyc_attr(acyclic=True, free_list_len=1)
 class Facts:
     """The result of `take`: events, and faults of the contents, with offsets from the beginning of the PDU.
 

@@ -42,8 +42,7 @@ from dissect.s7plus.loads import (
 )
 from dissect.s7plus.message import PlusPdu, parse_plus
 from dissect.s7plus.objects import Attribute, PlusObject, every_object
-from dissect.s7plus.pieces import item_at
-from dissect.s7plus.plain import REQUEST_SIZE, RESPONSE_SIZE, data_of
+from dissect.s7plus.plain import REQUEST_SIZE, data_of
 from dissect.s7plus.program import CODE
 from dissect.s7plus.program_tables import OPERATING_STATES
 from dissect.s7plus.read_objects import read_objects
@@ -181,13 +180,15 @@ def _read_of(
     plain: bool = told is not None and told.sound and told.function == function and not told.refuses
     if told is None or not plain or told.code != 0 or not asked.sound or item <= 0 or told.numbered < item:
         return _read_all(session, function, request, asked, told)
-    value = item_at(told.data, told.begin + RESPONSE_SIZE, told.end, item)
-    if value is None:
-        return None
     events: list[Event] = []
     _judge_id(session, events, function, asked.session_id, asked.sequence, asked.integrity_id)
-    _state(session, events, state_in(value))
+    _state(session, events, _state_at(told, told.seek(item)))
     return _facts_of(events)
+
+
+def _state_at(told: Check, place: i64) -> int:
+    """Return the operating state in the value that begins at ``place`` in a sound PDU."""
+    return state_in(read_value(Walk(told.data, int(place), int(told.end), False), layouts.VALUE, int(place)))
 
 
 def _facts_of(events: list[Event]) -> Facts | None:
@@ -487,8 +488,7 @@ def _notified(session: PlusSession, told: Check) -> Facts | None:
         return None
     if place > 0:
         events: list[Event] = []
-        value = read_value(Walk(told.data, int(place), int(told.end), False), layouts.VALUE, int(place))
-        _state(session, events, state_in(value))
+        _state(session, events, _state_at(told, place))
         return _facts_of(events)
     facts = Facts()
     pdu = told.pdu()

@@ -5,7 +5,7 @@ from __future__ import annotations
 from bisect import bisect_right
 from typing import Final
 
-from mypy_extensions import i64
+from mypy_extensions import i64, mypyc_attr
 
 from dissect.s7plus import layouts
 from dissect.s7plus.tables import (
@@ -44,6 +44,7 @@ _RESPONSE: Final = layouts.RESPONSE
 _NOTIFICATION: Final = layouts.NOTIFICATION
 
 
+@mypyc_attr(acyclic=True, free_list_len=1)
 class PlusPdu:
     """One S7comm-plus PDU.
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from mypy_extensions import i64
+from mypy_extensions import i64, mypyc_attr
 
 from dissect.s7plus.blobs import COMPRESSED
 from dissect.s7plus.cursor import Cursor, member_at, passed
@@ -40,6 +40,7 @@ from dissect.wire.octets import u16, u32
 from dissect.wire.varint import VLQ, build_varint, read_varint
 
 
+@mypyc_attr(acyclic=True)  # many are made, without the header of the garbage collector
 class Attribute:
     """An attribute of an object: its id, and its value, which may be read only when it is needed."""
 
@@ -134,6 +135,7 @@ def _text_at(octets: bytes, at: int, end: int) -> bytes:
     return octets[begin : begin + size]
 
 
+@mypyc_attr(acyclic=True)
 class Relation:
     """A relation of an object: its id, and the id of the other object."""
 
@@ -144,6 +146,7 @@ class Relation:
         self.rid = rid
 
 
+@mypyc_attr(acyclic=True)
 class PlusObject:
     """An object. ``elements`` are its content in wire order; ``more`` is there unless ``attribute`` is 0, as in captures."""
 

@@ -4,17 +4,14 @@ from __future__ import annotations
 
 from typing import Final
 
-from mypy_extensions import i64
-
 from dissect.s7plus import layouts
 from dissect.s7plus.contents import Address, Contents, known_address
-from dissect.s7plus.cursor import Cursor, is_wanted, passed
+from dissect.s7plus.cursor import is_wanted, passed
 from dissect.s7plus.ids import AREAS, BLOCK_KINDS, id_name
 from dissect.s7plus.objects import Element, objects_of, read_into
 from dissect.s7plus.return_tables import GENERIC_CODES, ORIGINS, RETURN_CODES
 from dissect.s7plus.tables import V3
 from dissect.s7plus.value_reading import read_members, read_value
-from dissect.s7plus.values import Value
 from dissect.s7plus.walk import STEP, FormatError, Walk, Wanted
 from dissect.wire.codes import coded
 from dissect.wire.layout import Layout
@@ -254,20 +251,6 @@ def take_values_to_end(walk: Walk, found: Contents) -> None:
             continue
         take_item(walk, found, number, layouts.ITEM_VALUE, at)
         at = walk.at
-
-
-def item_at(octets: bytes, at: i64, end: i64, number: i64) -> Value | None:
-    """Return the value with a number in the response to a read, which is sound and begins at ``at`` with its return value."""
-    cursor = Cursor(octets, at, end)
-    cursor.wide()
-    while True:
-        found = cursor.number()
-        if found <= 0:
-            return None
-        if found == number:
-            return read_value(Walk(octets, int(cursor.at), int(end), False), layouts.VALUE, int(cursor.at))
-        if not cursor.value(0):
-            return None
 
 
 def take_refusals(walk: Walk, found: Contents) -> None:

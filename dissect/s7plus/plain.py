@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from typing import Final
 
+from librt.strings import read_i64_be
 from mypy_extensions import i64
 
 from dissect.s7plus.message import DIGEST_SIZE, HEADER_SIZE, SHORT_HEADS, PlusPdu, is_beginning, parse_plus
@@ -23,7 +24,7 @@ from dissect.s7plus.tables import (
     V2,
     V3,
 )
-from dissect.wire.octets import u16, u32
+from dissect.wire.octets import u32
 from dissect.wire.varint import VLQ, VLQ64, read_varint
 
 _TRAILER: Final = 4
@@ -34,6 +35,8 @@ NOTIFICATION_SIZE: Final = 12
 #: Offsets in the data of a request: sequence number and session id.
 SEQUENCE_AT: Final = 7
 SESSION_AT: Final = 9
+#: The reserved fields in the eight octets behind the opcode of a request or response.
+_RESERVED: Final = -1 << 48 | 0xFFFF0000
 _BIT_7: Final = 0x80
 _FUNCTIONS: Final = frozenset([row.number for row in FUNCTIONS])
 
@@ -41,9 +44,12 @@ _FUNCTIONS: Final = frozenset([row.number for row in FUNCTIONS])
 def one_frame(octets: bytes) -> tuple[i64, i64]:
     """Return where the data of a PDU begin and end if it is one sound frame with a trailer; (-1, -1) for any other PDU."""
     end: i64 = len(octets) - _TRAILER
-    if end < HEADER_SIZE or octets[0] != PROTOCOL_ID or octets[end] != PROTOCOL_ID:
+    if end < HEADER_SIZE:
         return -1, -1
-    version: i64 = octets[1]
+    head: i64 = u32(octets, 0)
+    version: i64 = head >> 16 & 0xFF
+    if head >> 24 != PROTOCOL_ID or u32(octets, end) != PROTOCOL_ID << 24 | version << 16:
+        return -1, -1
     at: i64 = HEADER_SIZE
     if version == V3:
         if end <= at or octets[at] != DIGEST_SIZE:
@@ -51,7 +57,7 @@ def one_frame(octets: bytes) -> tuple[i64, i64]:
         at += 1 + DIGEST_SIZE
     elif version != V2 and version != V1:
         return -1, -1
-    if at > end or u16(octets, 2) != end - HEADER_SIZE or octets[end + 1] != version or u16(octets, end + 2):
+    if at > end or head & 0xFFFF != end - HEADER_SIZE:
         return -1, -1
     return at, end
 
@@ -118,16 +124,21 @@ class Head:
             self.wants_response = False
         else:
             request: bool = opcode == REQUEST
-            size: i64 = REQUEST_SIZE if request else RESPONSE_SIZE
+            size: i64 = RESPONSE_SIZE
+            if request:
+                size = REQUEST_SIZE
             if (not request and opcode != RESPONSE and opcode != RESPONSE2) or end - at < size:
                 return False
-            function: i64 = u16(octets, at + 3)
-            if u16(octets, at + 1) | u16(octets, at + 5) != 0 and function not in _FUNCTIONS:
+            word: i64 = i64(read_i64_be(octets, at + 1))  # reserved, function, reserved, sequence number
+            function: i64 = word >> 32 & 0xFFFF
+            if word & _RESERVED != 0 and function not in _FUNCTIONS:
                 return False
             self.function = function
             self.subscription_id = -1
-            self.sequence = u16(octets, at + 7)
-            flags: i64 = octets[at + REQUEST_SIZE - 1] if request else NO_RESPONSE
+            self.sequence = word & 0xFFFF
+            flags: i64 = NO_RESPONSE
+            if request:
+                flags = octets[at + REQUEST_SIZE - 1]
             self.wants_response = flags & NO_RESPONSE == 0
         self.at = at
         self.end = end

@@ -6,11 +6,14 @@ The check of a PDU notes the places of what matters. Values are read when they a
 
 from __future__ import annotations
 
+from mypy_extensions import mypyc_attr
+
 from dissect.s7plus.check import Check
 from dissect.s7plus.contents import Made
 from dissect.s7plus.objects import PlusObject, objects_at
 
 
+@mypyc_attr(acyclic=True, free_list_len=1)
 class Outline(Made):
     """Objects of a sound request or response, with only the attributes that are needed."""
 

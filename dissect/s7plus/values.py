@@ -8,6 +8,8 @@ from __future__ import annotations
 import struct
 from typing import Final
 
+from mypy_extensions import mypyc_attr
+
 from dissect.s7plus.value_tables import (
     ADDRESS_ARRAY,
     ARRAY,
@@ -31,6 +33,7 @@ DOUBLE: Final = struct.Struct(">d")
 _TYPE_NAMES: Final[list[str]] = [VALUE_TYPES.name(type_) for type_ in range(256)]
 
 
+@mypyc_attr(acyclic=True, free_list_len=1)
 class Value:
     """A value. ``flags`` and ``type`` decide what ``content`` is.
 

@@ -8,6 +8,8 @@ from __future__ import annotations
 import struct
 from typing import Final
 
+from mypy_extensions import mypyc_attr
+
 from dissect.s7plus.cursor_lists import pass_names, pass_variables
 from dissect.s7plus.layouts import (
     LIST_BLOCK,
@@ -58,6 +60,7 @@ def _signed(number: int) -> int:
     return number - (1 << 32) if number >> 31 else number
 
 
+@mypyc_attr(acyclic=True)  # many are kept, and each is smaller without the header of the garbage collector
 class Variable:
     """A variable of a block: its LID, the CRC of its symbol, its type in the program, and its offsets.
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from mypy_extensions import i64
+from mypy_extensions import i64, mypyc_attr
 
 from dissect.s7plus.blobs import MAX_INFLATED
 from dissect.wire.layout import Layout
@@ -48,6 +48,7 @@ def big_endian(octets: bytes, at: int, size: int) -> int:
     return int.from_bytes(octets[at : at + size], "big")
 
 
+@mypyc_attr(acyclic=True, free_list_len=1)
 class Wanted:
     """What is needed of a PDU, so that the rest may be skipped.
 
@@ -64,6 +65,7 @@ class Wanted:
         self.written = written
 
 
+@mypyc_attr(acyclic=True, free_list_len=1)  # as `dissect.s7plus.cursor.Cursor`
 class Walk:
     """Reads ``octets[at:end]`` and raises `FormatError` if they end too soon.
 

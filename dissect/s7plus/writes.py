@@ -7,11 +7,11 @@ from __future__ import annotations
 
 from typing import Final
 
-from mypy_extensions import i64
+from mypy_extensions import i64, mypyc_attr
 
 from dissect.s7plus.check import Check
 from dissect.s7plus.contents import Address, known_address
-from dissect.s7plus.cursor import Cursor, table
+from dissect.s7plus.cursor import table
 from dissect.s7plus.event import (
     CONFIRMED,
     LISTED,
@@ -60,6 +60,7 @@ NAMED: Final = 5
 SHORT: Final = MAX_WORK // 4
 
 
+@mypyc_attr(acyclic=True)
 class Write(Event):
     """A write of variables of one kind with one result. Its text names the first of them, and is made when it is asked for."""
 
@@ -105,14 +106,12 @@ def take_write(session: PlusSession, events: list[Event], asked: Check, answered
         return
     addresses = addresses_of(asked.data[asked.begin + REQUEST_SIZE : asked.place])
     values: dict[int, Attribute] = {}
-    cursor = Cursor(asked.data, asked.place, asked.end)
-    item: i64 = 0
-    while item < asked.expected:
-        number = cursor.number()
+    end = int(asked.end)
+    places = asked.places()
+    for at in range(0, len(places), 2):
+        number = places[at]
         if 0 < number <= len(addresses) and is_asked_for(WANTED, addresses[number - 1]):
-            values[int(number)] = Attribute(0, None, asked.data, int(cursor.at), int(asked.end))
-        cursor.value(0)
-        item += 1
+            values[number] = Attribute(0, None, asked.data, places[at + 1], end)
     judge_writes(session, events, addresses, values, {}, answered, good)
 
 

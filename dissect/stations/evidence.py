@@ -47,6 +47,8 @@ from dissect.wire.text import hex_number
 
 #: Userdata groups with facts about a station.
 TELLING: Final = frozenset((GROUP_MODE, GROUP_BLOCKS, GROUP_CPU, GROUP_TIME))
+#: Names of modules by rack and slot, as the two numbers stand in an octet of a TSAP.
+_MODULES: Final = [f"rack {place >> 5} slot {place & 0x1F}" for place in range(256)]
 #: Partial lists with facts; a panel may poll other lists for hours.
 _LISTS: Final = frozenset((0x11, 0x1C, 0x24, 0x31, 0x32, 0x37))
 #: Answers whose facts are remembered, because polling returns the same answer again and again.
@@ -301,7 +303,7 @@ def module_asked(connection: Connection, asked_by: int) -> str:
     tsap = connection.tsap_called
     if tsap is None or tsap.rack < 0 or asked_by != connection.client_side:
         return ""
-    return f"rack {tsap.rack} slot {tsap.slot}"
+    return _MODULES[32 * tsap.rack + tsap.slot]
 
 
 def made(

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Final
 
 from librt.strings import read_i16_be, read_i32_be, read_i32_le, read_i64_le
+from librt.vecs import vec
 from mypy_extensions import i64
 
 from dissect.wire.build import COMPILED
@@ -53,8 +54,8 @@ def same(octets: bytes, buf: bytes, at: i64, end: i64) -> bool:
 class Tally:
     """Counts how often each number below ``size`` came.
 
-    ``often`` and ``also`` come far more often than the others. Counting them makes no int object, which is most of the cost in
-    compiled code. A caller that knows that a number is one of these adds to ``often_count`` or ``also_count`` itself.
+    ``often`` and ``also`` come far more often than the others: a caller that knows that a number is one of these adds to
+    ``often_count`` or ``also_count`` itself.
     """
 
     __slots__ = ("_also", "_counts", "_often", "also_count", "often_count")
@@ -64,7 +65,7 @@ class Tally:
         self._also: i64 = also
         self.often_count: i64 = 0
         self.also_count: i64 = 0
-        self._counts: list[int] = [0] * size
+        self._counts: vec[i64] = vec[i64]([0] * size)  # holds numbers, not objects, unlike a list (mypyc)
 
     def add(self, number: i64) -> None:
         """Count ``number``; IndexError when it is too large."""
@@ -73,15 +74,16 @@ class Tally:
         elif number == self._also:
             self.also_count += 1
         else:
-            self._counts[number] = self._counts[number] + 1  # `+=` on an element of a list is slower (mypyc)
+            counts = self._counts
+            counts[number] += 1
 
     def counts(self) -> list[int]:
         """Return the counts by number, as a new list."""
-        counts = self._counts.copy()
+        counts = [int(one) for one in self._counts]
         counts[self._often] += self.often_count
         counts[self._also] += self.also_count
         return counts
 
     def add_counts(self, more: list[int]) -> None:
         """Add the counts of another tally of the same size."""
-        self._counts = [one + other for one, other in zip(self._counts, more, strict=True)]
+        self._counts = vec[i64]([one + other for one, other in zip(self._counts, more, strict=True)])

@@ -49,15 +49,18 @@ def read_varint(octets: bytes, at: int, end: int, kind: int) -> tuple[int, int]:
 
 def pass_varint(octets: bytes, at: i64, end: i64, wide: bool) -> i64:
     """Return where the number at ``at`` ends, -1 where `read_varint` finds none; ``wide``: it has 64 bits."""
-    longest: i64 = _LONGEST_64 if wide else _LONGEST_32
-    last: i64 = at + longest
+    last: i64 = at + _LONGEST_32
+    if wide:
+        last = at + _LONGEST_64
     stop: i64 = min(last, end)
     while at < stop:
         octet: i64 = octets[at]
         at += 1
         if octet < 0x80:
             return at
-    return at + 1 if wide and at == last and at < end else -1
+    if wide and at == last and at < end:
+        return at + 1
+    return -1
 
 
 def build_varint(value: int, kind: int) -> bytes:
