@@ -45,10 +45,15 @@ def _shown(findings: Iterable[Finding]) -> dict[str, list[Finding]]:
     shown: dict[str, list[Finding]] = {}
     more: dict[str, set[int]] = {}
     for finding in findings:
-        here = shown.setdefault(finding.slug, [])
-        if len(here) >= _DETAILS:
-            frames = more.setdefault(finding.slug, set())
-            if len(frames) > _MORE_FRAMES:
+        slug = finding.slug
+        here = shown.get(slug)
+        if here is None:
+            here = shown[slug] = []
+        elif len(here) >= _DETAILS:
+            frames = more.get(slug)
+            if frames is None:
+                frames = more[slug] = set()
+            elif len(frames) > _MORE_FRAMES:
                 continue
             frames.update(finding.frames[-1:])
         here.append(finding)

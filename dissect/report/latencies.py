@@ -20,7 +20,7 @@ _STEPS: Final = 128
 #: Buckets for every answer time that 63 bits can hold.
 _BUCKETS: Final = 57 * _STEPS
 #: Up to this many kept answer times are sorted to find a quantile. Of more, only those near the wanted rank are sorted.
-_FEW: Final = 256
+_FEW: Final = 1024
 #: To find those, kept answer times are counted in groups of this many neighbouring buckets.
 _COARSE: Final = 16
 
