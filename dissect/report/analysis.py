@@ -235,6 +235,8 @@ class Analysis(Observer):
         self.functions: dict[int, FunctionStatistics] = {}
         self._latest_key: i64 = -1  # key of `_latest` in `functions`; the next transaction often has the same
         self._latest: FunctionStatistics | None = None
+        self._earlier_key: i64 = -1  # the same of the function before it: often two alternate
+        self._earlier: FunctionStatistics | None = None
         self.unanswered_reasons: dict[str, int] = {}
         self.connections: list[Connection] = []
         self._shared: Shared = Shared()  # values that `connections` have in common
@@ -467,9 +469,14 @@ class Analysis(Observer):
             key = 0x10000 | (userdata.group << 8) | userdata.subfunction
         elif key > 0xFF and isinstance(parameters, PlusParameters):
             key = parameters.statistics_key
-        if key == self._latest_key and self._latest is not None:
-            return self._latest
-        found = self.functions.get(key)
+        latest = self._latest
+        if latest is not None and key == self._latest_key:
+            return latest
+        found = self._earlier
+        if found is None or key != self._earlier_key:
+            found = self.functions.get(key)
+        self._earlier = latest
+        self._earlier_key = self._latest_key
         if found is None:
             name = parameters.function_name
             if isinstance(parameters, PlusParameters):

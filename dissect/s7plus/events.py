@@ -30,12 +30,11 @@ from dissect.s7plus.event import (
     Facts,
 )
 from dissect.s7plus.identification import IDENTIFICATION
-from dissect.s7plus.ids import AREAS, BLOCK_KINDS, PASSWORDS, PROTECTIONS, block_name
+from dissect.s7plus.ids import block_name
 from dissect.s7plus.loads import (
     CONTAINERS,
     FIRMWARE,
     FIRMWARE_PACKAGE,
-    HARDWARE,
     LOADED,
     load_text,
     said,
@@ -48,7 +47,6 @@ from dissect.s7plus.program_tables import OPERATING_STATES
 from dissect.s7plus.read_objects import read_objects
 from dissect.s7plus.reads import Reads
 from dissect.s7plus.session import (
-    CPU_EXEC_UNIT,
     CPU_PROXY,
     CYCLE,
     DIAGNOSIS,
@@ -56,7 +54,6 @@ from dissect.s7plus.session import (
     NAME,
     OPERATING_MODE,
     OPERATING_STATE,
-    REFERENCE_LIST,
     SERVER_SESSION,
     SUBSCRIPTION,
     PlusSession,
@@ -82,9 +79,19 @@ from dissect.s7plus.tables import (
 from dissect.s7plus.value_reading import read_value
 from dissect.s7plus.values import Blob, Value
 from dissect.s7plus.walk import MAX_WORK, Walk, Wanted
-from dissect.s7plus.writes import NAMED, SHORT, WANTED, is_plain, judge_write, judge_writes, take_write
+from dissect.s7plus.writes import (
+    NAMED,
+    SHORT,
+    WANTED,
+    first_id,
+    is_plain,
+    judge_write,
+    judge_writes,
+    matters,
+    take_write,
+)
 from dissect.wire.octets import u32
-from dissect.wire.varint import VLQ, build_varint, read_varint
+from dissect.wire.varint import VLQ, build_varint
 
 _ALARM_SUBSCRIPTION: Final = 2662
 #: Class of a job of the test functions, with which an engineering tool watches a running program. The classes of other jobs
@@ -95,13 +102,6 @@ _STATE_NAMES: Final = {state: OPERATING_STATES.name(state) for state in _STATES}
 
 # Marks of a read that may matter: the ids of the operating state and the identification record.
 _READ_MARKS: Final = tuple([build_varint(id_, VLQ) for id_ in (OPERATING_STATE, DIAGNOSIS, IDENTIFICATION)])
-#: For a write of one attribute: the highest id that is an area, the execution unit or the hardware configuration; the lowest
-#: kind of block; and by id, whether writing that attribute of any other object matters.
-_LASTING_IDS: Final = PASSWORDS | PROTECTIONS | {REFERENCE_LIST}
-_LAST_AREA: Final = max(*AREAS, CPU_EXEC_UNIT)
-_SPECIAL: Final = frozenset((*AREAS, CPU_EXEC_UNIT, HARDWARE, FIRMWARE_PACKAGE))
-_FIRST_KIND: Final = min(BLOCK_KINDS)
-_WRITTEN_ATTRIBUTES: Final = bytes([id_ in _LASTING_IDS for id_ in range(8192)])
 #: Functions whose requests a client counts separately, for the integrity id.
 _COUNTED: Final = frozenset((
     CREATE_OBJECT, DELETE_OBJECT, SET_VARIABLE, SET_MULTI_VARIABLES, SET_VAR_SUBSTREAMED, BEGIN_SEQUENCE, END_SEQUENCE,
@@ -203,19 +203,22 @@ def _read_all(
     session: PlusSession, function: i64, request: bytes, asked: Check | None, told: Check | None
 ) -> Facts | None:
     """Judge a transaction of which everything that may matter must be read; ``asked``: the check of its request, if made."""
-    if not _may_matter(function, request, told):
+    if not _may_matter(function, told):
         return _judge_contents(asked if asked is not None else check(request), told)
     facts = Facts()
-    writes: bool = function == SET_VARIABLE or function == SET_MULTI_VARIABLES
-    if writes and (told is None or _says_no_more(function, told)):
-        if asked is None:
-            asked = check(request)
-        if is_plain(asked, function):
+    if function != SET_VARIABLE and function != SET_MULTI_VARIABLES:
+        return _read_in_full(session, function, asked.pdu() if asked is not None else parse_plus(request), told, facts)
+    if asked is None:
+        asked = check(request)
+    if function == SET_VARIABLE and not _writes_what_matters(asked):
+        return _judge_contents(asked, told)
+    if is_plain(asked, function):
+        if told is None or (told.sound and not told.refuses and told.function == function):
             good: bool = told is None or told.code < 0x8000
             _judge_id(session, facts.events, function, asked.session_id, asked.sequence, asked.integrity_id)
             take_write(session, facts.events, asked, told is not None, good)
             return facts
-    return _read_in_full(session, function, asked.pdu() if asked is not None else parse_plus(request), told, facts)
+    return _read_in_full(session, function, asked.pdu(), told, facts)
 
 
 def _read_in_full(session: PlusSession, function: i64, pdu: PlusPdu, told: Check | None, facts: Facts) -> Facts:
@@ -311,29 +314,22 @@ def _asks_what_matters(asked: Check) -> bool:
     return any([data.find(mark, asked.begin + REQUEST_SIZE, asked.end) >= 0 for mark in _READ_MARKS])
 
 
-def _may_matter(function: i64, octets: bytes, told: Check | None) -> bool:
+def _may_matter(function: i64, told: Check | None) -> bool:
     if function == CREATE_OBJECT or function == DELETE_OBJECT or function == BEGIN_SEQUENCE or function == END_SEQUENCE:
         return True
     if function == EXPLORE:
         return told is None or not told.sound or told.met  # an incomplete response may begin with blocks
     if function == GET_MULTI_VARIABLES or function == GET_VAR_SUBSTREAMED or function == SET_MULTI_VARIABLES:
         return True  # reads that do not matter are not passed to this function
-    if function != SET_VARIABLE and function != SET_VAR_SUBSTREAMED:
-        return False
-    data, at, end = data_of(octets)
-    at += REQUEST_SIZE
-    if at + 6 > end:
-        return True
-    object_id: i64 = u32(data, at)
-    if function == SET_VAR_SUBSTREAMED or (object_id <= _LAST_AREA and object_id in _SPECIAL):
-        return True
-    kind: i64 = object_id >> 16
-    if kind >= _FIRST_KIND and kind in BLOCK_KINDS:
-        return True
-    first: i64 = data[at + 5]
-    if first >= _BIT_7:
-        first, _ = read_varint(data, at + 5, end, VLQ)
-    return 0 <= first < len(_WRITTEN_ATTRIBUTES) and _WRITTEN_ATTRIBUTES[first] != 0
+    return function == SET_VARIABLE or function == SET_VAR_SUBSTREAMED
+
+
+def _writes_what_matters(asked: Check) -> bool:
+    """Return whether a SetVariable writes an attribute that matters."""
+    if asked.sound:
+        return matters(asked.object_id, first_id(asked))
+    found = parse_contents(asked.pdu(), False, MAX_WORK, Wanted(WANTED))
+    return not found.ids or matters(found.object_id, found.ids[0])
 
 
 def _judge(

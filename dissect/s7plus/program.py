@@ -174,13 +174,15 @@ class Program:
 
     def _seek_type(self, area: int) -> int:
         if area in AREAS:
-            return next((rid for rid in self._types if rid >> 24 == _AREA_TYPES and _area(rid) == area), -1)
-        kind = BLOCK_KINDS.get(area >> 16)
-        if area >> 16 != DATA_BLOCK or kind is None:
-            return -1
-        return next(
-            (rid for rid in self._types if TYPE_KINDS.get(rid >> 24) == kind and rid & 0xFFFF == area & 0xFFFF), -1
-        )
+            for rid in self._types:
+                if rid >> 24 == _AREA_TYPES and _area(rid) == area:
+                    return rid
+        elif area >> 16 == DATA_BLOCK:
+            kind = BLOCK_KINDS[DATA_BLOCK]
+            for rid in self._types:
+                if rid & 0xFFFF == area & 0xFFFF and TYPE_KINDS.get(rid >> 24) == kind:
+                    return rid
+        return -1
 
     def _walk(self, address: Address, known: dict[int, tuple[str, Variable]]) -> Found | None:
         lids = address.lids

@@ -11,7 +11,7 @@ from mypy_extensions import i64, mypyc_attr
 
 from dissect.s7plus.check import Check
 from dissect.s7plus.contents import Address, known_address
-from dissect.s7plus.cursor import table
+from dissect.s7plus.cursor import Cursor, table
 from dissect.s7plus.event import (
     CONFIRMED,
     LISTED,
@@ -25,8 +25,8 @@ from dissect.s7plus.event import (
     WRITTEN_OUTPUTS,
     Event,
 )
-from dissect.s7plus.ids import AREAS, BLOCK_KINDS, PASSWORDS
-from dissect.s7plus.loads import CONSISTENT, HARDWARE, written_as
+from dissect.s7plus.ids import AREAS, BLOCK_KINDS, PASSWORDS, PROTECTIONS
+from dissect.s7plus.loads import CONSISTENT, FIRMWARE_PACKAGE, HARDWARE, written_as
 from dissect.s7plus.objects import Attribute, numbers_at
 from dissect.s7plus.pieces import addresses_of, is_asked_for
 from dissect.s7plus.plain import REQUEST_SIZE
@@ -48,6 +48,13 @@ from dissect.s7plus.walk import MAX_WORK
 
 #: The attributes whose values are read, where they are written.
 WANTED: Final = table(ASKED_OF_OBJECTS)
+#: For a write of one attribute: the highest id that is an area, the execution unit or the hardware configuration; the lowest
+#: kind of block; and by id, whether writing that attribute of any other object matters.
+_LASTING_IDS: Final = PASSWORDS | PROTECTIONS | {REFERENCE_LIST}
+_LAST_AREA: Final = max(*AREAS, CPU_EXEC_UNIT)
+_SPECIAL: Final = frozenset((*AREAS, CPU_EXEC_UNIT, HARDWARE, FIRMWARE_PACKAGE))
+_FIRST_KIND: Final = min(BLOCK_KINDS)
+_LASTING: Final = bytes([id_ in _LASTING_IDS for id_ in range(8192)])
 #: Meaning of a state request, unless it asks for RUN.
 _ORDERS: Final = {1: STOP, 2: RESET}
 #: Writes to areas of the memory and to data blocks.
@@ -89,6 +96,24 @@ class Write(Event):
         self.count += 1
         if self.count <= NAMED:
             self._items += other._items
+
+
+def matters(object_id: i64, first: i64) -> bool:
+    """Return whether a write of one attribute of an object matters; ``first`` is the first of its ids."""
+    if object_id <= _LAST_AREA and object_id in _SPECIAL:
+        return True
+    kind: i64 = object_id >> 16
+    if kind >= _FIRST_KIND and kind in BLOCK_KINDS:
+        return True
+    return 0 <= first < len(_LASTING) and _LASTING[first] != 0
+
+
+def first_id(asked: Check) -> i64:
+    """Return the first id of the attribute that a sound SetVariable writes, -1 for none."""
+    cursor = Cursor(asked.data, asked.place, asked.end)
+    if cursor.number() <= 0:
+        return -1
+    return cursor.number()
 
 
 def is_plain(asked: Check, function: i64) -> bool:
