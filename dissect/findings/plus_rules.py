@@ -186,14 +186,17 @@ class PlusWatch:
     def _tell(self, session: PlusSession, event: Event, transaction: Transaction, code: int, act: Act | None) -> None:
         """Report an event; ``code`` is its error, 0 for none, ``act`` what the event is, None for something else."""
         kind = event.kind
+        if act is not None:
+            if kind != READ_OUT or self._security.first_of(transaction, act.slug):
+                self._security.act(act, transaction, code)
+            return
         slug = _SLUGS.get(kind, "")
+        if not slug:
+            return
         area = _AREAS.get(kind, 0)
         if area:
             self._wrote(session, slug, area, event, transaction, code)
-        elif act is not None:
-            if kind != READ_OUT or self._security.first_of(transaction, act.slug):
-                self._security.act(act, transaction, code)
-        elif slug:
+        else:
             self._security.tell(slug, transaction, shortened(event.text, TEXT), code)
 
     def _wrote(
