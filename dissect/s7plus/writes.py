@@ -154,7 +154,8 @@ def judge_writes(
     ``values`` and ``refused`` (the codes of refusals) are by the number of the item.
     """
     writes: dict[tuple[str, int], Write] = {}
-    for number, address in enumerate(addresses, 1):
+    for index, address in enumerate(addresses):  # with a second argument it would be called as an object (mypyc)
+        number = index + 1
         before = len(events)
         refusal = refused.get(number, 0)
         _item_written(session, events, address, values.get(number), good and not refusal)
