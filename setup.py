@@ -94,6 +94,7 @@ HOT: Final = (
     "dissect/export/value_columns.py",
     "dissect/page/bins.py",
     "dissect/page/gaps.py",
+    "dissect/page/gathered.py",
     "dissect/page/plcs.py",
     "dissect/page/polls.py",
     "dissect/page/rows.py",

@@ -16,6 +16,7 @@ import pytest
 
 from dissect.page import gathered as room
 from dissect.page.rendering import Side, render
+from dissect.wire.build import COMPILED
 from dissect.wire.text import Clock, cell
 from tests.cli.support import run
 from tests.page.browser import Browser, started
@@ -72,6 +73,7 @@ def shown(browser: Browser, table: str) -> str:
     return browser.texts(f"#table-{table} .head [role=status]")[0]
 
 
+@pytest.mark.skipif(COMPILED, reason="compiled constants cannot be changed")
 def test_tables_follow_the_time_and_say_what_is_not_in_the_page(
     browser: Browser, long: tuple[Path, Path, dict[str, Any]], capfdbinary: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -105,6 +107,7 @@ def test_tables_follow_the_time_and_say_what_is_not_in_the_page(
             assert max(times) <= end
 
 
+@pytest.mark.skipif(COMPILED, reason="compiled constants cannot be changed")
 def test_a_link_to_a_row_outside_the_time_shows_all_of_it(
     browser: Browser, long: tuple[Path, Path, dict[str, Any]]
 ) -> None:
@@ -233,6 +236,7 @@ def test_above_sixty_pairs_there_is_a_matrix_and_names_keep_their_ends(browser: 
     assert browser.count("#plot-lanes, #plot-tags") == 0
 
 
+@pytest.mark.skipif(COMPILED, reason="compiled constants cannot be changed")
 def test_a_pair_without_a_row_has_a_command_to_copy(
     browser: Browser, long: tuple[Path, Path, dict[str, Any]], capfdbinary: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
