@@ -18,7 +18,7 @@ from dissect.page.numbers import counted, grouped
 from dissect.page.rows import Rows, file_title
 from dissect.page.verdict import verdict
 from dissect.report import words
-from dissect.report.certainty import left_out
+from dissect.report.certainty import left_out, not_captured
 from dissect.report.text import completeness
 from dissect.transactions.operation import CONNECT
 from dissect.wire.text import Clock, printable
@@ -97,7 +97,7 @@ class Side:
         if analysis.pipeline is not None:
             told += [grouped(text) for text, _ in completeness(analysis.pipeline, gathered.rows.places)]
         if analysis.not_captured:
-            told.append(f"{counted(int(analysis.not_captured), 'answer', 'answers')} not captured")
+            told.append(grouped(not_captured(int(analysis.not_captured), analysis.unanswered_reasons)))
         if analysis.likely:
             told.append(left_out(analysis.likely))
         limits = (

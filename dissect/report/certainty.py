@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Final
 
-from dissect.transactions.transaction import DOUBT_TEXTS, Transaction
+from dissect.transactions.transaction import CONNECTION_EVICTED, DOUBT_TEXTS, Transaction
 from dissect.wire.text import count
 
 #: Why a pair is only likely, in a few words for the end of a line.
@@ -31,6 +31,15 @@ def add_doubt(doubts: dict[str, int], transaction: Transaction) -> None:
     doubt = transaction.doubt
     if doubt:
         doubts[doubt] = doubts.get(doubt, 0) + 1
+
+
+def not_captured(answers: int, reasons: Mapping[str, int]) -> str:
+    """Return how many answers the capture may lack, in words; ``reasons`` counts why requests have no answer.
+
+    Of a connection that was dropped because too many were open, the answer may be in the capture.
+    """
+    said = count(answers, "answer not captured", "answers not captured")
+    return f"{said} or on dropped connections" if reasons.get(CONNECTION_EVICTED) else said
 
 
 def left_out(doubts: Mapping[str, int]) -> str:

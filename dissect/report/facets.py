@@ -234,7 +234,7 @@ def outcome(transaction: Transaction) -> str:
     elif transaction.reason == HOLE:
         said = transaction.reason_text
     else:
-        said = "answer not captured" if transaction.unseen else f"NO ANSWER{why}"
+        said = _without_answer(transaction, why)
     if transaction.again is not None:
         again = transaction.again.text(transaction.request_ns)
         said = f"{said}, {again}" if said else again
@@ -246,6 +246,15 @@ def outcome(transaction: Transaction) -> str:
         refused = f"{word} {error_text(error)}"
         said = f"{said}, {refused}" if said else refused
     return said
+
+
+def _without_answer(transaction: Transaction, why: str) -> str:
+    """Return the outcome of a request whose answer is not known; ``why`` is the reason in brackets."""
+    if not transaction.unseen:
+        return f"NO ANSWER{why}"
+    if transaction.reason == CONNECTION_EVICTED:  # the answer may well be in the capture
+        return f"answer not followed{why}"
+    return "answer not captured"
 
 
 def _mismatch(transaction: Transaction) -> str:

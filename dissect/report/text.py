@@ -12,7 +12,7 @@ from dissect.engine.bare import BY_CLIENT, BY_SERVER
 from dissect.engine.pipeline import Pipeline
 from dissect.report import endings, facets, words
 from dissect.report.analysis import MAX_CONNECTIONS, Analysis, FunctionStatistics, Part
-from dissect.report.certainty import left_out, mark
+from dissect.report.certainty import left_out, mark, not_captured
 from dissect.report.finding_lines import findings_lines
 from dissect.report.happened import facts_of
 from dissect.report.operations import ENDED, NAMES, shouted
@@ -379,7 +379,7 @@ def _transactions(analysis: Analysis) -> Iterator[Line]:
     if analysis.still_open:
         said.append(f"{analysis.still_open} still open at the end")
     if analysis.not_captured:
-        said.append(words.count(int(analysis.not_captured), "answer not captured", "answers not captured"))
+        said.append(not_captured(int(analysis.not_captured), analysis.unanswered_reasons))
     said += _unpaired(analysis.orphans, analysis.unsolicited, analysis.one_way)
     if analysis.with_errors:
         said.append(f"{analysis.with_errors} with errors")
