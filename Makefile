@@ -46,7 +46,7 @@ installed-program := tests/benchmarks $(wildcard tests/test_*.py)
 installed-rest := tests $(foreach part,$(filter-out rest,$(INSTALLED)),$(installed-$(part):%=--ignore=%))
 
 # What nothing can trace or count when it is compiled.
-UNCOMPILED := tests/test_architecture.py tests/benchmarks/test_work.py tests/program/test_carved.py tests/promises/test_growth.py
+UNCOMPILED := tests/test_architecture.py tests/benchmarks/test_work.py tests/program/test_carved.py tests/promises/test_growth.py tests/inventory/test_code.py
 
 INTERPRETED := source rest
 interpreted-source := $(filter tests/source tests/properties,$(ENGINE))
