@@ -463,11 +463,11 @@ def _judge_errors(reporter: Reporter, transaction: Transaction) -> None:
 
 
 def _judge_items(reporter: Reporter, transaction: Transaction) -> None:
+    slug = "transaction.item_error"
     codes = read_codes(transaction) if reporter.because is None else None
     if codes is not None:
-        _judge_codes(reporter, transaction, codes)
+        _judge_codes(reporter, transaction, slug, codes)
         return
-    slug = "transaction.item_error"
     because = reporter.because
     alone: bool = False  # whether an item was refused for no known reason
     for error in transaction.errors:
@@ -489,9 +489,8 @@ def _judge_items(reporter: Reporter, transaction: Transaction) -> None:
         reporter.because = None  # what follows is about all items
 
 
-def _judge_codes(reporter: Reporter, transaction: Transaction, codes: list[int]) -> None:
+def _judge_codes(reporter: Reporter, transaction: Transaction, slug: str, codes: list[int]) -> None:
     """Report the items of a plain read that were refused, for which nothing is to blame."""
-    slug = "transaction.item_error"
     for index in range(len(codes)):
         code: i64 = codes[index]
         if code != SUCCESS and reporter.wants_of(slug, transaction):
