@@ -45,8 +45,10 @@ installed-layers := tests/layers tests/page tests/promises tests/cluster tests/j
 installed-program := tests/benchmarks $(wildcard tests/test_*.py)
 installed-rest := tests $(foreach part,$(filter-out rest,$(INSTALLED)),$(installed-$(part):%=--ignore=%))
 
-# What nothing can trace or count when it is compiled.
-UNCOMPILED := tests/test_architecture.py tests/benchmarks/test_work.py tests/program/test_carved.py tests/promises/test_growth.py tests/inventory/test_code.py
+# What nothing can trace, count or give other bounds when it is compiled.
+UNCOMPILED := tests/test_architecture.py tests/benchmarks/test_work.py tests/golden/test_reading.py tests/inventory/test_code.py \
+	tests/inventory/test_collector.py tests/jobs/test_inventories.py tests/page/test_gathered.py tests/page/test_samples.py \
+	tests/page/test_use.py tests/playback/server/test_recording.py tests/program/test_carved.py tests/promises/test_growth.py
 
 INTERPRETED := source rest
 interpreted-source := $(filter tests/source tests/properties,$(ENGINE))
