@@ -130,13 +130,13 @@ HOT: Final = (
 #: in, and what parses acts that are rare on any line. Compiled, they would take a third of the build and save nothing that can
 #: be measured (docs/decisions/0002-one-source-compiled-by-mypyc.md says how to measure it).
 COLD: Final = (
-    "dissect/*/tables.py",
-    "dissect/*/*_tables.py",
+    "dissect/**/tables.py",
+    "dissect/**/*_tables.py",
     "dissect/iso/build.py",  # what no capture needs
     "dissect/s7/build.py",
     "dissect/iso/layouts.py",  # ibh/layouts.py derives from a compiled class, which interpreted classes may not
     "dissect/s7/layouts.py",
-    "dissect/*/*_layouts.py",
+    "dissect/**/*_layouts.py",
     "dissect/findings/block_rules.py",
     "dissect/findings/catalogue.py",
     "dissect/findings/code_rules.py",

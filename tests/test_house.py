@@ -316,9 +316,9 @@ def nothing_runs_what_it_reads(module: str, tree: ast.Module) -> list[str]:
     ]
 
 
-#: Who may read JSON, TOML, SQLite and names of code pages without `dissect.config.hostile`: what they read is our own.
+#: Who may read JSON, TOML, SQLite and names of code pages without `dissect.wire.config.hostile`: what they read is our own.
 OWN_CONTENT: Final = {
-    "dissect.config.hostile": "reads it for everybody",
+    "dissect.wire.config.hostile": "reads it for everybody",
     "dissect.golden.values": "a text that our parser cut out, within its quotes",
     "dissect.report.contract": "lines that our writer made a moment ago",
     "dissect.report.kept": "what the same process packed",

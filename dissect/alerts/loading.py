@@ -29,12 +29,12 @@ from dissect.alerts.rules import (
     Rule,
 )
 from dissect.baseline.watch import KINDS
-from dissect.config.hints import close_to
 from dissect.findings.catalogue import SEVERITIES
 from dissect.report.slugs import slugs_of
 from dissect.scd.errors import DictionaryError, shown
 from dissect.scd.reading import Table
 from dissect.scd.user_file import MAX_NAME, FileError, UserFile, names_of, network_of, read_file
+from dissect.wire.config.hints import close_to
 
 MAX_RULES: Final = 256
 MAX_ACTIONS: Final = 32

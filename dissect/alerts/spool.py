@@ -14,9 +14,9 @@ from pathlib import Path
 from typing import IO, Final, NamedTuple
 
 from dissect.alerts.waiting import Waiting
-from dissect.config.saving import PART, save
 from dissect.findings.catalogue import SEVERITIES
 from dissect.wire import locks
+from dissect.wire.config.saving import PART, save
 
 #: Greatest number of alerts that are kept, and of their octets.
 MAX_ALERTS: Final = 4096

@@ -14,7 +14,6 @@ import msgspec
 
 from dissect.bindings.binding import Binding, Bindings, Holds
 from dissect.bindings.place import AREAS, Place, in_blocks, parse_place
-from dissect.config.hints import close_to
 from dissect.s7.address import MAX_DB, MAX_OCTET
 from dissect.scd.codec import Codec
 from dissect.scd.dictionary import Dictionary
@@ -23,6 +22,7 @@ from dissect.scd.model import NULL, Object, StructType, Variable
 from dissect.scd.reading import Table
 from dissect.scd.types import MAX_OCTETS
 from dissect.scd.user_file import FileError, UserFile, network_of, number_within, read_file
+from dissect.wire.config.hints import close_to
 
 MESSAGES: Final = "messages"
 _WAYS: Final = f'write "{MESSAGES}", a PDO ("T1"), a struct or object by its name or index, or "object.field"'

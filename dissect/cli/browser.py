@@ -12,7 +12,7 @@ import click
 from dissect.cli.main import EXIT_GATE, EXIT_OK
 from dissect.cli.run import write
 from dissect.cli.second_pass import check_out
-from dissect.config.saving import save
+from dissect.wire.config.saving import save
 from dissect.wire.text import printable, reason
 
 _EXIT_CODES: Final = (

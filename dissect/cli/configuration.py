@@ -12,7 +12,7 @@ from typing import Any, Final
 import click
 
 from dissect.cli.task import current
-from dissect.config.finding import find_files
+from dissect.wire.config.finding import find_files
 from dissect.wire.text import printable
 
 #: Parameters that a key sets, by key; how its value is written for them.
@@ -95,8 +95,8 @@ def _apply(ctx: click.Context, _param: click.Parameter, value: str | None) -> No
         files = [Path(value), *[path for path in files if path.parent == user]]
     if not files:
         return
-    from dissect.config.settings import ConfigError, load_settings
     from dissect.report.formats import FORMATS
+    from dissect.wire.config.settings import ConfigError, load_settings
 
     try:
         settings = load_settings(files, FORMATS)

@@ -118,7 +118,7 @@ def _range(window: str | None, alert: str | None, around_s: int) -> tuple[int, i
 
 def _told(alert: str) -> tuple[str, str]:
     """Return when the events of an alert began, and the time of the alert. Raises ValueError for an invalid alert."""
-    from dissect.config.hostile import ContentError, read_json
+    from dissect.wire.config.hostile import ContentError, read_json
 
     try:
         told = read_json(_content(alert))

@@ -25,9 +25,9 @@ from dissect.cli.options.select import where_option
 from dissect.cli.options.tags import tag_options
 from dissect.cli.options.tls import tls_option
 from dissect.cli.run import complain, slow_option, write
-from dissect.config.saving import save
 from dissect.source.live import BUFFER_MIB
 from dissect.source.wireshark import find_program
+from dissect.wire.config.saving import save
 from dissect.wire.text import printable
 
 if TYPE_CHECKING:

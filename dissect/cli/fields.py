@@ -9,12 +9,12 @@ import click
 
 from dissect.cli.formats import format_option, write_outcome
 from dissect.cli.main import EXIT_OK
-from dissect.config.hints import close_names
 from dissect.report.formats import OUTCOME, Format
 from dissect.report.outcome import Outcome
 from dissect.report.styled import DIM, PLAIN, Line
 from dissect.select.fields import FIELDS, NAMES, Field
 from dissect.select.literals import Code
+from dissect.wire.config.hints import close_names
 from dissect.wire.text import some
 
 FIELDS_SCHEMA: Final = "s7dissect.fields/1"

@@ -10,8 +10,8 @@ import click
 
 from dissect.cli.look import write_lines
 from dissect.cli.run import write, write_octets
-from dissect.config.hints import close_names
 from dissect.report.formats import FORMATS, Format, formats_for
+from dissect.wire.config.hints import close_names
 
 if TYPE_CHECKING:
     from click.shell_completion import CompletionItem

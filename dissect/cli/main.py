@@ -325,7 +325,7 @@ def _show(exc: click.ClickException, arguments: list[str]) -> None:
 def _meant(exc: click.ClickException, arguments: list[str]) -> str:
     """Return what may have been meant where click does not say it: a value of a list, an option before its command."""
     if isinstance(exc, click.BadParameter) and exc.param is not None and isinstance(exc.param.type, click.Choice):
-        from dissect.config.hints import close_names
+        from dissect.wire.config.hints import close_names
 
         words = [word.rpartition("=")[2] for word in arguments]
         near = [close_names(word, list(exc.param.type.choices)) for word in words if repr(word) in exc.message]

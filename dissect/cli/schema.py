@@ -11,7 +11,7 @@ import click
 from dissect.cli.main import EXIT_OK
 from dissect.cli.options.completing import from_table
 from dissect.cli.run import write
-from dissect.config.hints import close_names
+from dissect.wire.config.hints import close_names
 
 #: Where the schemas are, in the package: `NAME.schema.json`.
 FOLDER: Final = Path(__file__).resolve().parent.parent / "schema"

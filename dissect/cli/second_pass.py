@@ -12,8 +12,8 @@ import click
 
 from dissect.cli.options.select import read_where
 from dissect.cli.run import drive, places_of
-from dissect.config.saving import Saving, expect_place
 from dissect.source.pcapng_writer import CAPTURE_MODE
+from dissect.wire.config.saving import Saving, expect_place
 from dissect.wire.text import printable
 
 if TYPE_CHECKING:

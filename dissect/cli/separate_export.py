@@ -23,7 +23,6 @@ from dissect import __version__
 from dissect.cli.options.jobs import cluster_meant
 from dissect.cli.remote_export import close_wanted, task_sink
 from dissect.cli.separate import about, read_file
-from dissect.config.saving import PART
 from dissect.export.extras import MissingLibraryError
 from dissect.export.feed import Sink
 from dissect.export.forms import Request, TableExport, Target
@@ -34,6 +33,7 @@ from dissect.jobs.numbers import Offsets, count_from
 from dissect.jobs.spool import ROWS_FOLDER, Spool, Spooled, opened
 from dissect.jobs.tasks import About, Done, FileError
 from dissect.source.remote import is_remote, shown
+from dissect.wire.config.saving import PART
 from dissect.wire.text import encodable
 
 if TYPE_CHECKING:

@@ -74,9 +74,9 @@ def command(reading: Reading, query: str | None, format_: Format, questions: boo
 
 def _query(text: str, allow_files: bool) -> tuple[Query, str]:
     """Return the query, or the question of that name, and the message for no rows."""
-    from dissect.config.hints import close_names
     from dissect.export.questions import QUESTIONS, named
     from dissect.export.sql import Query
+    from dissect.wire.config.hints import close_names
 
     try:
         found = named(text, clock().local)

@@ -11,11 +11,11 @@ from dissect.cli.formats import format_option, write_outcome
 from dissect.cli.main import EXIT_GATE, EXIT_OK
 from dissect.cli.options.tags import guarded, load, tag_reading_options
 from dissect.cli.run import complain, drive, write
-from dissect.config.saving import save
 from dissect.report import words
 from dissect.report.formats import OUTCOME, Format
 from dissect.report.outcome import Outcome
 from dissect.report.styled import FAILED, HEADING, PLAIN, Line
+from dissect.wire.config.saving import save
 from dissect.wire.text import encodable, printable, shortened
 
 if TYPE_CHECKING:

@@ -12,13 +12,13 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final, NamedTuple, cast
 
-from dissect.config.hints import close_names
 from dissect.engine.observer import Observer
 from dissect.export.feed import Sink, TableFeed
 from dissect.export.parquet import metadata_of
 from dissect.export.tables import TABLES, UnknownTableError, chosen_tables
 from dissect.export.zeek.columns import LOGS
 from dissect.session import Run
+from dissect.wire.config.hints import close_names
 
 
 class UnknownFormError(ValueError):

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, Final
 
-from dissect.config.hints import close_names
 from dissect.engine.pipeline import Options
 from dissect.export.extras import needed
 from dissect.export.feed import TableFeed
@@ -13,6 +12,7 @@ from dissect.export.packed import PackedTables
 from dissect.export.tables import chosen_tables
 from dissect.session import KeyLogFiles, Tags, reading_of
 from dissect.source.given import Source
+from dissect.wire.config.hints import close_names
 from dissect.wire.text import encodable
 
 if TYPE_CHECKING:

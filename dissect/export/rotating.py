@@ -13,13 +13,13 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, Final
 
-from dissect.config.saving import Saving
 from dissect.export.arrow import Batches
 from dissect.export.extras import check_needed, needed
 from dissect.export.feed import Sink
 from dissect.export.parquet import ParquetFile, by_days
 from dissect.export.tables import Table
 from dissect.export.transaction_rows import Row
+from dissect.wire.config.saving import Saving
 from dissect.wire.text import Clock
 
 #: Octets that `RotatingSink.probe` writes.

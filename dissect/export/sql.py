@@ -6,12 +6,12 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, Final
 
-from dissect.config.hints import close_names
 from dissect.export.arrow import Batches
 from dissect.export.extras import needed
 from dissect.export.feed import Sink
 from dissect.export.tables import TABLES, Table
 from dissect.export.transaction_rows import Row
+from dissect.wire.config.hints import close_names
 
 _WORD: Final = re.compile(r"\w+")
 #: DuckDB's error for a table that does not exist, and its guess which one was meant.

@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, Final, NamedTuple
 
-from dissect.config.hints import close_names
 from dissect.facts import fact as kinds
 from dissect.facts.connection import CONNECTION
 from dissect.facts.counted import COUNTED
@@ -21,6 +20,7 @@ from dissect.facts.operation import ACT, OPERATION
 from dissect.facts.pdu import PDU
 from dissect.facts.transaction import ITEM, TRANSACTION
 from dissect.facts.value import VALUE
+from dissect.wire.config.hints import close_names
 from dissect.wire.errors import Error
 
 # Types of columns. Each form of export maps them to types of its format (docs/tables.md).

@@ -9,7 +9,6 @@ from typing import Final
 
 from dissect.acts.act import Act
 from dissect.alerts.problems import REPORT
-from dissect.config.saving import save
 from dissect.engine.pipeline import Pipeline
 from dissect.findings.ledger import Ledger
 from dissect.findings.reporter import Finding
@@ -22,6 +21,7 @@ from dissect.source.live.reader import Drops
 from dissect.transactions.connection import Connection
 from dissect.transactions.operation import Operation
 from dissect.transactions.transaction import Transaction
+from dissect.wire.config.saving import save
 from dissect.wire.text import Clock
 
 #: At most this many pages that cannot be written wait.

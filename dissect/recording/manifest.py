@@ -18,9 +18,9 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
-from dissect.config.hostile import ContentError, read_json
 from dissect.recording.names import PART, SUFFIX
 from dissect.wire import locks
+from dissect.wire.config.hostile import ContentError, read_json
 
 #: The end of the name of a manifest, after the name of its ring.
 ENDING: Final = ".manifest.jsonl"

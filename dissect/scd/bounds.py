@@ -9,8 +9,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Final
 
-from dissect.config.hostile import MAX_DEPTH
 from dissect.scd.errors import DictionaryError, shown
+from dissect.wire.config.hostile import MAX_DEPTH
 
 #: Whole numbers of a source fit 64 bits, signed or unsigned.
 LOWEST: Final = -(1 << 63)

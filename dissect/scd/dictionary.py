@@ -13,8 +13,6 @@ from hashlib import sha256
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Final, overload
 
-from dissect.config.hints import close_to
-from dissect.config.saving import save
 from dissect.scd import ranges
 from dissect.scd.assembly import assemble_object, assemble_struct, assemble_types, readout_object
 from dissect.scd.binary import build_file, wire_id
@@ -34,6 +32,8 @@ from dissect.scd.mapping import entries_of, place
 from dissect.scd.model import DEFTYPE, NULL, Object, Pdo, StructType, Variable
 from dissect.scd.records import Body, EnvelopeRecord
 from dissect.scd.types import STANDARD_NAMES, UINT64, SimpleType
+from dissect.wire.config.hints import close_to
+from dissect.wire.config.saving import save
 from dissect.wire.text import some
 
 if TYPE_CHECKING:

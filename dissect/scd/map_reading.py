@@ -6,13 +6,13 @@ import re
 from collections.abc import Container, Mapping
 from typing import Final
 
-from dissect.config.hints import close_to
 from dissect.scd.errors import Troubles, shown
 from dissect.scd.mapping import Entry
 from dissect.scd.model import ARRAY
 from dissect.scd.reading import Table
 from dissect.scd.records import FieldRecord, ObjectRecord, StructRecord
 from dissect.scd.types import SimpleType, reserved
+from dissect.wire.config.hints import close_to
 from dissect.wire.text import count
 
 #: Target of an entry that is a gap: the index of a static type (uint8), which is not a variable.

@@ -8,12 +8,12 @@ from typing import Final, NamedTuple
 
 import msgspec
 
-from dissect.config.hints import close_to
 from dissect.scd.errors import E_SUB, Error, shown
 from dissect.scd.packing import check_limits, decode_value, encode_value
 from dissect.scd.ranges import device_of_pdo
 from dissect.scd.records import Access, Traits
 from dissect.scd.types import Kind, SimpleType, Value
+from dissect.wire.config.hints import close_to
 
 #: How many fields an error names.
 _NAMED: Final = 8

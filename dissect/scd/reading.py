@@ -6,14 +6,14 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Final
 
-from dissect.config.hints import SURELY, close_names, close_to
-from dissect.config.lines import Place
 from dissect.scd.bounds import HIGHEST, LOWEST
 from dissect.scd.errors import DictionaryError, Error, Troubles, shown
 from dissect.scd.plain import as_plain
 from dissect.scd.ranges import MAX_SUB
 from dissect.scd.records import Access, Counts, CrcRecord, EnvelopeField, EnvelopeRecord, FieldRecord, Plain, Traits
 from dissect.scd.types import STANDARD, STANDARD_NAMES, Kind, SimpleType
+from dissect.wire.config.hints import SURELY, close_names, close_to
+from dissect.wire.config.lines import Place
 
 _MISSING: Final = object()
 #: Longer keys are cut in errors.

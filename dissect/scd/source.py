@@ -16,9 +16,6 @@ from typing import Any, Final, Literal, TypeVar
 
 import msgspec
 
-from dissect.config.hints import close_to
-from dissect.config.hostile import ContentError, read_json
-from dissect.config.lines import Lines, Place
 from dissect.scd import ranges
 from dissect.scd.bounds import check_bounds
 from dissect.scd.check import find_troubles
@@ -31,6 +28,9 @@ from dissect.scd.reading import Table, envelope_of, errors_of, fields_of, traits
 from dissect.scd.records import Body, FieldRecord, ObjectClass, ObjectRecord, Plain, StructRecord, TypeRecord
 from dissect.scd.toml_tables import parse_tables
 from dissect.scd.types import ENCODINGS, STANDARD, STANDARD_NAMES, Kind, SimpleType, formed, width_trouble
+from dissect.wire.config.hints import close_to
+from dissect.wire.config.hostile import ContentError, read_json
+from dissect.wire.config.lines import Lines, Place
 
 _DEVICE_OBJECT: Final = re.compile(r"0[xX]6([0-7][0-9a-fA-F]{2})(?=[:.]|$)")
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Any, Final
 
-from dissect.config.hostile import ContentError, read_toml
 from dissect.scd.errors import DictionaryError
+from dissect.wire.config.hostile import ContentError, read_toml
 
 #: Byte order marks at the beginning of a text (longer ones first), as Windows editors write them.
 _MARKS: Final = (

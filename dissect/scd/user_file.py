@@ -12,11 +12,11 @@ from ipaddress import IPv4Network, IPv6Network, ip_network
 from pathlib import Path
 from typing import Any, Final, TypeVar
 
-from dissect.config.lines import Lines, Place
 from dissect.scd.bounds import check_bounds
 from dissect.scd.errors import DictionaryError, Troubles, shown
 from dissect.scd.reading import Table
 from dissect.scd.toml_tables import parse_tables, source_text
+from dissect.wire.config.lines import Lines, Place
 from dissect.wire.errors import Error
 from dissect.wire.text import printable
 

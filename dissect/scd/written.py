@@ -9,10 +9,10 @@ from fractions import Fraction
 from ipaddress import AddressValueError, IPv4Address
 from typing import Final
 
-from dissect.config.hints import close_to
 from dissect.scd.errors import E_RANGE, E_VALUE, Error
 from dissect.scd.model import Variable
 from dissect.scd.types import Kind, SimpleType, Value
+from dissect.wire.config.hints import close_to
 
 _WHOLE: Final = re.compile(r"[+-]?(0[xX][0-9a-fA-F]+|[0-9]+)")
 #: Prefixes of a number: the raw one, as on the wire, or the physical one, with scale and shift.

@@ -12,8 +12,8 @@ import re
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final, NoReturn
 
-from dissect.config.hints import close_names
 from dissect.select.errors import SelectError
+from dissect.wire.config.hints import close_names
 
 if TYPE_CHECKING:
     from lark import Lark, Token

@@ -12,13 +12,13 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, Final, NamedTuple
 
-from dissect.config.hints import close_names
 from dissect.s7.address import Address, address_text, parse_address
 from dissect.s7.tables import AREA_LETTERS, DB_AREAS, NUMBERED_AREAS, RECORD_AREA
 from dissect.select.errors import SelectError, range_hint
 from dissect.select.grammar import Literal
 from dissect.select.patterns import searching
 from dissect.select.window import Moment, parse_moment, parse_window
+from dissect.wire.config.hints import close_names
 
 Test = Callable[[Any], bool]
 #: Returns the time of the first packet, nanoseconds since 1970.

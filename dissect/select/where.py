@@ -10,7 +10,6 @@ import re
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any, Final
 
-from dissect.config.hints import close_names
 from dissect.findings.reporter import Finding
 from dissect.select.errors import SelectError
 from dissect.select.fields import FIELDS, NAMES, WIRESHARK, Field
@@ -34,6 +33,7 @@ from dissect.select.things import (
 from dissect.transactions.connection import Connection
 from dissect.transactions.operation import Operation
 from dissect.transactions.transaction import Transaction
+from dissect.wire.config.hints import close_names
 
 Predicate = Callable[[Any], bool]
 #: Judges a connection or a file as a whole: True if a condition holds for everything in it, False if for nothing in it, None if

@@ -13,7 +13,6 @@ import struct
 from collections.abc import Callable, Iterable, Sequence
 from typing import Final
 
-from dissect.config.saving import is_special
 from dissect.source.packet_blocks import MAX_COUNT, PacketBlocks, Told, plain_block
 from dissect.source.pcapng import (
     DECRYPTION_SECRETS,
@@ -28,6 +27,7 @@ from dissect.source.pcapng import (
     SECTION,
     TLS_KEY_LOG,
 )
+from dissect.wire.config.saving import is_special
 from dissect.wire.text import printable
 
 _STATISTICS: Final = 5

@@ -8,10 +8,10 @@ import re
 from collections.abc import Iterable, Sequence
 from typing import Final, NamedTuple
 
-from dissect.config.hints import close_names
 from dissect.tags.symbol_tables import add_constant
 from dissect.tags.tag_file import Row, Scale, TagFile, parse_scale
 from dissect.tags.types import TypeNameError, tag_type
+from dissect.wire.config.hints import close_names
 from dissect.wire.text import uncell
 
 _DELIMITERS: Final = (",", ";", "\t")

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import Any, Final
 
-from dissect.config.hostile import ContentError
-from dissect.config.hostile import read_json as read_any
 from dissect.tags.tag_file import Row, TagFile
+from dissect.wire.config.hostile import ContentError
+from dissect.wire.config.hostile import read_json as read_any
 
 _MAX_DEPTH: Final = 64
 #: Ignition's key for the address of a tag.

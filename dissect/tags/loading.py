@@ -8,8 +8,6 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Final
 
-from dissect.config.hints import close_names, close_to
-from dissect.config.hostile import ContentError, check_code_page
 from dissect.s7.tables import DB
 from dissect.s7plus.program import Program
 from dissect.source.files import compression
@@ -29,6 +27,8 @@ from dissect.tags.tag_file import TagFile
 from dissect.tags.types import meant, unknown
 from dissect.tags.xlsx_files import is_workbook, read_xlsx
 from dissect.tags.xml_files import XmlError, parse_xml, read_xml
+from dissect.wire.config.hints import close_names, close_to
+from dissect.wire.config.hostile import ContentError, check_code_page
 from dissect.wire.errors import Error
 
 MAX_FILE: Final = 64 << 20

@@ -5,8 +5,8 @@ from __future__ import annotations
 import re
 from typing import Final, NamedTuple
 
-from dissect.config.hints import close_names
 from dissect.s7plus.program_tables import DATATYPES
+from dissect.wire.config.hints import close_names
 
 
 class TypeNameError(ValueError):

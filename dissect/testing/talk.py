@@ -19,7 +19,6 @@ from collections import deque
 from ipaddress import ip_address
 from typing import Final, Self
 
-from dissect.config.saving import save
 from dissect.engine.observer import Observer
 from dissect.engine.pipeline import Options, Pipeline
 from dissect.golden.model import Session
@@ -65,6 +64,7 @@ from dissect.testing.messages import (
     words,
     write,
 )
+from dissect.wire.config.saving import save
 
 CLIENT: Final = 0
 SERVER: Final = 1

@@ -7,7 +7,6 @@ from collections.abc import Iterable, Sequence
 from typing import Final
 
 from dissect.bindings.engine import ScdCarrier
-from dissect.config.hints import close_names
 from dissect.engine.exchange import PayloadDecoder
 from dissect.s7.tables import NUMBERED_AREAS
 from dissect.select.literals import place_of
@@ -18,6 +17,7 @@ from dissect.tags.naming import HostNaming, TagNaming
 from dissect.tags.types import DataType
 from dissect.transactions.naming import Naming
 from dissect.variables.wanted import Wanted, WantedSet, of_tag, whole
+from dissect.wire.config.hints import close_names
 from dissect.wire.errors import Error
 from dissect.wire.text import shortened
 

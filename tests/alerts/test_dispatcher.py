@@ -14,7 +14,7 @@ from dissect.alerts.actions import Action, DeliveryError, Posting
 from dissect.alerts.dispatcher import SpoolLane
 from dissect.alerts.loading import parse_rules
 from dissect.alerts.spool import Spool
-from dissect.config.saving import save
+from dissect.wire.config.saving import save
 from tests.alerts.rules_of import alert
 from tests.baseline.wire import Client, Wire
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from dissect.config.finding import NAME
+from dissect.wire.config.finding import NAME
 from tests.cli.support import run
 from tests.tags.support import tank_capture, tank_file
 

@@ -26,7 +26,6 @@ from hypothesis import strategies as st
 from benchmarks.scd_damage import nested, sealed
 from benchmarks.scd_fuzz import main, run_case
 from dissect import scd
-from dissect.config.hostile import MAX_DEPTH, long_key_line
 from dissect.scd.codec import Codec
 from dissect.scd.dictionary import Dictionary
 from dissect.scd.dump import dump_json, dump_tables, dump_toml
@@ -34,6 +33,7 @@ from dissect.scd.errors import DictionaryError, Error, shown
 from dissect.scd.loading import load_octets
 from dissect.scd.service import decode_named, encode_named
 from dissect.scd.source import parse_json, parse_toml
+from dissect.wire.config.hostile import MAX_DEPTH, long_key_line
 from tests.cases import each
 from tests.growth import assert_growth
 from tests.scd.test_dump import EVERYTHING

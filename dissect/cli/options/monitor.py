@@ -227,9 +227,9 @@ class Beside:
         import platform
 
         from dissect import __version__
-        from dissect.config.saving import is_special
         from dissect.proxy.capture_file import CaptureFile
         from dissect.source.pcapng_writer import PcapngWriter
+        from dissect.wire.config.saving import is_special
 
         new = not is_special(path)
         writer = PcapngWriter(

@@ -171,8 +171,8 @@ class FieldType(ExpressionType):
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:
         """Return the name unchanged; a wrong one is reported with the nearest."""
-        from dissect.config.hints import close_names
         from dissect.select.fields import NAMES
+        from dissect.wire.config.hints import close_names
 
         field = NAMES.get(value.lower())
         if field is None:

@@ -61,7 +61,7 @@ def tag_reading_options(command: Callable[..., int]) -> Callable[..., int]:
 
 
 def _encoding(ctx: click.Context, param: click.Parameter, name: str) -> str:
-    from dissect.config.hostile import ContentError, check_code_page
+    from dissect.wire.config.hostile import ContentError, check_code_page
 
     try:
         if name:
@@ -89,8 +89,8 @@ def naming_of(paths: Sequence[str], encoding: str, numbers: dict[str, int]) -> N
         if was_given("encoding", "numbers"):
             raise click.UsageError("missing --tags FILE: --tags-encoding and --tags-db are options for reading it.")
         return None
-    from dissect.config.settings import split_host
     from dissect.tags.naming import HostNaming
+    from dissect.wire.config.settings import split_host
 
     by_host: dict[str, list[str]] = {}
     for path in paths:

@@ -11,10 +11,10 @@ from typing import Any
 import pytest
 
 from dissect.cli.main import EXIT_OK
-from dissect.config.hostile import ContentError, check_code_page, read_json, read_toml
 from dissect.index.store import Store
 from dissect.tls import key_log
 from dissect.tls.key_log import KeyLog
+from dissect.wire.config.hostile import ContentError, check_code_page, read_json, read_toml
 from tests.cli.support import run, simple
 from tests.growth import assert_growth
 

@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dissect.config.hints import close_names, close_to
-from dissect.config.lines import Lines, Path, Place
+from dissect.wire.config.hints import close_names, close_to
+from dissect.wire.config.lines import Lines, Path, Place
 
 TEXT = '''# a comment with [brackets] and = signs
 title = "x [[object]] = # no comment"

@@ -9,7 +9,7 @@ import re
 from functools import cached_property
 from typing import Final, NamedTuple
 
-from dissect.config.hostile import ContentError, read_toml
+from dissect.wire.config.hostile import ContentError, read_toml
 
 #: Keys and positions from the top: ("object", 2, "fields", 0, "name").
 Path = tuple[str | int, ...]

@@ -11,9 +11,9 @@ from ipaddress import ip_address
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
-from dissect.config.hints import close_to
-from dissect.config.hostile import ContentError, check_code_page, read_toml
-from dissect.config.lines import Lines
+from dissect.wire.config.hints import close_to
+from dissect.wire.config.hostile import ContentError, check_code_page, read_toml
+from dissect.wire.config.lines import Lines
 from dissect.wire.errors import Error
 from dissect.wire.text import printable, shortened
 

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from dissect.config.finding import NAME, find_files
-from dissect.config.settings import KEYS, ConfigError, load_settings
+from dissect.wire.config.finding import NAME, find_files
+from dissect.wire.config.settings import KEYS, ConfigError, load_settings
 
 GOOD = """
 tags = ["plc.xlsx", "10.0.0.5=press.csv"]
@@ -117,7 +117,7 @@ def test_a_file_that_is_no_utf_8_or_too_long_is_no_settings_file(tmp_path: Path)
 
 
 def test_the_manual_names_every_key() -> None:
-    page = (Path(__file__).resolve().parents[2] / "docs" / "config.md").read_text(encoding="utf-8")
+    page = (Path(__file__).resolve().parents[3] / "docs" / "config.md").read_text(encoding="utf-8")
     for key, (meaning, _) in KEYS.items():
         assert f"| `{key}` |" in page
         assert meaning in page

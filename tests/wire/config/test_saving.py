@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from dissect.config.saving import Saving, is_special, save
+from dissect.wire.config.saving import Saving, is_special, save
 
 
 def names(folder: Path) -> list[str]:
