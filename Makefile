@@ -27,10 +27,10 @@ ROUNDS ?= 20
 BIN := $(VENV)/bin
 PYTEST := $(BIN)/pytest
 # The tests of the engine itself, which run on both builds.
-ENGINE := $(wildcard tests/wire tests/source tests/tcp tests/iso tests/s7 tests/transactions tests/findings \
+ENGINE := $(wildcard tests/wire tests/packets/source tests/packets/tcp tests/iso tests/s7 tests/transactions tests/findings \
 	tests/engine tests/test_session.py tests/test_leaving.py tests/test_sources.py tests/test_examples.py tests/report tests/properties)
 # What these test is interpreted in the wheel as well: they would try the same code twice (tests/test_setup.py holds that).
-ONCE := $(wildcard tests/source/test_live_*.py tests/source/test_growing.py tests/source/test_pcapng_writer.py tests/source/test_remote.py)
+ONCE := $(wildcard tests/packets/source/test_live_*.py tests/packets/source/test_growing.py tests/packets/source/test_pcapng_writer.py tests/packets/source/test_remote.py)
 
 # What the tests of each part share (imports, asserts rewritten, captures) is made once for each process, and a worker of xdist
 # collects every test there is. So these parts, about equally long, take a process each, and make keeps JOBS of them running.
@@ -40,7 +40,7 @@ installed-browser := tests/browser
 installed-oracle := tests/oracle tests/golden tests/tls
 installed-cli := tests/cli
 installed-scd := tests/scd tests/properties tests/anonymize
-installed-captures := tests/captures tests/playback tests/source
+installed-captures := tests/captures tests/playback tests/packets/source
 installed-layers := tests/layers tests/page tests/promises tests/cluster tests/jobs
 installed-program := tests/benchmarks $(wildcard tests/test_*.py)
 installed-rest := tests $(foreach part,$(filter-out rest,$(INSTALLED)),$(installed-$(part):%=--ignore=%))
@@ -51,7 +51,7 @@ UNCOMPILED := tests/test_architecture.py tests/benchmarks/test_work.py tests/gol
 	tests/page/test_use.py tests/playback/server/test_recording.py tests/program/test_carved.py tests/promises/test_growth.py
 
 INTERPRETED := source rest
-interpreted-source := $(filter tests/source tests/properties,$(ENGINE))
+interpreted-source := $(filter tests/packets/source tests/properties,$(ENGINE))
 interpreted-rest := $(filter-out $(interpreted-source),$(ENGINE)) $(UNCOMPILED)
 
 # They write no list of what failed last: all would write the same file.

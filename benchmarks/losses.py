@@ -33,7 +33,7 @@ from benchmarks.told import Capture, Packet, Told, read
 from benchmarks.traffic import Traffic
 from benchmarks.truth import Truth as Made
 from benchmarks.verdict import Truth, Verdict, compare
-from dissect.source.packet import CaptureError
+from dissect.packets.source.packet import CaptureError
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence

@@ -29,7 +29,7 @@ from dissect.live.events import CLOSED, FINDING, OPENED, TRANSACTION, Event
 from dissect.live.json_lines import JsonLines
 from dissect.live.run import Companion, LiveRun
 from dissect.metrics.counters import Metrics
-from dissect.source.live.reader import Drops, LiveReader
+from dissect.packets.source.live.reader import Drops, LiveReader
 from dissect.wire.build import COMPILED
 
 if TYPE_CHECKING:
@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 
     from dissect.alerts.alert import Alert
     from dissect.findings.reporter import Finding
-    from dissect.source.packet import PacketSink
+    from dissect.packets.source.packet import PacketSink
     from dissect.transactions.connection import Connection
     from dissect.transactions.transaction import Transaction
 

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 from benchmarks.blame import CONFLICT, PREFIXES
 from dissect.engine.observer import Observer
 from dissect.engine.pipeline import Pipeline
-from dissect.source.files import open_capture
-from dissect.source.packet import PacketSink
+from dissect.packets.source.files import open_capture
+from dissect.packets.source.packet import PacketSink
 from dissect.transactions.transaction import ANSWERED, UNANSWERED
 
 if TYPE_CHECKING:

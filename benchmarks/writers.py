@@ -5,7 +5,7 @@ from __future__ import annotations
 import struct
 from typing import BinaryIO, Final
 
-from dissect.source.pcapng_writer import interface_block, packet_block, section_block
+from dissect.packets.source.pcapng_writer import interface_block, packet_block, section_block
 
 _RECORD: Final = struct.Struct("<IIII")
 _SNAPLEN: Final = 262144

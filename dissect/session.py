@@ -17,12 +17,12 @@ from dissect.engine.exchange import PayloadDecoder
 from dissect.engine.observer import Observer
 from dissect.engine.pipeline import Options, Pipeline
 from dissect.findings.reporter import Finding
+from dissect.packets.source.given import Source, given_one, open_source
+from dissect.packets.source.packet import CONTINUES_NS, CaptureError, PacketSink, Reader, SourceFile
+from dissect.packets.source.remote import shown
 from dissect.report.analysis import Analysis, Part
 from dissect.s7.message import Pdu, parse_pdu
 from dissect.s7plus.message import PlusPdu, parse_plus
-from dissect.source.given import Source, given_one, open_source
-from dissect.source.packet import CONTINUES_NS, CaptureError, PacketSink, Reader, SourceFile
-from dissect.source.remote import shown
 from dissect.transactions.connection import Connection
 from dissect.transactions.naming import Naming
 from dissect.transactions.operation import Operation
@@ -83,7 +83,8 @@ class _Joint(PacketSink):
 class Run:
     """A capture, or several read one after another, into a pipeline that feeds ``observer``.
 
-    A capture is a path, an open binary file, or packets (`dissect.source.given.Source`); several are given in a list. Raises
+    A capture is a path, an open binary file, or packets (`dissect.packets.source.given.Source`); several are given in a list.
+    Raises
     `CaptureError` from `step` when one cannot be read at all, unless ``lenient``: then it is a file without packets, and what
     is wrong with it is its damage. A file that was given open stays open.
     """
@@ -377,7 +378,7 @@ def read_tls_keys(paths: Sequence[str | os.PathLike[str]]) -> KeyLog:
     An empty file is accepted: its keys may still be written. Raises `KeyLogError` when a file has lines but none of them holds
     a key, OSError when a file cannot be read, and ImportError with a hint when the package for decryption is missing.
     """
-    from dissect.source.growing import GrowingFile
+    from dissect.packets.source.growing import GrowingFile
     from dissect.tls import aead
     from dissect.tls.key_log import KeyLog
 
@@ -419,7 +420,7 @@ def open(
     """Iterate the events of one capture or several: PDUs, transactions, operations, acts, findings, and ended connections.
 
     A capture is a path, an open binary file (``open(path, "rb")``, `io.BytesIO`), or an iterable of packets, each a tuple of
-    time, LINKTYPE number and octets (`dissect.source.given.Packet`). A file that was given open stays open.
+    time, LINKTYPE number and octets (`dissect.packets.source.given.Packet`). A file that was given open stays open.
 
     Events come in the order in which they become certain; a transaction follows its PDUs, an act the transaction that shows its
     outcome. ``pdus=False`` leaves the single PDUs out, which is faster. ``slow_ns``: an answer that takes longer is a finding

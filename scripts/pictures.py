@@ -94,7 +94,7 @@ def screens(target: Path) -> None:
     from dissect.engine.pipeline import Options
     from dissect.live.session import Session
     from dissect.monitor.app import MonitorApp
-    from dissect.source.files import open_capture
+    from dissect.packets.source.files import open_capture
 
     session = Session(lambda: open_capture(str(PLANT)), Options(), name=PLANT.name)
     app = MonitorApp(session)

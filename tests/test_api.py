@@ -18,10 +18,10 @@ import dissect
 from dissect import scd
 from dissect.golden.reading import is_golden, load_golden, read_session
 from dissect.golden.writing import golden_text
+from dissect.packets.source.pcapng_writer import PcapngWriter
 from dissect.playback.client import load_recorded
 from dissect.playback.server import load_recording
 from dissect.s7.items import DataItem
-from dissect.source.pcapng_writer import PcapngWriter
 
 #: A program of a user, which mypy and pyright have to understand.
 USER: Final = Path(__file__).parent / "typed" / "program.py"
@@ -42,7 +42,7 @@ REVEALED = [
     "NetTime",
     "list[dissect.transactions.payloads.ScdMessage]",
     "bytes",
-    "dissect.tcp.stream.Endpoint",
+    "dissect.packets.tcp.stream.Endpoint",
     "list[tuple[str, str, str, object, str, str, bytes | None, fallback=dissect.transactions.items.TransactionItem]]",
     "list[dissect.transactions.connection.Connection | dissect.s7.message.Pdu",
 ]

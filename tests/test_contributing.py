@@ -292,8 +292,8 @@ from __future__ import annotations
 import struct
 from typing import Final
 
-from dissect.source.packet import PacketSink
-from dissect.source.pcap import LINKTYPE_ETHERNET, MAX_PACKET, ChunkReader, OctetSource
+from dissect.packets.source.packet import PacketSink
+from dissect.packets.source.pcap import LINKTYPE_ETHERNET, MAX_PACKET, ChunkReader, OctetSource
 
 PLAIN_MAGIC: Final = b"PLAINCAP"
 _RECORD: Final = struct.Struct(">II")
@@ -338,9 +338,9 @@ from pathlib import Path
 
 import pytest
 
-from dissect.source.files import open_capture
-from dissect.source.packet import PacketSink
-from dissect.source.plain import PLAIN_MAGIC, PlainReader
+from dissect.packets.source.files import open_capture
+from dissect.packets.source.packet import PacketSink
+from dissect.packets.source.plain import PLAIN_MAGIC, PlainReader
 
 PACKETS = (b"one", b"", b"three")
 WHOLE = PLAIN_MAGIC + b"".join(bytes((0, 0, 0, 7, 0, 0, 0, len(packet))) + packet for packet in PACKETS)
@@ -400,8 +400,8 @@ def test_byte_by_byte() -> None:
 SOURCE_TRIED: Final = """
 import json, struct, sys
 import dissect
-from dissect.source.files import open_capture
-from dissect.source.packet import PacketSink
+from dissect.packets.source.files import open_capture
+from dissect.packets.source.packet import PacketSink
 class Copy(PacketSink):
     def frame(self, time_ns, buf, start, end, wire_length, link_type):
         made.write(struct.pack(">II", time_ns // 1_000_000_000, end - start) + buf[start:end])
@@ -415,15 +415,15 @@ print(json.dumps([dissect.analyze(name).as_dict()["s7"]["pdus"] for name in sys.
 
 
 def test_to_add_a_source_of_packets(tree: Tree, tmp_path: Path) -> None:
-    tree.write("dissect/source/plain.py", READER)
-    files = "dissect/source/files.py"
+    tree.write("dissect/packets/source/plain.py", READER)
+    files = "dissect/packets/source/files.py"
     tree.replace(files, PCAP_FOUND, PLAIN_FOUND + PCAP_FOUND)
-    pcapng = "from dissect.source.pcapng import BYTE_ORDER_MAGICS, PCAPNG_MAGIC, PcapngReader\n"
-    tree.replace(files, pcapng, f"{pcapng}from dissect.source.plain import PLAIN_MAGIC, PlainReader\n")
-    tree.write("tests/source/test_plain.py", READER_TEST)
+    pcapng = "from dissect.packets.source.pcapng import BYTE_ORDER_MAGICS, PCAPNG_MAGIC, PcapngReader\n"
+    tree.replace(files, pcapng, f"{pcapng}from dissect.packets.source.plain import PLAIN_MAGIC, PlainReader\n")
+    tree.write("tests/packets/source/test_plain.py", READER_TEST)
     assert {name.replace("plain", "NAME") for name in tree.touched()} == listed("To add a source of packets")
     assert "passed" in tree.python(
-        "-m", "pytest", "-q", "-n", "0", "-p", "no:cacheprovider", "tests/source/test_plain.py"
+        "-m", "pytest", "-q", "-n", "0", "-p", "no:cacheprovider", "tests/packets/source/test_plain.py"
     )
     one, other = json.loads(tree.python("-c", SOURCE_TRIED, "captures/item-errors.pcapng", str(tmp_path / "plain")))
     assert one == other > 10

@@ -16,8 +16,8 @@ import pytest
 from dissect.alerts.alert import Alert
 from dissect.alerts.cooldown import MAX_REMEMBERED, Cooldown
 from dissect.alerts.rules import PROBLEM, Rule
+from dissect.packets.tcp.ip import MAX_DATAGRAMS, FragmentStore
 from dissect.select.selection import MAX_CONNECTIONS, ContextBook
-from dissect.tcp.ip import MAX_DATAGRAMS, FragmentStore
 from tests.conftest import ROOT
 
 #: Dicts that hold so few that stepping over all of them costs nothing to speak of: at most 512 entries.
@@ -34,7 +34,7 @@ SMALL: Final = frozenset(
         ("playback/server/session.py", "_jobs"),
         ("playback/server/session.py", "_references"),
         ("s7plus/session.py", "subscriptions"),
-        ("source/live/dumpcap.py", "statistics"),
+        ("packets/source/live/dumpcap.py", "statistics"),
         ("stations/evidence.py", "_answers"),
         ("tags/loading.py", "programs"),
         ("transactions/multipart.py", "_chains"),

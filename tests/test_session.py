@@ -17,9 +17,9 @@ from dissect import scd
 from dissect.bindings import BindingError
 from dissect.engine.pipeline import Options
 from dissect.findings.reporter import Finding
+from dissect.packets.source.packet import CONTINUES_NS, CaptureError
 from dissect.s7.message import Pdu
 from dissect.session import Run
-from dissect.source.packet import CONTINUES_NS, CaptureError
 from dissect.transactions.connection import Connection
 from dissect.transactions.payloads import ScdMessage
 from dissect.transactions.transaction import Transaction

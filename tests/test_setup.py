@@ -135,7 +135,7 @@ def test_what_is_tried_with_the_wheel_alone_is_interpreted_there_as_well(setup: 
     )
     tests = [path for pattern in listed.split() for path in ROOT.glob(pattern)]
     assert len(tests) >= 9
-    compiled = set(setup.hot_modules()) - {"dissect/source/packet.py"}  # what errors and packets are
+    compiled = set(setup.hot_modules()) - {"dissect/packets/source/packet.py"}  # what errors and packets are
     for path in tests:
         found = [node for node in ast.walk(ast.parse(path.read_bytes())) if isinstance(node, ast.ImportFrom)]
         names = {f"{node.module}.{alias.name}" for node in found for alias in node.names} | {
@@ -229,7 +229,7 @@ def test_what_a_packet_passes_through_is_optimized_and_the_rest_is_not(
         assert kinds[f"dissect/{name}.py"] == "busiest"
     assert setup.kind("/lib-rt/str_ops.c") == "busiest"
     assert setup.kind("build/__native_s7dissect.c") == "busiest"
-    assert kinds["dissect/tcp/stream.py"] == "busy"
+    assert kinds["dissect/packets/tcp/stream.py"] == "busy"
     assert kinds["dissect/s7plus/alarms.py"] == "plain"
     counts = Counter(kinds.values())
     assert counts["busiest"] < 0.2 * len(compiled)

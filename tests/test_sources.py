@@ -18,9 +18,9 @@ import pytest
 
 import dissect
 from dissect.live import iterating
-from dissect.source.given import Packet
-from dissect.source.live.reader import Drops, LiveReader
-from dissect.source.packet import PacketSink
+from dissect.packets.source.given import Packet
+from dissect.packets.source.live.reader import Drops, LiveReader
+from dissect.packets.source.packet import PacketSink
 from tests.layers.examples import BY_NUMBER
 
 CAPTURES = Path(__file__).parents[1] / "captures"
@@ -38,7 +38,7 @@ class Sink(PacketSink):
 
 
 def packets_of(path: Path) -> list[Packet]:
-    from dissect.source.files import open_capture
+    from dissect.packets.source.files import open_capture
 
     sink, reader = Sink(), open_capture(path)
     while reader.step(sink):

@@ -14,8 +14,8 @@ from dissect.baseline.measures import RateWindow, RecentAnswers
 from dissect.baseline.norms import Baseline, PairNorm
 from dissect.baseline.subjects import Pair, moment
 from dissect.findings.catalogue import WARNING
+from dissect.packets.tcp.stream import address_text
 from dissect.report import words
-from dissect.tcp.stream import address_text
 from dissect.transactions.connection import Connection
 from dissect.transactions.transaction import (
     CONNECTION_CLOSED,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import OrderedDict
 from typing import Final
 
-from dissect.tcp.ip import FRAGMENT_TIMEOUT_NS, FragmentStore
+from dissect.packets.tcp.ip import FRAGMENT_TIMEOUT_NS, FragmentStore
 
 #: Maximum number of incomplete datagrams.
 MAX_DATAGRAMS: Final = 256

@@ -11,8 +11,8 @@ from dissect.anonymize.checksum import ONES, moved, renewed, total
 from dissect.anonymize.fragments import Fragment
 from dissect.anonymize.survey import UDP, Survey
 from dissect.anonymize.usual_packet import PORTS, UsualPackets
-from dissect.tcp import ip, link
-from dissect.tcp.stream import SYN
+from dissect.packets.tcp import ip, link
+from dissect.packets.tcp.stream import SYN
 from dissect.wire.octets import u16, u32
 
 _ARP: Final = 0x0806

@@ -11,10 +11,10 @@ from dissect.anonymize.account import Account
 from dissect.anonymize.fragments import Fragment, Fragments
 from dissect.anonymize.packet import Packets
 from dissect.anonymize.usual_packet import UsualPackets
-from dissect.source.packet import PacketSink
-from dissect.source.packet_blocks import PacketBlocks
-from dissect.source.pcapng_writer import PcapngWriter
-from dissect.tcp.tunnel import unwrapped
+from dissect.packets.source.packet import PacketSink
+from dissect.packets.source.packet_blocks import PacketBlocks
+from dissect.packets.source.pcapng_writer import PcapngWriter
+from dissect.packets.tcp.tunnel import unwrapped
 
 #: Maximum size of packets that are held back behind a fragment of an incomplete datagram.
 MAX_WAITING: Final = 32 * 1024 * 1024

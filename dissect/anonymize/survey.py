@@ -21,9 +21,9 @@ from dissect.ibh.tables import KIND_DATA, KIND_FRAGMENT
 from dissect.iso.cotp import MAX_TSDU, parse_tpdu
 from dissect.iso.tables import DT
 from dissect.iso.upper import S7COMM, S7COMM_PLUS, classify
+from dissect.packets.tcp.connection import TcpConnection
 from dissect.s7plus.assembly import MAX_PDU, PlusAssembler
 from dissect.s7plus.tables import KEEP_ALIVE, SYSTEM_EVENT
-from dissect.tcp.connection import TcpConnection
 from dissect.transactions.connection import Connection
 from dissect.transactions.payloads import Backlog, ScdMessage
 from dissect.transactions.side import Side

@@ -11,8 +11,8 @@ from collections import OrderedDict, deque
 from typing import Final
 
 from dissect.anonymize.rewrite_plan import RewritePlan
-from dissect.tcp.connection import TcpConnection
-from dissect.tcp.stream import HALF_SPACE, MASK, HalfStream
+from dissect.packets.tcp.connection import TcpConnection
+from dissect.packets.tcp.stream import HALF_SPACE, MASK, HalfStream
 
 #: Maximum number of ranges over all connections, and maximum size of replacements; beyond them everything becomes zero.
 MAX_RANGES: Final = 4_000_000

@@ -14,8 +14,8 @@ from dissect.anonymize.addresses import MAX_CACHED, AddressMap
 from dissect.anonymize.checksum import ONES, moved, total
 from dissect.anonymize.track import Track, track_at
 from dissect.ibh.tables import NETLINK_PORT
-from dissect.tcp import ip, link
-from dissect.tcp.stream import SYN
+from dissect.packets.tcp import ip, link
+from dissect.packets.tcp.stream import SYN
 from dissect.transactions.connection import ISO_TSAP_PORT
 from dissect.wire.octets import u16, u32
 

@@ -19,12 +19,12 @@ if TYPE_CHECKING:
 
     from dissect.bindings.binding import Binding
     from dissect.bindings.judging import ScdJudge
+    from dissect.packets.tcp.stream import Endpoint
     from dissect.scd.codec import Codec
     from dissect.scd.dictionary import Dictionary
     from dissect.scd.envelope import Envelope
     from dissect.scd.messages import Head, Message
     from dissect.scd.model import Pdo
-    from dissect.tcp.stream import Endpoint
 
 #: Mask for transaction numbers: those of an envelope may have 64 bits; pairing uses the bits below its own marks.
 REFERENCE: Final = (1 << 30) - 1

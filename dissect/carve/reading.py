@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Final
 
 from dissect.engine.observer import Observer
 from dissect.engine.pipeline import Options
+from dissect.packets.source.given import Source
 from dissect.program.carved import CarvedBlock, carve
 from dissect.session import KeyLogFiles, Tags, reading_of
-from dissect.source.given import Source
 from dissect.transactions.operation import TRANSFERS, Operation
 
 if TYPE_CHECKING:

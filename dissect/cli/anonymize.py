@@ -155,7 +155,7 @@ def _write(
     """Read the file again and write the anonymized copy."""
     from dissect.anonymize.packet import Packets
     from dissect.anonymize.rewriter import Rewriter
-    from dissect.source.files import open_capture
+    from dissect.packets.source.files import open_capture
 
     with written_whole(output, "anonymize") as writer:
         rewriter = Rewriter(Packets(survey, addresses, choices, account), writer, account, shift_ns)

@@ -15,8 +15,8 @@ from dissect.cli.nothing import nothing
 from dissect.cli.options.reading import reading_options
 from dissect.cli.reading import Reading
 from dissect.cli.run import places_of
+from dissect.packets.source.remote import shown
 from dissect.report.formats import BLOCKS, Format
-from dissect.source.remote import shown
 from dissect.wire.text import count, printable
 
 if TYPE_CHECKING:

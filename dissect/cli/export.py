@@ -18,7 +18,7 @@ from dissect.cli.nothing import complain_nothing
 from dissect.cli.options.completing import from_table
 from dissect.cli.options.reading import reading_options
 from dissect.cli.reading import Reading
-from dissect.source.remote import is_remote, shown
+from dissect.packets.source.remote import is_remote, shown
 from dissect.wire.config.saving import Saving, SavingFolder, expect_place, is_special
 from dissect.wire.text import encodable, printable
 

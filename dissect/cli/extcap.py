@@ -25,8 +25,8 @@ from dissect.cli.options.select import where_option
 from dissect.cli.options.tags import tag_options
 from dissect.cli.options.tls import tls_option
 from dissect.cli.run import complain, slow_option, write
-from dissect.source.live import BUFFER_MIB
-from dissect.source.wireshark import find_program
+from dissect.packets.source.live import BUFFER_MIB
+from dissect.packets.source.wireshark import find_program
 from dissect.wire.config.saving import save
 from dissect.wire.text import printable
 
@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from dissect.engine.pipeline import Options
     from dissect.live.commented import CommentedStream
     from dissect.live.run import LiveRun
-    from dissect.source.pcapng_writer import PcapngWriter
+    from dissect.packets.source.pcapng_writer import PcapngWriter
 
 _EXIT_CODES: Final = (
     "Exit code: 0 success, also when Wireshark stops the capture, 2 wrong use, or a source that cannot be opened, 3 a damaged "
@@ -144,7 +144,7 @@ def command(
 
 
 def _write_options(interface: str, reload_option: str | None) -> None:
-    from dissect.source.live.interfaces import list_interfaces
+    from dissect.packets.source.live.interfaces import list_interfaces
 
     found = list_interfaces(find_program("dumpcap")) if interface == sentences.LIVE else []
     lines = list(sentences.option_sentences(interface, found))
@@ -153,7 +153,7 @@ def _write_options(interface: str, reload_option: str | None) -> None:
 
 def _complaints(interface: str, expression: str) -> list[str]:
     """Return the errors in a capture filter, in one line; none if it can be used."""
-    from dissect.source.live.filter import complaint_about
+    from dissect.packets.source.live.filter import complaint_about
 
     if interface == sentences.FILE:
         return [_NO_FILTER] if expression.strip() else []
@@ -179,7 +179,7 @@ def _writing(fifo: str, live: bool) -> Iterator[PcapngWriter]:
 
     When Wireshark closes it, that is an end like any other. A file that is there is replaced, as other extcap programs do.
     """
-    from dissect.source.pcapng_writer import PcapngWriter
+    from dissect.packets.source.pcapng_writer import PcapngWriter
 
     writer = PcapngWriter(
         fifo, application=f"s7dissect {__version__} extcap", batch=0 if live else _BATCH, overwrite=True

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Final
 
-from dissect.source.pcap import LINKTYPE_ETHERNET
+from dissect.packets.source.pcap import LINKTYPE_ETHERNET
 from dissect.wire.text import printable
 
 if TYPE_CHECKING:
-    from dissect.source.live.interfaces import NetworkInterface
+    from dissect.packets.source.live.interfaces import NetworkInterface
 
 #: The two interfaces that Wireshark lists, and their names.
 LIVE: Final = "s7dissect"

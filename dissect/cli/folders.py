@@ -57,7 +57,7 @@ def _is_meant(name: str) -> bool:
 
 def _captures(folder: str) -> list[str]:
     from dissect.index.update import captures
-    from dissect.source.order import by_time
+    from dissect.packets.source.order import by_time
 
     unreadable: dict[str, str] = {}
     found = [os.path.join(folder, name) for name in captures(Path(folder), unreadable)]  # noqa: PTH118
@@ -71,7 +71,7 @@ def _captures(folder: str) -> list[str]:
 
 def _known_first() -> Callable[[str], int | None]:
     """Return what gives the time of a file's first packet, None without one: from an index, else from the file."""
-    from dissect.source.order import first_ns
+    from dissect.packets.source.order import first_ns
 
     known = indexes()  # an unusable one is ignored here
 

@@ -16,11 +16,11 @@ from dissect.cli.look import clock
 from dissect.cli.main import EXIT_DAMAGED, EXIT_INTERRUPTED, EXIT_OK
 from dissect.cli.options.select import where_option
 from dissect.cli.run import drive
+from dissect.packets.source.packet import CaptureError
 from dissect.report import words
 from dissect.report.formats import OUTCOME, Format
 from dissect.report.outcome import Outcome
 from dissect.report.styled import DIM, FAILED, HEADING, PLAIN, Line
-from dissect.source.packet import CaptureError
 from dissect.wire.text import Clock, duration_text, encodable, printable, some
 
 if TYPE_CHECKING:
@@ -251,7 +251,7 @@ def _findings(facts: FileFacts) -> str:
 
 
 def _as_dict(facts: FileFacts, before: str | None) -> dict[str, object]:
-    from dissect.tcp.stream import address_text
+    from dissect.packets.tcp.stream import address_text
 
     clock = Clock()
     return {

@@ -15,8 +15,8 @@ from dissect.report.styled import Line
 from dissect.wire.text import encodable, printable
 
 if TYPE_CHECKING:
-    from dissect.source.live.interfaces import NetworkInterface
-    from dissect.source.live.opening import EngineState
+    from dissect.packets.source.live.interfaces import NetworkInterface
+    from dissect.packets.source.live.opening import EngineState
 
 INTERFACES_SCHEMA: Final = "s7dissect.interfaces/1"
 
@@ -34,7 +34,7 @@ def command(format_: Format) -> int:
     dumpcap (part of Wireshark) has its own privileges and is preferred; the ring is the kernel's own interface and needs
     CAP_NET_RAW. If one of them cannot capture, the remedy follows the list.
     """
-    from dissect.source.live.opening import engine_states, listed
+    from dissect.packets.source.live.opening import engine_states, listed
 
     write_outcome(format_, OUTCOME, _Interfaces(listed(), engine_states()))
     return EXIT_OK
@@ -57,7 +57,7 @@ class _Interfaces(Outcome):
 
 
 def _as_text(interfaces: list[NetworkInterface], states: list[EngineState]) -> Iterator[str]:
-    from dissect.source.live.opening import engines_for
+    from dissect.packets.source.live.opening import engines_for
 
     rows: list[tuple[str, ...]] = [_HEADINGS]
     for one in interfaces:
@@ -78,7 +78,7 @@ def _as_text(interfaces: list[NetworkInterface], states: list[EngineState]) -> I
 
 
 def _as_dict(interfaces: list[NetworkInterface], states: list[EngineState]) -> dict[str, object]:
-    from dissect.source.live.opening import engines_for
+    from dissect.packets.source.live.opening import engines_for
 
     return {
         "schema": INTERFACES_SCHEMA,

@@ -280,7 +280,7 @@ def run(arguments: list[str] | None = None) -> int:
         # In this mode click ends the process itself only for a closed pipe, and with the code of a failed gate.
         return _system_refused(BrokenPipeError(errno.EPIPE, "Broken pipe"))
     except Exception as exc:
-        from dissect.source.packet import CaptureError
+        from dissect.packets.source.packet import CaptureError
 
         if not isinstance(exc, CaptureError):  # a file that is not there is both
             if isinstance(exc, OSError):

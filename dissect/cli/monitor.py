@@ -36,8 +36,8 @@ from dissect.cli.watching import (
     overdue_option,
     write_events,
 )
+from dissect.packets.source.live import BUFFER_MIB, MAX_BUFFER_MIB
 from dissect.report.formats import EVENTS, Format, formats_for
-from dissect.source.live import BUFFER_MIB, MAX_BUFFER_MIB
 from dissect.wire.text import printable, shortened
 
 if TYPE_CHECKING:
@@ -48,7 +48,7 @@ if TYPE_CHECKING:
     from dissect.live.run import Companion
     from dissect.live.session import Session, Status
     from dissect.net.addresses import Address
-    from dissect.source.packet import Reader
+    from dissect.packets.source.packet import Reader
     from dissect.tls.key_log import KeyLog
     from dissect.transactions.naming import Naming
     from dissect.variables.wanted import WantedSet
@@ -245,8 +245,8 @@ def _opener(
         check_user(user, engine)
 
     def opened() -> Reader:
-        from dissect.source.files import open_capture
-        from dissect.source.live.opening import open_live
+        from dissect.packets.source.files import open_capture
+        from dissect.packets.source.live.opening import open_live
 
         if interface is not None:
             return open_interface(interface, expression, engine, user, beside, on_screens, buffer_mib or BUFFER_MIB)

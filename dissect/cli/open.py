@@ -19,7 +19,7 @@ from dissect.cli.options.select import where_option
 from dissect.cli.reading import Reading
 from dissect.cli.run import Signals, complain
 from dissect.cli.second_pass import around_option, check_files, name_of, read_again, read_first, tell_cut, written_whole
-from dissect.source.wireshark import find_program
+from dissect.packets.source.wireshark import find_program
 from dissect.wire.text import printable
 
 if TYPE_CHECKING:

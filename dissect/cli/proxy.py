@@ -156,8 +156,8 @@ def command(
 
 def _capture_file(output: str, force: bool) -> CaptureFile:
     from dissect import __version__
+    from dissect.packets.source.pcapng_writer import PcapngWriter
     from dissect.proxy.capture_file import CaptureFile
-    from dissect.source.pcapng_writer import PcapngWriter
 
     return CaptureFile(PcapngWriter(output, application=f"s7dissect {__version__} proxy", overwrite=force))
 

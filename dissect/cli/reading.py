@@ -29,10 +29,10 @@ if TYPE_CHECKING:
     from dissect.inventory.collector import Inventory
     from dissect.jobs.sums import FilePart
     from dissect.jobs.tasks import About, Done
+    from dissect.packets.source.packet import SourceFile
     from dissect.report.analysis import Analysis, Part
     from dissect.report.styled import Written
     from dissect.session import Run
-    from dissect.source.packet import SourceFile
     from dissect.tls.key_log import KeyLog
     from dissect.transactions.naming import Naming
 

@@ -26,8 +26,8 @@ if TYPE_CHECKING:
 
     from dissect.engine.exchange import PayloadDecoder
     from dissect.net.addresses import Address
+    from dissect.packets.source.pcapng_writer import PcapngWriter
     from dissect.playback.client import Outcome, Part, Permissions, Settings
-    from dissect.source.pcapng_writer import PcapngWriter
 
 REPLAY_SCHEMA: Final = "s7dissect.replay/1"
 
@@ -242,7 +242,7 @@ def _replayed(
 
 def _writer(output: str | None, force: bool) -> PcapngWriter:
     from dissect import __version__
-    from dissect.source.pcapng_writer import PcapngWriter
+    from dissect.packets.source.pcapng_writer import PcapngWriter
 
     return PcapngWriter(str(output), application=f"s7dissect {__version__} replay", overwrite=force)
 

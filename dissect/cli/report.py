@@ -17,7 +17,7 @@ from dissect.cli.options.variables import wanted_of
 from dissect.cli.reading import Reading
 from dissect.cli.run import files_if_any, places_of
 from dissect.cli.second_pass import check_out
-from dissect.source.remote import shown
+from dissect.packets.source.remote import shown
 from dissect.wire.config.saving import save
 from dissect.wire.text import printable
 

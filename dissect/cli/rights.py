@@ -12,8 +12,8 @@ from dissect.wire.text import printable
 
 if TYPE_CHECKING:
     from dissect.cli.options.monitor import Beside
-    from dissect.source.live.privileges import User
-    from dissect.source.live.reader import LiveReader
+    from dissect.packets.source.live.privileges import User
+    from dissect.packets.source.live.reader import LiveReader
 
 #: The user whom -Z names to keep everything.
 _ROOT: Final = "root"
@@ -24,7 +24,7 @@ _CODECS: Final = ("ascii", "latin-1", "utf-16-be", "utf-16-le", "idna")
 
 def check_user(user: str, engine: str) -> None:
     """Refuse a ``-Z`` that cannot be followed."""
-    from dissect.source.live.privileges import is_root
+    from dissect.packets.source.live.privileges import is_root
 
     if not is_root():
         raise click.UsageError("-Z USER: only root can become another user.")
@@ -34,7 +34,7 @@ def check_user(user: str, engine: str) -> None:
 
 def _relinquish(beside: Beside | None, become: User | None, on_screens: bool) -> None:
     """Drop all privileges, and check that the files needed later can be written and read."""
-    from dissect.source.live import privileges
+    from dissect.packets.source.live import privileges
 
     if become is not None:
         _import_all()
@@ -60,9 +60,9 @@ def open_interface(
 
     Root reads from the ring if possible: a process that started dumpcap as root must stay root to end it.
     """
-    from dissect.source.live import privileges
-    from dissect.source.live.opening import open_all
-    from dissect.source.live.reader import LiveError
+    from dissect.packets.source.live import privileges
+    from dissect.packets.source.live.opening import open_all
+    from dissect.packets.source.live.reader import LiveError
 
     names = [interface] if isinstance(interface, str) else list(interface)
     root = privileges.is_root()

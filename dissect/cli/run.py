@@ -19,9 +19,9 @@ import click
 from dissect.cli.folders import any_folder, expanded
 from dissect.cli.main import EXIT_DAMAGED, EXIT_INTERRUPTED, EXIT_OK
 from dissect.cli.task import current
-from dissect.source import files as reading
-from dissect.source import remote
-from dissect.source.packet import CaptureError
+from dissect.packets.source import files as reading
+from dissect.packets.source import remote
+from dissect.packets.source.packet import CaptureError
 from dissect.wire.text import printable
 
 if TYPE_CHECKING:

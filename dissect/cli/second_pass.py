@@ -12,18 +12,18 @@ import click
 
 from dissect.cli.options.select import read_where
 from dissect.cli.run import drive, places_of
-from dissect.source.pcapng_writer import CAPTURE_MODE
+from dissect.packets.source.pcapng_writer import CAPTURE_MODE
 from dissect.wire.config.saving import Saving, expect_place
 from dissect.wire.text import printable
 
 if TYPE_CHECKING:
     from dissect.engine.observer import Observer
     from dissect.engine.pipeline import Options
+    from dissect.packets.source.pcapng_writer import PcapngWriter
     from dissect.recording.cutter import Around, Cutter
     from dissect.select.packets import PacketSelection
     from dissect.select.selection import Selection
     from dissect.session import Run
-    from dissect.source.pcapng_writer import PcapngWriter
 
 _AROUND: Final = re.compile(r"([0-9]{1,9})(ms|s)?")
 #: Octets that are gathered before they are written.
@@ -101,7 +101,7 @@ def _failed(_observer: Observer, error: Exception) -> None:
 
 def read_again(files: Sequence[str], cutter: Cutter) -> None:
     """Read a capture for the second time, to be written by ``cutter``."""
-    from dissect.source.files import open_capture
+    from dissect.packets.source.files import open_capture
 
     for file in files:
         reader = open_capture(file)
@@ -120,7 +120,7 @@ def name_of(output: str) -> str:
 def written_whole(output: str, command: str = "") -> Iterator[PcapngWriter]:
     """Give a writer of ``output``; a regular file appears when all is written, and not at all when something fails."""
     from dissect import __version__
-    from dissect.source.pcapng_writer import PcapngWriter
+    from dissect.packets.source.pcapng_writer import PcapngWriter
 
     application = f"s7dissect {__version__} {command}".rstrip()
     if output == "-":

@@ -20,8 +20,8 @@ from dissect.cli.folders import any_folder
 from dissect.cli.main import ARGUMENTS, EXIT_DAMAGED, EXIT_INTERRUPTED, EXIT_OK
 from dissect.cli.options.jobs import cluster_meant
 from dissect.cli.run import Bar, Interruption
-from dissect.source.packet import CaptureError
-from dissect.source.remote import is_remote, shown
+from dissect.packets.source.packet import CaptureError
+from dissect.packets.source.remote import is_remote, shown
 from dissect.wire.text import printable
 
 if TYPE_CHECKING:
@@ -247,7 +247,7 @@ class _Joints:
 
     def look(self, first_ns: int, last_ns: int) -> None:
         """Take the times of the packets at both ends of the next file, 0 for a file without packets."""
-        from dissect.source.packet import CONTINUES_NS
+        from dissect.packets.source.packet import CONTINUES_NS
 
         if self._last_ns and first_ns and 0 <= first_ns - self._last_ns <= CONTINUES_NS:
             self._count += 1

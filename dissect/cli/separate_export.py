@@ -32,7 +32,7 @@ from dissect.export.tables import TABLES, Table, chosen_tables
 from dissect.jobs.numbers import Offsets, count_from
 from dissect.jobs.spool import ROWS_FOLDER, Spool, Spooled, opened
 from dissect.jobs.tasks import About, Done, FileError
-from dissect.source.remote import is_remote, shown
+from dissect.packets.source.remote import is_remote, shown
 from dissect.wire.config.saving import PART
 from dissect.wire.text import encodable
 

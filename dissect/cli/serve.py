@@ -14,9 +14,9 @@ from dissect.wire.text import printable
 
 if TYPE_CHECKING:
     from dissect.net.addresses import Address
+    from dissect.packets.source.pcapng_writer import PcapngWriter
     from dissect.playback.server.faults import Fault
     from dissect.playback.server.service import Server
-    from dissect.source.pcapng_writer import PcapngWriter
 
 #: How often problems are looked for, in seconds.
 _LOOK_S: Final = 0.1
@@ -143,7 +143,7 @@ def command(
 
 def _writer(output: str, force: bool) -> PcapngWriter:
     from dissect import __version__
-    from dissect.source.pcapng_writer import PcapngWriter
+    from dissect.packets.source.pcapng_writer import PcapngWriter
 
     return PcapngWriter(output, application=f"s7dissect {__version__} serve", overwrite=force)
 

@@ -70,7 +70,7 @@ def work(arguments: list[str], several: bool, settings: Settings | None, folder:
     from dissect.cli.main import FULL, group
     from dissect.jobs.spool import ROWS_FOLDER
     from dissect.jobs.tasks import FileError
-    from dissect.source.packet import CaptureError
+    from dissect.packets.source.packet import CaptureError
 
     global _task  # noqa: PLW0603 - a process does one task at a time
     _task = task = Task(file, several, settings, folder, place, _direct)

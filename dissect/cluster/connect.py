@@ -13,7 +13,7 @@ from contextlib import contextmanager
 from typing import Any, Final
 from urllib.parse import urlsplit
 
-from dissect.source.remote import bounded
+from dissect.packets.source.remote import bounded
 from dissect.wire.text import reason, shortened
 
 #: Seconds in all for which answers from the scheduler and the workers are awaited.

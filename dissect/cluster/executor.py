@@ -21,7 +21,7 @@ from dissect.cluster.onworker import ANSWERED, answer
 from dissect.cluster.reader import DEFECT, FOUND, Order
 from dissect.cluster.workers import Machine, Worker, obstacle, workers_of
 from dissect.jobs.tasks import FileError
-from dissect.source.remote import bounded, is_remote, shown
+from dissect.packets.source.remote import bounded, is_remote, shown
 
 #: After this many files in a row that a worker cannot read, but others can, it gets no further tasks.
 _BLIND: Final = 3

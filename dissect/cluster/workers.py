@@ -10,7 +10,7 @@ from typing import Any, Final, NamedTuple
 
 from dissect.cluster import probe
 from dissect.cluster.connect import ClusterError, Patience, brief
-from dissect.source.remote import bounded
+from dissect.packets.source.remote import bounded
 
 #: The distributions of those extras of this package that reading captures or writing results may need.
 EXTRAS: Final[Mapping[str, Sequence[str]]] = {

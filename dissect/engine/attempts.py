@@ -11,7 +11,7 @@ from mypy_extensions import i64
 
 from dissect.engine.counters import Counters
 from dissect.findings.crowd import open_to
-from dissect.tcp.link import within
+from dissect.packets.tcp.link import within
 from dissect.transactions.connection import ISO_TSAP_PORT
 from dissect.transactions.table import Attempt, ConnectionTable, base_and_tag, endpoints
 from dissect.wire.text import duration_text

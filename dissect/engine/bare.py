@@ -13,7 +13,7 @@ from typing import Final
 
 from mypy_extensions import i64
 
-from dissect.tcp.stream import FIN, MASK
+from dissect.packets.tcp.stream import FIN, MASK
 from dissect.transactions.connection import ISO_TSAP_PORT
 from dissect.transactions.side import Side
 from dissect.wire.octets import u16

@@ -24,9 +24,9 @@ from dissect.iso.recognition import HERE, OTHER, PROBES, WITHIN, raw_protocol, r
 from dissect.iso.tables import CC, CR, DT
 from dissect.iso.tpkt import plausible
 from dissect.iso.upper import RDP, S7COMM_PLUS, TLS, UNKNOWN, UPPER_NAMES
+from dissect.packets.tcp.stream import MASK
 from dissect.s7.parameters import PROTOCOL_ID
 from dissect.s7plus.parameters import PLUS
-from dissect.tcp.stream import MASK
 from dissect.tls.handshake import chosen_version
 from dissect.transactions.connection import FOREIGN, ISO_TSAP_PORT, LEFT_OUT, PROBING, Connection
 from dissect.transactions.ending import Ending

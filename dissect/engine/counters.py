@@ -9,8 +9,8 @@ from mypy_extensions import i64
 from dissect.engine.bare import BareConnections
 from dissect.findings.reporter import Reporter
 from dissect.findings.transaction_rules import DISORDER_NS
-from dissect.tcp.ip import TCP, FragmentStore
-from dissect.tcp.segment import Segment, find_segment
+from dissect.packets.tcp.ip import TCP, FragmentStore
+from dissect.packets.tcp.segment import Segment, find_segment
 from dissect.transactions.accounts import CATEGORIES, NO_PAYLOAD, PAYLOAD, OctetAccount
 from dissect.transactions.connection import ISO_TSAP_PORT
 from dissect.transactions.side import Side

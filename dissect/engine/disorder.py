@@ -7,7 +7,7 @@ from mypy_extensions import i64
 from dissect.engine.counters import Counters
 from dissect.engine.silent import untold
 from dissect.engine.timers import Timers
-from dissect.tcp import stream
+from dissect.packets.tcp import stream
 from dissect.transactions import accounts
 from dissect.transactions.accounts import PAYLOAD
 from dissect.transactions.connection import FOREIGN, LEFT_OUT, PROBING

@@ -2,7 +2,7 @@
 
 Anybody who can send packets with the addresses of a connection can send any of these; the receiver checks their sequence
 numbers, and continues if they are wrong. So a RST or FIN with a number that its receiver need not accept counts as the end only
-as long as the connection does not continue (`dissect.tcp.doubt`). And a SYN ends an open connection only once something
+as long as the connection does not continue (`dissect.packets.tcp.doubt`). And a SYN ends an open connection only once something
 confirms it: the SYN/ACK or the RST that acknowledges it, or data with the sequence numbers that follow it.
 """
 
@@ -14,8 +14,8 @@ from mypy_extensions import i64
 
 from dissect.engine import attempts
 from dissect.engine.counters import Counters
-from dissect.tcp.doubt import HOLDS, REFUTED
-from dissect.tcp.stream import ACK, FIN, MASK, RST, SYN, WINDOW
+from dissect.packets.tcp.doubt import HOLDS, REFUTED
+from dissect.packets.tcp.stream import ACK, FIN, MASK, RST, SYN, WINDOW
 from dissect.transactions.connection import FOREIGN, LEFT_OUT
 from dissect.transactions.side import Rival, Side
 from dissect.transactions.table import ConnectionTable

@@ -15,7 +15,7 @@ from mypy_extensions import i64
 
 from dissect.engine.connections import on_102
 from dissect.engine.counters import Counters
-from dissect.tcp.stream import FIN, MASK, RST, SYN, Endpoint
+from dissect.packets.tcp.stream import FIN, MASK, RST, SYN, Endpoint
 from dissect.transactions.connection import ISO_TSAP_PORT, PROBING
 from dissect.transactions.probes import Probes
 from dissect.transactions.side import Side

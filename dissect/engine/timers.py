@@ -22,7 +22,7 @@ from dissect.engine import ends
 from dissect.engine.counters import Counters
 from dissect.engine.exchange import Exchange
 from dissect.findings.reporter import Reporter
-from dissect.tcp.stretches import Chunk
+from dissect.packets.tcp.stretches import Chunk
 from dissect.transactions.gaps import perhaps_answered
 from dissect.transactions.naming import subject
 from dissect.transactions.pairing import Dialogue

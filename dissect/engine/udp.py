@@ -11,7 +11,7 @@ from mypy_extensions import i64
 from dissect.engine.connections import Connections
 from dissect.engine.counters import Counters
 from dissect.engine.exchange import PayloadDecoder
-from dissect.tcp.segment import Segment
+from dissect.packets.tcp.segment import Segment
 from dissect.transactions import accounts
 from dissect.transactions.connection import LEFT_OUT
 from dissect.transactions.protocol import Protocol

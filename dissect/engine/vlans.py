@@ -12,7 +12,7 @@ from typing import Final
 
 from mypy_extensions import i64
 
-from dissect.tcp.stream import ACK, MASK, RST, SYN, WINDOW, HalfStream
+from dissect.packets.tcp.stream import ACK, MASK, RST, SYN, WINDOW, HalfStream
 from dissect.transactions.side import Side
 from dissect.transactions.table import ConnectionTable, base_and_tag, reverse_key
 

@@ -38,9 +38,9 @@ from dissect.facts.keys import connection_community_id
 from dissect.findings.bounds import KEPT
 from dissect.findings.catalogue import CAPTURE, CATALOGUE
 from dissect.findings.reporter import Finding
+from dissect.packets.tcp.stream import Endpoint
 from dissect.select.things import Context
 from dissect.session import Run
-from dissect.tcp.stream import Endpoint
 from dissect.transactions.connection import Connection
 from dissect.transactions.transaction import LIKELY, Transaction
 from dissect.wire.text import Clock, encodable

@@ -32,8 +32,8 @@ from dissect.export.value_columns import ValueColumns
 from dissect.findings.bounds import KEPT
 from dissect.findings.reporter import Finding
 from dissect.inventory.collector import Inventory
+from dissect.packets.source.packet import SourceFile
 from dissect.select.things import Context
-from dissect.source.packet import SourceFile
 from dissect.stations.facts import Fact
 from dissect.transactions.connection import Connection
 from dissect.transactions.operation import Operation

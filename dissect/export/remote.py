@@ -12,7 +12,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any, Final, TypeVar
 
-from dissect.source.remote import explained, file_system, shown
+from dissect.packets.source.remote import explained, file_system, shown
 
 #: The file that is in a folder while its export is being written.
 UNFINISHED: Final = "s7dissect-unfinished"

@@ -23,10 +23,10 @@ from dissect.findings.catalogue import CATALOGUE, Rule
 from dissect.findings.ledger import Ledger, Occurrences, Pair
 from dissect.findings.mitre import Technique
 from dissect.findings.reporter import Finding
+from dissect.packets.tcp.stream import Endpoint
 from dissect.report.happened import times
 from dissect.select.things import Context
 from dissect.session import Run
-from dissect.tcp.stream import Endpoint
 from dissect.transactions.connection import Connection
 from dissect.wire.text import Clock, encodable
 

@@ -20,8 +20,8 @@ from dissect.facts.fact import (
     Fact,
     by_name,
 )
-from dissect.tcp.link import vlan_ids
-from dissect.tcp.stream import Endpoint
+from dissect.packets.tcp.link import vlan_ids
+from dissect.packets.tcp.stream import Endpoint
 from dissect.transactions.connection import Connection
 from dissect.transactions.ending import DISCONNECT, ERROR_TPDU, EVICTED, FIN, OPEN, REPLACED, RESET, REUSED
 

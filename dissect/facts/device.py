@@ -24,8 +24,8 @@ from dissect.facts.fact import (
     by_name,
 )
 from dissect.facts.vendors import vendor
+from dissect.packets.tcp.link import vlan_ids, vlan_text
 from dissect.stations import facts
-from dissect.tcp.link import vlan_ids, vlan_text
 from dissect.wire.text import encodable
 
 _SURE: Final = ("stated", "behaviour", "tsap")

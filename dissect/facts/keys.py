@@ -7,7 +7,7 @@ import hashlib
 import struct
 from typing import Final
 
-from dissect.tcp.stream import Endpoint
+from dissect.packets.tcp.stream import Endpoint
 from dissect.transactions.connection import Connection
 
 _TCP: Final = 6

@@ -25,7 +25,7 @@ from dissect.facts.fact import (
     Fact,
     by_name,
 )
-from dissect.tcp.link import vlan_ids
+from dissect.packets.tcp.link import vlan_ids
 from dissect.transactions.transaction import DOUBT_TEXTS, LIKELY
 from dissect.wire.text import encodable
 

@@ -7,7 +7,7 @@ from typing import Final
 from mypy_extensions import i64
 
 from dissect.findings.known_bugs_tables import KNOWN_BUGS
-from dissect.tcp.stream import Endpoint
+from dissect.packets.tcp.stream import Endpoint
 from dissect.transactions.connection import Connection
 from dissect.transactions.table import ConnectionTable
 from dissect.wire.text import count

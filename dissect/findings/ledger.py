@@ -12,7 +12,7 @@ from typing import Final
 
 from mypy_extensions import i64
 
-from dissect.tcp.link import within
+from dissect.packets.tcp.link import within
 from dissect.transactions.connection import Connection
 from dissect.wire.copies import leaves
 

@@ -14,6 +14,7 @@ from dissect.acts.plus import TEXT
 from dissect.findings.plus_sessions import PlusSessions, server_of
 from dissect.findings.reporter import Reporter
 from dissect.findings.security_rules import SecurityWatch
+from dissect.packets.tcp.link import within
 from dissect.s7.items import WRITTEN_ELSEWHERE, WRITTEN_IO
 from dissect.s7plus.check import check
 from dissect.s7plus.check_response import count_mismatch
@@ -36,7 +37,6 @@ from dissect.s7plus.reads import Reads
 from dissect.s7plus.session import Identity, PlusSession
 from dissect.s7plus.tables import EXPLORE, GET_MULTI_VARIABLES, PARTIAL_ERROR, SET_MULTI_VARIABLES
 from dissect.s7plus.walk import MAX_WORK, STEP
-from dissect.tcp.link import within
 from dissect.transactions.connection import Connection
 from dissect.transactions.operation import OperationBook
 from dissect.transactions.plus_operations import PlusOperations

@@ -16,6 +16,7 @@ from dissect.acts.classic import Became, asked, is_push
 from dissect.acts.tables import COMMANDS
 from dissect.findings.ledger import Occurrences
 from dissect.findings.reporter import Reporter
+from dissect.packets.tcp.link import within
 from dissect.s7.diagnostics import event_name, states_stop
 from dissect.s7.errors import may_protect, protects
 from dissect.s7.items import WRITTEN_ELSEWHERE, WRITTEN_IO, ItemResult, written_areas
@@ -34,7 +35,6 @@ from dissect.s7.tables import (
 )
 from dissect.s7plus.tables import PARTIAL_ERROR
 from dissect.s7plus.tables import RETURN_CODES as PLUS_CODES
-from dissect.tcp.link import within
 from dissect.transactions.connection import Connection
 from dissect.transactions.naming import items_said, subject
 from dissect.transactions.refusals import read_codes

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Final
 
 from dissect.findings.reporter import Reporter
+from dissect.packets.tcp.link import within
 from dissect.s7plus.session import Identity
 from dissect.stations.evidence import Evidence, module_asked
 from dissect.stations.facts import (
@@ -19,7 +20,6 @@ from dissect.stations.facts import (
     Book,
     Fact,
 )
-from dissect.tcp.link import within
 from dissect.transactions.connection import Connection
 from dissect.transactions.operation import Operation
 from dissect.transactions.transaction import Transaction

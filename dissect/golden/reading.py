@@ -21,8 +21,8 @@ from dissect.golden.writing import link_lines
 from dissect.ibh.tables import IBH_NETLINK
 from dissect.iso.tables import CC, DR, ER
 from dissect.iso.tpkt import HEADER
+from dissect.packets.source.packet import CaptureError
 from dissect.session import Reading
-from dissect.source.packet import CaptureError
 from dissect.transactions.connection import Connection
 from dissect.transactions.ending import OPEN
 from dissect.transactions.transaction import Transaction as Seen

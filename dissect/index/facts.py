@@ -8,8 +8,8 @@ from typing import Final
 
 from dissect.engine.observer import Observer
 from dissect.engine.pipeline import Pipeline
+from dissect.packets.source.packet import CONTINUES_NS, READING_FAILED
 from dissect.session import Run
-from dissect.source.packet import CONTINUES_NS, READING_FAILED
 from dissect.transactions.connection import Connection
 from dissect.transactions.transaction import UNANSWERED, Transaction
 

@@ -7,7 +7,7 @@ from pathlib import Path
 from dissect.index.facts import FileFacts
 from dissect.index.place import index_of
 from dissect.index.store import Store, StoreError
-from dissect.source.remote import is_remote
+from dissect.packets.source.remote import is_remote
 
 
 class Indexes:

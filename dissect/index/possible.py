@@ -13,13 +13,13 @@ from dissect.findings.catalogue import CATALOGUE
 from dissect.findings.reporter import Finding
 from dissect.findings.transaction_rules import DISORDER_NS
 from dissect.index.facts import FileFacts, Pair
+from dissect.packets.tcp.stream import Endpoint
 from dissect.select.fields import FIELDS, NAMES
 from dissect.select.grammar import Comparison, Literal, Presence
 from dissect.select.literals import IN, Time
 from dissect.select.things import FINDING, PACKET, Context, Found, Packet
 from dissect.select.where import Judge, Where, comparison_test, predicate_of
 from dissect.select.window import parse_window
-from dissect.tcp.stream import Endpoint
 
 #: Fields whose values the ends of a connection decide, for everything on it.
 _ENDS: Final = frozenset(("host", "port"))

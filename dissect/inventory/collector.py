@@ -16,6 +16,8 @@ from dissect.engine.observer import Observer
 from dissect.engine.pipeline import Pipeline
 from dissect.inventory.model import Asked, Device, Talk, Use
 from dissect.inventory.roles import Deeds, judge_client, judge_server
+from dissect.packets.source.packet import SourceFile
+from dissect.packets.tcp.link import within
 from dissect.program.carved import CarvedBlock, carve
 from dissect.report.analysis import Part
 from dissect.report.latencies import Latencies
@@ -32,9 +34,7 @@ from dissect.s7.tables import (
 )
 from dissect.s7plus.ids import AREAS, BLOCK_KINDS
 from dissect.s7plus.items import READS, WRITES
-from dissect.source.packet import SourceFile
 from dissect.stations.facts import MAC, Book, Fact
-from dissect.tcp.link import within
 from dissect.transactions.connection import Connection
 from dissect.transactions.naming import named_items
 from dissect.transactions.operation import NAMELESS, Operation

@@ -7,11 +7,11 @@ from collections.abc import Container
 from ipaddress import ip_address
 from typing import Final
 
+from dissect.packets.tcp.link import within
 from dissect.program.carved import CarvedBlock
 from dissect.report.latencies import Latencies
 from dissect.stations import facts
 from dissect.stations.facts import Fact, Station, Stretch
-from dissect.tcp.link import within
 
 # Roles.
 CPU: Final = "CPU"

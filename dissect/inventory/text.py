@@ -27,6 +27,7 @@ from dissect.inventory.model import (
     Use,
 )
 from dissect.inventory.outcome import Devices
+from dissect.packets.tcp.link import within
 from dissect.report import words
 from dissect.report.operations import NAMES
 from dissect.report.styled import DIM, HEADING, PLAIN, Line
@@ -34,7 +35,6 @@ from dissect.report.text import table
 from dissect.report.words import PROTOCOLS, Places
 from dissect.stations import facts
 from dissect.stations.facts import KEYS, Stretch
-from dissect.tcp.link import within
 from dissect.transactions.operation import CONNECT
 from dissect.wire.text import Clock, duration_text, printable, shortened, some
 

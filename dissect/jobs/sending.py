@@ -27,11 +27,11 @@ from mypy_extensions import i64
 from dissect.findings.catalogue import CATALOGUE, Rule
 from dissect.findings.reporter import Finding
 from dissect.jobs.numbers import Offsets
+from dissect.packets.tcp.connection import TcpConnection
+from dissect.packets.tcp.stream import Endpoint
 from dissect.report.kept import Findings
 from dissect.s7.parameters import UserdataHead
 from dissect.stations.facts import Fact, Stretch
-from dissect.tcp.connection import TcpConnection
-from dissect.tcp.stream import Endpoint
 from dissect.transactions.connection import Connection
 from dissect.transactions.ending import Ending
 from dissect.transactions.transaction import Transaction

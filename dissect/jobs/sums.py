@@ -15,7 +15,7 @@ from dissect.engine.sums import Counted, add_counted, counted_by
 from dissect.jobs.numbers import Offsets
 from dissect.jobs.sending import Sent, receive, send
 from dissect.jobs.tasks import About
-from dissect.source.packet import SourceFile
+from dissect.packets.source.packet import SourceFile
 
 
 class FilePart(NamedTuple):

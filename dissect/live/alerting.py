@@ -15,7 +15,7 @@ from dissect.engine.pipeline import Pipeline
 from dissect.findings.reporter import Finding
 from dissect.live.problems import Problem
 from dissect.live.run import Companion
-from dissect.source.live.reader import Drops
+from dissect.packets.source.live.reader import Drops
 from dissect.transactions.connection import Connection
 from dissect.transactions.transaction import Transaction
 from dissect.wire.text import count

@@ -15,9 +15,9 @@ from dissect.export.rotating import RotatingSink
 from dissect.export.tables import TABLES
 from dissect.findings.reporter import Finding
 from dissect.live.writing import WritingCompanion
-from dissect.source.live.privileges import is_root
-from dissect.source.live.reader import Drops
-from dissect.source.packet import SourceFile
+from dissect.packets.source.live.privileges import is_root
+from dissect.packets.source.live.reader import Drops
+from dissect.packets.source.packet import SourceFile
 from dissect.stations.facts import Fact
 from dissect.transactions.connection import Connection
 from dissect.transactions.operation import Operation

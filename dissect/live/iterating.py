@@ -11,16 +11,16 @@ from typing import TYPE_CHECKING, Final, Self
 
 from dissect.engine.options import Options
 from dissect.live.run import Limits, LiveRun
+from dissect.packets.source.live.opening import open_live
+from dissect.packets.source.live.reader import Drops
 from dissect.session import Event, EventQueue, KeyLogFiles, Reading, Tags, decoder_of, keys_of, naming_of
-from dissect.source.live.opening import open_live
-from dissect.source.live.reader import Drops
 from dissect.wire.copies import refuse
 
 if TYPE_CHECKING:
     from dissect.engine.observer import Observer
+    from dissect.packets.source.packet import Reader
     from dissect.scd.dictionary import Dictionary
     from dissect.select import Where
-    from dissect.source.packet import Reader
 
 _SECOND: Final = 10**9
 
@@ -151,7 +151,8 @@ def live(
     ``filter`` is a capture filter ("tcp port 102"; empty: everything). ``interface`` may be ``-``: a capture on standard input,
     and a named pipe. The run ends by itself after so many ``seconds`` or ``packets`` (0: it does not). ``engine`` is dumpcap,
     ring or auto (docs/live.md). ``overdue_ns``: a request that is open for longer is a finding at once. The other arguments are
-    those of `dissect.open`. Raises `dissect.source.live.reader.LiveError`, a `CaptureError`, with advice, where the interface
+    those of `dissect.open`. Raises `dissect.packets.source.live.reader.LiveError`, a `CaptureError`, with advice, where the
+    interface
     cannot be opened.
     """
     queue = EventQueue(pdus)

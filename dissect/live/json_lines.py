@@ -13,6 +13,7 @@ from typing import Final
 from dissect.findings.reporter import Finding
 from dissect.live.events import Event
 from dissect.live.session import Status
+from dissect.packets.tcp.link import vlan_ids
 from dissect.report.contract import connection_as_dict, finding_as_dict
 from dissect.report.operations import operation_json
 from dissect.report.pdu_json import PduLines
@@ -20,7 +21,6 @@ from dissect.report.styled import Line
 from dissect.report.words import Places
 from dissect.report.writers.jsonl import TransactionLines
 from dissect.stations.facts import Fact
-from dissect.tcp.link import vlan_ids
 from dissect.transactions.connection import Connection
 from dissect.transactions.operation import Operation
 from dissect.transactions.transaction import Transaction

@@ -8,13 +8,13 @@ from typing import Final
 from dissect.findings.reporter import Finding
 from dissect.live.events import CLOSED, DEVICE, FINDING, OPENED, OPERATION, PROBLEM, SCD, TRANSACTION, Event
 from dissect.live.session import Status
+from dissect.packets.tcp.link import within
 from dissect.report import endings, words
 from dissect.report.operations import operation_line
 from dissect.report.styled import DIM, FAILED, HANG, PLAIN, Line
 from dissect.report.words import Places, named
 from dissect.report.writers.text import scd_line, transaction_line
 from dissect.stations.facts import KEYS, Fact
-from dissect.tcp.link import within
 from dissect.transactions.connection import Connection
 from dissect.transactions.operation import NO_FAILURES, Operation
 from dissect.transactions.transaction import Transaction

@@ -13,11 +13,11 @@ from dissect.engine.pipeline import Pipeline
 from dissect.findings.ledger import Ledger
 from dissect.findings.reporter import Finding
 from dissect.live.writing import WritingCompanion
+from dissect.packets.source.live.reader import Drops
 from dissect.page.gathered import Gathered, span_of
 from dissect.page.rendering import Side, prepare, render
 from dissect.page.rows import Rows, time_of
 from dissect.report.analysis import Part
-from dissect.source.live.reader import Drops
 from dissect.transactions.connection import Connection
 from dissect.transactions.operation import Operation
 from dissect.transactions.transaction import Transaction

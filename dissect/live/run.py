@@ -24,9 +24,9 @@ from dissect.engine.pipeline import Options, Pipeline
 from dissect.findings.bounds import COUNTED
 from dissect.findings.reporter import Finding
 from dissect.live.problems import Problem, Problems, WriterState
-from dissect.source.live.reader import Drops, LiveReader, in_all
-from dissect.source.live.several import SeveralReader
-from dissect.source.packet import PacketSink, Reader, SourceFile
+from dissect.packets.source.live.reader import Drops, LiveReader, in_all
+from dissect.packets.source.live.several import SeveralReader
+from dissect.packets.source.packet import PacketSink, Reader, SourceFile
 from dissect.stations.facts import Fact
 from dissect.transactions.connection import Connection
 from dissect.transactions.naming import Naming

@@ -16,7 +16,7 @@ from typing import Final
 
 from dissect.engine.pipeline import Pipeline
 from dissect.live.run import Companion
-from dissect.source.live.reader import Drops
+from dissect.packets.source.live.reader import Drops
 from dissect.wire.text import Clock
 
 #: A beat comes this many times within the time after which systemd acts.

@@ -16,11 +16,11 @@ from mypy_extensions import i64
 from dissect.engine.pipeline import Pipeline
 from dissect.live.run import Companion
 from dissect.metrics.functions import OTHER, Functions
+from dissect.packets.source.live.reader import Drops
 from dissect.report.certainty import add_doubt
 from dissect.s7.errors import ERROR_CLASSES, ERROR_CODES
 from dissect.s7.tables import RETURN_CODES
 from dissect.s7plus.tables import RETURN_CODES as PLUS_CODES
-from dissect.source.live.reader import Drops
 from dissect.transactions.connection import Connection
 from dissect.transactions.operation import Operation
 from dissect.transactions.results import MESSAGE, RETURN_VALUE, SHORT_CODES, TransactionError

@@ -11,8 +11,8 @@ from dissect.live.problems import Recovery
 from dissect.live.run import Companion
 from dissect.metrics.server import Door, Server
 from dissect.net.addresses import AddressError
+from dissect.packets.source.live.reader import Drops
 from dissect.report import words
-from dissect.source.live.reader import Drops
 
 _ENDED: Final = "its thread ended"
 

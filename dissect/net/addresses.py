@@ -7,7 +7,7 @@ import re
 import socket
 from typing import Final, NamedTuple
 
-from dissect.source.packet import CaptureError
+from dissect.packets.source.packet import CaptureError
 
 #: An address that only this machine can reach.
 THIS_MACHINE: Final = "127.0.0.1"

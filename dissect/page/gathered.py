@@ -15,6 +15,7 @@ from dissect.engine.pipeline import Pipeline
 from dissect.findings.catalogue import SEVERITIES
 from dissect.findings.reporter import Finding
 from dissect.inventory.collector import Inventory
+from dissect.packets.source.packet import SourceFile
 from dissect.page.bins import Bins, Spread, bucket
 from dissect.page.gaps import Gap, Heard, between, idle
 from dissect.page.numbers import counted
@@ -28,7 +29,6 @@ from dissect.program.carved import carve
 from dissect.report.analysis import Analysis
 from dissect.report.latencies import Latencies
 from dissect.s7.tables import GROUP_MODE
-from dissect.source.packet import SourceFile
 from dissect.stations.facts import Fact
 from dissect.transactions.connection import ISO_TSAP_PORT, Connection
 from dissect.transactions.operation import CONNECT, Operation

@@ -8,14 +8,14 @@ import shlex
 from collections.abc import Mapping, Sequence
 from typing import Any, Final, TypeAlias
 
+from dissect.packets.tcp.link import vlan_ids, within
+from dissect.packets.tcp.stream import Endpoint
 from dissect.program.carved import CarvedBlock
 from dissect.report import endings, facets, words
 from dissect.report.certainty import mark
 from dissect.report.operations import NAMES as KINDS
 from dissect.report.operations import result as result_of
 from dissect.report.words import Places
-from dissect.tcp.link import vlan_ids, within
-from dissect.tcp.stream import Endpoint
 from dissect.transactions.connection import Connection
 from dissect.transactions.operation import Operation
 from dissect.transactions.transaction import ANSWERED, PUSH, Transaction

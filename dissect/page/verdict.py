@@ -35,7 +35,7 @@ _EVERYDAY: Final = frozenset(("security.write",))
 #: Characters of what was seen, and pairs of hosts that are named.
 _DETAIL: Final = 160
 _PAIRS: Final = 3
-#: The suffix of the name of a host in a VLAN (`dissect.tcp.link.within`).
+#: The suffix of the name of a host in a VLAN (`dissect.packets.tcp.link.within`).
 _IN_VLAN: Final = " in VLAN "
 
 

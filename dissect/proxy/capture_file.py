@@ -7,8 +7,8 @@ from collections.abc import Callable
 from pathlib import Path
 
 from dissect.live.writing import WritingCompanion
-from dissect.source.live.reader import Drops
-from dissect.source.pcapng_writer import PcapngWriter
+from dissect.packets.source.live.reader import Drops
+from dissect.packets.source.pcapng_writer import PcapngWriter
 
 
 class CaptureFile(WritingCompanion):

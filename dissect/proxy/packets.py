@@ -11,7 +11,7 @@ import struct
 from ipaddress import ip_address
 from typing import Any, Final
 
-from dissect.tcp.stream import ACK, FIN, RST, SYN, Endpoint
+from dissect.packets.tcp.stream import ACK, FIN, RST, SYN, Endpoint
 
 #: Octets of payload that fit into an IPv4 packet: 65,535 less the IP and TCP headers of 20 octets each.
 MAX_SEGMENT: Final = 65_495

@@ -22,9 +22,9 @@ from typing import Final, NoReturn
 
 import msgspec
 
+from dissect.packets.tcp.stream import Endpoint
 from dissect.proxy.relay import Problem, Relay
 from dissect.proxy.tap import OVERHEAD, Passed, Tap, take_from
-from dissect.tcp.stream import Endpoint
 
 #: At most this many octets wait in this process, plus an overhead for each message; more waits in the other process.
 _MAX_HELD: Final = 4 * 1024 * 1024

@@ -5,11 +5,11 @@ from __future__ import annotations
 import threading
 from typing import Final
 
+from dissect.packets.source.live.reader import WAIT_MS, Drops, LiveReader
+from dissect.packets.source.packet import PacketSink
+from dissect.packets.tcp.link import ETHERNET
 from dissect.proxy.packets import Conversation
 from dissect.proxy.tap import CLOSED, GONE, OPENED, REFUSED, RESET, SENT, Passed, Tapped
-from dissect.source.live.reader import WAIT_MS, Drops, LiveReader
-from dissect.source.packet import PacketSink
-from dissect.tcp.link import ETHERNET
 
 #: At most this many octets, and this many events, are taken in one step.
 _STEP_OCTETS: Final = 262_144

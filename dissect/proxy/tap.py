@@ -9,7 +9,7 @@ from __future__ import annotations
 import queue
 from typing import Final, NamedTuple, Protocol
 
-from dissect.tcp.stream import Endpoint
+from dissect.packets.tcp.stream import Endpoint
 
 #: Kinds of events of a connection.
 OPENED: Final = "opened"

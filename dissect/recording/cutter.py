@@ -6,13 +6,13 @@ from typing import TYPE_CHECKING, Final
 
 from mypy_extensions import i64
 
+from dissect.packets.source.packet import PacketSink, Reader
+from dissect.packets.source.packet_blocks import PacketBlocks
 from dissect.recording.recent import KeptPacket, RecentPackets
-from dissect.source.packet import PacketSink, Reader
-from dissect.source.packet_blocks import PacketBlocks
 
 if TYPE_CHECKING:  # interpreted
+    from dissect.packets.source.pcapng_writer import PcapngWriter
     from dissect.select.selection import Choice
-    from dissect.source.pcapng_writer import PcapngWriter
 
 #: At most this many octets of packets are held, in case a later packet is wanted.
 MAX_HELD: Final = 64 * 1024 * 1024

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Final
 
-from dissect.source.pcapng_writer import PcapngWriter
+from dissect.packets.source.pcapng_writer import PcapngWriter
 from dissect.wire.text import Clock
 
 #: The ending of the name of an unfinished file.

@@ -14,6 +14,8 @@ from dissect.findings.bounds import KEPT
 from dissect.findings.ledger import Ledger
 from dissect.findings.reporter import Finding
 from dissect.iso.tsap import Tsap
+from dissect.packets.source.packet import SourceFile
+from dissect.packets.tcp.stream import Endpoint
 from dissect.report.certainty import add_doubt
 from dissect.report.kept import FIRST, Findings
 from dissect.report.latencies import Latencies
@@ -21,9 +23,7 @@ from dissect.report.words import Places
 from dissect.s7.parameters import Parameters
 from dissect.s7.tables import USERDATA
 from dissect.s7plus.parameters import PlusParameters
-from dissect.source.packet import SourceFile
 from dissect.stations.facts import Book, Fact
-from dissect.tcp.stream import Endpoint
 from dissect.transactions.connection import Connection
 from dissect.transactions.operation import RUNNING, Operation
 from dissect.transactions.results import DOUBTS

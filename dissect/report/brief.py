@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping
 from typing import Final
 
 from dissect.findings.catalogue import CATALOGUE
+from dissect.packets.tcp.link import within
 from dissect.report import endings, words
 from dissect.report.analysis import Analysis
 from dissect.report.happened import Told, by_gravity, facts_of, times_of
@@ -14,7 +15,6 @@ from dissect.report.styled import DIM, HEADING, PLAIN, Line
 from dissect.report.text import completeness, table
 from dissect.report.words import Places, named
 from dissect.stations import facts
-from dissect.tcp.link import within
 from dissect.transactions.connection import Connection
 from dissect.wire.text import Clock, cut_inside, printable, shortened
 

@@ -12,6 +12,7 @@ from dissect.facts.finding import FINDING
 from dissect.facts.written import written
 from dissect.findings.catalogue import CATALOGUE, SEVERITIES
 from dissect.findings.reporter import Finding
+from dissect.packets.source.packet import SourceFile
 from dissect.report.analysis import Analysis, FunctionStatistics
 from dissect.report.certainty import left_out
 from dissect.report.endings import ending_as_dict
@@ -21,7 +22,6 @@ from dissect.report.stations import station_as_dict, stations_that_state
 from dissect.report.tls import tls_as_dict
 from dissect.report.words import Places
 from dissect.report.writers.jsonl import TransactionLines
-from dissect.source.packet import SourceFile
 from dissect.transactions.accounts import CATEGORIES, FIRST_IGNORED
 from dissect.transactions.connection import Connection
 from dissect.transactions.transaction import Transaction

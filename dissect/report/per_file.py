@@ -9,9 +9,9 @@ from typing import Final
 from dissect.engine.observer import Observer
 from dissect.findings.catalogue import SEVERITIES
 from dissect.findings.reporter import Finding
+from dissect.packets.source.packet import CONTINUES_NS, SourceFile
 from dissect.report.styled import DIM, HEADING, PLAIN, Line
 from dissect.report.text import table
-from dissect.source.packet import CONTINUES_NS, SourceFile
 from dissect.transactions.connection import Connection
 from dissect.transactions.transaction import Transaction
 from dissect.wire.text import printable, shortened

@@ -10,6 +10,8 @@ from typing import Final
 
 from dissect.engine.bare import BY_CLIENT, BY_SERVER
 from dissect.engine.pipeline import Pipeline
+from dissect.packets.source.packet import SourceFile
+from dissect.packets.tcp.link import vlan_text, within
 from dissect.report import endings, facets, words
 from dissect.report.analysis import MAX_CONNECTIONS, Analysis, FunctionStatistics, Part
 from dissect.report.certainty import left_out, mark, not_captured
@@ -20,9 +22,7 @@ from dissect.report.stations import TOLD, stations_that_state
 from dissect.report.styled import DIM, HEADING, PLAIN, Line
 from dissect.report.tls import tls_lines
 from dissect.report.words import PROTOCOLS, Places, named
-from dissect.source.packet import SourceFile
 from dissect.stations.facts import KEYS
-from dissect.tcp.link import vlan_text, within
 from dissect.transactions.accounts import CATEGORIES, FIRST_IGNORED
 from dissect.transactions.connection import Connection
 from dissect.transactions.operation import CONNECT, RESULTS, RUNNING

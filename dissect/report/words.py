@@ -16,9 +16,9 @@ from dissect.ibh.tables import IBH_NETLINK
 from dissect.iso.cotp import Tpdu
 from dissect.iso.tsap import Tsap
 from dissect.iso.upper import EMPTY, S7COMM, S7COMM_PLUS, UPPER_NAMES, classify
+from dissect.packets.source.packet import SourceFile
+from dissect.packets.tcp.stream import Endpoint
 from dissect.s7.values import Value, spelled
-from dissect.source.packet import SourceFile
-from dissect.tcp.stream import Endpoint
 from dissect.transactions.connection import Connection
 from dissect.wire.text import Clock, decimal, duration_text, encodable, printable, shortened, some
 from dissect.wire.text import count as count  # noqa: PLC0414 - it is one of the words of reports as well

@@ -13,6 +13,7 @@ from typing import Any, Final
 from dissect.facts.fact import CODE, FRAME, TEXT, TSAP, WORD, Fact
 from dissect.findings.reporter import Finding
 from dissect.iso.upper import S7COMM, S7COMM_PLUS, SCD, UPPER_NAMES
+from dissect.packets.tcp.stream import Endpoint
 from dissect.report import facets
 from dissect.s7.errors import errors_of
 from dissect.s7.message import NOT_REFUSED
@@ -34,7 +35,6 @@ from dissect.s7plus.tables import NOTIFICATION
 from dissect.select.items import ItemFacts
 from dissect.select.literals import CodeValue
 from dissect.select.things import Context, Found, Message, Packet
-from dissect.tcp.stream import Endpoint
 from dissect.transactions.connection import Connection
 from dissect.transactions.operation import Operation
 from dissect.transactions.payloads import ScdMessage, ScdParameters

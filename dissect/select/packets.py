@@ -15,13 +15,13 @@ from mypy_extensions import i64
 
 from dissect.engine.observer import Observer
 from dissect.findings.reporter import Finding
+from dissect.packets.tcp.stream import Endpoint
 from dissect.select.places import Places, packet_key, parsed
 from dissect.select.selection import AGAIN_NS, SameKeys
 from dissect.select.sieve import Numbers
 from dissect.select.spans import SpanBook, TimedSpan
 from dissect.select.things import FINDING, PACKET, TRANSACTION, Packet
 from dissect.select.where import Where
-from dissect.tcp.stream import Endpoint
 from dissect.transactions.connection import Connection
 from dissect.transactions.side import Side
 from dissect.transactions.table import endpoints, keys_of, reverse_key

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Final
 
+from dissect.packets.tcp import ip, link
+from dissect.packets.tcp.stream import FIN, RST, SYN
+from dissect.packets.tcp.tunnel import Inner
 from dissect.select.ranges import Ranges
 from dissect.select.spans import SpanIndex, TimedSpan
-from dissect.tcp import ip, link
-from dissect.tcp.stream import FIN, RST, SYN
-from dissect.tcp.tunnel import Inner
 from dissect.transactions.table import reverse_key
 from dissect.wire.octets import u16, u32
 

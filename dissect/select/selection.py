@@ -19,14 +19,14 @@ from dissect.findings.reporter import Finding
 from dissect.ibh.packet import parse_packet
 from dissect.ibh.tables import KIND_CONFIRM, KIND_CONNECT, KIND_DISCONNECT, KIND_GO_AHEAD, KIND_SERVICE
 from dissect.iso.tables import CC, CR, DC, DR
+from dissect.packets.tcp import ip
+from dissect.packets.tcp.connection import TcpConnection
 from dissect.report.contract import by_weight
 from dissect.s7.tables import SETUP_COMMUNICATION as _SETUP
 from dissect.select.comments import finding_comment
 from dissect.select.places import Places, Stretch, parsed
 from dissect.select.spans import Span, SpanBook, TimedSpan
 from dissect.select.subscriptions import Asked, SubscriptionBook
-from dissect.tcp import ip
-from dissect.tcp.connection import TcpConnection
 from dissect.transactions.connection import Connection
 from dissect.transactions.side import Side
 from dissect.transactions.table import keys_of, reverse_key

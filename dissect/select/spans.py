@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections import OrderedDict
 from typing import Final
 
-from dissect.tcp.stream import MASK, HalfStream
+from dissect.packets.tcp.stream import MASK, HalfStream
 from dissect.transactions.side import Side
 
 #: Greatest number of PDUs whose ranges are remembered until their transactions come, and of directions.

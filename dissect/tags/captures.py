@@ -8,8 +8,8 @@ from __future__ import annotations
 
 from dissect.engine.observer import Observer
 from dissect.engine.pipeline import Pipeline
-from dissect.source.files import open_capture
-from dissect.source.packet import CaptureError
+from dissect.packets.source.files import open_capture
+from dissect.packets.source.packet import CaptureError
 from dissect.tags.tag_file import TagFile
 
 

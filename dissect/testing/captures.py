@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 import dissect
-from dissect.source.packet import CaptureError
+from dissect.packets.source.packet import CaptureError
 
 if TYPE_CHECKING:
     from dissect.golden.model import Session

@@ -27,15 +27,15 @@ from dissect.golden.writing import golden_text
 from dissect.iso.build import build_connect, build_tpkt, build_tsdu, size_parameter
 from dissect.iso.cotp import CALLED_TSAP, CALLING_TSAP
 from dissect.iso.tables import CC, CR
+from dissect.packets.source.pcapng_writer import interface_block, packet_block, section_block
+from dissect.packets.tcp.link import ETHERNET
+from dissect.packets.tcp.stream import Endpoint
 from dissect.playback.server.model import Recording
 from dissect.playback.server.recording import recording_of
 from dissect.proxy.packets import Conversation
 from dissect.s7.build import with_reference
 from dissect.s7.message import parse_pdu
 from dissect.s7.parameters import PUSH
-from dissect.source.pcapng_writer import interface_block, packet_block, section_block
-from dissect.tcp.link import ETHERNET
-from dissect.tcp.stream import Endpoint
 from dissect.testing.messages import (
     Ask,
     Piece,

@@ -8,6 +8,8 @@ from mypy_extensions import i64
 
 from dissect.iso.cotp import Tpdu
 from dissect.iso.tsap import Tsap
+from dissect.packets.tcp.connection import TcpConnection
+from dissect.packets.tcp.stream import Endpoint
 from dissect.s7.parameters import Parameters, Setup
 from dissect.s7.tables import (
     DOWNLOAD_BLOCK,
@@ -23,8 +25,6 @@ from dissect.s7.tables import (
     UPLOAD,
     WRITE_VAR,
 )
-from dissect.tcp.connection import TcpConnection
-from dissect.tcp.stream import Endpoint
 from dissect.transactions.aside import Aside
 from dissect.transactions.ending import OPEN, Ending
 from dissect.transactions.open_requests import OpenRequests

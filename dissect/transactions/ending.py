@@ -198,8 +198,8 @@ class Ending:
 
 def _taken(_ending: Ending) -> tuple[Connection, list[Transaction], int, int]:
     """An empty connection: the real one leads back to its ending."""
-    from dissect.tcp.connection import TcpConnection
-    from dissect.tcp.stream import Endpoint
+    from dissect.packets.tcp.connection import TcpConnection
+    from dissect.packets.tcp.stream import Endpoint
     from dissect.transactions.connection import Connection
 
     nowhere = Endpoint(b"", 0)

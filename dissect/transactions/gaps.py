@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Final
 
 from mypy_extensions import i64
 
-from dissect.tcp.stream import HALF_SPACE, MASK
+from dissect.packets.tcp.stream import HALF_SPACE, MASK
 from dissect.transactions.open_requests import OpenRequests, excludes
 from dissect.transactions.transaction import Transaction
 

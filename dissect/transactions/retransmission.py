@@ -6,7 +6,7 @@ from typing import Final
 
 from mypy_extensions import i64
 
-from dissect.tcp.stream import HALF_SPACE, MASK
+from dissect.packets.tcp.stream import HALF_SPACE, MASK
 from dissect.transactions.results import SentAgain
 from dissect.transactions.side import Side
 

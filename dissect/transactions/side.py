@@ -9,11 +9,11 @@ from mypy_extensions import i64
 from dissect.ibh.framer import PacketFramer
 from dissect.iso.cotp import Assembler
 from dissect.iso.tpkt import MIN_LENGTH, Framer
+from dissect.packets.tcp.connection import TcpConnection
+from dissect.packets.tcp.stream import FAR_AHEAD, HALF_SPACE, MASK, WINDOW, HalfStream
+from dissect.packets.tcp.stretches import Chunk
 from dissect.s7plus.assembly import PlusAssembler
 from dissect.s7plus.stream import FrameStream
-from dissect.tcp.connection import TcpConnection
-from dissect.tcp.stream import FAR_AHEAD, HALF_SPACE, MASK, WINDOW, HalfStream
-from dissect.tcp.stretches import Chunk
 from dissect.transactions.connection import Connection
 from dissect.transactions.probes import Probes
 from dissect.transactions.protocol import Kept, Protocol

@@ -14,8 +14,8 @@ from typing import Final
 from librt.strings import read_i32_be, read_i64_be
 from mypy_extensions import i64
 
-from dissect.tcp.connection import TcpConnection
-from dissect.tcp.stream import MASK, Endpoint
+from dissect.packets.tcp.connection import TcpConnection
+from dissect.packets.tcp.stream import MASK, Endpoint
 from dissect.transactions.connection import Connection
 from dissect.transactions.protocol import Protocol
 from dissect.transactions.side import Side
@@ -193,7 +193,7 @@ _GIVEN_UP: Final = 2
 #: A closed connection is kept this long, because captures show packets out of order.
 LINGER_NS: Final = 1_000_000_000
 MAX_LINGERING: Final = 2048
-#: A closed connection whose end is in doubt (`dissect.tcp.doubt`) is kept this long, because its sides may poll slowly.
+#: A closed connection whose end is in doubt (`dissect.packets.tcp.doubt`) is kept this long, because its sides may poll slowly.
 DOUBT_NS: Final = 10_000_000_000
 
 #: How many VLANs of a capture are remembered, and how many more keys a connection may have in other VLANs.

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Final
 
 from mypy_extensions import i64
 
+from dissect.packets.tcp.stream import Endpoint
 from dissect.s7.values import decode_value
-from dissect.tcp.stream import Endpoint
 from dissect.transactions.connection import Connection
 from dissect.transactions.transaction import LIKELY, SURE
 from dissect.wire.copies import leaves

@@ -9,10 +9,10 @@ from typing import Any, Final
 
 from dissect.facts.value import VARIABLE
 from dissect.facts.written import written
+from dissect.packets.tcp.link import within
 from dissect.report import words
 from dissect.report.styled import DIM, HEADING, PLAIN, Line
 from dissect.report.words import Places
-from dissect.tcp.link import within
 from dissect.variables.collector import Collector
 from dissect.variables.model import Variable
 from dissect.variables.statistics import MAX_DISTINCT, Pace, Statistics

@@ -20,12 +20,12 @@ import pytest
 import dissect
 from dissect.anonymize.account import KEEP, MASK, Choices
 from dissect.anonymize.key import Key
-from dissect.source.files import open_capture
-from dissect.source.pcapng_writer import PcapngWriter
+from dissect.packets.source.files import open_capture
+from dissect.packets.source.pcapng_writer import PcapngWriter
 from dissect.transactions.transaction import Transaction
 from tests.anonymize.support import BLANKED, KEY, anonymized, told
+from tests.packets.source.craft import Frame, drain
 from tests.report.support import OWN, ROOT
-from tests.source.craft import Frame, drain
 
 #: What analyses differ in, by capture: findings that lean on octets which nobody knows the meaning of, and which are zeros now.
 DIFFER: Final = {

@@ -15,17 +15,17 @@ from dissect.engine.observer import Observer
 from dissect.iso.cotp import parse_tpdu
 from dissect.iso.tables import CC, CR
 from dissect.iso.tsap import Tsap
+from dissect.packets.source.files import open_capture
+from dissect.packets.tcp import ip, link
 from dissect.s7.message import parse_pdu
 from dissect.session import Run
-from dissect.source.files import open_capture
-from dissect.tcp import ip, link
 from dissect.transactions.side import Side
 from tests.anonymize.support import BLANKED, KEY, anonymized, told
 from tests.build import ACK_DATA, JOB, READ, USERDATA, data_item, dt, payload, pdu, userdata_head
 from tests.cases import each
+from tests.packets.source.craft import drain
 from tests.properties.packets import Flow, captured
 from tests.report.support import OWN, ROOT, begun, read, saved
-from tests.source.craft import drain
 from tests.tshark import join
 
 #: Octets between IBH-NetLink packets become zeros, which may begin one: a packet behind them is found later than before.

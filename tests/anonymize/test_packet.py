@@ -11,15 +11,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dissect.anonymize.account import Choices
-from dissect.source.files import open_capture
-from dissect.tcp import ip, link
+from dissect.packets.source.files import open_capture
+from dissect.packets.tcp import ip, link
 from tests.anonymize.support import anonymized, told
 from tests.ibh.packets import CLAIM, CLAIMED, RECEIPT, long, short
+from tests.packets.source.craft import drain
 from tests.properties import messages
 from tests.properties.messages import dt
 from tests.properties.packets import ACK, EPOCH_NS, MS, PSH, Flow, Packet, Segment, Talk
 from tests.report.support import ROOT, begun, read, saved
-from tests.source.craft import drain
 
 TSAP = b"PLANT-NORTH-7"
 FLOW = Flow()

@@ -7,8 +7,8 @@ from hypothesis import strategies as st
 
 from dissect.anonymize import track as tracks
 from dissect.anonymize.track import Room, Track
-from dissect.tcp.connection import TcpConnection
-from dissect.tcp.stream import Endpoint
+from dissect.packets.tcp.connection import TcpConnection
+from dissect.packets.tcp.stream import Endpoint
 
 START = 0xFFFFFFF0  # wraps within the first octets
 

@@ -15,13 +15,13 @@ from dissect.anonymize.plus_contents import PlusContents
 from dissect.anonymize.rules import Rules
 from dissect.anonymize.survey import Survey
 from dissect.engine.pipeline import Options
+from dissect.packets.source.files import open_capture
+from dissect.packets.tcp import ip, link
 from dissect.session import Run
-from dissect.source.files import open_capture
-from dissect.tcp import ip, link
 from tests.anonymize.support import KEY
 from tests.cases import each
+from tests.packets.source.craft import drain
 from tests.report.support import ROOT
-from tests.source.craft import drain
 
 
 class Way:

@@ -20,7 +20,7 @@ from benchmarks.generate import generate
 from benchmarks.soak_sender import Load
 from benchmarks.soak_trials import Trial, delays_ms
 from benchmarks.soak_watchers import MONITORS
-from dissect.source.live import dumpcap, ring
+from dissect.packets.source.live import dumpcap, ring
 from dissect.wire.build import COMPILED
 
 #: In the last quarter of the small day, a third of a kibibyte for each of its connections; and the most at any time.

@@ -9,8 +9,8 @@ import pytest
 from dissect.bindings.binding import Binding, Bindings
 from dissect.bindings.devices import MAX_CONSTANTS, MAX_DEVICES, Device, Devices, is_rewritten
 from dissect.bindings.engine import ScdCarrier
+from dissect.packets.tcp.stream import Endpoint
 from dissect.scd.errors import Error
-from dissect.tcp.stream import Endpoint
 from tests.bindings import plant
 from tests.transactions.talk import CLIENT, SERVER, Talk
 

@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 
 from dissect.bindings.binding import Binding
 from dissect.bindings.streams import MAX_PENDING, cut_stream, skip_hole
-from dissect.tcp.connection import TcpConnection
-from dissect.tcp.stream import Endpoint
+from dissect.packets.tcp.connection import TcpConnection
+from dissect.packets.tcp.stream import Endpoint
 from dissect.transactions.connection import Connection
 from dissect.transactions.payloads import Backlog
 from dissect.transactions.protocol import Protocol

@@ -10,12 +10,12 @@ from pathlib import Path
 
 import pytest
 
-from dissect.source.files import open_capture
+from dissect.packets.source.files import open_capture
 from tests.anonymize.support import told
 from tests.cli.support import run, simple
+from tests.packets.source.craft import drain
 from tests.properties.packets import Flow, Talk
 from tests.report.support import ROOT, begun, read, saved
-from tests.source.craft import drain
 
 Capfd = pytest.CaptureFixture[bytes]
 

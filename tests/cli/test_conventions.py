@@ -123,7 +123,7 @@ RUNNER: Final = """
 import json, os, sys, tempfile
 import dissect.alerts, dissect.anonymize.rewriter, dissect.anonymize.survey, dissect.baseline, dissect.golden.reading
 import dissect.live.lines, dissect.live.session, dissect.recording.cutter, dissect.playback.client, dissect.report.tree
-import dissect.scd.codec, dissect.scd.loading, dissect.source.live.opening
+import dissect.scd.codec, dissect.scd.loading, dissect.packets.source.live.opening
 from dissect.cli.main import COMMANDS, group, main
 for name in COMMANDS:
     group.get_command(None, name)

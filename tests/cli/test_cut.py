@@ -13,14 +13,14 @@ from pathlib import Path
 import pytest
 
 import dissect
-from dissect.source.files import open_capture
+from dissect.packets.source.files import open_capture
 from dissect.transactions.transaction import Transaction
 from tests.cli.support import Ran, run, simple
+from tests.packets.source.craft import Frame, Pcapng, drain
 from tests.properties import messages
 from tests.properties.messages import dt
 from tests.properties.packets import EPOCH_NS, MS, Flow, Packet, Talk, captured
 from tests.report.support import WORD, begun, read, saved
-from tests.source.craft import Frame, Pcapng, drain
 
 ROOT = Path(__file__).resolve().parents[2]
 Capfd = pytest.CaptureFixture[bytes]

@@ -10,6 +10,8 @@ from random import Random
 import pytest
 from mypy_extensions import i64
 
+from dissect.packets.source.files import open_capture
+from dissect.packets.source.packet import PacketSink, SourceFile
 from dissect.report.analysis import Analysis
 from dissect.report.contract import analysis_as_dict
 from dissect.report.json_page import JsonPage
@@ -20,8 +22,6 @@ from dissect.report.writer import PduFeed, TransactionFeed
 from dissect.report.writers.csv import CsvWriter
 from dissect.report.writers.jsonl import JsonlWriter, TransactionLines
 from dissect.report.writers.text import TextWriter
-from dissect.source.files import open_capture
-from dissect.source.packet import PacketSink, SourceFile
 from tests.cli.support import run, simple
 from tests.properties.packets import Packet
 from tests.report.schemas import complaints

@@ -17,7 +17,7 @@ from typing import Final
 import pytest
 
 import dissect
-from dissect.source.live.opening import engine_states
+from dissect.packets.source.live.opening import engine_states
 from tests.cli.support import run
 from tests.report.support import WORD, begun, read, saved
 from tests.transactions.talk import CONFIRM, CONNECT, ack_data, dbw, dt, granted, setup

@@ -9,7 +9,7 @@ from typing import Final
 
 import pytest
 
-from dissect.source.order import first_ns
+from dissect.packets.source.order import first_ns
 from tests.cli.support import halves, run, simple
 from tests.report.schemas import ROOT
 
@@ -142,7 +142,7 @@ def test_an_index_gives_the_order_of_files_and_none_is_opened_for_it(
         opened.append(Path(path).name)
         return first_ns(path)
 
-    monkeypatch.setattr("dissect.source.order.first_ns", first)
+    monkeypatch.setattr("dissect.packets.source.order.first_ns", first)
     assert run(capfdbinary, "analyze", place) == without
     assert opened == []
     shutil.copy(CAPTURES / "szl.pcapng", place / "2.pcapng")  # one that the index does not know as it is now

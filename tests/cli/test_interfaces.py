@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 from jsonschema import Draft202012Validator
 
-from dissect.source.live import ring
+from dissect.packets.source.live import ring
 from tests.cli.support import run
 from tests.conftest import ROOT
 

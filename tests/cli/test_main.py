@@ -13,7 +13,7 @@ import pytest
 
 import dissect
 from dissect.cli import main as cli
-from dissect.source.packet import CaptureError
+from dissect.packets.source.packet import CaptureError
 from dissect.wire.build import COMPILED
 from tests.cases import each
 from tests.cli.test_outputs import commands

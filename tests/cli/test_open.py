@@ -14,10 +14,10 @@ from typing import Final
 import pytest
 
 from dissect.cli.main import main
-from dissect.source.files import open_capture
+from dissect.packets.source.files import open_capture
 from tests.cli.support import run
+from tests.packets.source.craft import Recorder, drain
 from tests.report.support import WORD, begun, read, saved
-from tests.source.craft import Recorder, drain
 
 Capture = pytest.CaptureFixture[bytes]
 #: Takes the place of Wireshark: keeps its arguments and the file, and ends as told.
@@ -54,7 +54,7 @@ class Fake:
 def wireshark(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Fake:
     (tmp_path / "tmp").mkdir()
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path / "tmp"))
-    monkeypatch.setattr("dissect.source.wireshark._USUAL", ())
+    monkeypatch.setattr("dissect.packets.source.wireshark._USUAL", ())
     return Fake(tmp_path, monkeypatch)
 
 
@@ -154,7 +154,7 @@ def test_a_full_disk_is_one_line_and_leaves_nothing(
     def full(*_: object) -> int:
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
-    monkeypatch.setattr("dissect.source.pcapng_writer.os.write", full)
+    monkeypatch.setattr("dissect.packets.source.pcapng_writer.os.write", full)
     with pytest.raises(SystemExit) as end:
         main(["open", str(capture)])
     monkeypatch.undo()

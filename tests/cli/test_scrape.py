@@ -14,7 +14,7 @@ import pytest
 
 from dissect.live.session import Session
 from dissect.net.addresses import Address
-from dissect.source.files import open_capture
+from dissect.packets.source.files import open_capture
 from tests.cli.support import run
 from tests.conftest import ROOT
 

@@ -10,12 +10,12 @@ from pathlib import Path
 import pytest
 
 import dissect
+from dissect.packets.source.files import open_capture
+from dissect.packets.source.packet import PacketSink
 from dissect.s7plus.contents import Address
 from dissect.s7plus.value_tables import INT
 from dissect.s7plus.values import Value
 from dissect.session import KeyLogError, Run
-from dissect.source.files import open_capture
-from dissect.source.packet import PacketSink
 from dissect.tls import aead
 from dissect.transactions.transaction import Transaction
 from tests.anonymize.support import anonymized

@@ -12,7 +12,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Final
 
-from tests.source.servers import LOOPBACK, free_port, running
+from tests.packets.source.servers import LOOPBACK, free_port, running
 
 #: What programs of Dask do beside their work, many times a second: sample their own stacks, look whether their loop is late,
 #: and measure the machine. Nothing here asks for it, and it takes most of their time.

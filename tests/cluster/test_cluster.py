@@ -22,12 +22,12 @@ from jsonschema import Draft202012Validator
 
 from dissect.cli.examples import EXAMPLES
 from dissect.cluster import executor
-from dissect.source.files import open_capture
+from dissect.packets.source.files import open_capture
 from tests.cli.support import Ran, run
 from tests.cluster.support import PATIENCE_S, Cluster, Pipes, cluster
+from tests.packets.source.craft import Pcap, Recorder, step_to_the_end
+from tests.packets.source.servers import LOOPBACK, free_port, object_store, sftp_server, web_server
 from tests.report.schemas import ROOT, load, strict
-from tests.source.craft import Pcap, Recorder, step_to_the_end
-from tests.source.servers import LOOPBACK, free_port, object_store, sftp_server, web_server
 
 pytest.importorskip("distributed", reason="no distributed: pip install 's7dissect[test]'")
 

@@ -11,9 +11,9 @@ import pytest
 from dissect.cluster import connect
 from dissect.cluster.connect import ClusterError, Patience
 from dissect.cluster.workers import workers_of
-from dissect.source.remote import bounded
+from dissect.packets.source.remote import bounded
 from tests.cli.support import run
-from tests.source.servers import LOOPBACK
+from tests.packets.source.servers import LOOPBACK
 
 pytest.importorskip("distributed", reason="no distributed: pip install 's7dissect[test]'")
 

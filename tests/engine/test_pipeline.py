@@ -11,7 +11,7 @@ import pytest
 from dissect.engine.pipeline import Options
 from dissect.engine.timers import _MANY_WAITING
 from dissect.findings.reporter import MAX_DETAILED
-from dissect.tcp.ip import MAX_DATAGRAMS
+from dissect.packets.tcp.ip import MAX_DATAGRAMS
 from dissect.transactions.connection import Connection
 from dissect.transactions.table import MAX_CONNECTIONS, MAX_HALF_OPEN, MAX_LINGERING
 from dissect.transactions.transaction import Transaction

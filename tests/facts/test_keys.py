@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 
 from dissect.facts.keys import community_id
-from dissect.tcp.stream import Endpoint
+from dissect.packets.tcp.stream import Endpoint
 from tests.cases import each
 from tests.export.support import rows_of
 from tests.report.support import ROOT

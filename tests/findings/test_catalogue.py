@@ -11,10 +11,10 @@ from typing import Final
 
 import dissect
 from dissect.findings.catalogue import CATALOGUE, KINDS, SEVERITIES
+from dissect.packets.tcp import ip
 from dissect.s7plus.assembly import MAX_PDU
 from dissect.s7plus.value_tables import DINT
 from dissect.s7plus.values import Value
-from dissect.tcp import ip
 from dissect.transactions.table import MAX_CONNECTIONS, MAX_HALF_OPEN
 from dissect.transactions.transaction import Transaction
 from tests.cases import each

@@ -12,6 +12,7 @@ from dissect.acts.book import ActBook
 from dissect.findings.plus_rules import MAX_CPUS, PlusWatch
 from dissect.findings.reporter import Reporter
 from dissect.findings.security_rules import SecurityWatch
+from dissect.packets.tcp.stream import Endpoint
 from dissect.report.facets import outcome
 from dissect.report.plus import plus_subject
 from dissect.s7plus.contents import Address
@@ -28,7 +29,6 @@ from dissect.s7plus.tables import (
 from dissect.s7plus.value_tables import BLOB, BOOL, DINT, INT, STRUCT, UDINT, UINT, WSTRING
 from dissect.s7plus.values import Blob, Struct, Value, build_value
 from dissect.s7plus.walk import MAX_WORK
-from dissect.tcp.stream import Endpoint
 from dissect.transactions.operation import OperationBook
 from tests.findings.plus_scenarios import opened
 from tests.s7plus import bodies

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dissect.findings.reporter import Reporter
 from dissect.findings.scan_rules import MAX_PAIRS, MAX_TSAPS, REFUSED, TSAPS, WINDOW_NS, ScanWatch
 from dissect.iso.tsap import Tsap
-from dissect.tcp.connection import TcpConnection
-from dissect.tcp.stream import Endpoint
+from dissect.packets.tcp.connection import TcpConnection
+from dissect.packets.tcp.stream import Endpoint
 from dissect.transactions.connection import Connection
 
 SERVER = b"\x0a\0\0\x02"

@@ -9,8 +9,8 @@ import pytest
 
 import dissect
 from dissect.findings.catalogue import CATALOGUE
+from dissect.packets.tcp.stream import MASK
 from dissect.report.analysis import Analysis
-from dissect.tcp.stream import MASK
 from dissect.transactions.results import STILL_OPEN, UNCONFIRMED
 from tests.transactions.talk import (
     ACK,

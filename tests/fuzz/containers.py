@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Final
 
-from dissect.source.files import find_reader
-from dissect.source.packet import CaptureError, PacketSink
+from dissect.packets.source.files import find_reader
+from dissect.packets.source.packet import CaptureError, PacketSink
 from tests.fuzz.checks import check_line
 from tests.properties.captures import Memory
 

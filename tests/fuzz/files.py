@@ -31,6 +31,9 @@ from dissect.golden.parsing import parse_golden
 from dissect.golden.reading import SessionReader
 from dissect.golden.writing import EXTRAS, golden_text
 from dissect.metrics.counters import Metrics
+from dissect.packets.source.files import find_reader
+from dissect.packets.source.packet import CaptureError, SourceFile
+from dissect.packets.source.pcapng_writer import PcapngWriter
 from dissect.playback.server.recording import recording_of
 from dissect.recording.cutter import Around, Cutter
 from dissect.report.analysis import Analysis
@@ -46,9 +49,6 @@ from dissect.report.writers.text import TextWriter
 from dissect.select.selection import Selection, Wanted
 from dissect.session import analyze
 from dissect.session import open as events_of
-from dissect.source.files import find_reader
-from dissect.source.packet import CaptureError, SourceFile
-from dissect.source.pcapng_writer import PcapngWriter
 from dissect.transactions.transaction import Transaction
 from tests.anonymize.support import anonymized
 from tests.fuzz.checks import check_json, check_line, check_lines

@@ -10,8 +10,8 @@ from collections.abc import Iterable
 from typing import Final
 
 from dissect.engine.pipeline import Options
-from dissect.tcp.ip import FragmentStore
-from dissect.tcp.segment import find_segment
+from dissect.packets.tcp.ip import FragmentStore
+from dissect.packets.tcp.segment import find_segment
 from tests.fuzz.taking import Taker
 from tests.properties.books import Result, check_books
 from tests.properties.packets import EPOCH_NS, ETHERNET, LINUX_SLL, LINUX_SLL2, MS, NULL, RAW, Packet

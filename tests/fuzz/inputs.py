@@ -22,6 +22,9 @@ from dissect.golden.comparison import diff_sessions
 from dissect.golden.model import GoldenError, Session
 from dissect.golden.parsing import parse_golden
 from dissect.golden.writing import EXTRAS, golden_text
+from dissect.packets.source.live.filter import NotBuiltInError, compile_filter
+from dissect.packets.source.live.reader import LiveError
+from dissect.packets.source.packet import CaptureError
 from dissect.playback.server.recording import recording_of
 from dissect.recording.ring_buffer import parse_limits
 from dissect.report.slugs import slugs_of
@@ -35,9 +38,6 @@ from dissect.scd.source import parse_json, parse_toml
 from dissect.scd.toml_tables import source_text
 from dissect.scd.xdd import import_xdd
 from dissect.select.window import parse_window
-from dissect.source.live.filter import NotBuiltInError, compile_filter
-from dissect.source.live.reader import LiveError
-from dissect.source.packet import CaptureError
 from tests.fuzz.checks import check_line, check_lines
 from tests.fuzz.played import check_replayed, check_served
 from tests.golden.support import WRITTEN

@@ -10,8 +10,8 @@ import struct
 from collections.abc import Iterable
 from typing import Final
 
-from dissect.tcp.ip import UDP, FragmentStore
-from dissect.tcp.segment import find_segment
+from dissect.packets.tcp.ip import UDP, FragmentStore
+from dissect.packets.tcp.segment import find_segment
 from tests.fuzz.taking import Taker
 from tests.properties.packets import ACK, EPOCH_NS, MASK, MS, Flow, Packet, Talk
 

@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 from dissect.engine.pipeline import Options, Pipeline
 from dissect.inventory.collector import Inventory
-from dissect.source.packet import SourceFile
+from dissect.packets.source.packet import SourceFile
 from dissect.transactions.naming import Naming
 from tests.transactions.talk import Talk
 

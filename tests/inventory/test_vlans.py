@@ -12,7 +12,7 @@ from dissect.engine.pipeline import Options, Pipeline
 from dissect.inventory.collector import Inventory
 from dissect.inventory.contract import inventory_as_dict
 from dissect.inventory.outcome import Devices
-from dissect.source.packet import SourceFile
+from dissect.packets.source.packet import SourceFile
 from dissect.stations import facts
 from tests.engine.test_pipeline import poll, ready
 from tests.engine.test_vlans import ASYMMETRIC, TWICE, Tags, tagged

@@ -21,13 +21,13 @@ from dissect.jobs.analyses import Analyses
 from dissect.jobs.numbers import Offsets
 from dissect.jobs.sending import Sent, receive, send
 from dissect.jobs.sums import FilePart, part_of, unread
+from dissect.packets.source.packet import SourceFile
 from dissect.report.analysis import MAX_FAILED, Analysis
 from dissect.report.contract import analysis_as_dict
 from dissect.report.json_page import JsonPage
 from dissect.report.latencies import EXACT
 from dissect.report.summary import Summary
 from dissect.session import Run
-from dissect.source.packet import SourceFile
 from dissect.stations.facts import CLOCK, FIRMWARE, MAX_STRETCHES, ORDER_NUMBER, Book, Fact
 from tests.report.schemas import ROOT
 

@@ -21,9 +21,9 @@ import json, os, sys
 sys.path.append(os.getcwd())  # for the tests; the package is that of the run
 from pathlib import Path
 from dissect.live.problems import Problems
-from dissect.source.files import open_capture
-from dissect.source.live.reader import Drops
-from tests.source.craft import drain
+from dissect.packets.source.files import open_capture
+from dissect.packets.source.live.reader import Drops
+from tests.packets.source.craft import drain
 FOLDER = Path(sys.argv[1])
 BALLAST = FOLDER / "ballast"
 NONE = Drops(0, 0)

@@ -16,8 +16,8 @@ from snap7.type import SrvArea
 
 from dissect.live.events import Event
 from dissect.live.session import Session
-from dissect.source.live.reader import Drops, LiveReader
-from dissect.source.packet import PacketSink
+from dissect.packets.source.live.reader import Drops, LiveReader
+from dissect.packets.source.packet import PacketSink
 from tests.properties.packets import Packet
 
 SECOND: Final = 1_000_000_000

@@ -13,13 +13,13 @@ from dissect.findings.catalogue import CATALOGUE
 from dissect.findings.reporter import Finding
 from dissect.live.commented import CommentedStream
 from dissect.live.run import LiveRun
+from dissect.packets.source.files import open_capture
+from dissect.packets.source.live.reader import Drops
+from dissect.packets.source.pcapng_writer import PcapngWriter
 from dissect.recording.recent import MAX_COMMENTS
-from dissect.source.files import open_capture
-from dissect.source.live.reader import Drops
-from dissect.source.pcapng_writer import PcapngWriter
 from tests.live.support import Clock, Line
+from tests.packets.source.craft import drain
 from tests.report.support import WORD, begun, read
-from tests.source.craft import drain
 
 MS: Final = 1_000_000
 NONE: Final = Drops(None, None)

@@ -67,7 +67,7 @@ def test_screens_take_no_notice() -> None:
     from dissect.engine.pipeline import Options
     from dissect.live.events import DEVICE
     from dissect.live.session import Session
-    from dissect.source.files import open_capture
+    from dissect.packets.source.files import open_capture
 
     session = Session(lambda: open_capture(str(SZL)), Options())
     session.start()

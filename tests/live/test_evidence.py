@@ -5,13 +5,13 @@ from pathlib import Path
 from dissect.findings.catalogue import CATALOGUE
 from dissect.findings.reporter import Finding
 from dissect.live.evidence import KeeperCompanion, RingCompanion
+from dissect.packets.source.files import open_capture
+from dissect.packets.source.live.reader import Drops
 from dissect.recording.event_capture import EventCapture
 from dissect.recording.ring_buffer import RingBuffer, RingLimits
-from dissect.source.files import open_capture
-from dissect.source.live.reader import Drops
 from tests.live.support import SECOND
+from tests.packets.source.craft import drain
 from tests.properties.packets import EPOCH_NS
-from tests.source.craft import drain
 
 NONE = Drops(0, 0)
 

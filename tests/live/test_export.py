@@ -18,8 +18,8 @@ from dissect.engine.observer import Observer
 from dissect.export.tables import TABLES
 from dissect.live.export import ExportCompanion
 from dissect.live.run import LiveRun
-from dissect.source.files import open_capture
-from dissect.source.live.reader import Drops
+from dissect.packets.source.files import open_capture
+from dissect.packets.source.live.reader import Drops
 from tests.cli.support import run
 from tests.report.support import ROOT
 

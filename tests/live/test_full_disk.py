@@ -205,7 +205,7 @@ def test_a_single_file_goes_on_behind_its_last_whole_packet(tmp_path: Path) -> N
         128,
         """
 from dissect.proxy.capture_file import CaptureFile
-from dissect.source.pcapng_writer import PcapngWriter
+from dissect.packets.source.pcapng_writer import PcapngWriter
 companion = CaptureFile(PcapngWriter(FOLDER / "all.pcapng", batch=1000), CLOCK)
 problems = companion.problems = Problems()
 for number in range(300):

@@ -10,7 +10,7 @@ from dissect.live.events import PROBLEM, TRANSACTION, Collector, Event
 from dissect.live.json_lines import JsonLines
 from dissect.live.lines import PlainLines, kinds_of
 from dissect.monitor.lists import FindingList
-from dissect.source.live.reader import Drops
+from dissect.packets.source.live.reader import Drops
 from tests.live.test_lines import conversation, events_of, status
 from tests.properties.packets import EPOCH_NS
 from tests.report.schemas import complaints

@@ -4,7 +4,7 @@ from dissect.engine.pipeline import Options
 from dissect.live.events import CLOSED, FINDING, OPENED, PROBLEM, TRANSACTION, Event
 from dissect.live.lines import TOPICS, PlainLines, kinds_of, summary_lines
 from dissect.live.session import Session, Status
-from dissect.source.live.reader import Drops
+from dissect.packets.source.live.reader import Drops
 from tests.live.support import Clock, Line, never, taken
 from tests.properties import messages
 from tests.properties.messages import dt

@@ -18,14 +18,14 @@ from dissect.findings.reporter import Finding
 from dissect.live.events import CLOSED, Event
 from dissect.live.run import Companion
 from dissect.live.session import Session
+from dissect.packets.source.live.opening import open_live
+from dissect.packets.source.pcapng_writer import PcapngWriter
 from dissect.report.writers.jsonl import TransactionLines
 from dissect.session import Run
-from dissect.source.live.opening import open_live
-from dissect.source.pcapng_writer import PcapngWriter
 from dissect.transactions.connection import Connection
 from dissect.transactions.transaction import Transaction
 from tests.live.support import SECOND, client, never, plc, program, taken
-from tests.source.live_support import ENGINES
+from tests.packets.source.live_support import ENGINES
 from tests.transactions.talk import CONFIRM, CONNECT, dbw, dt, granted, read, setup, write, written
 
 FOREVER_NS = 3600 * SECOND

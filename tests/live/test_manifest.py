@@ -12,9 +12,9 @@ from dissect.engine.observer import Observer
 from dissect.engine.pipeline import Pipeline
 from dissect.live.evidence import RingCompanion
 from dissect.live.problems import Problems
+from dissect.packets.source.live.reader import Drops
 from dissect.recording.manifest import verified
 from dissect.recording.ring_buffer import RingBuffer, RingLimits
-from dissect.source.live.reader import Drops
 from tests.cli.support import run, simple
 from tests.live.small_disk import on_a_small_disk
 from tests.properties.packets import EPOCH_NS

@@ -12,9 +12,9 @@ from pathlib import Path
 
 import pytest
 
-from dissect.source.live import privileges
+from dissect.packets.source.live import privileges
 from tests.conftest import ROOT
-from tests.source.live_support import in_namespace, needs_ring
+from tests.packets.source.live_support import in_namespace, needs_ring
 
 needs_root = pytest.mark.skipif(not privileges.is_root(), reason="only root can give itself fewer rights")
 

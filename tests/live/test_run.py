@@ -11,8 +11,8 @@ from dissect.engine.observer import Observer
 from dissect.engine.pipeline import Options
 from dissect.findings.reporter import Finding
 from dissect.live.run import Companion, Limits, LiveRun
-from dissect.source.files import open_capture
-from dissect.source.live.reader import Drops
+from dissect.packets.source.files import open_capture
+from dissect.packets.source.live.reader import Drops
 from dissect.transactions.connection import Connection
 from dissect.transactions.transaction import Transaction
 from tests.live.support import SECOND, Clock, Line

@@ -12,9 +12,9 @@ import pytest
 from dissect.engine.observer import Observer
 from dissect.findings.reporter import Finding
 from dissect.live.run import LiveRun
-from dissect.source.live.reader import Drops, LiveReader
-from dissect.source.live.several import HOLD_NS, MAX_HELD, SeveralReader
-from dissect.source.packet import PacketSink
+from dissect.packets.source.live.reader import Drops, LiveReader
+from dissect.packets.source.live.several import HOLD_NS, MAX_HELD, SeveralReader
+from dissect.packets.source.packet import PacketSink
 
 SECOND = 1_000_000_000
 

@@ -11,7 +11,7 @@ import pytest
 from dissect.engine.observer import Observer
 from dissect.engine.pipeline import Pipeline
 from dissect.live.watchdog import of_environment
-from dissect.source.live.reader import Drops
+from dissect.packets.source.live.reader import Drops
 from tests.cli.support import run, simple
 
 NONE = Drops(0, 0)

@@ -22,7 +22,7 @@ from dissect.engine.observer import Observer
 from dissect.live.export import ExportCompanion
 from dissect.live.reports import ReportCompanion
 from dissect.live.run import LiveRun
-from dissect.source.files import open_capture
+from dissect.packets.source.files import open_capture
 from dissect.wire.text import Clock
 import dissect
 source, out = sys.argv[1], Path(sys.argv[2])

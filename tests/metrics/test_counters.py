@@ -13,6 +13,10 @@ from dissect import scd
 from dissect.live.run import Fanout, LiveRun
 from dissect.metrics.counters import SEPARATOR, Metrics
 from dissect.metrics.functions import BOUNDS_NS, MAX_SCD, OTHER, FunctionCounts, Functions
+from dissect.packets.source.files import open_capture
+from dissect.packets.source.live.reader import Drops
+from dissect.packets.tcp.connection import TcpConnection
+from dissect.packets.tcp.stream import Endpoint
 from dissect.report.analysis import Analysis
 from dissect.s7.errors import ERROR_CODES
 from dissect.s7.parameters import Parameters, parse_parameters
@@ -20,10 +24,6 @@ from dissect.s7.tables import FUNCTIONS, JOB, USERDATA, USERDATA_SUBFUNCTIONS
 from dissect.s7plus.parameters import PlusParameters
 from dissect.s7plus.tables import FUNCTIONS as PLUS_FUNCTIONS
 from dissect.session import Run
-from dissect.source.files import open_capture
-from dissect.source.live.reader import Drops
-from dissect.tcp.connection import TcpConnection
-from dissect.tcp.stream import Endpoint
 from dissect.transactions.connection import Connection
 from dissect.transactions.payloads import ScdMessage, ScdParameters
 from dissect.transactions.transaction import ANSWERED, ORPHAN, PUSH, UNANSWERED, Transaction

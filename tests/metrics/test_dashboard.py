@@ -12,7 +12,7 @@ import pytest
 from dissect.live.problems import WriterState
 from dissect.metrics.counters import Metrics
 from dissect.metrics.exposition import PREFIX, Exposition
-from dissect.source.live.reader import Drops
+from dissect.packets.source.live.reader import Drops
 from tests.cases import each
 from tests.conftest import ROOT
 from tests.metrics.test_counters import counted

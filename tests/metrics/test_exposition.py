@@ -15,9 +15,9 @@ from dissect.findings.catalogue import CATALOGUE
 from dissect.metrics.counters import Metrics
 from dissect.metrics.exposition import COUNTER, FAMILIES, HISTOGRAM, PREFIX, Exposition
 from dissect.metrics.functions import BOUNDS_NS
+from dissect.packets.source.live.reader import Drops
 from dissect.report.analysis import Analysis
 from dissect.report.contract import analysis_as_dict
-from dissect.source.live.reader import Drops
 from dissect.transactions.accounts import CATEGORIES
 from tests.cases import each
 from tests.conftest import ROOT

@@ -12,7 +12,7 @@ from dissect.metrics.counters import Metrics
 from dissect.metrics.keeper import MetricsKeeper
 from dissect.metrics.server import door_of
 from dissect.net.addresses import Address, AddressError
-from dissect.source.live.reader import Drops
+from dissect.packets.source.live.reader import Drops
 
 NONE = Drops(None, None)
 

@@ -19,12 +19,12 @@ from typing import Final
 
 import pytest
 
-from dissect.source.files import open_capture
-from dissect.source.live import privileges
+from dissect.packets.source.files import open_capture
+from dissect.packets.source.live import privileges
 from tests.conftest import ROOT
 from tests.metrics import sandbox
 from tests.metrics.test_probe import UNIT, sections
-from tests.source.live_support import Sink, in_namespace, needs_ring, sender
+from tests.packets.source.live_support import Sink, in_namespace, needs_ring, sender
 
 _UID: Final = 64_999
 _WAIT_S: Final = 60.0

@@ -12,8 +12,8 @@ from dissect.live.events import Event
 from dissect.live.session import Session
 from dissect.monitor.app import MonitorApp
 from dissect.monitor.model import Model
-from dissect.source.files import open_capture
-from dissect.source.packet import PacketSink
+from dissect.packets.source.files import open_capture
+from dissect.packets.source.packet import PacketSink
 from tests.live.support import Clock, Line
 from tests.properties.messages import dt, pdu
 from tests.properties.packets import Packet

@@ -17,8 +17,8 @@ from dissect.monitor.details import watched_details
 from dissect.monitor.rows import watched_heads
 from dissect.monitor.screens import ValuesScreen
 from dissect.monitor.watched import LATEST, SECONDS, Watched
+from dissect.packets.source.files import open_capture
 from dissect.report.words import Places
-from dissect.source.files import open_capture
 from dissect.tags import load_tags
 from dissect.transactions.naming import Naming
 from dissect.variables.choosing import Known, choose

@@ -5,10 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Final
 
+from tests.packets.source.craft import Pcapng
 from tests.properties import messages
 from tests.properties.messages import Item, dt
 from tests.properties.packets import Flow, Talk
-from tests.source.craft import Pcapng
 
 _BASIS: Final = (
     "\x1b[31mred\x1b[0m", "\x1b]0;title\x07", "\x1b]8;;http://x\x1b\\link", "\x1bP+q\x1b\\", "\x1b[6n", "\x1bc",

@@ -1,7 +1,7 @@
 """Promise G11: after kill -9 at any moment no file looks whole that is not.
 
 `S7DISSECT_KILLS` says how often each is killed (8); before a release it is 200. The writers of packets themselves are killed in
-tests/source/test_pcapng_writer.py, tests/recording/test_ring_buffer.py and tests/recording/test_keeper.py.
+tests/packets/source/test_pcapng_writer.py, tests/recording/test_ring_buffer.py and tests/recording/test_keeper.py.
 """
 
 from __future__ import annotations
@@ -19,11 +19,11 @@ import pytest
 
 from dissect.baseline.loading import load_baseline
 from dissect.golden.reading import load_golden
-from dissect.source.files import open_capture
+from dissect.packets.source.files import open_capture
+from tests.packets.source.craft import Recorder
 from tests.promises.nursery import Nursery
 from tests.report.schemas import ROOT
 from tests.report.support import WORD, begun, read, saved
-from tests.source.craft import Recorder
 
 KILLS: Final = int(os.environ.get("S7DISSECT_KILLS", "8"))
 CAPTURE: Final = ROOT / "captures" / "transfer.pcapng"

@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import Final
 
 from dissect.engine.pipeline import Options, Pipeline
-from dissect.source.packet import Reader
-from dissect.source.pcap import PCAP_MAGICS, PcapReader
-from dissect.source.pcapng import PcapngReader
+from dissect.packets.source.packet import Reader
+from dissect.packets.source.pcap import PCAP_MAGICS, PcapReader
+from dissect.packets.source.pcapng import PcapngReader
 from tests.properties.books import Record, check_books
 
 ROOT: Final = Path(__file__).resolve().parents[2]

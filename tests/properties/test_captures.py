@@ -21,9 +21,9 @@ import pytest
 
 import dissect
 from dissect.iso import tpkt
+from dissect.packets.source.packet import PacketSink
+from dissect.packets.tcp import stream
 from dissect.s7 import parameters
-from dissect.source.packet import PacketSink
-from dissect.tcp import stream
 from dissect.wire.build import COMPILED
 from tests.cases import each
 from tests.growth import UNCOUNTED, lines

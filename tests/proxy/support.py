@@ -13,10 +13,10 @@ from pathlib import Path
 from typing import Final
 
 from dissect.net.addresses import Address, Place, places_to_connect, places_to_listen
+from dissect.packets.source.packet import PacketSink
 from dissect.proxy.relay import Relay
 from dissect.proxy.source import RelayReader
 from dissect.proxy.tap import Tap
-from dissect.source.packet import PacketSink
 
 LOOPBACK: Final = "127.0.0.1"
 PATIENCE_S: Final = 60.0

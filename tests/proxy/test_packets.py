@@ -12,10 +12,10 @@ from hypothesis import strategies as st
 
 from dissect.engine.observer import Observer
 from dissect.engine.pipeline import Options, Pipeline
+from dissect.packets.source.pcapng_writer import PcapngWriter
+from dissect.packets.tcp.link import ETHERNET
+from dissect.packets.tcp.stream import Endpoint
 from dissect.proxy.packets import ACKNOWLEDGE_AFTER, MAX_SEGMENT, Conversation, endpoint_of
-from dissect.source.pcapng_writer import PcapngWriter
-from dissect.tcp.link import ETHERNET
-from dissect.tcp.stream import Endpoint
 from dissect.transactions.connection import Connection
 from tests.proxy.support import WRONG, tshark
 

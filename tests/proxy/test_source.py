@@ -15,6 +15,8 @@ from dissect.engine.pipeline import Options
 from dissect.findings.reporter import Finding
 from dissect.live.events import CLOSED, Event
 from dissect.live.session import Session
+from dissect.packets.source.packet import PacketSink
+from dissect.packets.source.pcapng_writer import PcapngWriter
 from dissect.proxy.capture_file import CaptureFile
 from dissect.proxy.packets import endpoint_of
 from dissect.proxy.relay import Relay
@@ -22,8 +24,6 @@ from dissect.proxy.source import RelayReader
 from dissect.proxy.tap import REFUSED, UNANSWERED, Tap
 from dissect.report.writers.jsonl import TransactionLines
 from dissect.session import Run
-from dissect.source.packet import PacketSink
-from dissect.source.pcapng_writer import PcapngWriter
 from dissect.transactions.connection import Connection
 from dissect.transactions.transaction import Transaction
 from tests.live.support import client, never, plc, taken

@@ -13,11 +13,11 @@ import pytest
 
 from dissect.findings.catalogue import CATALOGUE
 from dissect.findings.reporter import Finding
+from dissect.packets.source.files import open_capture
 from dissect.recording import event_capture as keeper_module
 from dissect.recording.event_capture import EventCapture
 from dissect.recording.recent import PACKET_COST
-from dissect.source.files import open_capture
-from tests.source.craft import EPOCH, ETHERNET, NS, Recorder, drain, step_to_the_end
+from tests.packets.source.craft import EPOCH, ETHERNET, NS, Recorder, drain, step_to_the_end
 
 TIME = EPOCH * NS
 STOP = "security.plc_stop"

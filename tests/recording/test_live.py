@@ -9,11 +9,11 @@ from mypy_extensions import i64
 from dissect.engine.observer import Observer
 from dissect.engine.pipeline import Pipeline
 from dissect.findings.reporter import Finding
+from dissect.packets.source.files import open_capture
+from dissect.packets.source.packet import PacketSink
 from dissect.recording.event_capture import EventCapture
 from dissect.recording.ring_buffer import RingBuffer, parse_limits
-from dissect.source.files import open_capture
-from dissect.source.packet import PacketSink
-from tests.source.craft import drain
+from tests.packets.source.craft import drain
 
 ROOT = Path(__file__).resolve().parents[2]
 

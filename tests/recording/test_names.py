@@ -9,10 +9,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from dissect.packets.source.files import open_capture
 from dissect.recording.names import begin, file_word, finish, part_of, time_word, unused
-from dissect.source.files import open_capture
 from dissect.wire.text import Clock
-from tests.source.craft import drain
+from tests.packets.source.craft import drain
 
 
 @given(st.text(max_size=200))

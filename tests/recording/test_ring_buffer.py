@@ -12,9 +12,9 @@ from pathlib import Path
 
 import pytest
 
+from dissect.packets.source.files import open_capture
 from dissect.recording.ring_buffer import RingBuffer, RingLimits, parse_limits
-from dissect.source.files import open_capture
-from tests.source.craft import EPOCH, ETHERNET, NS, Recorder, drain, small_disk, step_to_the_end
+from tests.packets.source.craft import EPOCH, ETHERNET, NS, Recorder, drain, small_disk, step_to_the_end
 
 TIME = EPOCH * NS
 OCTETS = bytes(range(100))

@@ -19,6 +19,7 @@ from dissect.live.run import Fanout
 from dissect.live.session import Session
 from dissect.monitor import rows
 from dissect.monitor.model import Model
+from dissect.packets.source.files import open_capture
 from dissect.page.gathered import Gathered, span_of
 from dissect.page.rendering import Side, render
 from dissect.page.rows import Rows
@@ -29,7 +30,6 @@ from dissect.report.text import analysis_lines
 from dissect.report.words import Places
 from dissect.report.writer import OperationFeed, PduFeed, TransactionFeed, Writer
 from dissect.session import Run
-from dissect.source.files import open_capture
 from dissect.wire.text import Clock
 from tests.faces.reading import options_of
 from tests.monitor.support import ended, events_of

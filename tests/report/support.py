@@ -9,15 +9,15 @@ from typing import Final
 
 from dissect.engine.observer import Observer
 from dissect.engine.pipeline import Options, Pipeline
+from dissect.packets.source.packet import SourceFile
 from dissect.report.analysis import Analysis
 from dissect.report.text import analysis_lines
 from dissect.session import Run
-from dissect.source.packet import SourceFile
 from dissect.transactions.transaction import Transaction
+from tests.packets.source.craft import Pcapng
 from tests.properties import messages
 from tests.properties.messages import Item, dt
 from tests.properties.packets import Flow, Packet, Talk
-from tests.source.craft import Pcapng
 
 ROOT: Final = Path(__file__).resolve().parents[2]
 OWN: Final = sorted(path for path in (ROOT / "captures").rglob("*.pcap*") if path.is_file())

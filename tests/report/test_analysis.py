@@ -8,12 +8,12 @@ from dissect.engine.observer import Observer
 from dissect.engine.options import Options
 from dissect.findings.catalogue import CATALOGUE
 from dissect.findings.reporter import Finding
+from dissect.packets.source.packet import SourceFile
+from dissect.packets.tcp.connection import TcpConnection
+from dissect.packets.tcp.stream import Endpoint
 from dissect.report.analysis import MAX_CONNECTIONS, MAX_FAILED, MAX_SLOWEST, Analysis
 from dissect.session import Run
-from dissect.source.packet import SourceFile
 from dissect.stations.facts import Book, Fact
-from dissect.tcp.connection import TcpConnection
-from dissect.tcp.stream import Endpoint
 from dissect.transactions.connection import Connection
 from dissect.transactions.transaction import Transaction
 from tests.build import payload

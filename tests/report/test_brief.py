@@ -11,12 +11,12 @@ import pytest
 from dissect.engine.pipeline import Options, Pipeline
 from dissect.findings.catalogue import CATALOGUE
 from dissect.findings.reporter import MAX_DETAILED, Finding
+from dissect.packets.source.packet import SourceFile
 from dissect.report.analysis import Analysis
 from dissect.report.brief import MOST, brief_lines
 from dissect.report.per_file import PerFile
 from dissect.report.text import analysis_lines
 from dissect.session import Run
-from dissect.source.packet import SourceFile
 from tests.cases import each
 from tests.cli.support import run
 from tests.report.schemas import ROOT

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import pytest
 
+from dissect.packets.source.packet import SourceFile
 from dissect.report.endings import ending_as_dict, phrase, short
 from dissect.report.words import Places
-from dissect.source.packet import SourceFile
 from dissect.transactions.connection import Connection
 from tests.transactions.talk import (
     ACK,

@@ -15,9 +15,9 @@ from dissect.findings.catalogue import SEVERITIES
 from dissect.golden.difference import KINDS as DIFFERENCES
 from dissect.live import events
 from dissect.oracle import facts, known
+from dissect.packets.source.live.opening import ENGINES
 from dissect.scd.difference import Level
 from dissect.scd.records import Role
-from dissect.source.live.opening import ENGINES
 from dissect.transactions import ending, operation
 from tests.cases import each
 from tests.report.schemas import ROOT, load

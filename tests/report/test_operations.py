@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import json
 
+from dissect.packets.source.packet import SourceFile
 from dissect.report.analysis import Analysis
 from dissect.report.operations import operation_json, operation_line
 from dissect.report.text import results_of
 from dissect.report.words import Places
 from dissect.report.writers.text import transaction_line
-from dissect.source.packet import SourceFile
 from dissect.transactions.operation import Operation
 from dissect.transactions.results import GAPS, HEADER, TransactionError
 from dissect.wire.text import Clock

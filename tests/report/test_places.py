@@ -2,8 +2,8 @@ from __future__ import annotations
 
 import pytest
 
+from dissect.packets.source.packet import SourceFile
 from dissect.report.words import Places
-from dissect.source.packet import SourceFile
 
 
 def places(several: bool = True) -> Places:

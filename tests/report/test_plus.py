@@ -12,6 +12,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dissect.engine.observer import Observer
+from dissect.packets.tcp.connection import TcpConnection
+from dissect.packets.tcp.stream import Endpoint
 from dissect.report.analysis import Analysis
 from dissect.report.contract import analysis_as_dict
 from dissect.report.pdu_json import PduLines
@@ -24,8 +26,6 @@ from dissect.report.writers.text import plus_line, transaction_line
 from dissect.s7plus.hiding import shown_contents
 from dissect.s7plus.message import parse_plus
 from dissect.session import Run
-from dissect.tcp.connection import TcpConnection
-from dissect.tcp.stream import Endpoint
 from dissect.transactions.connection import Connection
 from dissect.transactions.side import Side
 from dissect.wire.text import Clock

@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from dissect.bindings.binding import Binding, Bindings
 from dissect.bindings.engine import ScdCarrier
 from dissect.engine.pipeline import Options, Pipeline
+from dissect.packets.source.packet import SourceFile
 from dissect.report.analysis import Analysis
 from dissect.report.pdu_json import PduLines
 from dissect.report.scd import scd_as_dict, scd_json, scd_subject, scd_summary
@@ -21,7 +22,6 @@ from dissect.report.text import analysis_lines
 from dissect.report.words import Places
 from dissect.report.writers.csv import CSV_COLUMNS, CsvRows
 from dissect.report.writers.text import scd_line, transaction_line
-from dissect.source.packet import SourceFile
 from dissect.transactions.payloads import ScdMessage
 from dissect.transactions.transaction import Transaction
 from dissect.wire.text import Clock

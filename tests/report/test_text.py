@@ -6,6 +6,7 @@ import pytest
 
 from dissect.findings.catalogue import CATALOGUE
 from dissect.findings.reporter import Finding
+from dissect.packets.source.packet import SourceFile
 from dissect.report import words
 from dissect.report.analysis import Analysis
 from dissect.report.brief import brief_lines
@@ -13,7 +14,6 @@ from dissect.report.finding_lines import finding_lines
 from dissect.report.styled import Line
 from dissect.report.text import analysis_lines, table
 from dissect.report.words import Places
-from dissect.source.packet import SourceFile
 from dissect.transactions.accounts import KEEP_ALIVE
 from dissect.wire.text import Clock
 from tests.cases import each

@@ -5,10 +5,10 @@ from itertools import product
 import pytest
 
 from dissect.iso.tsap import Tsap
+from dissect.packets.source.packet import SourceFile
 from dissect.report import facets, words
 from dissect.s7.message import parse_pdu
 from dissect.s7.values import Value
-from dissect.source.packet import SourceFile
 from dissect.transactions.naming import item_subject
 from dissect.transactions.transaction import CONNECTION_EVICTED
 from tests import build

@@ -12,13 +12,13 @@ from hypothesis import strategies as st
 import dissect
 from dissect.engine.observer import Observer
 from dissect.engine.pipeline import Options
+from dissect.packets.source.files import open_capture
+from dissect.packets.source.packet import PacketSink
 from dissect.report.analysis import Analysis
 from dissect.select import SelectError, Where
 from dissect.select.packets import KINDS, PacketSelection
 from dissect.select.sieve import Numbers, Sieve
 from dissect.session import Run
-from dissect.source.files import open_capture
-from dissect.source.packet import PacketSink
 from tests.report.schemas import validator
 from tests.select.support import CAPTURES, ERRORS
 

@@ -9,10 +9,10 @@ from pathlib import Path
 import pytest
 
 import dissect
+from dissect.packets.source.files import open_capture
+from dissect.packets.source.packet import PacketSink
 from dissect.s7plus.contents import Address
 from dissect.s7plus.program import Program
-from dissect.source.files import open_capture
-from dissect.source.packet import PacketSink
 from dissect.tags import TagError, load_tags
 from dissect.tags.loading import read_tags
 from tests.cli.support import run

@@ -5,7 +5,7 @@ import shutil
 
 import pytest
 
-from dissect.source.pcapng_writer import PcapngWriter
+from dissect.packets.source.pcapng_writer import PcapngWriter
 from tests.testing.projects import Project, section
 
 pytest_plugins = ["pytester"]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from dissect.source.pcapng_writer import PcapngWriter
+from dissect.packets.source.pcapng_writer import PcapngWriter
 from tests.s7plus.pdus import INIT_SSL, asked, framed, told
 from tests.tls.talks import Wire
 from tests.transactions.talk import Talk, dt

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dissect.source.growing import GrowingFile
+from dissect.packets.source.growing import GrowingFile
 from dissect.tls import key_log
 from dissect.tls.key_log import MASTER, KeyLog, KeyRing
 

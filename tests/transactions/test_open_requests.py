@@ -4,9 +4,9 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
+from dissect.packets.tcp.connection import TcpConnection
+from dissect.packets.tcp.stream import Endpoint
 from dissect.s7.parameters import Parameters
-from dissect.tcp.connection import TcpConnection
-from dissect.tcp.stream import Endpoint
 from dissect.transactions.connection import Connection
 from dissect.transactions.open_requests import (
     MAX_ORPHANS,

@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 
 import dissect
 from dissect.engine.pipeline import Options, Pipeline
+from dissect.packets.tcp.stream import Endpoint
 from dissect.s7plus.contents import Address
 from dissect.s7plus.objects import build_object
 from dissect.s7plus.tables import EXPLORE
@@ -24,7 +25,6 @@ from dissect.s7plus.value_tables import INT as PLUS_INT
 from dissect.s7plus.value_tables import REAL as PLUS_REAL
 from dissect.s7plus.values import Struct, Value
 from dissect.tags import load_tags
-from dissect.tcp.stream import Endpoint
 from dissect.transactions.results import ALIKE, GAPS
 from dissect.transactions.transaction import ANSWERED, Transaction
 from dissect.variables.choosing import Known, choose

@@ -208,7 +208,7 @@ class Beside:
         from dissect import __version__
         from dissect.export.extras import MissingLibraryError
         from dissect.live.export import ExportCompanion
-        from dissect.source.live.privileges import missing
+        from dissect.packets.source.live.privileges import missing
 
         try:
             companion = ExportCompanion(export.folder, export.every_ns, export.source, __version__)
@@ -227,8 +227,8 @@ class Beside:
         import platform
 
         from dissect import __version__
+        from dissect.packets.source.pcapng_writer import PcapngWriter
         from dissect.proxy.capture_file import CaptureFile
-        from dissect.source.pcapng_writer import PcapngWriter
         from dissect.wire.config.saving import is_special
 
         new = not is_special(path)
@@ -245,9 +245,9 @@ class Beside:
 
         from dissect import __version__
         from dissect.live.evidence import KeeperCompanion, RingCompanion
+        from dissect.packets.source.live.privileges import missing
         from dissect.recording.event_capture import EventCapture
         from dissect.recording.ring_buffer import RingBuffer
-        from dissect.source.live.privileges import missing
 
         self.made += missing(directory)
         name = self._file.stem if self._file is not None else "s7dissect"
@@ -343,7 +343,7 @@ class Beside:
         from dissect.cli.look import clock
         from dissect.cli.report import needs_template_engine
         from dissect.live.reports import ReportCompanion
-        from dissect.source.live.privileges import missing
+        from dissect.packets.source.live.privileges import missing
 
         needs_template_engine()
         if Path(directory).exists() and not Path(directory).is_dir():

@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, Any
 from dissect.engine.pipeline import Options, Pipeline
 from dissect.golden.model import Link, Session
 from dissect.golden.reading import SessionReader
+from dissect.packets.tcp.link import ETHERNET
 from dissect.proxy.packets import Conversation, endpoint_of
-from dissect.tcp.link import ETHERNET
 
 if TYPE_CHECKING:
     from dissect.engine.exchange import PayloadDecoder
-    from dissect.source.pcapng_writer import PcapngWriter
+    from dissect.packets.source.pcapng_writer import PcapngWriter
 
 
 class Record:

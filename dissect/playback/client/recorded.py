@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from dissect.golden.model import GoldenError, Session
 from dissect.golden.reading import read_session
-from dissect.source.packet import CaptureError
+from dissect.packets.source.packet import CaptureError
 
 if TYPE_CHECKING:
     from dissect.engine.exchange import PayloadDecoder

@@ -22,7 +22,7 @@ from dissect.report import words
 
 if TYPE_CHECKING:
     from dissect.engine.exchange import PayloadDecoder
-    from dissect.source.pcapng_writer import PcapngWriter
+    from dissect.packets.source.pcapng_writer import PcapngWriter
 
 #: Maximum number of transaction numbers in a line of the summary.
 _NAMED: Final = 10

@@ -25,7 +25,7 @@ from dissect.playback.server.session import ABORT, CLOSE, Action, ClientSession
 from dissect.playback.server.socket import BrokenError, ClientSocket
 
 if TYPE_CHECKING:
-    from dissect.source.pcapng_writer import PcapngWriter
+    from dissect.packets.source.pcapng_writer import PcapngWriter
 
 #: Maximum number of clients; more wait in the system's queue.
 MAX_CLIENTS: Final = 100

@@ -12,6 +12,7 @@ from typing import Final
 
 from dissect.golden.model import Session
 from dissect.net.addresses import Address
+from dissect.packets.source.pcapng_writer import PcapngWriter
 from dissect.playback.client import (
     Outcome,
     Permissions,
@@ -23,7 +24,6 @@ from dissect.playback.client import (
 )
 from dissect.playback.server.recording import Recording, load_recording
 from dissect.playback.server.service import Server
-from dissect.source.pcapng_writer import PcapngWriter
 from tests.conftest import ROOT
 from tests.properties import messages
 from tests.properties.messages import dt

@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from dissect.golden import diff_sessions, golden_text, read_session
+from dissect.packets.source.pcapng_writer import PcapngWriter
 from dissect.playback.client import Permissions, load_recorded
 from dissect.playback.client.permissions import NO_CONTROL, NO_WRITE
 from dissect.playback.client.plan import make_plan, plan_lines
@@ -27,7 +28,6 @@ from dissect.s7plus.tables import (
     SET_MULTI_VARIABLES,
     SET_VARIABLE,
 )
-from dissect.source.pcapng_writer import PcapngWriter
 from tests.playback.client.support import ALL, CAPTURES, play, texts
 from tests.playback.plus_talk import CONTAINER, SESSION, PlusTalk, plant, value, word
 from tests.s7plus.bodies import create_object, delete_object, get_multi, rid, set_multi, set_variable

@@ -7,8 +7,8 @@ from pathlib import Path
 
 from dissect.golden import golden_text, read_session
 from dissect.golden.model import Session
+from dissect.packets.source.pcapng_writer import PcapngWriter
 from dissect.playback.client.record import Record, Talk
-from dissect.source.pcapng_writer import PcapngWriter
 from tests.properties import messages
 from tests.properties.messages import dt
 from tests.report.support import WORD

@@ -8,8 +8,8 @@ import pytest
 
 from dissect.golden import golden_text, read_session
 from dissect.golden.model import Session, Span
+from dissect.packets.source.packet import CaptureError
 from dissect.playback.client import ReplayError, load_recorded
-from dissect.source.packet import CaptureError
 from tests.playback.client.support import CAPTURES, mixed
 from tests.properties import messages
 from tests.properties.packets import Flow, captured

@@ -11,6 +11,7 @@ import pytest
 from dissect.golden import golden_text, parse_golden, read_session
 from dissect.golden.exchange import S7, Exchange
 from dissect.golden.masking import mask_s7
+from dissect.packets.source.pcapng_writer import PcapngWriter
 from dissect.playback.client import Permissions, ReplayError, Settings, load_recorded, make_plan
 from dissect.playback.client.permissions import DOWNLOAD, NO_CONTROL, NO_WRITE
 from dissect.playback.client.plan import ASK, CLIENT_PUSH, FOLLOWS_WITHHELD, NO_REQUEST, NOT_S7, SERVER_ASKED, playable
@@ -19,7 +20,6 @@ from dissect.playback.server.recording import load_recording
 from dissect.playback.server.service import Server
 from dissect.s7.message import parse_pdu
 from dissect.s7.tables import JOB, READ_VAR, SETUP_COMMUNICATION, WRITE_VAR
-from dissect.source.pcapng_writer import PcapngWriter
 from dissect.transactions.transaction import HOLE
 from tests.cases import each
 from tests.playback.client.support import ALL, CAPTURES, HASTY, NAMES, changed, mixed, play, real_server, texts

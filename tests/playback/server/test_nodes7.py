@@ -16,8 +16,8 @@ from snap7.type import SrvArea
 import dissect
 from captures.record.memory import memory_of
 from captures.record.nodes7 import SCRIPT, node_of, variables_of
+from dissect.packets.source.pcapng_writer import PcapngWriter
 from dissect.playback.server import Server
-from dissect.source.pcapng_writer import PcapngWriter
 
 ROOT: Final = Path(__file__).resolve().parent.parent.parent.parent
 ENVIRONMENT: Final = Path(sys.prefix)

@@ -11,8 +11,8 @@ from snap7.type import Area, WordLen
 
 from captures.record import talk_python
 from dissect.golden import golden_text, read_session
+from dissect.packets.source.pcapng_writer import PcapngWriter
 from dissect.playback.server import Server
-from dissect.source.pcapng_writer import PcapngWriter
 
 FOLDER = Path(__file__).resolve().parent.parent.parent.parent / "captures"
 #: Recordings by python-snap7, and what it said in them.

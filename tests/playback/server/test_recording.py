@@ -11,10 +11,10 @@ from dissect.golden import golden_text, model, read_session
 from dissect.golden.exchange import S7, Exchange
 from dissect.golden.masking import mask_s7
 from dissect.golden.model import Link, Transaction
+from dissect.packets.source.packet import CaptureError
 from dissect.playback.server import Recording, ServerError, load_recording, recording
 from dissect.playback.server.arranging import Seen, arrange
 from dissect.playback.server.model import Script
-from dissect.source.packet import CaptureError
 from dissect.testing.talk import SERVER, Ask, Talk, Tell, answer, pdu, push, read, words
 from dissect.wire.build import COMPILED
 from tests.growth import assert_growth

@@ -7,11 +7,11 @@ from pathlib import Path
 import pytest
 
 from dissect.golden import diff_sessions, golden_text, read_session
+from dissect.packets.source.pcapng_writer import PcapngWriter
 from dissect.playback.client import Outcome, Permissions, load_recorded, make_plan, places_of, read_target, replay
 from dissect.playback.client.permissions import NO_ANSWER
 from dissect.playback.client.plan import plan_lines
 from dissect.playback.server import Server
-from dissect.source.pcapng_writer import PcapngWriter
 from dissect.testing.talk import Talk, answer, data, pdu, read, refused, szl, userdata, words
 from tests.findings.events import bsend
 from tests.transactions.talk import userdata as userdata_pdu
