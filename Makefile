@@ -27,7 +27,7 @@ ROUNDS ?= 20
 BIN := $(VENV)/bin
 PYTEST := $(BIN)/pytest
 # The tests of the engine itself, which run on both builds.
-ENGINE := $(wildcard tests/wire tests/packets/source tests/packets/tcp tests/iso tests/s7 tests/transactions tests/findings \
+ENGINE := $(wildcard tests/wire tests/packets/source tests/packets/tcp tests/protocols/iso tests/protocols/s7 tests/transactions tests/findings \
 	tests/engine tests/test_session.py tests/test_leaving.py tests/test_sources.py tests/test_examples.py tests/report tests/properties)
 # What these test is interpreted in the wheel as well: they would try the same code twice (tests/test_setup.py holds that).
 ONCE := $(wildcard tests/packets/source/test_live_*.py tests/packets/source/test_growing.py tests/packets/source/test_pcapng_writer.py tests/packets/source/test_remote.py)
@@ -37,7 +37,7 @@ ONCE := $(wildcard tests/packets/source/test_live_*.py tests/packets/source/test
 # Those that take longest begin; what none of the others names is in the rest.
 INSTALLED := browser program scd rest cli layers oracle captures
 installed-browser := tests/browser
-installed-oracle := tests/oracle tests/golden tests/tls
+installed-oracle := tests/oracle tests/golden tests/protocols/tls
 installed-cli := tests/cli
 installed-scd := tests/scd tests/properties tests/anonymize
 installed-captures := tests/captures tests/playback tests/packets/source

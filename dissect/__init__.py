@@ -29,9 +29,9 @@ _PUBLIC: Final = {
     "Options": "dissect.engine.pipeline",
     "Analysis": "dissect.report.analysis",
     "CarvedBlock": "dissect.program.carved",
-    "Pdu": "dissect.s7.message",
+    "Pdu": "dissect.protocols.s7.message",
     "Pipeline": "dissect.engine.pipeline",
-    "PlusPdu": "dissect.s7plus.message",
+    "PlusPdu": "dissect.protocols.s7plus.message",
     "Run": "dissect.session",
     "SelectError": "dissect.select.errors",
     "ScdMessage": "dissect.transactions.payloads",
@@ -63,10 +63,10 @@ if TYPE_CHECKING:
     from dissect.inventory.model import Device as Device
     from dissect.live.iterating import live as live
     from dissect.program.carved import CarvedBlock as CarvedBlock
+    from dissect.protocols.s7.message import Pdu as Pdu
+    from dissect.protocols.s7plus.message import PlusPdu as PlusPdu
     from dissect.proxy.stream import stream as stream
     from dissect.report.analysis import Analysis as Analysis
-    from dissect.s7.message import Pdu as Pdu
-    from dissect.s7plus.message import PlusPdu as PlusPdu
     from dissect.select.errors import SelectError as SelectError
     from dissect.select.where import Where as Where
     from dissect.session import KeyLogError as KeyLogError

@@ -20,9 +20,9 @@ from dissect.findings.reporter import Finding
 from dissect.packets.source.given import Source, given_one, open_source
 from dissect.packets.source.packet import CONTINUES_NS, CaptureError, PacketSink, Reader, SourceFile
 from dissect.packets.source.remote import shown
+from dissect.protocols.s7.message import Pdu, parse_pdu
+from dissect.protocols.s7plus.message import PlusPdu, parse_plus
 from dissect.report.analysis import Analysis, Part
-from dissect.s7.message import Pdu, parse_pdu
-from dissect.s7plus.message import PlusPdu, parse_plus
 from dissect.transactions.connection import Connection
 from dissect.transactions.naming import Naming
 from dissect.transactions.operation import Operation
@@ -36,12 +36,12 @@ from dissect.wire.text import printable
 if TYPE_CHECKING:
     from dissect.inventory.collector import Inventory
     from dissect.inventory.model import Device
+    from dissect.protocols.tls.key_log import KeyLog
     from dissect.scd.dictionary import Dictionary
     from dissect.select import Where
     from dissect.select.sieve import Sieve
     from dissect.select.things import Context
     from dissect.tags import TagSet
-    from dissect.tls.key_log import KeyLog
 
 #: Files of tags: one, several, or what `dissect.tags.load_tags` made of them.
 Tags: TypeAlias = "str | os.PathLike[str] | Sequence[str | os.PathLike[str]] | TagSet | None"
@@ -379,8 +379,8 @@ def read_tls_keys(paths: Sequence[str | os.PathLike[str]]) -> KeyLog:
     a key, OSError when a file cannot be read, and ImportError with a hint when the package for decryption is missing.
     """
     from dissect.packets.source.growing import GrowingFile
-    from dissect.tls import aead
-    from dissect.tls.key_log import KeyLog
+    from dissect.protocols.tls import aead
+    from dissect.protocols.tls.key_log import KeyLog
 
     if not aead.is_installed():
         raise ImportError(aead.NEEDS)

@@ -11,20 +11,20 @@ from pathlib import Path
 from typing import Final
 
 from dissect.engine.observer import Observer
-from dissect.iso import tables as iso
-from dissect.iso.cotp import parse_tpdu
 from dissect.layers import S7, TPKT
 from dissect.layers.parts import CLASSES
 from dissect.oracle import facts, known
 from dissect.oracle.facts import TPKT_SIZE
-from dissect.s7 import szl_tables, tables
-from dissect.s7.bodies import parse_body
-from dissect.s7.body import Body
-from dissect.s7.message import Pdu, parse_pdu
-from dissect.s7.parameters import PUSH, REQUEST, RESPONSE
-from dissect.s7.services import PI_SERVICES
-from dissect.s7.szl import SZL_HEAD
-from dissect.s7.szl_records import RECORD
+from dissect.protocols.iso import tables as iso
+from dissect.protocols.iso.cotp import parse_tpdu
+from dissect.protocols.s7 import szl_tables, tables
+from dissect.protocols.s7.bodies import parse_body
+from dissect.protocols.s7.body import Body
+from dissect.protocols.s7.message import Pdu, parse_pdu
+from dissect.protocols.s7.parameters import PUSH, REQUEST, RESPONSE
+from dissect.protocols.s7.services import PI_SERVICES
+from dissect.protocols.s7.szl import SZL_HEAD
+from dissect.protocols.s7.szl_records import RECORD
 from dissect.session import Run
 from dissect.wire.codes import CodeTable
 from dissect.wire.part import OCTETS, SURPLUS, Part

@@ -15,7 +15,7 @@ from dissect.layers.parts import CLASSES
 HEAD: Final = """\
 # The parts of S7 bodies as Scapy classes
 
-Every structure that `dissect.s7` knows, with its class in `dissect.layers`; how they are put together is in
+Every structure that `dissect.protocols.s7` knows, with its class in `dissect.layers`; how they are put together is in
 [layers.md](layers.md), and a session of them in [layers-tutorial.md](layers-tutorial.md). `ls(CLASS)` prints the fields. Fields
 named in *filled in* count something and may be left out. This page is made by `scripts/layers_doc.py`.
 """

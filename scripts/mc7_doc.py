@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterator
 from pathlib import Path
 
-from dissect.mc7.block import FACTS
-from dissect.mc7.checks import TAMPERED
-from dissect.mc7.hazards import SYSTEM_CALLS
-from dissect.mc7.instruction_tables import GERMAN, INSTRUCTIONS, MEANINGS, Row, confidence
+from dissect.protocols.mc7.block import FACTS
+from dissect.protocols.mc7.checks import TAMPERED
+from dissect.protocols.mc7.hazards import SYSTEM_CALLS
+from dissect.protocols.mc7.instruction_tables import GERMAN, INSTRUCTIONS, MEANINGS, Row, confidence
 
 PAGE = Path(__file__).resolve().parent.parent / "docs" / "mc7.md"
 BEGIN, END = "<!-- {} -->\n", "<!-- end of {} -->\n"

@@ -14,12 +14,22 @@ from pathlib import Path
 from typing import Final
 
 from dissect.engine.observer import Observer
-from dissect.s7plus.bodies import parse_contents
-from dissect.s7plus.contents import Contents
-from dissect.s7plus.id_tables import IDS, MEMBERS, MEMORY
-from dissect.s7plus.message import PlusPdu, parse_plus
-from dissect.s7plus.tables import FUNCTIONS, NOTIFICATION, NOTIFIED, OPCODES, REQUEST, RESPONSE, RESPONSE2, TAGS, V3
-from dissect.s7plus.value_tables import ADDRESS_ARRAY, ARRAY, SPARSE_ARRAY, VALUE_TYPES
+from dissect.protocols.s7plus.bodies import parse_contents
+from dissect.protocols.s7plus.contents import Contents
+from dissect.protocols.s7plus.id_tables import IDS, MEMBERS, MEMORY
+from dissect.protocols.s7plus.message import PlusPdu, parse_plus
+from dissect.protocols.s7plus.tables import (
+    FUNCTIONS,
+    NOTIFICATION,
+    NOTIFIED,
+    OPCODES,
+    REQUEST,
+    RESPONSE,
+    RESPONSE2,
+    TAGS,
+    V3,
+)
+from dissect.protocols.s7plus.value_tables import ADDRESS_ARRAY, ARRAY, SPARSE_ARRAY, VALUE_TYPES
 from dissect.session import Run
 from dissect.transactions.side import Side
 from dissect.wire.codes import CodeTable

@@ -15,7 +15,7 @@ from typing import Final
 
 ROOT: Final = Path(__file__).resolve().parent.parent
 #: Tests that need nothing but pytest and hypothesis, and that run anywhere.
-TESTS: Final = ("tests/wire", "tests/iso", "tests/s7/test_message.py", "tests/packets/tcp")
+TESTS: Final = ("tests/wire", "tests/protocols/iso", "tests/protocols/s7/test_message.py", "tests/packets/tcp")
 
 
 def command(*arguments: str | Path) -> subprocess.CompletedProcess[str]:

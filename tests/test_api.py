@@ -21,7 +21,7 @@ from dissect.golden.writing import golden_text
 from dissect.packets.source.pcapng_writer import PcapngWriter
 from dissect.playback.client import load_recorded
 from dissect.playback.server import load_recording
-from dissect.s7.items import DataItem
+from dissect.protocols.s7.items import DataItem
 
 #: A program of a user, which mypy and pyright have to understand.
 USER: Final = Path(__file__).parent / "typed" / "program.py"
@@ -30,7 +30,7 @@ REVEALED = [
     "int | None",
     "dict[str, object]",
     (
-        "Connection | dissect.s7.message.Pdu | dissect.s7plus.message.PlusPdu | dissect.transactions.payloads.ScdMessage"
+        "Connection | dissect.protocols.s7.message.Pdu | dissect.protocols.s7plus.message.PlusPdu | dissect.transactions.payloads.ScdMessage"
         " | dissect.transactions.transaction.Transaction | dissect.transactions.operation.Operation | dissect.acts.act.Act"
         " | dissect.findings.reporter.Finding"
     ),
@@ -44,7 +44,7 @@ REVEALED = [
     "bytes",
     "dissect.packets.tcp.stream.Endpoint",
     "list[tuple[str, str, str, object, str, str, bytes | None, fallback=dissect.transactions.items.TransactionItem]]",
-    "list[dissect.transactions.connection.Connection | dissect.s7.message.Pdu",
+    "list[dissect.transactions.connection.Connection | dissect.protocols.s7.message.Pdu",
 ]
 
 

@@ -30,7 +30,7 @@ MOST: Final = {"text": 34, "jsonl": 32}
 #: How many of them, with the table of names, have a function to read for a return code.
 MOST_READ: Final = {"text": 13, "jsonl": 12}
 #: Where the names of return codes are.
-NAMES: Final = "s7/tables.py"
+NAMES: Final = "protocols/s7/tables.py"
 
 
 def ways() -> list[list[str]]:

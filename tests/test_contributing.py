@@ -268,12 +268,14 @@ print(json.dumps([[event.outcome, event.response.body.notes] for event in found]
 
 
 def test_to_add_a_userdata_subfunction(tree: Tree) -> None:
-    tree.replace("dissect/s7/tables.py", LAST_CLOCK, LAST_CLOCK + QUALITY_NAME)
+    tree.replace("dissect/protocols/s7/tables.py", LAST_CLOCK, LAST_CLOCK + QUALITY_NAME)
     number = "SET_CLOCK_SECOND: Final = 4\n"
-    tree.replace("dissect/s7/tables.py", number, number + "READ_QUALITY: Final = 5\n")
-    tree.replace("dissect/s7/bodies.py", "    SET_CLOCK_SECOND,\n", "    READ_QUALITY,\n    SET_CLOCK_SECOND,\n")
-    tree.replace("dissect/s7/clock.py", "\n\ndef parse_clock(", QUALITY_LAYOUT)
-    tree.replace("dissect/s7/bodies.py", SET_CLOCK_ROW, SET_CLOCK_ROW + QUALITY_ROW)
+    tree.replace("dissect/protocols/s7/tables.py", number, number + "READ_QUALITY: Final = 5\n")
+    tree.replace(
+        "dissect/protocols/s7/bodies.py", "    SET_CLOCK_SECOND,\n", "    READ_QUALITY,\n    SET_CLOCK_SECOND,\n"
+    )
+    tree.replace("dissect/protocols/s7/clock.py", "\n\ndef parse_clock(", QUALITY_LAYOUT)
+    tree.replace("dissect/protocols/s7/bodies.py", SET_CLOCK_ROW, SET_CLOCK_ROW + QUALITY_ROW)
     tree.replace("captures/craft/coverage_userdata.py", SET_CLOCK_PDUS, SET_CLOCK_PDUS + QUALITY_PDUS)
     clock_class = '        Row("S7_Clock", '
     tree.replace("dissect/layers/part_tables.py", clock_class, QUALITY_CLASS + clock_class)
@@ -509,7 +511,7 @@ from __future__ import annotations
 
 from mypy_extensions import i64
 
-from dissect.tally.framing import MARK, NAME, whole_messages
+from dissect.protocols.tally.framing import MARK, NAME, whole_messages
 from dissect.transactions.connection import FOLLOWED
 from dissect.transactions.protocol import Kept, Protocol
 from dissect.transactions.side import Side
@@ -608,8 +610,8 @@ print(json.dumps([found[0], analysis(sys.argv[1]), found[1]]))
 
 
 def test_to_add_a_protocol(tree: Tree, tmp_path: Path) -> None:
-    tree.write("dissect/tally/__init__.py", '"""Tally messages."""\n')
-    tree.write("dissect/tally/framing.py", FRAMING)
+    tree.write("dissect/protocols/tally/__init__.py", '"""Tally messages."""\n')
+    tree.write("dissect/protocols/tally/framing.py", FRAMING)
     tree.write("dissect/engine/tally.py", PROTOCOL)
     pipeline = "dissect/engine/pipeline.py"
     tree.replace(pipeline, "streams: list[Protocol] = [self.ibh]", "streams: list[Protocol] = [self.ibh, Tally()]")
@@ -628,7 +630,7 @@ def test_to_add_a_protocol(tree: Tree, tmp_path: Path) -> None:
     capture = tmp_path / "tally.pcap"
     capture.write_bytes(tally_capture())
     told, line, others = json.loads(tree.python("-c", PROTOCOL_TRIED, str(capture), "captures/crafted/netlink.pcapng"))
-    room, outside = "dissect/tally/", tree.touched()
+    room, outside = "dissect/protocols/tally/", tree.touched()
     files = {room if name.startswith(room) else name for name in outside}
     assert files == {name.replace("NAME", "tally") for name in listed("To add a protocol")}
     assert len(files - {room}) <= MOST

@@ -39,7 +39,7 @@ import json
 from click.testing import CliRunner
 from dissect.cli import show
 from dissect.layers.part_classes import S7_SZLEthernet
-from tests.s7 import test_szl
+from tests.protocols.s7 import test_szl
 test_szl.test_the_kind_of_link()
 def shown(*words):
     ran = CliRunner().invoke(show.command, [*words, "captures/crafted/coverage-szl.pcapng"], standalone_mode=False)
@@ -54,11 +54,11 @@ print(json.dumps([tree, len(lines), bytes(built).hex(), S7_SZLEthernet(bytes(bui
 
 def test_to_add_a_field_to_an_szl_record(tmp_path: Path) -> None:
     tree = Tree(tmp_path / "tree")
-    records = "dissect/s7/szl_records.py"
+    records = "dissect/protocols/s7/szl_records.py"
     tree.replace(records, LINK_FIELD, LINK_FIELD_MADE)
     tree.replace(records, "    LED_STATES,\n    LEDS,\n", "    LED_STATES,\n    LEDS,\n    LINK_KINDS,\n")
-    tree.replace("dissect/s7/szl_tables.py", LINK_TABLE, LINK_TABLE_MADE)
-    tree.replace("tests/s7/test_szl.py", "\ndef test_head_only() -> None:\n", LINK_TEST)
+    tree.replace("dissect/protocols/s7/szl_tables.py", LINK_TABLE, LINK_TABLE_MADE)
+    tree.replace("tests/protocols/s7/test_szl.py", "\ndef test_head_only() -> None:\n", LINK_TEST)
     assert tree.touched() == listed("To add a field to an SZL record")
     shown, lines, built, link = json.loads(tree.python("-c", LINK_TRIED))
     assert shown

@@ -33,7 +33,7 @@ SMALL: Final = frozenset(
         ("oracle/plus.py", "_asked"),
         ("playback/server/session.py", "_jobs"),
         ("playback/server/session.py", "_references"),
-        ("s7plus/session.py", "subscriptions"),
+        ("protocols/s7plus/session.py", "subscriptions"),
         ("packets/source/live/dumpcap.py", "statistics"),
         ("stations/evidence.py", "_answers"),
         ("tags/loading.py", "programs"),

@@ -117,13 +117,13 @@ PURE_IMPORTS: Final = frozenset(
 #: What pure modules remember: what a function returned for the same arguments, so that no result depends on it; and numbers
 #: that are given out once each.
 MEMORY: Final = {
-    "dissect.mc7.code": "_rows",
-    "dissect.s7.errors": "_TABLES",
-    "dissect.s7.message": "_CUT",
-    "dissect.s7plus.blobs": "_SOUND",
-    "dissect.s7plus.contents": "_KNOWN",
-    "dissect.s7plus.pieces": "_KNOWN",
-    "dissect.s7plus.stamps": "_STAMPS",
+    "dissect.protocols.mc7.code": "_rows",
+    "dissect.protocols.s7.errors": "_TABLES",
+    "dissect.protocols.s7.message": "_CUT",
+    "dissect.protocols.s7plus.blobs": "_SOUND",
+    "dissect.protocols.s7plus.contents": "_KNOWN",
+    "dissect.protocols.s7plus.pieces": "_KNOWN",
+    "dissect.protocols.s7plus.stamps": "_STAMPS",
 }
 IMPURE_CALLS: Final = frozenset(("breakpoint", "input", "open", "print"))
 CLOCK_CALLS: Final = frozenset(("now", "today", "utcnow"))
@@ -328,7 +328,7 @@ OWN_CONTENT: Final = {
     "dissect.cli.schema": "the schemas of the package",
     "dissect.export.sqlite": "only writes a new file",
     "dissect.index.store": "catches DATABASE_ERRORS",
-    "dissect.s7.values": "only the decoder of UTF-16",
+    "dissect.protocols.s7.values": "only the decoder of UTF-16",
     "dissect.tags.decoding": "only names of byte order marks",
 }
 HOSTILE_CALLS: Final = frozenset(("json.loads", "json.load", "tomllib.loads", "tomllib.load", "codecs.lookup"))
@@ -443,7 +443,7 @@ def test_rule_holds(rule: Rule, modules: dict[str, ast.Module]) -> None:
 @pytest.mark.parametrize(
     ("rule", "module", "source"),
     [
-        (imports_only_point_down, "dissect.packets.tcp.stream", "from dissect.s7.tables import JOB"),
+        (imports_only_point_down, "dissect.packets.tcp.stream", "from dissect.protocols.s7.tables import JOB"),
         (imports_only_point_down, "dissect.packets.tcp.stream", "from dissect import cli"),
         (imports_only_point_down, "dissect.packets.tcp.stream", "def late():\n    import dissect.report.text"),
         (imports_only_point_down, "dissect.packets.tcp.stream", "from dissect import __version__"),
@@ -452,15 +452,23 @@ def test_rule_holds(rule: Rule, modules: dict[str, ast.Module]) -> None:
         (imports_only_point_down, "dissect.attic.thing", ""),
         (packages_stay_in_their_room, "dissect.cli.show", "def late():\n    from scapy.all import rdpcap"),
         (packages_stay_in_their_room, "dissect.layers.s7", "import pyshark"),
-        (the_engine_is_pure, "dissect.s7.message", "import time"),
+        (the_engine_is_pure, "dissect.protocols.s7.message", "import time"),
         (the_engine_is_pure, "dissect.engine.pipeline", "from asyncio import sleep"),
         (the_engine_is_pure, "dissect.findings.rules", "print('found')"),
-        (the_engine_is_pure, "dissect.iso.tpkt", "octets = open('x').read()"),
-        (the_engine_is_pure, "dissect.s7.values", "from datetime import datetime\nt = datetime.now()"),
-        (the_engine_is_pure, "dissect.s7plus.check", "_FREE = []\ndef done(one):\n    _FREE.append(one)"),
-        (the_engine_is_pure, "dissect.s7plus.check", "_LATEST = Latest()\ndef keep(one):\n    _LATEST.pdu = one"),
-        (the_engine_is_pure, "dissect.s7.message", "_ROWS = {}\ndef row(one):\n    _ROWS[one] = 1"),
-        (the_engine_is_pure, "dissect.s7.message", "LATEST = 0\ndef keep(one):\n    global LATEST\n    LATEST = one"),
+        (the_engine_is_pure, "dissect.protocols.iso.tpkt", "octets = open('x').read()"),
+        (the_engine_is_pure, "dissect.protocols.s7.values", "from datetime import datetime\nt = datetime.now()"),
+        (the_engine_is_pure, "dissect.protocols.s7plus.check", "_FREE = []\ndef done(one):\n    _FREE.append(one)"),
+        (
+            the_engine_is_pure,
+            "dissect.protocols.s7plus.check",
+            "_LATEST = Latest()\ndef keep(one):\n    _LATEST.pdu = one",
+        ),
+        (the_engine_is_pure, "dissect.protocols.s7.message", "_ROWS = {}\ndef row(one):\n    _ROWS[one] = 1"),
+        (
+            the_engine_is_pure,
+            "dissect.protocols.s7.message",
+            "LATEST = 0\ndef keep(one):\n    global LATEST\n    LATEST = one",
+        ),
         (nothing_runs_what_it_reads, "dissect.report.json", "import pickle"),
         (nothing_runs_what_it_reads, "dissect.cli.show", "eval('1')"),
         (nothing_runs_what_it_reads, "dissect.cli.show", "import subprocess\nsubprocess.run('ls', shell=True)"),
@@ -492,18 +500,22 @@ def test_rule_sees_its_breach(rule: Rule, module: str, source: str) -> None:
     [
         (
             imports_only_point_down,
-            "dissect.s7.message",
-            "from dissect.s7 import tables\nfrom dissect.wire import codes",
+            "dissect.protocols.s7.message",
+            "from dissect.protocols.s7 import tables\nfrom dissect.wire import codes",
         ),
         (imports_only_point_down, "dissect.cli.main", "from dissect import __version__, session"),
         (packages_stay_in_their_room, "dissect.layers.s7", "from scapy.packet import Packet"),
-        (the_engine_is_pure, "dissect.s7.values", "from datetime import timedelta\nimport struct"),
+        (the_engine_is_pure, "dissect.protocols.s7.values", "from datetime import timedelta\nimport struct"),
         (the_engine_is_pure, "dissect.packets.source.files", "import os\nopen('x')"),
-        (the_engine_is_pure, "dissect.s7.message", "ROWS = {}\nROWS[1] = 2\ndef row(rows):\n    rows[1] = ROWS[1]"),
-        (the_engine_is_pure, "dissect.mc7.code", "_rows = {}\ndef row(one):\n    _rows[one] = 1"),
+        (
+            the_engine_is_pure,
+            "dissect.protocols.s7.message",
+            "ROWS = {}\nROWS[1] = 2\ndef row(rows):\n    rows[1] = ROWS[1]",
+        ),
+        (the_engine_is_pure, "dissect.protocols.mc7.code", "_rows = {}\ndef row(one):\n    _rows[one] = 1"),
         (nothing_runs_what_it_reads, "dissect.cli.show", "import re\nre.compile('a')"),
         (hostile_content_has_one_reader, "dissect.carve.folder", "import json\njson.dumps(made)"),
-        (names_say_something, "dissect.s7.timebase", "class Database:\n    pass"),
+        (names_say_something, "dissect.protocols.s7.timebase", "class Database:\n    pass"),
         (
             asserts_only_narrow_types,
             "dissect.packets.tcp.stream",
@@ -553,7 +565,7 @@ def test_importing_is_cheap(statement: str) -> None:
         "logging",
         "dissect.session",
         "dissect.engine.pipeline",
-        "dissect.s7",
+        "dissect.protocols.s7",
     ]
     code = f"{statement}\nimport sys\nprint(*[name for name in {heavy!r} if name in sys.modules])"
     assert python("-c", code).stdout.split() == []

@@ -15,9 +15,9 @@ from tests.bindings.test_streams import cut as cut_messages
 from tests.cases import each
 from tests.cli.support import run
 from tests.engine.test_ibh import Link
-from tests.ibh import packets as ibh
+from tests.protocols.ibh import packets as ibh
+from tests.protocols.s7plus import pdus as plus
 from tests.report.support import begun, saved
-from tests.s7plus import pdus as plus
 from tests.transactions.talk import (
     CLIENT,
     Talk,

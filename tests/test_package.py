@@ -186,7 +186,7 @@ def test_every_hot_module_is_compiled_and_keeps_its_source(wheel: Path) -> None:
     assert compiled == {name for name in hot - cold if not name.endswith("__init__.py")}
     # Every packet passes through these.
     assert {
-        f"dissect/{name}.py" for name in ("wire/build", "engine/pipeline", "iso/tpkt", "report/writers/jsonl")
+        f"dissect/{name}.py" for name in ("wire/build", "engine/pipeline", "protocols/iso/tpkt", "report/writers/jsonl")
     } <= compiled
 
 

@@ -8,8 +8,8 @@ from typing import Final
 
 import pytest
 
-from dissect.iso import tables as iso_tables
-from dissect.s7 import errors, tables
+from dissect.protocols.iso import tables as iso_tables
+from dissect.protocols.s7 import errors, tables
 from dissect.wire.codes import CodeTable
 
 

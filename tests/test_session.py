@@ -18,7 +18,7 @@ from dissect.bindings import BindingError
 from dissect.engine.pipeline import Options
 from dissect.findings.reporter import Finding
 from dissect.packets.source.packet import CONTINUES_NS, CaptureError
-from dissect.s7.message import Pdu
+from dissect.protocols.s7.message import Pdu
 from dissect.session import Run
 from dissect.transactions.connection import Connection
 from dissect.transactions.payloads import ScdMessage

@@ -230,7 +230,7 @@ def test_what_a_packet_passes_through_is_optimized_and_the_rest_is_not(
     assert setup.kind("/lib-rt/str_ops.c") == "busiest"
     assert setup.kind("build/__native_s7dissect.c") == "busiest"
     assert kinds["dissect/packets/tcp/stream.py"] == "busy"
-    assert kinds["dissect/s7plus/alarms.py"] == "plain"
+    assert kinds["dissect/protocols/s7plus/alarms.py"] == "plain"
     counts = Counter(kinds.values())
     assert counts["busiest"] < 0.2 * len(compiled)
     assert counts["plain"] > 0.3 * len(compiled)

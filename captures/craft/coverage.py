@@ -27,7 +27,6 @@ from captures.craft.pdus import (
 )
 from captures.craft.talk import CLIENT, SERVER, Talk
 from captures.craft.worked import END_UPLOAD, START_UPLOAD, UPLOAD
-from dissect.iso.tables import PARAMETERS
 from dissect.layers import (
     COTP_CC,
     COTP_CR,
@@ -40,8 +39,9 @@ from dissect.layers import (
     S7_WriteDataItem,
     S7_WriteVarRequest,
 )
-from dissect.s7.services import BLOCK_SERVICES, NC_PREFIX, PI_SERVICES
-from dissect.s7.tables import (
+from dissect.protocols.iso.tables import PARAMETERS
+from dissect.protocols.s7.services import BLOCK_SERVICES, NC_PREFIX, PI_SERVICES
+from dissect.protocols.s7.tables import (
     ANSWER_TRANSPORT_SIZE,
     AREAS,
     BLOCK_TYPES,

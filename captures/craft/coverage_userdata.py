@@ -9,11 +9,11 @@ from captures.craft.case import Case, crafts
 from captures.craft.pdus import ASKED, MODE, PUSH, TOLD, USERDATA, ask, dt, s7, tell
 from captures.craft.talk import CLIENT, SERVER, Talk
 from dissect.layers import S7_ModeTransition
-from dissect.s7.szl import record_size
-from dissect.s7.szl_communication import CAPABILITY_RECORDS, STATUS_RECORDS
-from dissect.s7.szl_records import COMPONENT_RECORDS
-from dissect.s7.szl_tables import HEAD_ONLY, SZL_IDS
-from dissect.s7.tables import USERDATA_SUBFUNCTIONS
+from dissect.protocols.s7.szl import record_size
+from dissect.protocols.s7.szl_communication import CAPABILITY_RECORDS, STATUS_RECORDS
+from dissect.protocols.s7.szl_records import COMPONENT_RECORDS
+from dissect.protocols.s7.szl_tables import HEAD_ONLY, SZL_IDS
+from dissect.protocols.s7.tables import USERDATA_SUBFUNCTIONS
 
 Row = tuple[int, int, str]
 """Kind, subfunction, payload; no payload is none."""

@@ -8,8 +8,8 @@ from typing import Final
 from captures.craft.case import Case, crafts
 from captures.craft.pdus import dt
 from captures.craft.talk import CLIENT, SERVER, Talk
-from dissect.s7plus.objects import Attribute, Element, PlusObject, build_object
-from dissect.s7plus.tables import (
+from dissect.protocols.s7plus.objects import Attribute, Element, PlusObject, build_object
+from dissect.protocols.s7plus.tables import (
     CREATE_OBJECT,
     DELETE_OBJECT,
     EXPLORE,
@@ -17,7 +17,7 @@ from dissect.s7plus.tables import (
     SET_MULTI_VARIABLES,
     SET_VARIABLE,
 )
-from dissect.s7plus.value_tables import (
+from dissect.protocols.s7plus.value_tables import (
     ADDRESS_ARRAY,
     AID,
     ARRAY,
@@ -33,8 +33,8 @@ from dissect.s7plus.value_tables import (
     USINT,
     WSTRING,
 )
-from dissect.s7plus.values import Blob, Struct, Value, build_members, build_value
-from dissect.s7plus.variables import NameList, Variable, VariableList
+from dissect.protocols.s7plus.values import Blob, Struct, Value, build_members, build_value
+from dissect.protocols.s7plus.variables import NameList, Variable, VariableList
 from dissect.wire.varint import VLQ, build_varint
 
 CPU: Final = "192.0.2.20"

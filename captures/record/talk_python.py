@@ -18,7 +18,7 @@ from snap7.type import Area, Block, WordLen
 
 ADDRESS = "127.0.0.1"
 BLOCKS = Path(__file__).resolve().parent / "blocks"
-"""Blocks of our own, made by our assembler (tests/mc7/samples.py)."""
+"""Blocks of our own, made by our assembler (tests/protocols/mc7/samples.py)."""
 PE, PA, MK, DB, CT, TM = Area.PE, Area.PA, Area.MK, Area.DB, Area.CT, Area.TM
 SIZES = {
     WordLen.Bit: 1,

@@ -16,8 +16,8 @@ from dissect.acts.tables import (
     UNFINISHED,
     Kind,
 )
-from dissect.s7plus.tables import PARTIAL_ERROR
-from dissect.s7plus.tables import RETURN_CODES as PLUS_CODES
+from dissect.protocols.s7plus.tables import PARTIAL_ERROR
+from dissect.protocols.s7plus.tables import RETURN_CODES as PLUS_CODES
 from dissect.transactions import operation as operations
 from dissect.transactions.connection import Connection
 from dissect.transactions.operation import DONE, TRANSFERS, Operation

@@ -10,9 +10,9 @@ from dissect.acts.classic import recognise
 from dissect.acts.plus import act_of_event
 from dissect.acts.tables import ACCEPTED
 from dissect.acts.tables import REFUSED as REFUSED_ACT
-from dissect.s7.services import BLOCK_SERVICES
-from dissect.s7.tables import PI_SERVICE, REQUEST_DOWNLOAD, START_UPLOAD
-from dissect.s7plus.event import Event
+from dissect.protocols.s7.services import BLOCK_SERVICES
+from dissect.protocols.s7.tables import PI_SERVICE, REQUEST_DOWNLOAD, START_UPLOAD
+from dissect.protocols.s7plus.event import Event
 from dissect.transactions.operation import (
     DELETE,
     DONE,

@@ -1,7 +1,7 @@
 """Recognises the acts of S7comm: PI services, PLC stop, the functions of transfers, userdata, writes to outputs.
 
-What a request does is in the tables of functions, userdata subfunctions and PI services (`dissect.s7.tables`,
-`dissect.s7.services`); this module says which act that is.
+What a request does is in the tables of functions, userdata subfunctions and PI services (`dissect.protocols.s7.tables`,
+`dissect.protocols.s7.services`); this module says which act that is.
 """
 
 from __future__ import annotations
@@ -10,11 +10,11 @@ from typing import Final
 
 from dissect.acts import tables as kinds
 from dissect.acts.act import Act, act_of
-from dissect.s7.body import Body
-from dissect.s7.items import ItemResult
-from dissect.s7.parameters import PUSH as INDICATION
-from dissect.s7.parameters import UserdataHead
-from dissect.s7.services import (
+from dissect.protocols.s7.body import Body
+from dissect.protocols.s7.items import ItemResult
+from dissect.protocols.s7.parameters import PUSH as INDICATION
+from dissect.protocols.s7.parameters import UserdataHead
+from dissect.protocols.s7.services import (
     COMPRESS,
     COPY_TO_ROM,
     DELETE,
@@ -24,7 +24,7 @@ from dissect.s7.services import (
     PI_SERVICES,
     PROGRAM,
 )
-from dissect.s7.tables import (
+from dissect.protocols.s7.tables import (
     ALARM_CHANGE,
     CLOCK,
     DEBUG,
@@ -165,7 +165,7 @@ def _of_service(transaction: Transaction) -> Act | None:
 
 def _is_cold(body: Body | None) -> bool:
     """Return whether the argument of a start requests a cold restart."""
-    from dissect.s7.control import PI_ARGUMENT  # late, as bodies are parsed: few captures have PI services
+    from dissect.protocols.s7.control import PI_ARGUMENT  # late, as bodies are parsed: few captures have PI services
 
     argument = body.find(PI_ARGUMENT) if body is not None else None
     return argument is not None and argument.octets("argument").startswith(_COLD)

@@ -1,4 +1,4 @@
-"""Which act an event of S7comm-plus is (`dissect.s7plus.events` recognises events by what requests carry)."""
+"""Which act an event of S7comm-plus is (`dissect.protocols.s7plus.events` recognises events by what requests carry)."""
 
 from __future__ import annotations
 
@@ -6,9 +6,9 @@ from typing import Final
 
 from dissect.acts import tables as kinds
 from dissect.acts.act import Act, act_of
-from dissect.s7plus import event as events
-from dissect.s7plus import loads
-from dissect.s7plus.event import Event
+from dissect.protocols.s7plus import event as events
+from dissect.protocols.s7plus import loads
+from dissect.protocols.s7plus.event import Event
 from dissect.transactions.operation import CONTROL, TEST_JOB
 from dissect.transactions.transaction import Transaction
 from dissect.wire.text import shortened

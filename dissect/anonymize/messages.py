@@ -11,20 +11,20 @@ from dissect.anonymize.key import Key
 from dissect.anonymize.rewrite_plan import RewritePlan
 from dissect.anonymize.rules import Rules
 from dissect.anonymize.texts import replace_tsap
-from dissect.ibh.packet import HEADER as IBH_HEADER
-from dissect.ibh.packet import IbhPacket
-from dissect.ibh.tables import KIND_OTHER, KIND_SERVICE
-from dissect.iso.cotp import CALLED_TSAP, CALLING_TSAP, Tpdu
-from dissect.iso.tables import CC, CR
-from dissect.iso.upper import S7COMM, S7COMM_PLUS, TLS, classify
-from dissect.s7.data_parts import CONTENT
-from dissect.s7.items import DataItem, Item, parse_data_items, walk_areas
-from dissect.s7.layouts import DATA_ITEM, PDU_REF
-from dissect.s7.message import Pdu, parse_pdu
-from dissect.s7.parameters import ACK_HEADER_SIZE, HEADER_SIZE, PROTOCOL_ID
-from dissect.s7.tables import ACK_DATA, JOB, OCTET_STRING, READ_VAR, SUCCESS, USERDATA, WRITE_VAR
-from dissect.s7plus.message import parse_plus
-from dissect.s7plus.tables import KEEP_ALIVE, V3
+from dissect.protocols.ibh.packet import HEADER as IBH_HEADER
+from dissect.protocols.ibh.packet import IbhPacket
+from dissect.protocols.ibh.tables import KIND_OTHER, KIND_SERVICE
+from dissect.protocols.iso.cotp import CALLED_TSAP, CALLING_TSAP, Tpdu
+from dissect.protocols.iso.tables import CC, CR
+from dissect.protocols.iso.upper import S7COMM, S7COMM_PLUS, TLS, classify
+from dissect.protocols.s7.data_parts import CONTENT
+from dissect.protocols.s7.items import DataItem, Item, parse_data_items, walk_areas
+from dissect.protocols.s7.layouts import DATA_ITEM, PDU_REF
+from dissect.protocols.s7.message import Pdu, parse_pdu
+from dissect.protocols.s7.parameters import ACK_HEADER_SIZE, HEADER_SIZE, PROTOCOL_ID
+from dissect.protocols.s7.tables import ACK_DATA, JOB, OCTET_STRING, READ_VAR, SUCCESS, USERDATA, WRITE_VAR
+from dissect.protocols.s7plus.message import parse_plus
+from dissect.protocols.s7plus.tables import KEEP_ALIVE, V3
 from dissect.transactions.open_requests import key_of
 from dissect.transactions.results import requested_items
 from dissect.transactions.side import Side

@@ -11,13 +11,13 @@ from typing import Final
 from dissect.anonymize import account
 from dissect.anonymize.account import Account
 from dissect.anonymize.plus_contents import PROCESS, PlusContents
-from dissect.s7plus import layouts
-from dissect.s7plus.bodies import parse_contents
-from dissect.s7plus.contents import Address, Contents
-from dissect.s7plus.ids import AREAS, BLOCK_KINDS
-from dissect.s7plus.message import PlusPdu, fixed_part, parse_plus
-from dissect.s7plus.summary import single_address
-from dissect.s7plus.tables import (
+from dissect.protocols.s7plus import layouts
+from dissect.protocols.s7plus.bodies import parse_contents
+from dissect.protocols.s7plus.contents import Address, Contents
+from dissect.protocols.s7plus.ids import AREAS, BLOCK_KINDS
+from dissect.protocols.s7plus.message import PlusPdu, fixed_part, parse_plus
+from dissect.protocols.s7plus.summary import single_address
+from dissect.protocols.s7plus.tables import (
     CREATE_OBJECT,
     GET_VAR_SUBSTREAMED,
     KEEP_ALIVE,

@@ -12,10 +12,10 @@ from dissect.anonymize import account
 from dissect.anonymize.account import KEEP, SCRAMBLE, Account, Choices
 from dissect.anonymize.key import Key
 from dissect.anonymize.texts import replace_text
-from dissect.s7plus.identification import RECORDS, is_record
-from dissect.s7plus.ids import SECRETS, is_packed
-from dissect.s7plus.session import OPERATING_STATE, REFERENCE_LIST, crc_places
-from dissect.s7plus.value_tables import (
+from dissect.protocols.s7plus.identification import RECORDS, is_record
+from dissect.protocols.s7plus.ids import SECRETS, is_packed
+from dissect.protocols.s7plus.session import OPERATING_STATE, REFERENCE_LIST, crc_places
+from dissect.protocols.s7plus.value_tables import (
     ADDRESS_ARRAY,
     AID,
     ARRAY,
@@ -34,7 +34,7 @@ from dissect.s7plus.value_tables import (
     VARIANT,
     WSTRING,
 )
-from dissect.s7plus.walk import FormatError, Walk
+from dissect.protocols.s7plus.walk import FormatError, Walk
 from dissect.wire.varint import SIGNED, SIGNED64, VLQ, build_varint, read_varint
 
 #: Attributes and members whose numbers stay, because they describe the request or a state and not the process.

@@ -16,11 +16,11 @@ from dissect.anonymize.key import Key
 from dissect.anonymize.rewrite_plan import RewritePlan
 from dissect.anonymize.scd import ScdRules
 from dissect.anonymize.texts import replace_bit, replace_octets, replace_path, replace_text
-from dissect.s7.data_parts import CONTENT
-from dissect.s7.items import DATA_HEAD, DataItem
-from dissect.s7.layouts import DATA_ITEM
-from dissect.s7.services import PI_SERVICES
-from dissect.s7.tables import DATA_BIT
+from dissect.protocols.s7.data_parts import CONTENT
+from dissect.protocols.s7.items import DATA_HEAD, DataItem
+from dissect.protocols.s7.layouts import DATA_ITEM
+from dissect.protocols.s7.services import PI_SERVICES
+from dissect.protocols.s7.tables import DATA_BIT
 from dissect.wire.layout import (
     HOLDS_ADDRESS,
     HOLDS_ARGUMENT,

@@ -17,7 +17,7 @@ from dissect.anonymize.addresses import AddressMap
 from dissect.anonymize.key import Key
 from dissect.anonymize.texts import replace_octets, replace_text, replace_tsap
 from dissect.bindings.evidence import CONF_ID
-from dissect.iso.tsap import Tsap
+from dissect.protocols.iso.tsap import Tsap
 from dissect.scd.envelope import Envelope
 from dissect.scd.errors import E_CRC, E_LENGTH, E_PROTOCOL, E_SHORT, Error
 from dissect.scd.model import StructType, Variable

@@ -15,15 +15,15 @@ from dissect.anonymize.rewrite_plan import RewritePlan
 from dissect.anonymize.rules import Rules
 from dissect.anonymize.track import COST, Room, Track, track_at
 from dissect.engine.observer import Observer
-from dissect.ibh.packet import HEADER as IBH_HEADER
-from dissect.ibh.packet import parse_packet
-from dissect.ibh.tables import KIND_DATA, KIND_FRAGMENT
-from dissect.iso.cotp import MAX_TSDU, parse_tpdu
-from dissect.iso.tables import DT
-from dissect.iso.upper import S7COMM, S7COMM_PLUS, classify
 from dissect.packets.tcp.connection import TcpConnection
-from dissect.s7plus.assembly import MAX_PDU, PlusAssembler
-from dissect.s7plus.tables import KEEP_ALIVE, SYSTEM_EVENT
+from dissect.protocols.ibh.packet import HEADER as IBH_HEADER
+from dissect.protocols.ibh.packet import parse_packet
+from dissect.protocols.ibh.tables import KIND_DATA, KIND_FRAGMENT
+from dissect.protocols.iso.cotp import MAX_TSDU, parse_tpdu
+from dissect.protocols.iso.tables import DT
+from dissect.protocols.iso.upper import S7COMM, S7COMM_PLUS, classify
+from dissect.protocols.s7plus.assembly import MAX_PDU, PlusAssembler
+from dissect.protocols.s7plus.tables import KEEP_ALIVE, SYSTEM_EVENT
 from dissect.transactions.connection import Connection
 from dissect.transactions.payloads import Backlog, ScdMessage
 from dissect.transactions.side import Side

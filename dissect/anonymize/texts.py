@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Final
 
 from dissect.anonymize.key import Key
-from dissect.iso.tsap import Tsap
+from dissect.protocols.iso.tsap import Tsap
 
 _PADDING: Final = b" \0"
 _UPPER: Final = b"ABCDEFGHIJKLMNOPQRSTUVWXYZ"

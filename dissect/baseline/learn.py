@@ -10,8 +10,15 @@ from dissect.baseline.measures import AnswerTimes, RateWindow
 from dissect.baseline.norms import Baseline, PairNorm
 from dissect.baseline.subjects import Pair, Pairs, Subjects, moment, tsaps
 from dissect.engine.observer import Observer
-from dissect.s7.tables import DOWNLOAD_BLOCK, DOWNLOAD_ENDED, END_UPLOAD, FUNCTIONS, REQUEST_DOWNLOAD, START_UPLOAD
-from dissect.s7.tables import UPLOAD as UPLOAD_PIECE
+from dissect.protocols.s7.tables import (
+    DOWNLOAD_BLOCK,
+    DOWNLOAD_ENDED,
+    END_UPLOAD,
+    FUNCTIONS,
+    REQUEST_DOWNLOAD,
+    START_UPLOAD,
+)
+from dissect.protocols.s7.tables import UPLOAD as UPLOAD_PIECE
 from dissect.transactions.connection import Connection
 from dissect.transactions.transaction import BEHIND_MALFORMED, Transaction
 from dissect.wire.text import Clock

@@ -12,7 +12,7 @@ from dissect.baseline.norms import MAX_CAPTURES, NAME_KEYS, Baseline, PairNorm
 from dissect.baseline.subjects import Pair
 from dissect.baseline.writing import FORMAT
 from dissect.packets.tcp.stream import address_text
-from dissect.s7.tables import AREA_LETTERS, DB_AREAS
+from dissect.protocols.s7.tables import AREA_LETTERS, DB_AREAS
 from dissect.scd.errors import shown
 from dissect.scd.reading import Table
 from dissect.scd.user_file import FileError, UserFile, names_of, read_file

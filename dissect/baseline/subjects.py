@@ -6,14 +6,14 @@ import re
 from collections import OrderedDict
 from typing import Final
 
-from dissect.s7.items import Item
-from dissect.s7.parameters import Parameters
-from dissect.s7.syntaxes import DB_READ, SYMBOL
-from dissect.s7.tables import AREA_LETTERS, DB_AREAS, READ_VAR, SYNTAX_IDS, WRITE_VAR
-from dissect.s7plus.ids import AREAS, BLOCK_KINDS, block_name
-from dissect.s7plus.items import WRITES
-from dissect.s7plus.parameters import PlusParameters
-from dissect.s7plus.tables import GET_MULTI_VARIABLES
+from dissect.protocols.s7.items import Item
+from dissect.protocols.s7.parameters import Parameters
+from dissect.protocols.s7.syntaxes import DB_READ, SYMBOL
+from dissect.protocols.s7.tables import AREA_LETTERS, DB_AREAS, READ_VAR, SYNTAX_IDS, WRITE_VAR
+from dissect.protocols.s7plus.ids import AREAS, BLOCK_KINDS, block_name
+from dissect.protocols.s7plus.items import WRITES
+from dissect.protocols.s7plus.parameters import PlusParameters
+from dissect.protocols.s7plus.tables import GET_MULTI_VARIABLES
 from dissect.transactions import payloads as carried
 from dissect.transactions.connection import Connection
 from dissect.transactions.plus_operations import addresses_in

@@ -14,7 +14,7 @@ import msgspec
 
 from dissect.bindings.binding import Binding, Bindings, Holds
 from dissect.bindings.place import AREAS, Place, in_blocks, parse_place
-from dissect.s7.address import MAX_DB, MAX_OCTET
+from dissect.protocols.s7.address import MAX_DB, MAX_OCTET
 from dissect.scd.codec import Codec
 from dissect.scd.dictionary import Dictionary
 from dissect.scd.errors import E_INDEX, E_VALUE, DictionaryError, Error, shown

@@ -21,9 +21,9 @@ from dissect.bindings.place import in_blocks
 from dissect.bindings.pushes import REFERENCE, BindingCount, KnownPdo, Pushes
 from dissect.bindings.streams import cut_stream, skip_hole
 from dissect.engine.exchange import PayloadDecoder
-from dissect.iso.upper import SCD as UPPER_SCD
-from dissect.iso.upper import UPPER_NAMES
-from dissect.s7.tables import GROUP_PBC, JOB, READ_VAR, SUCCESS, USERDATA, WRITE_VAR
+from dissect.protocols.iso.upper import SCD as UPPER_SCD
+from dissect.protocols.iso.upper import UPPER_NAMES
+from dissect.protocols.s7.tables import GROUP_PBC, JOB, READ_VAR, SUCCESS, USERDATA, WRITE_VAR
 from dissect.scd.messages import Head
 from dissect.scd.packing import TRAILING
 from dissect.transactions.multipart import Joiner
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from dissect.engine.exchange import Exchange
-    from dissect.s7.items import ItemResult
+    from dissect.protocols.s7.items import ItemResult
     from dissect.scd.dictionary import Dictionary
     from dissect.scd.messages import Message
     from dissect.scd.model import Pdo

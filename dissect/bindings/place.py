@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Final, NamedTuple
 
-from dissect.s7.address import MAX_DB, MAX_OCTET, address_text, parse_address
-from dissect.s7.tables import BYTE, DB_AREAS, LETTER_AREAS, NUMBERED_AREAS
+from dissect.protocols.s7.address import MAX_DB, MAX_OCTET, address_text, parse_address
+from dissect.protocols.s7.tables import BYTE, DB_AREAS, LETTER_AREAS, NUMBERED_AREAS
 
 #: Areas of octets, by the letters that people write.
 AREAS: Final = {

@@ -1,4 +1,4 @@
-"""The code of blocks: listings, cross-reference, and changes from one version to another (`dissect.mc7`)."""
+"""The code of blocks: listings, cross-reference, and changes from one version to another (`dissect.protocols.mc7`)."""
 
 from __future__ import annotations
 
@@ -9,18 +9,18 @@ from dissect.carve.contents import tag_names
 from dissect.carve.listing import transfer_line
 from dissect.carve.networks import NEEDS, compare_networks, compare_sections, interface, networks
 from dissect.carve.records import digest
-from dissect.mc7.block import Block, parse_block
-from dissect.mc7.changes import Change, compare_blocks
-from dissect.mc7.listing import STL, Lister, block_lines, block_values
-from dissect.mc7.usage import cross_reference_lines, cross_reference_values
-from dissect.mc7.values import Value, block_data
 from dissect.program.carved import CarvedBlock
 from dissect.program.compare import CHANGED, BlockChange, versions
+from dissect.protocols.mc7.block import Block, parse_block
+from dissect.protocols.mc7.changes import Change, compare_blocks
+from dissect.protocols.mc7.listing import STL, Lister, block_lines, block_values
+from dissect.protocols.mc7.usage import cross_reference_lines, cross_reference_values
+from dissect.protocols.mc7.values import Value, block_data
+from dissect.protocols.s7.tables import DB
 from dissect.report.outcome import WIDE_PAGE, Outcome
 from dissect.report.plus_blobs import dictionaries
 from dissect.report.styled import FAILED, HANG, HEADING, PLAIN, Line
 from dissect.report.words import Places
-from dissect.s7.tables import DB
 from dissect.tags.model import place_text
 from dissect.transactions.naming import Naming
 from dissect.wire.text import Clock, cell, encodable, printable, shortened

@@ -7,9 +7,9 @@ from typing import Final
 
 from dissect.carve.contents import block_values
 from dissect.carve.records import BLOCKS_SCHEMA, COLUMNS, digest, record, row, value_record
-from dissect.mc7.changes import Change, change_lines, change_values
 from dissect.program.carved import CarvedBlock
 from dissect.program.compare import CHANGED, GONE, MOVED, NEW, BlockChange
+from dissect.protocols.mc7.changes import Change, change_lines, change_values
 from dissect.report import facets, words
 from dissect.report.outcome import WIDE_PAGE, Outcome
 from dissect.report.styled import FAILED, HANG, PLAIN, Line

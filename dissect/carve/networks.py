@@ -12,11 +12,11 @@ from collections.abc import Iterator, Mapping
 from difflib import SequenceMatcher
 from typing import TYPE_CHECKING, Final, NamedTuple
 
-from dissect.mc7.changes import INTERFACE as DECLARATIONS
-from dissect.mc7.changes import NETWORK, Change
 from dissect.program.carved import CarvedBlock
 from dissect.program.plus import BODY, INTERFACE, REFERENCES
-from dissect.s7plus.blobs import open_blob
+from dissect.protocols.mc7.changes import INTERFACE as DECLARATIONS
+from dissect.protocols.mc7.changes import NETWORK, Change
+from dissect.protocols.s7plus.blobs import open_blob
 from dissect.wire.text import count
 
 if TYPE_CHECKING:

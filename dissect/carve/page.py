@@ -9,8 +9,8 @@ from html import escape
 from typing import Final
 
 from dissect.carve.listing import BlockChanges, change_line
-from dissect.mc7.changes import NETWORK, Change
 from dissect.program.compare import BlockChange
+from dissect.protocols.mc7.changes import NETWORK, Change
 from dissect.report.outcome import Outcome
 from dissect.report.styled import Line
 from dissect.wire.text import printable

@@ -49,7 +49,7 @@ if TYPE_CHECKING:
     from dissect.live.session import Session, Status
     from dissect.net.addresses import Address
     from dissect.packets.source.packet import Reader
-    from dissect.tls.key_log import KeyLog
+    from dissect.protocols.tls.key_log import KeyLog
     from dissect.transactions.naming import Naming
     from dissect.variables.wanted import WantedSet
 

@@ -39,10 +39,10 @@ if TYPE_CHECKING:
     from dissect.live.events import Event
     from dissect.live.session import Session
     from dissect.net.addresses import Address
+    from dissect.protocols.tls.key_log import KeyLog
     from dissect.proxy.capture_file import CaptureFile
     from dissect.proxy.process import RelayProcess, RelayThread
     from dissect.proxy.source import RelayReader
-    from dissect.tls.key_log import KeyLog
     from dissect.transactions.naming import Naming
 
 #: How soon what passed is taken in while something is dissected, in seconds; Python's own is 5 ms.

@@ -30,10 +30,10 @@ if TYPE_CHECKING:
     from dissect.jobs.sums import FilePart
     from dissect.jobs.tasks import About, Done
     from dissect.packets.source.packet import SourceFile
+    from dissect.protocols.tls.key_log import KeyLog
     from dissect.report.analysis import Analysis, Part
     from dissect.report.styled import Written
     from dissect.session import Run
-    from dissect.tls.key_log import KeyLog
     from dissect.transactions.naming import Naming
 
 F = TypeVar("F", "Analysis", "Inventory")

@@ -18,7 +18,17 @@ if TYPE_CHECKING:
 #: The user whom -Z names to keep everything.
 _ROOT: Final = "root"
 #: Rooms with imports that are delayed until a packet needs them, and codecs, which are imported likewise.
-_ROOMS: Final = ("s7", "s7plus", "transactions", "findings", "report", "select", "export", "live", "recording")
+_ROOMS: Final = (
+    "protocols.s7",
+    "protocols.s7plus",
+    "transactions",
+    "findings",
+    "report",
+    "select",
+    "export",
+    "live",
+    "recording",
+)
 _CODECS: Final = ("ascii", "latin-1", "utf-16-be", "utf-16-le", "idna")
 
 

@@ -19,7 +19,7 @@ from dissect.wire.config.saving import save
 from dissect.wire.text import encodable, printable, shortened
 
 if TYPE_CHECKING:
-    from dissect.s7plus.program import Symbol
+    from dissect.protocols.s7plus.program import Symbol
     from dissect.tags.coverage import Coverage
     from dissect.tags.loading import TagSet
     from dissect.tags.model import Tag
@@ -161,7 +161,7 @@ def _file_json(file: TagFile) -> dict[str, object]:
 
 
 def _coverage_lines(coverage: Coverage, tags: int) -> Iterator[Line]:
-    from dissect.s7.tables import AREA_LETTERS
+    from dissect.protocols.s7.tables import AREA_LETTERS
 
     yield Line("", PLAIN)
     yield Line(

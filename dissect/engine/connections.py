@@ -18,16 +18,16 @@ from dissect.engine.exchange import Exchange
 from dissect.findings.scan_rules import ScanWatch
 from dissect.findings.session_rules import judge_cut, judge_end
 from dissect.findings.transport_rules import end_stray, judge_bare_confirm
-from dissect.iso.cotp import parse_tpdu
-from dissect.iso.foreign import identify
-from dissect.iso.recognition import HERE, OTHER, PROBES, WITHIN, raw_protocol, recognise
-from dissect.iso.tables import CC, CR, DT
-from dissect.iso.tpkt import plausible
-from dissect.iso.upper import RDP, S7COMM_PLUS, TLS, UNKNOWN, UPPER_NAMES
 from dissect.packets.tcp.stream import MASK
-from dissect.s7.parameters import PROTOCOL_ID
-from dissect.s7plus.parameters import PLUS
-from dissect.tls.handshake import chosen_version
+from dissect.protocols.iso.cotp import parse_tpdu
+from dissect.protocols.iso.foreign import identify
+from dissect.protocols.iso.recognition import HERE, OTHER, PROBES, WITHIN, raw_protocol, recognise
+from dissect.protocols.iso.tables import CC, CR, DT
+from dissect.protocols.iso.tpkt import plausible
+from dissect.protocols.iso.upper import RDP, S7COMM_PLUS, TLS, UNKNOWN, UPPER_NAMES
+from dissect.protocols.s7.parameters import PROTOCOL_ID
+from dissect.protocols.s7plus.parameters import PLUS
+from dissect.protocols.tls.handshake import chosen_version
 from dissect.transactions.connection import FOREIGN, ISO_TSAP_PORT, LEFT_OUT, PROBING, Connection
 from dissect.transactions.ending import Ending
 from dissect.transactions.memory_limit import holds_something

@@ -26,8 +26,8 @@ from dissect.findings.security_rules import SAMPLED, SecurityWatch
 from dissect.findings.session_rules import judge_grant
 from dissect.findings.station_rules import StationWatch
 from dissect.findings.transaction_rules import judge_body, judge_szl, judge_transaction, judge_unanswered
-from dissect.s7.parameters import Parameters
-from dissect.s7.tables import GROUP_CPU, JOB, READ_VAR, SETUP_COMMUNICATION, USERDATA, WRITE_VAR
+from dissect.protocols.s7.parameters import Parameters
+from dissect.protocols.s7.tables import GROUP_CPU, JOB, READ_VAR, SETUP_COMMUNICATION, USERDATA, WRITE_VAR
 from dissect.stations.evidence import TELLING
 from dissect.stations.facts import Fact
 from dissect.transactions.behind import Behind

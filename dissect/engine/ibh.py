@@ -6,9 +6,9 @@ from mypy_extensions import i64
 
 from dissect.engine.exchange import Exchange
 from dissect.engine.iso import IsoOnTcp
-from dissect.ibh.framer import PacketFramer, opens
-from dissect.ibh.packet import IbhPacket, parse_packet
-from dissect.ibh.tables import (
+from dissect.protocols.ibh.framer import PacketFramer, opens
+from dissect.protocols.ibh.packet import IbhPacket, parse_packet
+from dissect.protocols.ibh.tables import (
     IBH_NETLINK,
     KIND_CONNECT,
     KIND_DATA,
@@ -17,7 +17,7 @@ from dissect.ibh.tables import (
     KINDS,
     NETLINK_PORT,
 )
-from dissect.iso.upper import is_sound
+from dissect.protocols.iso.upper import is_sound
 from dissect.transactions.accounts import OctetAccount
 from dissect.transactions.connection import FOLLOWED
 from dissect.transactions.protocol import Protocol

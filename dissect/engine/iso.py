@@ -33,11 +33,11 @@ from dissect.findings.transport_rules import (
     note_large,
 )
 from dissect.findings.ways import Way
-from dissect.iso.cotp import MAX_EXPEDITED, Tpdu, parse_tpdu
-from dissect.iso.foreign import identify_connect
-from dissect.iso.irregular import holds_data, is_odd, odd_place, odd_said
-from dissect.iso.tables import CC, CR, DR, DT, ED, ER, TPDU_TYPES
-from dissect.iso.upper import (
+from dissect.protocols.iso.cotp import MAX_EXPEDITED, Tpdu, parse_tpdu
+from dissect.protocols.iso.foreign import identify_connect
+from dissect.protocols.iso.irregular import holds_data, is_odd, odd_place, odd_said
+from dissect.protocols.iso.tables import CC, CR, DR, DT, ED, ER, TPDU_TYPES
+from dissect.protocols.iso.upper import (
     S7COMM,
     S7COMM_PLUS,
     SCD,
@@ -48,8 +48,8 @@ from dissect.iso.upper import (
     is_sound,
     stated_size,
 )
-from dissect.s7.parameters import PROTOCOL_ID, is_request
-from dissect.s7.tables import ACK, ACK_DATA, JOB, USERDATA
+from dissect.protocols.s7.parameters import PROTOCOL_ID, is_request
+from dissect.protocols.s7.tables import ACK, ACK_DATA, JOB, USERDATA
 from dissect.transactions.connection import FOREIGN, ISO
 from dissect.transactions.protocol import Protocol
 from dissect.transactions.side import Place, Side

@@ -8,7 +8,7 @@ from typing import Final
 from mypy_extensions import i64
 
 from dissect.engine.exchange import PayloadDecoder
-from dissect.tls.key_log import KeyLog
+from dissect.protocols.tls.key_log import KeyLog
 from dissect.transactions.connection import Connection
 from dissect.transactions.naming import Naming
 from dissect.wire.copies import leaves

@@ -39,14 +39,14 @@ from dissect.engine.timers import FAR_FUTURE, Timers, next_tick
 from dissect.engine.tls import Tls
 from dissect.engine.udp import Datagrams
 from dissect.findings.reporter import Reporter
-from dissect.iso.recognition import is_connect_request
-from dissect.iso.tpkt import MIN_LENGTH, sound_length
 from dissect.packets.source.packet import PacketSink
 from dissect.packets.tcp import stream
 from dissect.packets.tcp.ip import TCP, UDP
 from dissect.packets.tcp.link import ETHERNET
 from dissect.packets.tcp.stream import ACK, FIN, RST, SYN
 from dissect.packets.tcp.usual import usual_ip
+from dissect.protocols.iso.recognition import is_connect_request
+from dissect.protocols.iso.tpkt import MIN_LENGTH, sound_length
 from dissect.transactions import accounts
 from dissect.transactions.accounts import NO_PAYLOAD, PAYLOAD
 from dissect.transactions.connection import FOREIGN, ISO, LEFT_OUT, PROBING

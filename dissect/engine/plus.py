@@ -8,12 +8,12 @@ from mypy_extensions import i64
 
 from dissect.engine.exchange import Exchange
 from dissect.findings.session_rules import judge_port
-from dissect.iso.upper import S7COMM_PLUS, UNKNOWN, UPPER_NAMES
-from dissect.s7plus.assembly import PlusAssembler, is_notification
-from dissect.s7plus.message import HEADER_SIZE, SHORT_HEADS, PlusPdu, parse_plus
-from dissect.s7plus.parameters import PLUS, PlusParameterCache
-from dissect.s7plus.plain import Head
-from dissect.s7plus.tables import (
+from dissect.protocols.iso.upper import S7COMM_PLUS, UNKNOWN, UPPER_NAMES
+from dissect.protocols.s7plus.assembly import PlusAssembler, is_notification
+from dissect.protocols.s7plus.message import HEADER_SIZE, SHORT_HEADS, PlusPdu, parse_plus
+from dissect.protocols.s7plus.parameters import PLUS, PlusParameterCache
+from dissect.protocols.s7plus.plain import Head
+from dissect.protocols.s7plus.tables import (
     CREATE_OBJECT,
     FUNCTIONS,
     GET_MULTI_VARIABLES,

@@ -15,9 +15,9 @@ from dissect.findings.session_rules import (
     judge_size,
 )
 from dissect.findings.transaction_rules import judge_parameters
-from dissect.iso.upper import S7COMM, UPPER_NAMES
-from dissect.s7.message import parse_pdu
-from dissect.s7.parameters import (
+from dissect.protocols.iso.upper import S7COMM, UPPER_NAMES
+from dissect.protocols.s7.message import parse_pdu
+from dissect.protocols.s7.parameters import (
     ACK_HEADER_SIZE,
     HEADER_SIZE,
     PUSH,
@@ -30,7 +30,7 @@ from dissect.s7.parameters import (
     is_request,
     read_header,
 )
-from dissect.s7.tables import ACK, ACK_DATA, JOB, READ_VAR, ROSCTR, SETUP_COMMUNICATION, USERDATA, WRITE_VAR
+from dissect.protocols.s7.tables import ACK, ACK_DATA, JOB, READ_VAR, ROSCTR, SETUP_COMMUNICATION, USERDATA, WRITE_VAR
 from dissect.transactions.connection import ISO, Connection
 from dissect.transactions.protocol import Protocol
 from dissect.transactions.results import BAD_DATA

@@ -13,15 +13,15 @@ from mypy_extensions import i64
 from dissect.engine.connections import Foreign
 from dissect.engine.exchange import Exchange
 from dissect.findings.tls_rules import judge_certificates, judge_closed, judge_session
-from dissect.iso.upper import S7COMM, S7COMM_PLUS, TLS, UPPER_NAMES, classify, is_sound
-from dissect.s7plus.stream import FrameStream
-from dissect.tls.key_log import KeyLog, KeyRing
+from dissect.protocols.iso.upper import S7COMM, S7COMM_PLUS, TLS, UPPER_NAMES, classify, is_sound
+from dissect.protocols.s7plus.stream import FrameStream
+from dissect.protocols.tls.key_log import KeyLog, KeyRing
 from dissect.transactions.connection import Connection
 from dissect.transactions.protocol import Protocol
 from dissect.transactions.side import Side
 
 if TYPE_CHECKING:
-    from dissect.tls.session import TlsSession, Waiting
+    from dissect.protocols.tls.session import TlsSession, Waiting
 
 
 class Tls(Protocol):
@@ -74,7 +74,7 @@ class Tls(Protocol):
                 self._content(peer, content.octets, content.frame, content.time_ns)
 
     def _begin(self, connection: Connection) -> TlsSession:
-        from dissect.tls.session import TlsSession, Waiting
+        from dissect.protocols.tls.session import TlsSession, Waiting
 
         waiting = self._waiting
         if waiting is None:

@@ -14,11 +14,10 @@ from typing import Final
 from mypy_extensions import i64
 
 from dissect.export.transaction_rows import MOST_KNOWN, Row, Shared, TransactionColumns, TransactionRows, directed
-from dissect.report.item_json import value_text
-from dissect.s7.items import Item, ItemResult
-from dissect.s7.parameters import Parameters
-from dissect.s7.singles import real
-from dissect.s7.tables import (
+from dissect.protocols.s7.items import Item, ItemResult
+from dissect.protocols.s7.parameters import Parameters
+from dissect.protocols.s7.singles import real
+from dissect.protocols.s7.tables import (
     AREA_LETTERS,
     AREAS,
     BIT,
@@ -32,9 +31,10 @@ from dissect.s7.tables import (
     WORD,
     WRITE_VAR,
 )
-from dissect.s7.values import Value, decode_value, number_texts, spelled
-from dissect.s7plus.items import WRITES
-from dissect.s7plus.parameters import PLUS, PlusParameters
+from dissect.protocols.s7.values import Value, decode_value, number_texts, spelled
+from dissect.protocols.s7plus.items import WRITES
+from dissect.protocols.s7plus.parameters import PLUS, PlusParameters
+from dissect.report.item_json import value_text
 from dissect.transactions.good_items import good_octets
 from dissect.transactions.naming import Naming
 from dissect.transactions.transaction import ANSWERED, CERTAINTIES, PUSH, Transaction

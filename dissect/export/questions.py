@@ -8,7 +8,7 @@ from datetime import UTC, datetime
 from typing import Final, NamedTuple
 from zoneinfo import ZoneInfo
 
-from dissect.s7.tables import AREA_LETTERS, BIT, ELEMENT_OCTETS, TRANSPORT_SIZES
+from dissect.protocols.s7.tables import AREA_LETTERS, BIT, ELEMENT_OCTETS, TRANSPORT_SIZES
 from dissect.select.literals import place_of
 
 

@@ -16,7 +16,7 @@ from dissect.findings.ledger import Ledger
 from dissect.findings.reporter import Finding
 from dissect.inventory.model import Device
 from dissect.packets.source.packet import SourceFile
-from dissect.s7plus.items import PlusItem
+from dissect.protocols.s7plus.items import PlusItem
 from dissect.select.items import ItemFacts, plus_facts, scd_facts
 from dissect.transactions.connection import Connection
 from dissect.transactions.good_items import good_octets

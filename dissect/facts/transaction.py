@@ -25,8 +25,8 @@ from dissect.facts.fact import (
     Fact,
     by_name,
 )
-from dissect.iso.upper import S7COMM, S7COMM_PLUS, SCD, UPPER_NAMES
-from dissect.s7.tables import JOB, NUMBERED_AREAS, ROSCTR, SUCCESS, USERDATA
+from dissect.protocols.iso.upper import S7COMM, S7COMM_PLUS, SCD, UPPER_NAMES
+from dissect.protocols.s7.tables import JOB, NUMBERED_AREAS, ROSCTR, SUCCESS, USERDATA
 from dissect.transactions.transaction import CERTAINTIES, DOUBT_TEXTS, LIKELY, OUTCOMES, REASON_TEXTS, Transaction
 from dissect.wire.text import encodable
 

@@ -12,7 +12,7 @@ from dissect.findings.reporter import Reporter
 from dissect.packets.tcp.link import within
 from dissect.program.carved import CODE, INTERFACE, CarvedBlock, carve
 from dissect.program.compare import changed_parts
-from dissect.s7.tables import CODE_BLOCKS
+from dissect.protocols.s7.tables import CODE_BLOCKS
 from dissect.transactions.operation import DOWNLOAD, NOT_CAPTURED, Operation
 
 if TYPE_CHECKING:

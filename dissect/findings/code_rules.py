@@ -8,10 +8,11 @@ from __future__ import annotations
 
 from typing import Final
 
-from dissect.mc7.block import Block, parse_block
-from dissect.mc7.changes import compare_blocks
-from dissect.mc7.checks import inconsistencies
-from dissect.mc7.hazards import (
+from dissect.program.carved import CarvedBlock
+from dissect.protocols.mc7.block import Block, parse_block
+from dissect.protocols.mc7.changes import compare_blocks
+from dissect.protocols.mc7.checks import inconsistencies
+from dissect.protocols.mc7.hazards import (
     DELETES,
     STOPS,
     is_safety,
@@ -22,9 +23,8 @@ from dissect.mc7.hazards import (
     summary,
     system_calls,
 )
-from dissect.program.carved import CarvedBlock
-from dissect.s7.blocks import HEADER
-from dissect.s7.tables import CODE_BLOCKS
+from dissect.protocols.s7.blocks import HEADER
+from dissect.protocols.s7.tables import CODE_BLOCKS
 from dissect.wire.text import some
 
 #: Octets of distinct blocks whose code is decoded; the code of blocks beyond that is not judged.

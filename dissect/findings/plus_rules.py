@@ -1,6 +1,6 @@
 """Findings about S7comm-plus transactions, mostly by the security rules of S7comm, and the programs of CPUs.
 
-`dissect.s7plus.events` knows what a transaction means; this module makes findings of these events.
+`dissect.protocols.s7plus.events` knows what a transaction means; this module makes findings of these events.
 """
 
 from __future__ import annotations
@@ -15,10 +15,10 @@ from dissect.findings.plus_sessions import PlusSessions, server_of
 from dissect.findings.reporter import Reporter
 from dissect.findings.security_rules import SecurityWatch
 from dissect.packets.tcp.link import within
-from dissect.s7.items import WRITTEN_ELSEWHERE, WRITTEN_IO
-from dissect.s7plus.check import check
-from dissect.s7plus.check_response import count_mismatch
-from dissect.s7plus.event import (
+from dissect.protocols.s7.items import WRITTEN_ELSEWHERE, WRITTEN_IO
+from dissect.protocols.s7plus.check import check
+from dissect.protocols.s7plus.check_response import count_mismatch
+from dissect.protocols.s7plus.event import (
     READ_OUT,
     REPLAYED,
     RUNNING,
@@ -31,12 +31,12 @@ from dissect.s7plus.event import (
     Event,
     Facts,
 )
-from dissect.s7plus.events import take
-from dissect.s7plus.program import Program
-from dissect.s7plus.reads import Reads
-from dissect.s7plus.session import Identity, PlusSession
-from dissect.s7plus.tables import EXPLORE, GET_MULTI_VARIABLES, PARTIAL_ERROR, SET_MULTI_VARIABLES
-from dissect.s7plus.walk import MAX_WORK, STEP
+from dissect.protocols.s7plus.events import take
+from dissect.protocols.s7plus.program import Program
+from dissect.protocols.s7plus.reads import Reads
+from dissect.protocols.s7plus.session import Identity, PlusSession
+from dissect.protocols.s7plus.tables import EXPLORE, GET_MULTI_VARIABLES, PARTIAL_ERROR, SET_MULTI_VARIABLES
+from dissect.protocols.s7plus.walk import MAX_WORK, STEP
 from dissect.transactions.connection import Connection
 from dissect.transactions.operation import OperationBook
 from dissect.transactions.plus_operations import PlusOperations

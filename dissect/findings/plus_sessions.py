@@ -9,10 +9,10 @@ from mypy_extensions import i64
 
 from dissect.findings.security_rules import SecurityWatch
 from dissect.packets.tcp.link import within
-from dissect.s7plus.ids import plain_id
-from dissect.s7plus.plain import REQUEST_SIZE, SESSION_AT, data_of
-from dissect.s7plus.session import PANEL, Identity, PlusSession
-from dissect.s7plus.tables import CREATE_OBJECT, DELETE_OBJECT, INIT_SSL, SET_MULTI_VARIABLES, V3
+from dissect.protocols.s7plus.ids import plain_id
+from dissect.protocols.s7plus.plain import REQUEST_SIZE, SESSION_AT, data_of
+from dissect.protocols.s7plus.session import PANEL, Identity, PlusSession
+from dissect.protocols.s7plus.tables import CREATE_OBJECT, DELETE_OBJECT, INIT_SSL, SET_MULTI_VARIABLES, V3
 from dissect.transactions.connection import Connection
 from dissect.transactions.transaction import ANSWERED, Transaction
 from dissect.wire.octets import u32

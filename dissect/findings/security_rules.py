@@ -17,12 +17,12 @@ from dissect.acts.tables import COMMANDS
 from dissect.findings.ledger import Occurrences
 from dissect.findings.reporter import Reporter
 from dissect.packets.tcp.link import within
-from dissect.s7.diagnostics import event_name, states_stop
-from dissect.s7.errors import may_protect, protects
-from dissect.s7.items import WRITTEN_ELSEWHERE, WRITTEN_IO, ItemResult, written_areas
-from dissect.s7.layouts import DATA_HEAD
-from dissect.s7.parameters import HEADER_SIZE, UserdataHead
-from dissect.s7.tables import (
+from dissect.protocols.s7.diagnostics import event_name, states_stop
+from dissect.protocols.s7.errors import may_protect, protects
+from dissect.protocols.s7.items import WRITTEN_ELSEWHERE, WRITTEN_IO, ItemResult, written_areas
+from dissect.protocols.s7.layouts import DATA_HEAD
+from dissect.protocols.s7.parameters import HEADER_SIZE, UserdataHead
+from dissect.protocols.s7.tables import (
     DIAGNOSTIC_MESSAGE,
     GROUP_BLOCKS,
     GROUP_CPU,
@@ -33,8 +33,8 @@ from dissect.s7.tables import (
     SUCCESS,
     USERDATA,
 )
-from dissect.s7plus.tables import PARTIAL_ERROR
-from dissect.s7plus.tables import RETURN_CODES as PLUS_CODES
+from dissect.protocols.s7plus.tables import PARTIAL_ERROR
+from dissect.protocols.s7plus.tables import RETURN_CODES as PLUS_CODES
 from dissect.transactions.connection import Connection
 from dissect.transactions.naming import items_said, subject
 from dissect.transactions.refusals import read_codes
@@ -62,7 +62,7 @@ _MANY_LISTS: Final = 10
 
 #: This many refused passwords in a row, of one client at one server, are guessing.
 _GUESSES: Final = 3
-#: The return code that denies access; the error codes that do are in `dissect.s7.errors`.
+#: The return code that denies access; the error codes that do are in `dissect.protocols.s7.errors`.
 _ACCESS_DENIED: Final = 0x03
 #: How many refused reads and writes of a connection are examined.
 _LOOKED_AT: Final = 100

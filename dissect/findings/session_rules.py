@@ -9,12 +9,12 @@ from mypy_extensions import i64
 from dissect.findings.crowd import beside
 from dissect.findings.known_bugs_tables import KNOWN_BUGS
 from dissect.findings.reporter import Reporter
-from dissect.ibh.tables import IBH_NETLINK, NETLINK_PORT
-from dissect.iso.cotp import Tpdu
-from dissect.iso.tables import DR_REASONS, ER_CAUSES
 from dissect.packets.tcp.stream import HALF_SPACE, MASK
-from dissect.s7.parameters import Parameters
-from dissect.s7.tables import ACK, SETUP_COMMUNICATION
+from dissect.protocols.ibh.tables import IBH_NETLINK, NETLINK_PORT
+from dissect.protocols.iso.cotp import Tpdu
+from dissect.protocols.iso.tables import DR_REASONS, ER_CAUSES
+from dissect.protocols.s7.parameters import Parameters
+from dissect.protocols.s7.tables import ACK, SETUP_COMMUNICATION
 from dissect.transactions.connection import ISO_TSAP_PORT, Connection
 from dissect.transactions.ending import DISCONNECT, ERROR_TPDU, Ending
 from dissect.transactions.gaps import has_gaps

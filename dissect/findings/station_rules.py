@@ -6,7 +6,7 @@ from typing import Final
 
 from dissect.findings.reporter import Reporter
 from dissect.packets.tcp.link import within
-from dissect.s7plus.session import Identity
+from dissect.protocols.s7plus.session import Identity
 from dissect.stations.evidence import Evidence, module_asked
 from dissect.stations.facts import (
     FIRMWARE,

@@ -5,12 +5,12 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from dissect.findings.reporter import Reporter
-from dissect.tls.tables import TLS_1_2, WEAK_WORDS
+from dissect.protocols.tls.tables import TLS_1_2, WEAK_WORDS
 from dissect.transactions.connection import Connection
 
 if TYPE_CHECKING:
-    from dissect.tls.certificate import Certificate
-    from dissect.tls.session import TlsSession
+    from dissect.protocols.tls.certificate import Certificate
+    from dissect.protocols.tls.session import TlsSession
 
 
 def judge_session(reporter: Reporter, connection: Connection, session: TlsSession, frame: int, time_ns: int) -> None:

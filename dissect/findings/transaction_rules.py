@@ -14,16 +14,16 @@ from mypy_extensions import i64
 from dissect.findings.cause_tables import EXPLAINS, OUTRIGHT, VAGUE
 from dissect.findings.known_bugs_tables import KNOWN_BUGS
 from dissect.findings.reporter import Finding, Reporter
-from dissect.s7.clock import CLOCK
-from dissect.s7.errors import protects
-from dissect.s7.items import Item, odd_data_code, without_fill
-from dissect.s7.layouts import DATA_HEAD
-from dissect.s7.message import Pdu, userdata_payload
-from dissect.s7.parameters import HEADER_SIZE, Parameters
-from dissect.s7.szl import SZL_HEAD, shortage
-from dissect.s7.szl_notes import extract
-from dissect.s7.szl_tables import HEAD_ONLY
-from dissect.s7.tables import (
+from dissect.protocols.s7.clock import CLOCK
+from dissect.protocols.s7.errors import protects
+from dissect.protocols.s7.items import Item, odd_data_code, without_fill
+from dissect.protocols.s7.layouts import DATA_HEAD
+from dissect.protocols.s7.message import Pdu, userdata_payload
+from dissect.protocols.s7.parameters import HEADER_SIZE, Parameters
+from dissect.protocols.s7.szl import SZL_HEAD, shortage
+from dissect.protocols.s7.szl_notes import extract
+from dissect.protocols.s7.szl_tables import HEAD_ONLY
+from dissect.protocols.s7.tables import (
     ACK_DATA,
     ANSWER_TRANSPORT_SIZE,
     AREAS,
@@ -56,7 +56,7 @@ from dissect.s7.tables import (
     USERDATA_SUBFUNCTIONS,
     WRITE_VAR,
 )
-from dissect.s7plus.tables import PARTIAL_ERROR
+from dissect.protocols.s7plus.tables import PARTIAL_ERROR
 from dissect.transactions.naming import item_subject, subject
 from dissect.transactions.refusals import read_codes
 from dissect.transactions.results import (

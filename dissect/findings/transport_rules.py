@@ -12,10 +12,10 @@ from mypy_extensions import i64
 from dissect.findings.known_bugs_tables import KNOWN_BUGS
 from dissect.findings.reporter import Reporter
 from dissect.findings.ways import whole
-from dissect.iso.cotp import Tpdu
-from dissect.iso.tables import CC, CR, DR, DT, ER, TPDU_TYPES
-from dissect.iso.tpkt import BAD_VERSION, HIDING, VERSION
-from dissect.iso.tsap import Tsap
+from dissect.protocols.iso.cotp import Tpdu
+from dissect.protocols.iso.tables import CC, CR, DR, DT, ER, TPDU_TYPES
+from dissect.protocols.iso.tpkt import BAD_VERSION, HIDING, VERSION
+from dissect.protocols.iso.tsap import Tsap
 from dissect.transactions.connection import NO_LIMIT, Connection
 from dissect.transactions.ending import DISCONNECT, Ending
 from dissect.transactions.side import Side

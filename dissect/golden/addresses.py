@@ -5,10 +5,10 @@ from __future__ import annotations
 import re
 from typing import Final
 
-from dissect.s7.address import parse_address
-from dissect.s7.build import build_item
-from dissect.s7.items import Item, parse_item
-from dissect.s7.tables import DB_AREAS, TRANSPORT_SIZES
+from dissect.protocols.s7.address import parse_address
+from dissect.protocols.s7.build import build_item
+from dissect.protocols.s7.items import Item, parse_item
+from dissect.protocols.s7.tables import DB_AREAS, TRANSPORT_SIZES
 
 #: Names of transport sizes, in one word.
 _TYPES: Final = {code.number: code.name.replace(" ", "_") for code in TRANSPORT_SIZES}

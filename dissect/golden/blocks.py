@@ -7,10 +7,10 @@ from __future__ import annotations
 
 from typing import Final, NamedTuple
 
-from dissect.s7.build import build_pdu
-from dissect.s7.layouts import USERDATA_EXTENDED
-from dissect.s7.message import parse_pdu
-from dissect.s7.tables import ACK, ACK_DATA, PARAMETER_EXTENDED, ROSCTR, USERDATA
+from dissect.protocols.s7.build import build_pdu
+from dissect.protocols.s7.layouts import USERDATA_EXTENDED
+from dissect.protocols.s7.message import parse_pdu
+from dissect.protocols.s7.tables import ACK, ACK_DATA, PARAMETER_EXTENDED, ROSCTR, USERDATA
 
 _BY_NAME: Final = {code.name: code.number for code in ROSCTR}
 #: Position of the error code in an extended userdata head.

@@ -7,14 +7,14 @@ from functools import lru_cache
 from typing import Final
 
 from dissect.golden.masking import mask_plus, mask_plus_answer, mask_s7
-from dissect.s7.errors import errors_of
-from dissect.s7.items import DataItem, Item, ItemResult, read_results, write_results
-from dissect.s7.message import NOT_REFUSED, Pdu, parse_pdu
-from dissect.s7.parameters import Setup
-from dissect.s7.tables import JOB, READ_VAR, RETURN_CODES, WRITE_VAR
-from dissect.s7.values import Value
-from dissect.s7plus.message import PlusPdu, parse_plus
-from dissect.s7plus.tables import RETURN_CODES as PLUS_CODES
+from dissect.protocols.s7.errors import errors_of
+from dissect.protocols.s7.items import DataItem, Item, ItemResult, read_results, write_results
+from dissect.protocols.s7.message import NOT_REFUSED, Pdu, parse_pdu
+from dissect.protocols.s7.parameters import Setup
+from dissect.protocols.s7.tables import JOB, READ_VAR, RETURN_CODES, WRITE_VAR
+from dissect.protocols.s7.values import Value
+from dissect.protocols.s7plus.message import PlusPdu, parse_plus
+from dissect.protocols.s7plus.tables import RETURN_CODES as PLUS_CODES
 from dissect.transactions.results import has_items, requested_items, userdata_results
 
 # Who speaks in an exchange.
@@ -52,7 +52,7 @@ class ItemRecord:
 
     @property
     def value(self) -> Value:
-        """The decoded value (see `dissect.s7.values`)."""
+        """The decoded value (see `dissect.protocols.s7.values`)."""
         return self._result.value
 
     @property

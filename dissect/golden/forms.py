@@ -1,6 +1,7 @@
 """Reads, writes and setups in the notation of a golden, and the PDUs that the notation stands for.
 
-It stands for the PDUs that devices usually send (`dissect.s7.build`). The writer uses this notation only if it gives exactly
+It stands for the PDUs that devices usually send (`dissect.protocols.s7.build`). The writer uses this notation only if it gives
+exactly
 the captured PDU; all other PDUs are written as blocks of octets (`dissect.golden.blocks`).
 """
 
@@ -13,11 +14,11 @@ from typing import Final
 
 from dissect.golden.addresses import item_octets, named_item
 from dissect.golden.values import hex_octets, hex_text, shown_value, value_octets
-from dissect.s7.build import build_data_item, build_items, build_variables
-from dissect.s7.items import Item, parse_item
-from dissect.s7.message import Pdu
-from dissect.s7.parameters import Setup
-from dissect.s7.tables import (
+from dissect.protocols.s7.build import build_data_item, build_items, build_variables
+from dissect.protocols.s7.items import Item, parse_item
+from dissect.protocols.s7.message import Pdu
+from dissect.protocols.s7.parameters import Setup
+from dissect.protocols.s7.tables import (
     ACK_DATA,
     ANSWER_TRANSPORT_SIZE,
     DATA_BYTES,

@@ -10,7 +10,7 @@ from dissect.golden.addresses import named_item
 from dissect.golden.exchange import Exchange
 from dissect.golden.keys import subject
 from dissect.golden.phrases import Change, short
-from dissect.s7.tables import WRITE_VAR
+from dissect.protocols.s7.tables import WRITE_VAR
 from dissect.wire.text import some
 
 #: Maximum number of items that are named.

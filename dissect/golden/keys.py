@@ -10,10 +10,9 @@ from dissect.golden.model import Transaction
 from dissect.golden.plus import plus_notes, plus_subject
 from dissect.golden.plus_objects import Objects
 from dissect.golden.writing import FORMS
-from dissect.report import words
-from dissect.s7.layouts import DATA_HEAD
-from dissect.s7.parameters import REQUEST
-from dissect.s7.tables import (
+from dissect.protocols.s7.layouts import DATA_HEAD
+from dissect.protocols.s7.parameters import REQUEST
+from dissect.protocols.s7.tables import (
     GROUP_BLOCKS,
     GROUP_CPU,
     READ_SZL,
@@ -21,6 +20,7 @@ from dissect.s7.tables import (
     USERDATA,
     WRITE_VAR,
 )
+from dissect.report import words
 from dissect.wire.text import printable, shortened, some, titled
 
 #: Maximum number of items that a subject names, and of its characters.

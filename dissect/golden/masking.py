@@ -3,7 +3,8 @@
 Masked octets become 0; sizes and positions do not change. Masked in S7comm (reference 3.1, 4.1, 4.3): the PDU reference; the
 sequence number of userdata (1 if it marks a piece of a BSEND that another piece follows, reference 4.10); the data unit
 reference (1 if there is one, so that "more follows" stays); the id of an upload; the fill octet after an odd item (reference
-3.5), where some devices send leftover memory; and passwords (`dissect.s7.hiding`), because a stored text must not contain them.
+3.5), where some devices send leftover memory; and passwords (`dissect.protocols.s7.hiding`), because a stored text must not
+contain them.
 Masked in S7comm-plus: sequence numbers, session id, credit tick, integrity ids, digests and secrets (docs/s7plus.md).
 """
 
@@ -12,11 +13,11 @@ from __future__ import annotations
 from typing import Final
 
 from dissect.golden import usual
-from dissect.s7.hiding import without_secrets
-from dissect.s7.items import DATA_HEAD, parse_data_items
-from dissect.s7.layouts import HEADER, USERDATA_EXTENDED, USERDATA_SHORT
-from dissect.s7.parameters import ACK_HEADER_SIZE, HEADER_SIZE, PROTOCOL_ID
-from dissect.s7.tables import (
+from dissect.protocols.s7.hiding import without_secrets
+from dissect.protocols.s7.items import DATA_HEAD, parse_data_items
+from dissect.protocols.s7.layouts import HEADER, USERDATA_EXTENDED, USERDATA_SHORT
+from dissect.protocols.s7.parameters import ACK_HEADER_SIZE, HEADER_SIZE, PROTOCOL_ID
+from dissect.protocols.s7.tables import (
     ACK_DATA,
     CPU_SERVICES,
     END_UPLOAD,
@@ -30,14 +31,14 @@ from dissect.s7.tables import (
     USERDATA,
     WRITE_VAR,
 )
-from dissect.s7.transfer import UPLOAD_HEAD
-from dissect.s7plus.hiding import shown_answer, shown_contents
-from dissect.s7plus.layouts import DIGEST, INTEGRITY_ID
-from dissect.s7plus.layouts import NOTIFICATION as NOTIFICATION_HEAD
-from dissect.s7plus.layouts import REQUEST as REQUEST_HEAD
-from dissect.s7plus.layouts import RESPONSE as RESPONSE_HEAD
-from dissect.s7plus.message import PlusPdu, parse_plus
-from dissect.s7plus.tables import NOTIFICATION, REQUEST, V1
+from dissect.protocols.s7.transfer import UPLOAD_HEAD
+from dissect.protocols.s7plus.hiding import shown_answer, shown_contents
+from dissect.protocols.s7plus.layouts import DIGEST, INTEGRITY_ID
+from dissect.protocols.s7plus.layouts import NOTIFICATION as NOTIFICATION_HEAD
+from dissect.protocols.s7plus.layouts import REQUEST as REQUEST_HEAD
+from dissect.protocols.s7plus.layouts import RESPONSE as RESPONSE_HEAD
+from dissect.protocols.s7plus.message import PlusPdu, parse_plus
+from dissect.protocols.s7plus.tables import NOTIFICATION, REQUEST, V1
 from dissect.wire.layout import HOLDS_REFERENCE
 
 # Positions of references: (begin, end), relative to the beginning of each structure.

@@ -20,8 +20,8 @@ from dissect.golden.forms import (
 from dissect.golden.model import GoldenError, Link, Session, Transaction
 from dissect.golden.values import hex_octets, unquoted
 from dissect.golden.writing import ALONE, BEHIND_HEADER, FORMAT, FORMS, OTHER_ROLE, PERHAPS, pushed
-from dissect.s7.build import build_setup
-from dissect.s7.tables import ACK_DATA, JOB, READ_VAR, SETUP_COMMUNICATION
+from dissect.protocols.s7.build import build_setup
+from dissect.protocols.s7.tables import ACK_DATA, JOB, READ_VAR, SETUP_COMMUNICATION
 from dissect.transactions.transaction import DOUBT_TEXTS, HOLE, LIKELY, MALFORMED_HEADER, REASON_TEXTS
 from dissect.wire.text import printable
 

@@ -6,9 +6,9 @@ from typing import Final, NamedTuple
 
 from dissect.golden.exchange import ItemRecord
 from dissect.golden.model import Transaction
+from dissect.protocols.s7.message import NOT_REFUSED
+from dissect.protocols.s7.tables import BYTE, RETURN_CODES
 from dissect.report import words
-from dissect.s7.message import NOT_REFUSED
-from dissect.s7.tables import BYTE, RETURN_CODES
 from dissect.transactions.transaction import (
     BEHIND_MALFORMED,
     HOLE,

@@ -6,14 +6,14 @@ from collections.abc import Mapping
 from typing import Final
 
 from dissect.golden.phrases import octets_change, short
-from dissect.s7plus import layouts
-from dissect.s7plus.contents import Contents
-from dissect.s7plus.hiding import reads_secret, shown_contents, shown_half
-from dissect.s7plus.ids import HIDDEN
-from dissect.s7plus.message import PlusPdu, parse_plus
-from dissect.s7plus.summary import object_text, summary
-from dissect.s7plus.tables import NOTIFICATION
-from dissect.s7plus.value_showing import value_text
+from dissect.protocols.s7plus import layouts
+from dissect.protocols.s7plus.contents import Contents
+from dissect.protocols.s7plus.hiding import reads_secret, shown_contents, shown_half
+from dissect.protocols.s7plus.ids import HIDDEN
+from dissect.protocols.s7plus.message import PlusPdu, parse_plus
+from dissect.protocols.s7plus.summary import object_text, summary
+from dissect.protocols.s7plus.tables import NOTIFICATION
+from dissect.protocols.s7plus.value_showing import value_text
 from dissect.wire.part import OCTETS, SURPLUS, Part
 
 #: Parts that belong to one recording, and parts that are the same in every PDU.

@@ -13,9 +13,9 @@ from typing import Final
 from dissect.golden.exchange import PLUS, Exchange
 from dissect.golden.model import Link, Transaction
 from dissect.golden.plus import Names
-from dissect.s7plus.bodies import parse_contents
-from dissect.s7plus.events import take
-from dissect.s7plus.layouts import (
+from dissect.protocols.s7plus.bodies import parse_contents
+from dissect.protocols.s7plus.events import take
+from dissect.protocols.s7plus.layouts import (
     ADDRESS,
     EXPLORE_HEAD,
     INVOKE_HEAD,
@@ -25,10 +25,10 @@ from dissect.s7plus.layouts import (
     OBJECT_ID_VLQ,
     SECOND_PART,
 )
-from dissect.s7plus.message import PlusPdu, parse_plus
-from dissect.s7plus.program import Program
-from dissect.s7plus.session import Identity, PlusSession
-from dissect.s7plus.tables import CREATE_OBJECT, NOTIFICATION, V1
+from dissect.protocols.s7plus.message import PlusPdu, parse_plus
+from dissect.protocols.s7plus.program import Program
+from dissect.protocols.s7plus.session import Identity, PlusSession
+from dissect.protocols.s7plus.tables import CREATE_OBJECT, NOTIFICATION, V1
 from dissect.wire.varint import VLQ, build_varint
 
 #: Parts with the id of an object, and the field that holds it.

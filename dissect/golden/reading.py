@@ -18,17 +18,17 @@ from dissect.golden.order import settle_places
 from dissect.golden.parsing import MAGIC, MAX_LINE, read_golden
 from dissect.golden.scd_lines import scd_lines
 from dissect.golden.writing import link_lines
-from dissect.ibh.tables import IBH_NETLINK
-from dissect.iso.tables import CC, DR, ER
-from dissect.iso.tpkt import HEADER
 from dissect.packets.source.packet import CaptureError
+from dissect.protocols.ibh.tables import IBH_NETLINK
+from dissect.protocols.iso.tables import CC, DR, ER
+from dissect.protocols.iso.tpkt import HEADER
 from dissect.session import Reading
 from dissect.transactions.connection import Connection
 from dissect.transactions.ending import OPEN
 from dissect.transactions.transaction import Transaction as Seen
 
 if TYPE_CHECKING:
-    from dissect.iso.tsap import Tsap
+    from dissect.protocols.iso.tsap import Tsap
     from dissect.select import Where
     from dissect.transactions.side import Side
 

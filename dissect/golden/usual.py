@@ -12,9 +12,9 @@ from mypy_extensions import i64
 
 from dissect.golden.addresses import named_item
 from dissect.golden.values import shown_value
-from dissect.s7.items import DATA_HEAD, Item, data_size_within
-from dissect.s7.parameters import ACK_HEADER_SIZE, HEADER_SIZE, PROTOCOL_ID
-from dissect.s7.tables import (
+from dissect.protocols.s7.items import DATA_HEAD, Item, data_size_within
+from dissect.protocols.s7.parameters import ACK_HEADER_SIZE, HEADER_SIZE, PROTOCOL_ID
+from dissect.protocols.s7.tables import (
     ACK_DATA,
     ANSWER_TRANSPORT_SIZE,
     BIT,
@@ -31,7 +31,7 @@ from dissect.s7.tables import (
     SUCCESS,
     WRITE_VAR,
 )
-from dissect.s7.values import decode_value, number_texts
+from dissect.protocols.s7.values import decode_value, number_texts
 from dissect.wire.octets import u16
 from dissect.wire.text import hex_number, printable
 

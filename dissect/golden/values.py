@@ -10,8 +10,8 @@ import json
 import struct
 from typing import Final
 
-from dissect.s7.tables import BIT, BYTE, CHAR
-from dissect.s7.values import Value, decode_value
+from dissect.protocols.s7.tables import BIT, BYTE, CHAR
+from dissect.protocols.s7.values import Value, decode_value
 
 #: How scalars of a transport size are packed, if text and octets correspond one to one.
 _DOUBLE: Final = ">d"

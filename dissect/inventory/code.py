@@ -6,9 +6,9 @@ from collections.abc import Iterator
 from typing import Final
 
 from dissect.inventory.model import Device
-from dissect.mc7.block import Block, parse_block
-from dissect.mc7.usage import BOTH, WRITE, cross_reference, cross_reference_values
 from dissect.program.compare import versions
+from dissect.protocols.mc7.block import Block, parse_block
+from dissect.protocols.mc7.usage import BOTH, WRITE, cross_reference, cross_reference_values
 from dissect.wire.text import shortened
 
 #: How many uses and calls of one device are listed as values.

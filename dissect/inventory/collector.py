@@ -19,10 +19,8 @@ from dissect.inventory.roles import Deeds, judge_client, judge_server
 from dissect.packets.source.packet import SourceFile
 from dissect.packets.tcp.link import within
 from dissect.program.carved import CarvedBlock, carve
-from dissect.report.analysis import Part
-from dissect.report.latencies import Latencies
-from dissect.s7.items import Item
-from dissect.s7.tables import (
+from dissect.protocols.s7.items import Item
+from dissect.protocols.s7.tables import (
     AREA_LETTERS,
     CODE_BLOCKS,
     DB_AREAS,
@@ -32,8 +30,10 @@ from dissect.s7.tables import (
     USERDATA,
     WRITE_VAR,
 )
-from dissect.s7plus.ids import AREAS, BLOCK_KINDS
-from dissect.s7plus.items import READS, WRITES
+from dissect.protocols.s7plus.ids import AREAS, BLOCK_KINDS
+from dissect.protocols.s7plus.items import READS, WRITES
+from dissect.report.analysis import Part
+from dissect.report.latencies import Latencies
 from dissect.stations.facts import MAC, Book, Fact
 from dissect.transactions.connection import Connection
 from dissect.transactions.naming import named_items

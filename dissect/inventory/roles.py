@@ -9,10 +9,10 @@ from dissect.acts.act import Act
 from dissect.acts.tables import DEEDS
 from dissect.acts.tables import REFUSED as ACT_REFUSED
 from dissect.inventory.model import BEHAVIOUR, CPU, ENGINEERING, OPC, PANEL, SERVER, STATED, TSAP, Device
-from dissect.iso.tsap import SIEMENS
-from dissect.s7.alarm_layouts import MESSAGE_REQUEST
-from dissect.s7.tables import BLOCK_INFO, GROUP_BLOCKS, GROUP_CPU, MESSAGE_SERVICE, READ_SZL
-from dissect.s7plus.session import PANEL_ORDER_NUMBERS
+from dissect.protocols.iso.tsap import SIEMENS
+from dissect.protocols.s7.alarm_layouts import MESSAGE_REQUEST
+from dissect.protocols.s7.tables import BLOCK_INFO, GROUP_BLOCKS, GROUP_CPU, MESSAGE_SERVICE, READ_SZL
+from dissect.protocols.s7plus.session import PANEL_ORDER_NUMBERS
 from dissect.stations import facts
 from dissect.stations.evidence import asked_payload
 from dissect.transactions.connection import Connection

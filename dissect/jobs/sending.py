@@ -29,8 +29,8 @@ from dissect.findings.reporter import Finding
 from dissect.jobs.numbers import Offsets
 from dissect.packets.tcp.connection import TcpConnection
 from dissect.packets.tcp.stream import Endpoint
+from dissect.protocols.s7.parameters import UserdataHead
 from dissect.report.kept import Findings
-from dissect.s7.parameters import UserdataHead
 from dissect.stations.facts import Fact, Stretch
 from dissect.transactions.connection import Connection
 from dissect.transactions.ending import Ending

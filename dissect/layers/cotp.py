@@ -9,9 +9,6 @@ from typing import Any, Final
 
 from scapy.packet import NoPayload, Packet, Raw
 
-from dissect.iso import layouts, tables
-from dissect.iso.cotp import CALLED_TSAP, CALLING_TSAP, parse_tpdu
-from dissect.iso.tsap import Tsap
 from dissect.layers.fields import (
     Joining,
     OctetsField,
@@ -25,6 +22,9 @@ from dissect.layers.fields import (
 from dissect.layers.parameters import COTP_Parameter, carve_parameters
 from dissect.layers.s7 import S7, is_s7
 from dissect.layers.s7plus import S7Plus, is_s7plus
+from dissect.protocols.iso import layouts, tables
+from dissect.protocols.iso.cotp import CALLED_TSAP, CALLING_TSAP, parse_tpdu
+from dissect.protocols.iso.tsap import Tsap
 from dissect.wire.layout import Layout
 
 

@@ -35,7 +35,7 @@ from scapy.fields import Field as ScapyFieldBase
 from scapy.packet import Packet, Raw
 from scapy.volatile import RandBin, RandNum, VolatileValue
 
-from dissect.s7.items import item_fill
+from dissect.protocols.s7.items import item_fill
 from dissect.wire.codes import CodeTable
 from dissect.wire.layout import REST, Field, Layout, Means
 from dissect.wire.text import printable

@@ -13,14 +13,14 @@ from scapy.fields import LEShortEnumField
 from scapy.layers.inet import TCP
 from scapy.packet import NoPayload, Packet, Padding, Raw, bind_bottom_up, bind_layers
 
-from dissect.ibh.framer import channels_fit, flags_fit
-from dissect.ibh.layouts import IBH as IBH_LAYOUT
-from dissect.ibh.layouts import MPI_LONG, MPI_SHORT
-from dissect.ibh.packet import HEADER, LONG_HEAD, SHORT_HEAD
-from dissect.ibh.tables import DATA, FUNCTIONS, MPI_INDICATION, MPI_REQUEST, NETLINK_PORT, SERVICES
 from dissect.layers.fields import Joining, WireLayer, fill_number, header_fields
 from dissect.layers.s7 import S7
 from dissect.layers.tpkt import TPKT
+from dissect.protocols.ibh.framer import channels_fit, flags_fit
+from dissect.protocols.ibh.layouts import IBH as IBH_LAYOUT
+from dissect.protocols.ibh.layouts import MPI_LONG, MPI_SHORT
+from dissect.protocols.ibh.packet import HEADER, LONG_HEAD, SHORT_HEAD
+from dissect.protocols.ibh.tables import DATA, FUNCTIONS, MPI_INDICATION, MPI_REQUEST, NETLINK_PORT, SERVICES
 
 #: Packets of one segment that become layers; those after it stay octets, because Scapy walks a chain by recursion.
 CHAIN_LIMIT: Final = 32

@@ -1,4 +1,4 @@
-"""Items from addresses as people write them (`dissect.s7.address.parse_address`)."""
+"""Items from addresses as people write them (`dissect.protocols.s7.address.parse_address`)."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ import re
 from typing import Final
 
 from dissect.layers.variables import S7_Any
-from dissect.s7.address import MAX_DB, MAX_OCTET, Address, parse_address
-from dissect.s7.tables import BIT, NUMBERED_AREAS, RECORD_AREA, TRANSPORT_SIZES
+from dissect.protocols.s7.address import MAX_DB, MAX_OCTET, Address, parse_address
+from dissect.protocols.s7.tables import BIT, NUMBERED_AREAS, RECORD_AREA, TRANSPORT_SIZES
 
 #: Transport size of a width letter. No letter is one bit.
 _WIDTHS: Final = {"": 0x01, "X": 0x01, "B": 0x02, "W": 0x04, "D": 0x06, "L": 0x0F}

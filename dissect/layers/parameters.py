@@ -7,11 +7,11 @@ from typing import Any, Final
 
 from scapy.packet import Packet, Raw
 
-from dissect.iso import layouts, tables
-from dissect.iso.cotp import CALLED_TSAP, CALLING_TSAP, PREFERRED_SIZE, TPDU_SIZE
-from dissect.iso.tsap import Tsap
-from dissect.iso.upper import is_rdp_connect
 from dissect.layers.fields import OctetsField, Piece, WireLayer, consumed, fill_number, header_fields
+from dissect.protocols.iso import layouts, tables
+from dissect.protocols.iso.cotp import CALLED_TSAP, CALLING_TSAP, PREFERRED_SIZE, TPDU_SIZE
+from dissect.protocols.iso.tsap import Tsap
+from dissect.protocols.iso.upper import is_rdp_connect
 
 _HEX_PAIR: Final = re.compile(r"([0-9A-Fa-f]{2})\.([0-9A-Fa-f]{2})")
 #: TPDU sizes by exponent. RFC 1006 stacks mean its limit by 16.

@@ -11,9 +11,9 @@ from typing import Final
 from scapy.packet import Packet
 
 from dissect.layers.parts import layout_of
-from dissect.s7 import layouts, programmer_layouts, szl_records
-from dissect.s7.data_parts import RETURN_CODE
-from dissect.s7.tables import OBJECT_DOES_NOT_EXIST, OCTET_STRING, SUCCESS
+from dissect.protocols.s7 import layouts, programmer_layouts, szl_records
+from dissect.protocols.s7.data_parts import RETURN_CODE
+from dissect.protocols.s7.tables import OBJECT_DOES_NOT_EXIST, OCTET_STRING, SUCCESS
 from dissect.wire.layout import Field
 
 #: A function of this module.

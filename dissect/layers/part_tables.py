@@ -1,6 +1,6 @@
 """The parts of S7 bodies that become Scapy classes: one row each, from which `dissect.layers.part_classes` makes the class.
 
-A row names the layout of the class (`dissect.s7`), describes it, and gives the values of a new packet that are not 0. The
+A row names the layout of the class (`dissect.protocols.s7`), describes it, and gives the values of a new packet that are not 0. The
 sections are those of docs/layers-parts.md.
 """
 
@@ -18,7 +18,7 @@ from dissect.layers.part_counts import (
 )
 from dissect.layers.part_row import Row
 from dissect.layers.plus_tables import PLUS_SECTIONS
-from dissect.s7 import (
+from dissect.protocols.s7 import (
     alarm_layouts,
     blocks,
     clock,
@@ -37,8 +37,8 @@ from dissect.s7 import (
     szl_records,
     transfer,
 )
-from dissect.s7.data_parts import CONTENT, RETURN_CODE
-from dissect.s7.tables import SUCCESS
+from dissect.protocols.s7.data_parts import CONTENT, RETURN_CODE
+from dissect.protocols.s7.tables import SUCCESS
 from dissect.wire.part import FILL, OCTETS, SURPLUS
 
 #: What an alarm counts as its objects.

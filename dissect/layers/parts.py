@@ -1,7 +1,8 @@
 """Parts of message bodies as Scapy packets: one class for each structure, lists of them separated by the engine's own parsers.
 
 A job other than Read Var, Write Var and Setup communication, its answer, and the payload of userdata are lists of parts: a
-structure of fixed size, or one whose last field takes the rest. Only `dissect.s7.bodies` knows their order; here its parts
+structure of fixed size, or one whose last field takes the rest. Only `dissect.protocols.s7.bodies` knows their order; here its
+parts
 become packets, and packets become octets again. So such a list may contain any packets in any order.
 
 Counting fields are filled in when left out: they count the octets after them in the same part, the octets of the following
@@ -17,7 +18,7 @@ from typing import Any, ClassVar, Final
 from scapy.packet import Packet, Raw
 
 from dissect.layers.fields import Piece, PiecesField, WireLayer, scapy_name
-from dissect.s7.items import item_fill
+from dissect.protocols.s7.items import item_fill
 from dissect.wire.layout import COUNTS_BUT_LAST, COUNTS_PARTS, COUNTS_REST, REST, Field, Layout
 from dissect.wire.part import OCTETS, Part
 from dissect.wire.varint import build_varint

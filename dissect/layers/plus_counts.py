@@ -7,7 +7,7 @@ from typing import Final
 
 from scapy.packet import Packet
 
-from dissect.s7plus import layouts
+from dissect.protocols.s7plus import layouts
 from dissect.wire.layout import Field, Layout
 
 #: Numbers of an address that are counted besides its LIDs.

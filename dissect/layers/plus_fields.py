@@ -10,11 +10,11 @@ from scapy.packet import Packet
 from scapy.volatile import RandBin, RandNum
 
 from dissect.layers.fields import VarintField
-from dissect.s7plus.ids import id_name
-from dissect.s7plus.value_reading import parse_content
-from dissect.s7plus.value_showing import value_text
-from dissect.s7plus.value_tables import ADDRESS_ARRAY, ARRAY, SPARSE_ARRAY, STRUCT, VALUE_TYPES
-from dissect.s7plus.values import Value, build_value
+from dissect.protocols.s7plus.ids import id_name
+from dissect.protocols.s7plus.value_reading import parse_content
+from dissect.protocols.s7plus.value_showing import value_text
+from dissect.protocols.s7plus.value_tables import ADDRESS_ARRAY, ARRAY, SPARSE_ARRAY, STRUCT, VALUE_TYPES
+from dissect.protocols.s7plus.values import Value, build_value
 from dissect.wire.text import printable
 from dissect.wire.varint import VLQ, build_varint, read_varint
 
@@ -26,7 +26,9 @@ _FUZZED: Final = 64
 
 
 class ContentField(XStrField):
-    """The content of a value, by its ``flags`` and ``type``: a number, a text, a list (`dissect.s7plus.values.Value`).
+    """The content of a value, by its ``flags`` and ``type``: a number, a text, a list.
+
+    See `dissect.protocols.s7plus.values.Value`.
 
     For a structure it is the id, for an array of structures a list of id and count; the members are separate parts. Octets are
     written unchanged; unreadable values, and those that would be built differently, are kept as octets.

@@ -15,13 +15,13 @@ from dissect.layers.part_classes import (
 )
 from dissect.layers.parts import pieces_of
 from dissect.layers.s7plus import S7Plus, S7Plus_Body, S7Plus_Request, S7Plus_Response, body_class
-from dissect.s7plus import layouts, tables
-from dissect.s7plus.bodies import parse_contents
-from dissect.s7plus.message import DIGEST_SIZE, fixed_part, parse_plus
-from dissect.s7plus.objects import Element, build_elements, read_elements
-from dissect.s7plus.value_reading import read_value
-from dissect.s7plus.values import Value, build_value
-from dissect.s7plus.walk import FormatError, Walk
+from dissect.protocols.s7plus import layouts, tables
+from dissect.protocols.s7plus.bodies import parse_contents
+from dissect.protocols.s7plus.message import DIGEST_SIZE, fixed_part, parse_plus
+from dissect.protocols.s7plus.objects import Element, build_elements, read_elements
+from dissect.protocols.s7plus.value_reading import read_value
+from dissect.protocols.s7plus.values import Value, build_value
+from dissect.protocols.s7plus.walk import FormatError, Walk
 from dissect.wire.part import Part
 
 #: Octets of a message that go into one frame, as CPUs of the captures send them.
@@ -29,7 +29,9 @@ MOST: Final = 900
 
 
 def plus_parts(*things: Value | Element) -> list[Packet]:
-    """Return the parts of values and of objects, attributes, relations and lists (`dissect.s7plus.values`, ``.objects``).
+    """Return the parts of values and of objects, attributes, relations and lists.
+
+    See `dissect.protocols.s7plus.values`, ``.objects``.
 
     Raises ValueError or TypeError for contents that do not fit their type, and ValueError for more than 40 levels.
     """

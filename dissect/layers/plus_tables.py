@@ -17,8 +17,8 @@ from dissect.layers.plus_counts import (
     packed_octets,
 )
 from dissect.layers.plus_fields import ContentField, TextField, little_numbers_field, numbers_field
-from dissect.s7plus import layouts, tables
-from dissect.s7plus.value_tables import STRUCT
+from dissect.protocols.s7plus import layouts, tables
+from dissect.protocols.s7plus.value_tables import STRUCT
 
 _QUALIFIER: Final = 1256
 

@@ -25,12 +25,12 @@ from dissect.layers.fields import (
     header_fields,
 )
 from dissect.layers.parts import PartsField, pieces_of
-from dissect.s7 import layouts, tables
-from dissect.s7.bodies import parse_data_parts, parse_parameter_parts
-from dissect.s7.errors import NO_FUNCTION, errors_of
-from dissect.s7.hiding import body_to_show
-from dissect.s7.message import Pdu, parse_pdu
-from dissect.s7.parameters import PROTOCOL_ID, Parameters, header_size, parse_parameters
+from dissect.protocols.s7 import layouts, tables
+from dissect.protocols.s7.bodies import parse_data_parts, parse_parameter_parts
+from dissect.protocols.s7.errors import NO_FUNCTION, errors_of
+from dissect.protocols.s7.hiding import body_to_show
+from dissect.protocols.s7.message import Pdu, parse_pdu
+from dissect.protocols.s7.parameters import PROTOCOL_ID, Parameters, header_size, parse_parameters
 from dissect.wire.layout import Layout
 from dissect.wire.text import shortened
 

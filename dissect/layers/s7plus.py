@@ -13,7 +13,6 @@ from typing import Any, Final
 from scapy.fields import ConditionalField
 from scapy.packet import Packet, Raw
 
-from dissect.iso.upper import S7COMM_PLUS, classify
 from dissect.layers.fields import (
     OctetsField,
     Piece,
@@ -25,9 +24,10 @@ from dissect.layers.fields import (
     header_fields,
 )
 from dissect.layers.parts import CLASSES, PartsField, pieces_of
-from dissect.s7plus import layouts, tables
-from dissect.s7plus.bodies import parse_contents
-from dissect.s7plus.message import parse_plus
+from dissect.protocols.iso.upper import S7COMM_PLUS, classify
+from dissect.protocols.s7plus import layouts, tables
+from dissect.protocols.s7plus.bodies import parse_contents
+from dissect.protocols.s7plus.message import parse_plus
 from dissect.wire.layout import Layout
 from dissect.wire.part import OCTETS
 

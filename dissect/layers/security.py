@@ -1,10 +1,10 @@
-"""Security functions as Scapy packets (`dissect.s7.security`)."""
+"""Security functions as Scapy packets (`dissect.protocols.s7.security`)."""
 
 from __future__ import annotations
 
 from dissect.layers.fields import header_fields
 from dissect.layers.parts import S7_Part
-from dissect.s7 import security
+from dissect.protocols.s7 import security
 
 
 class S7_Password(S7_Part):

@@ -31,7 +31,7 @@ from dissect.layers.s7 import S7, is_s7
 from dissect.layers.s7plus import S7Plus, is_s7plus
 from dissect.layers.tpkt import TPKT
 from dissect.packets.tcp.stream import address_text
-from dissect.s7plus.message import parse_plus
+from dissect.protocols.s7plus.message import parse_plus
 
 if TYPE_CHECKING:
     from scapy.packet import Packet

@@ -1,4 +1,4 @@
-"""Request items with syntaxes other than S7ANY as Scapy packets (`dissect.s7.syntaxes`)."""
+"""Request items with syntaxes other than S7ANY as Scapy packets (`dissect.protocols.s7.syntaxes`)."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from dissect.layers.fields import FillField, Piece, PiecesField, ScapyField, hea
 from dissect.layers.part_classes import S7_DBArea, S7_SymbolStep
 from dissect.layers.parts import CLASSES, JOINED, REPEATED, S7_Part
 from dissect.layers.variables import S7_Item
-from dissect.s7 import syntaxes
-from dissect.s7.items import SPECIFICATION
+from dissect.protocols.s7 import syntaxes
+from dissect.protocols.s7.items import SPECIFICATION
 from dissect.wire.layout import Layout
 from dissect.wire.part import FILL
 

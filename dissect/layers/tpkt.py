@@ -13,11 +13,11 @@ from typing import Any, Final
 from scapy.layers.inet import TCP
 from scapy.packet import NoPayload, Packet, Padding, Raw, bind_bottom_up, bind_layers
 
-from dissect.iso.cotp import Assembler
-from dissect.iso.layouts import TPKT as TPKT_LAYOUT
-from dissect.iso.tpkt import HEADER, Framer, plausible
 from dissect.layers.cotp import COTP, COTP_DT
 from dissect.layers.fields import WireLayer, fill_number, header_fields
+from dissect.protocols.iso.cotp import Assembler
+from dissect.protocols.iso.layouts import TPKT as TPKT_LAYOUT
+from dissect.protocols.iso.tpkt import HEADER, Framer, plausible
 
 #: TPKTs of one segment that become layers; those after it stay octets, because Scapy walks a chain by recursion.
 #: `S7Session` has no such limit.
@@ -71,7 +71,7 @@ class TPKT(WireLayer):
 
     @classmethod
     def tcp_reassemble(cls, data: bytes, metadata: dict[str, Any], session: dict[str, Any]) -> Packet | None:
-        """Cut one TPKT off a stream, for `StreamSocket`, by the engine's rules (`dissect.iso.tpkt.Framer`).
+        """Cut one TPKT off a stream, for `StreamSocket`, by the engine's rules (`dissect.protocols.iso.tpkt.Framer`).
 
         Octets that belong to no TPKT come as a `Raw`, what follows them later. The DT that ends a PDU of several DTs has the
         whole PDU. While nothing is whole: None, or for a `StreamSocket`, which would wait for the rest whatever its time-out,

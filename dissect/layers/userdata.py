@@ -19,11 +19,11 @@ from dissect.layers.s7 import (
     pdu_of,
     userdata_body,
 )
-from dissect.s7 import layouts, pbc, tables
-from dissect.s7.items import SPECIFICATION
-from dissect.s7.message import NOT_REFUSED
-from dissect.s7.parameters import REQUEST, RESPONSE
-from dissect.s7.tables import PARAMETER_EXTENDED, PARAMETER_SHORT, PBC_R_ID
+from dissect.protocols.s7 import layouts, pbc, tables
+from dissect.protocols.s7.items import SPECIFICATION
+from dissect.protocols.s7.message import NOT_REFUSED
+from dissect.protocols.s7.parameters import REQUEST, RESPONSE
+from dissect.protocols.s7.tables import PARAMETER_EXTENDED, PARAMETER_SHORT, PBC_R_ID
 
 
 class S7_Userdata(S7_Body):

@@ -22,11 +22,11 @@ from dissect.layers.fields import (
 from dissect.layers.part_classes import S7_Surplus
 from dissect.layers.parts import CLASSES, JOINED
 from dissect.layers.s7 import BODIES, NOTE, S7, S7_Body, body_fields, carve_parameters, data_left, joined
-from dissect.s7 import layouts, tables
-from dissect.s7.data_parts import CONTENT
-from dissect.s7.items import DATA_HEAD, SPECIFICATION, data_size_within, item_fill, parse_item
-from dissect.s7.syntaxes import layout_of as layout_of_item
-from dissect.s7.tables import DATA_BIT, DATA_BYTES
+from dissect.protocols.s7 import layouts, tables
+from dissect.protocols.s7.data_parts import CONTENT
+from dissect.protocols.s7.items import DATA_HEAD, SPECIFICATION, data_size_within, item_fill, parse_item
+from dissect.protocols.s7.syntaxes import layout_of as layout_of_item
+from dissect.protocols.s7.tables import DATA_BIT, DATA_BYTES
 from dissect.wire.part import FILL, OCTETS
 from dissect.wire.text import shortened
 

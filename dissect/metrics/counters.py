@@ -17,10 +17,10 @@ from dissect.engine.pipeline import Pipeline
 from dissect.live.run import Companion
 from dissect.metrics.functions import OTHER, Functions
 from dissect.packets.source.live.reader import Drops
+from dissect.protocols.s7.errors import ERROR_CLASSES, ERROR_CODES
+from dissect.protocols.s7.tables import RETURN_CODES
+from dissect.protocols.s7plus.tables import RETURN_CODES as PLUS_CODES
 from dissect.report.certainty import add_doubt
-from dissect.s7.errors import ERROR_CLASSES, ERROR_CODES
-from dissect.s7.tables import RETURN_CODES
-from dissect.s7plus.tables import RETURN_CODES as PLUS_CODES
 from dissect.transactions.connection import Connection
 from dissect.transactions.operation import Operation
 from dissect.transactions.results import MESSAGE, RETURN_VALUE, SHORT_CODES, TransactionError

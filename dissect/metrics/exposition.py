@@ -20,15 +20,15 @@ from dissect import __version__
 from dissect.alerts.problems import KINDS as PROBLEMS
 from dissect.engine.pipeline import Pipeline
 from dissect.findings.catalogue import CATALOGUE, CONNECTION
-from dissect.ibh.tables import KINDS
-from dissect.iso.tables import TPDU_TYPES
-from dissect.iso.upper import UPPER_NAMES
 from dissect.live.problems import WriterState
 from dissect.metrics.clock import clock_offset
 from dissect.metrics.counters import SEPARATOR, Metrics
 from dissect.metrics.functions import BOUNDS_NS, OTHER
-from dissect.s7.tables import ROSCTR
-from dissect.s7plus.tables import OPCODES
+from dissect.protocols.ibh.tables import KINDS
+from dissect.protocols.iso.tables import TPDU_TYPES
+from dissect.protocols.iso.upper import UPPER_NAMES
+from dissect.protocols.s7.tables import ROSCTR
+from dissect.protocols.s7plus.tables import OPCODES
 from dissect.transactions import ending
 from dissect.transactions.accounts import CATEGORIES, FRAGMENT_WAITING
 from dissect.transactions.operation import KINDS as OPERATIONS

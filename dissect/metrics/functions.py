@@ -10,11 +10,11 @@ from typing import Final
 
 from mypy_extensions import i64
 
-from dissect.s7.parameters import Parameters, UserdataHead
-from dissect.s7.tables import FUNCTIONS, USERDATA_GROUPS, USERDATA_SUBFUNCTIONS
-from dissect.s7plus.parameters import PLUS, PlusParameters
-from dissect.s7plus.tables import FUNCTIONS as PLUS_FUNCTIONS
-from dissect.s7plus.tables import NOTIFICATION, OPCODES
+from dissect.protocols.s7.parameters import Parameters, UserdataHead
+from dissect.protocols.s7.tables import FUNCTIONS, USERDATA_GROUPS, USERDATA_SUBFUNCTIONS
+from dissect.protocols.s7plus.parameters import PLUS, PlusParameters
+from dissect.protocols.s7plus.tables import FUNCTIONS as PLUS_FUNCTIONS
+from dissect.protocols.s7plus.tables import NOTIFICATION, OPCODES
 from dissect.transactions.payloads import SCD, ScdParameters
 from dissect.transactions.transaction import OUTCOMES
 from dissect.wire.text import encodable

@@ -6,11 +6,12 @@ from collections.abc import Iterable, Iterator
 from itertools import islice
 from typing import Final
 
-from dissect.ibh.tables import IBH_NETLINK
 from dissect.monitor.entries import Entry
 from dissect.monitor.lists import ConnectionFacts, FindingFacts
 from dissect.monitor.rows import PLACES, entry_line
 from dissect.monitor.watched import WatchedFacts
+from dissect.protocols.ibh.tables import IBH_NETLINK
+from dissect.protocols.s7plus.hiding import shown_answer
 from dissect.report import facets, words
 from dissect.report.certainty import left_out
 from dissect.report.finding_lines import finding_lines
@@ -21,7 +22,6 @@ from dissect.report.text import connection_lines
 from dissect.report.tree import plus_tree_lines, tree_lines
 from dissect.report.words import Places
 from dissect.report.writers.text import pdu_line, plus_line
-from dissect.s7plus.hiding import shown_answer
 from dissect.transactions.connection import Connection
 from dissect.transactions.operation import Operation
 from dissect.transactions.transaction import DOUBT_TEXTS, PUSH, Transaction

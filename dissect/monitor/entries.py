@@ -9,9 +9,9 @@ from __future__ import annotations
 from collections import deque
 from typing import Final
 
-from dissect.ibh.packet import HEADER, LONG_HEAD, SHORT_HEAD, parse_packet
-from dissect.ibh.tables import IBH_NETLINK
-from dissect.iso.cotp import parse_tpdu
+from dissect.protocols.ibh.packet import HEADER, LONG_HEAD, SHORT_HEAD, parse_packet
+from dissect.protocols.ibh.tables import IBH_NETLINK
+from dissect.protocols.iso.cotp import parse_tpdu
 from dissect.transactions.connection import Connection
 from dissect.transactions.operation import Operation
 from dissect.transactions.payloads import ScdMessage

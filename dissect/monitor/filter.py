@@ -11,10 +11,10 @@ import re
 from typing import Final
 
 from dissect.monitor.entries import What
+from dissect.protocols.s7.parameters import Parameters
 from dissect.report import facets
 from dissect.report.certainty import mark
 from dissect.report.operations import NAMES, result
-from dissect.s7.parameters import Parameters
 from dissect.select import Where
 from dissect.select.things import Message
 from dissect.transactions.connection import Connection

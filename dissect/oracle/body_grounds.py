@@ -7,15 +7,15 @@ from __future__ import annotations
 
 from typing import Final
 
-from dissect.iso.cotp import parse_tpdu
 from dissect.oracle import facts
 from dissect.oracle.facts import Place
 from dissect.oracle.grounds import Case
-from dissect.s7.bodies import parse_body
-from dissect.s7.message import parse_pdu
-from dissect.s7.services import PI_SERVICES
-from dissect.s7.szl_records import RECORD
-from dissect.s7.tables import AR_SEND, MESSAGE_SERVICE, READ_RECORD
+from dissect.protocols.iso.cotp import parse_tpdu
+from dissect.protocols.s7.bodies import parse_body
+from dissect.protocols.s7.message import parse_pdu
+from dissect.protocols.s7.services import PI_SERVICES
+from dissect.protocols.s7.szl_records import RECORD
+from dissect.protocols.s7.tables import AR_SEND, MESSAGE_SERVICE, READ_RECORD
 from dissect.wire.part import OCTETS
 
 #: Octets of a record that Wireshark does not read, and the prefix of the names of record fields.

@@ -18,7 +18,7 @@ from dissect.oracle.ours import Witness, take_joined
 from dissect.oracle.plus import PlusProof
 from dissect.oracle.theirs import Frame
 from dissect.oracle.tshark import OracleError, Reader, read_tshark
-from dissect.tls.key_log import KeyLog
+from dissect.protocols.tls.key_log import KeyLog
 
 _GAVE_UP: Final = "Wireshark stopped where the capture is damaged"
 _WHOLE: Final = Place("", 0, grounds.WHOLE)

@@ -1,6 +1,7 @@
 """Facts: one field of one TPDU or S7 PDU, its position and its value, from either side.
 
-The layouts (`dissect.iso.layouts`, `dissect.s7.layouts`) define the fields, their Wireshark names and their positions. Names
+The layouts (`dissect.protocols.iso.layouts`, `dissect.protocols.s7.layouts`) define the fields, their Wireshark names and their
+positions. Names
 for contents outside fixed headers are defined here.
 """
 
@@ -11,9 +12,9 @@ from collections import Counter
 from collections.abc import Iterator
 from typing import Final, NamedTuple
 
-from dissect.iso import layouts as iso
-from dissect.s7 import bodies
-from dissect.s7 import layouts as s7
+from dissect.protocols.iso import layouts as iso
+from dissect.protocols.s7 import bodies
+from dissect.protocols.s7 import layouts as s7
 from dissect.wire import part
 from dissect.wire.layout import Layout
 
@@ -71,9 +72,12 @@ NAMES: Final[dict[str, frozenset[str]]] = {
 
 
 def layouts() -> list[Layout]:
-    """Return every layout of S7comm: each that a module imported by `dissect.s7.bodies` has in a variable or in a table."""
+    """Return every layout of S7comm.
+
+    Each that a module imported by `dissect.protocols.s7.bodies` has in a variable or in a table.
+    """
     found: dict[int, Layout] = {}
-    modules = [sys.modules[name] for name in sorted(sys.modules) if name.startswith("dissect.s7.")]
+    modules = [sys.modules[name] for name in sorted(sys.modules) if name.startswith("dissect.protocols.s7.")]
     for module in (part, bodies, *modules):
         for value in vars(module).values():
             for layout in _layouts_in(value):

@@ -12,17 +12,17 @@ from bisect import bisect_right
 from collections.abc import Sequence
 from typing import Final
 
-from dissect.iso.cotp import parse_tpdu
-from dissect.iso.tables import DR, DT, ED, ER, ER_CAUSES, TPDU_TYPES
-from dissect.iso.tpkt import MIN_LENGTH
 from dissect.oracle import facts
 from dissect.oracle.facts import Place, Record, Value
 from dissect.oracle.theirs import Frame
 from dissect.oracle.tshark import Segment, read_segments
-from dissect.s7 import layouts as s7
-from dissect.s7.bodies import parse_body
-from dissect.s7.message import parse_pdu
-from dissect.s7.tables import LENGTH_IN_BITS
+from dissect.protocols.iso.cotp import parse_tpdu
+from dissect.protocols.iso.tables import DR, DT, ED, ER, ER_CAUSES, TPDU_TYPES
+from dissect.protocols.iso.tpkt import MIN_LENGTH
+from dissect.protocols.s7 import layouts as s7
+from dissect.protocols.s7.bodies import parse_body
+from dissect.protocols.s7.message import parse_pdu
+from dissect.protocols.s7.tables import LENGTH_IN_BITS
 from dissect.wire.malformed import Malformed
 
 _MASK: Final = 0xFFFFFFFF

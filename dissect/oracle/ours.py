@@ -12,21 +12,21 @@ from typing import Final
 
 from dissect.engine.observer import Observer
 from dissect.engine.pipeline import Options
-from dissect.ibh.tables import IBH_NETLINK
-from dissect.iso import layouts as iso
-from dissect.iso.cotp import CALLED_TSAP, CALLING_TSAP, PREFERRED_SIZE, TPDU_SIZE, Tpdu, parse_tpdu
 from dissect.oracle import facts
 from dissect.oracle.facts import Fact, Place, Record
 from dissect.oracle.plus import PlusProof
-from dissect.s7 import layouts as s7
-from dissect.s7.bodies import parse_body
-from dissect.s7.items import DATA_HEAD, item_fill
-from dissect.s7.message import Pdu, parse_pdu
-from dissect.s7.parameters import ACK_HEADER_SIZE
-from dissect.s7.syntaxes import PBC_ID
-from dissect.s7.tables import BSEND, READ_VAR, ROSCTR, USERDATA, WRITE_VAR
+from dissect.protocols.ibh.tables import IBH_NETLINK
+from dissect.protocols.iso import layouts as iso
+from dissect.protocols.iso.cotp import CALLED_TSAP, CALLING_TSAP, PREFERRED_SIZE, TPDU_SIZE, Tpdu, parse_tpdu
+from dissect.protocols.s7 import layouts as s7
+from dissect.protocols.s7.bodies import parse_body
+from dissect.protocols.s7.items import DATA_HEAD, item_fill
+from dissect.protocols.s7.message import Pdu, parse_pdu
+from dissect.protocols.s7.parameters import ACK_HEADER_SIZE
+from dissect.protocols.s7.syntaxes import PBC_ID
+from dissect.protocols.s7.tables import BSEND, READ_VAR, ROSCTR, USERDATA, WRITE_VAR
+from dissect.protocols.tls.key_log import KeyLog
 from dissect.session import Run
-from dissect.tls.key_log import KeyLog
 from dissect.transactions.connection import ISO_TSAP_PORT, Connection
 from dissect.transactions.side import Side
 from dissect.wire.layout import Layout

@@ -8,10 +8,10 @@ from __future__ import annotations
 
 from typing import Final
 
-from dissect.s7plus.bodies import is_known, parse_contents
-from dissect.s7plus.contents import Contents
-from dissect.s7plus.message import PlusPdu, parse_plus
-from dissect.s7plus.tables import KEEP_ALIVE, REQUEST, RESPONSE
+from dissect.protocols.s7plus.bodies import is_known, parse_contents
+from dissect.protocols.s7plus.contents import Contents
+from dissect.protocols.s7plus.message import PlusPdu, parse_plus
+from dissect.protocols.s7plus.tables import KEEP_ALIVE, REQUEST, RESPONSE
 
 #: Maximum number of requests that wait for their response, and of faults that are described.
 _OPEN: Final = 10_000

@@ -26,9 +26,9 @@ from dissect.page.samples import Ranked, Samples, mixed
 from dissect.page.tag_steps import Tags
 from dissect.page.talks import Talks, worse
 from dissect.program.carved import carve
+from dissect.protocols.s7.tables import GROUP_MODE
 from dissect.report.analysis import Analysis
 from dissect.report.latencies import Latencies
-from dissect.s7.tables import GROUP_MODE
 from dissect.stations.facts import Fact
 from dissect.transactions.connection import ISO_TSAP_PORT, Connection
 from dissect.transactions.operation import CONNECT, Operation

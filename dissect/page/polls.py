@@ -6,11 +6,11 @@ from typing import Final
 
 from dissect.page.bins import Spread
 from dissect.page.rows import ERROR, MISSED, PUSHED, Station, outcome_of, station_of, time_of
+from dissect.protocols.s7.items import Item
+from dissect.protocols.s7.parameters import Parameters
+from dissect.protocols.s7.tables import GROUP_CPU, READ_VAR, WRITE_VAR
+from dissect.protocols.s7plus.parameters import PLUS
 from dissect.report import facets
-from dissect.s7.items import Item
-from dissect.s7.parameters import Parameters
-from dissect.s7.tables import GROUP_CPU, READ_VAR, WRITE_VAR
-from dissect.s7plus.parameters import PLUS
 from dissect.transactions.connection import Connection
 from dissect.transactions.results import HEADER, NO_CODE, TransactionError
 from dissect.transactions.transaction import PUSH, Transaction

@@ -8,10 +8,10 @@ from __future__ import annotations
 from typing import Final
 
 from dissect.golden.masking import SEQUENCE
-from dissect.s7.message import Pdu, parse_pdu
-from dissect.s7.parameters import REQUEST, RESPONSE
-from dissect.s7.pbc import goes_on
-from dissect.s7.tables import BSEND, GROUP_PBC, USERDATA
+from dissect.protocols.s7.message import Pdu, parse_pdu
+from dissect.protocols.s7.parameters import REQUEST, RESPONSE
+from dissect.protocols.s7.pbc import goes_on
+from dissect.protocols.s7.tables import BSEND, GROUP_PBC, USERDATA
 
 _FIRST: Final = 1
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import Final
 
-from dissect.s7plus.bodies import parse_contents
-from dissect.s7plus.layouts import INTEGRITY_ID
-from dissect.s7plus.message import HEADER_SIZE, parse_plus
+from dissect.protocols.s7plus.bodies import parse_contents
+from dissect.protocols.s7plus.layouts import INTEGRITY_ID
+from dissect.protocols.s7plus.message import HEADER_SIZE, parse_plus
 from dissect.wire.octets import u16
 from dissect.wire.varint import VLQ, build_varint
 

@@ -6,9 +6,9 @@ from typing import Final
 
 from dissect.golden.exchange import PLUS
 from dissect.golden.model import Link, Session
-from dissect.s7plus.bodies import parse_contents
-from dissect.s7plus.layouts import DIGEST
-from dissect.s7plus.message import parse_plus
+from dissect.protocols.s7plus.bodies import parse_contents
+from dissect.protocols.s7plus.layouts import DIGEST
+from dissect.protocols.s7plus.message import parse_plus
 
 #: Why messages with digests are not served.
 DIGESTS: Final = "its messages carry digests, which cannot be computed without the session key"

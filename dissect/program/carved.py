@@ -11,8 +11,8 @@ from typing import Final
 
 from dissect.program.classic import ClassicBlock, read_classic
 from dissect.program.plus import PlusBlock, plus_block_of, plus_blocks
-from dissect.s7.blocks import HEADER as HEADER_LAYOUT
-from dissect.s7.blocks import is_header
+from dissect.protocols.s7.blocks import HEADER as HEADER_LAYOUT
+from dissect.protocols.s7.blocks import is_header
 from dissect.transactions.operation import DONE, NAMELESS, NOT_CAPTURED, TRANSFERS, Activation, Operation
 from dissect.wire.part import Part
 from dissect.wire.text import count

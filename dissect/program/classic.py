@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Final
 
-from dissect.s7.blocks import FOOTER, HEADER, is_header
-from dissect.s7.tables import BLOCK_KINDS
+from dissect.protocols.s7.blocks import FOOTER, HEADER, is_header
+from dissect.protocols.s7.tables import BLOCK_KINDS
 from dissect.wire.part import Part
 
 #: The text of `Part.text` for a time that is not set.

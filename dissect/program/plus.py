@@ -5,16 +5,16 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Final
 
-from dissect.s7plus.bodies import parse_contents
-from dissect.s7plus.ids import block_kind
-from dissect.s7plus.loads import number_of
-from dissect.s7plus.message import parse_plus
-from dissect.s7plus.objects import Attribute, Element, PlusObject, every_object, objects_of, read_into
-from dissect.s7plus.program_tables import LANGUAGES
-from dissect.s7plus.session import CODE_TIME, INTERFACE_TIME, LANGUAGE, NAME
-from dissect.s7plus.value_showing import iso_time
-from dissect.s7plus.values import Blob, Struct, Value
-from dissect.s7plus.walk import FormatError, Walk
+from dissect.protocols.s7plus.bodies import parse_contents
+from dissect.protocols.s7plus.ids import block_kind
+from dissect.protocols.s7plus.loads import number_of
+from dissect.protocols.s7plus.message import parse_plus
+from dissect.protocols.s7plus.objects import Attribute, Element, PlusObject, every_object, objects_of, read_into
+from dissect.protocols.s7plus.program_tables import LANGUAGES
+from dissect.protocols.s7plus.session import CODE_TIME, INTERFACE_TIME, LANGUAGE, NAME
+from dissect.protocols.s7plus.value_showing import iso_time
+from dissect.protocols.s7plus.values import Blob, Struct, Value
+from dissect.protocols.s7plus.walk import FormatError, Walk
 
 _PROTECTION: Final = 2524
 _PROTECTION_MODE: Final = 3448  # a member of it: 0 for none; 3 in captures, as in the header of an S7-300/400 block

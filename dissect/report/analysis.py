@@ -13,16 +13,16 @@ from dissect.engine.pipeline import Pipeline
 from dissect.findings.bounds import KEPT
 from dissect.findings.ledger import Ledger
 from dissect.findings.reporter import Finding
-from dissect.iso.tsap import Tsap
 from dissect.packets.source.packet import SourceFile
 from dissect.packets.tcp.stream import Endpoint
+from dissect.protocols.iso.tsap import Tsap
+from dissect.protocols.s7.parameters import Parameters
+from dissect.protocols.s7.tables import USERDATA
+from dissect.protocols.s7plus.parameters import PlusParameters
 from dissect.report.certainty import add_doubt
 from dissect.report.kept import FIRST, Findings
 from dissect.report.latencies import Latencies
 from dissect.report.words import Places
-from dissect.s7.parameters import Parameters
-from dissect.s7.tables import USERDATA
-from dissect.s7plus.parameters import PlusParameters
 from dissect.stations.facts import Book, Fact
 from dissect.transactions.connection import Connection
 from dissect.transactions.operation import RUNNING, Operation

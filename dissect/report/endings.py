@@ -9,8 +9,8 @@ from dissect.transactions.ending import DISCONNECT, ERROR_TPDU, EVICTED, FIN, OP
 from dissect.wire.text import Clock
 
 if TYPE_CHECKING:
+    from dissect.protocols.s7.parameters import Parameters
     from dissect.report.words import Places
-    from dissect.s7.parameters import Parameters
     from dissect.transactions.connection import Connection
     from dissect.transactions.ending import Ending
 

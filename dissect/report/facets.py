@@ -11,15 +11,11 @@ from typing import Final
 
 from mypy_extensions import i64
 
-from dissect.report import words
-from dissect.report.facet import Facet
-from dissect.report.plus import PlusFacet
-from dissect.report.scd import ScdFacet, scd_subject
-from dissect.s7.blocks import BLOCK_COUNT
-from dissect.s7.body import Body
-from dissect.s7.items import Item, ItemResult, data_size_within
-from dissect.s7.message import Pdu
-from dissect.s7.tables import (
+from dissect.protocols.s7.blocks import BLOCK_COUNT
+from dissect.protocols.s7.body import Body
+from dissect.protocols.s7.items import Item, ItemResult, data_size_within
+from dissect.protocols.s7.message import Pdu
+from dissect.protocols.s7.tables import (
     BIT,
     BYTE,
     ELEMENT_OCTETS,
@@ -29,9 +25,13 @@ from dissect.s7.tables import (
     USERDATA,
     WRITE_VAR,
 )
-from dissect.s7.values import decode_value, number_texts
-from dissect.s7plus.parameters import PLUS, is_plus_key
-from dissect.s7plus.tables import PARTIAL_ERROR
+from dissect.protocols.s7.values import decode_value, number_texts
+from dissect.protocols.s7plus.parameters import PLUS, is_plus_key
+from dissect.protocols.s7plus.tables import PARTIAL_ERROR
+from dissect.report import words
+from dissect.report.facet import Facet
+from dissect.report.plus import PlusFacet
+from dissect.report.scd import ScdFacet, scd_subject
 from dissect.transactions.good_items import good_octets
 from dissect.transactions.naming import NamedValue, Naming
 from dissect.transactions.payloads import SCD, is_scd_key
@@ -352,8 +352,8 @@ def _asked_and_told(said: list[str]) -> str:
 
 def _heads(transaction: Transaction) -> str:
     """Return notes on what precedes the items of request and answer: interval, job number, block."""
-    from dissect.s7.cyclic import CYCLIC_REQUEST, CYCLIC_VALUES  # late: see `Pdu.body`
-    from dissect.s7.programmer_layouts import TEST_BLOCK, TEST_HEAD
+    from dissect.protocols.s7.cyclic import CYCLIC_REQUEST, CYCLIC_VALUES  # late: see `Pdu.body`
+    from dissect.protocols.s7.programmer_layouts import TEST_BLOCK, TEST_HEAD
 
     said = [
         part.note

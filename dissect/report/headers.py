@@ -1,4 +1,4 @@
-"""What reports say of a PDU in a TPKT whose TPDU header is irregular (`dissect.iso.irregular`)."""
+"""What reports say of a PDU in a TPKT whose TPDU header is irregular (`dissect.protocols.iso.irregular`)."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ from typing import Final
 
 from mypy_extensions import i64
 
-from dissect.iso.cotp import parse_tpdu
-from dissect.iso.irregular import holds_data, odd_place, odd_said
+from dissect.protocols.iso.cotp import parse_tpdu
+from dissect.protocols.iso.irregular import holds_data, odd_place, odd_said
 from dissect.wire.malformed import Malformed
 
 _TPKT: Final = 4

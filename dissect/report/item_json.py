@@ -11,10 +11,18 @@ from typing import Final
 from librt.strings import BytesWriter
 from mypy_extensions import i64, u8
 
-from dissect.s7.items import Item
-from dissect.s7.parameters import Parameters, Setup, UserdataHead
-from dissect.s7.tables import BIT, BYTE, CHAR, FUNCTIONS, SUCCESS, USERDATA_TYPES, WCHAR
-from dissect.s7.values import LEAST_TEXT, Value, decode_value, numbers_json, spelled, write_numbers, write_times
+from dissect.protocols.s7.items import Item
+from dissect.protocols.s7.parameters import Parameters, Setup, UserdataHead
+from dissect.protocols.s7.tables import BIT, BYTE, CHAR, FUNCTIONS, SUCCESS, USERDATA_TYPES, WCHAR
+from dissect.protocols.s7.values import (
+    LEAST_TEXT,
+    Value,
+    decode_value,
+    numbers_json,
+    spelled,
+    write_numbers,
+    write_times,
+)
 from dissect.transactions.naming import NamedValue
 from dissect.transactions.results import NO_CODE
 from dissect.transactions.transaction import Transaction

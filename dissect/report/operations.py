@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import Final
 
+from dissect.protocols.s7.szl import SZL_HEAD
 from dissect.report import facets, words
 from dissect.report.styled import FAILED, HANG, PLAIN, Line
 from dissect.report.words import FRAMES_WIDTH, LATENCY_WIDTH, NUMBER_WIDTH, Places
-from dissect.s7.szl import SZL_HEAD
 from dissect.transactions.operation import (
     LONG_ANSWER,
     NO_FAILURES,

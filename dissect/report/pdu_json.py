@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import json
 
+from dissect.protocols.s7.items import DataItem
+from dissect.protocols.s7.message import Pdu
+from dissect.protocols.s7.tables import ROSCTR
+from dissect.protocols.s7plus.message import PlusPdu
 from dissect.report.facet import Locate
 from dissect.report.headers import Header
 from dissect.report.item_json import CODE, function_text, item_text, setup_text, value_json
 from dissect.report.plus import plus_pdu_line
 from dissect.report.scd import scd_line_json
 from dissect.report.tpdu_json import PDU_SCHEMA
-from dissect.s7.items import DataItem
-from dissect.s7.message import Pdu
-from dissect.s7.tables import ROSCTR
-from dissect.s7plus.message import PlusPdu
 from dissect.transactions.connection import Connection
 from dissect.transactions.payloads import ScdMessage
 from dissect.wire.layout import FieldValue

@@ -7,19 +7,19 @@ import math
 from collections.abc import Callable
 from typing import Final
 
-from dissect.iso.upper import S7COMM_PLUS, UPPER_NAMES
+from dissect.protocols.iso.upper import S7COMM_PLUS, UPPER_NAMES
+from dissect.protocols.s7.parameters import Parameters
+from dissect.protocols.s7plus.alarms import ALARM, Alarm
+from dissect.protocols.s7plus.contents import Contents
+from dissect.protocols.s7plus.hiding import shown_contents, without_secrets
+from dissect.protocols.s7plus.ids import plain_id
+from dissect.protocols.s7plus.items import Half, PlusItem, join_items
+from dissect.protocols.s7plus.message import PlusPdu
+from dissect.protocols.s7plus.parameters import PlusParameters, names_function
+from dissect.protocols.s7plus.summary import summary
+from dissect.protocols.s7plus.tables import CREATE_OBJECT, KEEP_ALIVE, NOTIFICATION, REQUEST, RETURN_CODES, SYSTEM_EVENT
 from dissect.report.facet import Facet
 from dissect.report.words import NAMED
-from dissect.s7.parameters import Parameters
-from dissect.s7plus.alarms import ALARM, Alarm
-from dissect.s7plus.contents import Contents
-from dissect.s7plus.hiding import shown_contents, without_secrets
-from dissect.s7plus.ids import plain_id
-from dissect.s7plus.items import Half, PlusItem, join_items
-from dissect.s7plus.message import PlusPdu
-from dissect.s7plus.parameters import PlusParameters, names_function
-from dissect.s7plus.summary import summary
-from dissect.s7plus.tables import CREATE_OBJECT, KEEP_ALIVE, NOTIFICATION, REQUEST, RETURN_CODES, SYSTEM_EVENT
 from dissect.transactions.connection import Connection
 from dissect.transactions.transaction import Transaction
 from dissect.wire.part import Part

@@ -11,8 +11,8 @@ from functools import cache
 from importlib import import_module
 from typing import Final
 
+from dissect.protocols.s7plus.blobs import BAD, NO_DICTIONARY, TOO_LARGE, Opened, open_blob
 from dissect.report import words
-from dissect.s7plus.blobs import BAD, NO_DICTIONARY, TOO_LARGE, Opened, open_blob
 from dissect.wire.text import shortened
 
 #: Maximum number of lines of a blob, characters of a line and levels of indentation shown, and of octets decompressed.

@@ -9,15 +9,15 @@ from typing import Final
 
 from librt.strings import BytesWriter
 
+from dissect.protocols.s7.singles import write_real_repr
+from dissect.protocols.s7.tables import SUCCESS
+from dissect.protocols.s7plus.contents import Address
+from dissect.protocols.s7plus.ids import DATA_BLOCK
+from dissect.protocols.s7plus.items import PlusItem
+from dissect.protocols.s7plus.value_showing import value_json
+from dissect.protocols.s7plus.value_tables import REAL, VALUE_TYPES
+from dissect.protocols.s7plus.values import Value
 from dissect.report.plus import DB_AREA, S7_AREAS, as_text
-from dissect.s7.singles import write_real_repr
-from dissect.s7.tables import SUCCESS
-from dissect.s7plus.contents import Address
-from dissect.s7plus.ids import DATA_BLOCK
-from dissect.s7plus.items import PlusItem
-from dissect.s7plus.value_showing import value_json
-from dissect.s7plus.value_tables import REAL, VALUE_TYPES
-from dissect.s7plus.values import Value
 from dissect.wire.build import COMPILED
 from dissect.wire.digits import write_decimal, write_hexadecimal
 from dissect.wire.text import hex_number, json_text

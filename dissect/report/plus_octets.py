@@ -12,6 +12,14 @@ from typing import Final
 from librt.strings import BytesWriter
 from mypy_extensions import i64
 
+from dissect.protocols.s7plus.hiding import reads_secret, said_half
+from dissect.protocols.s7plus.ids import HIDDEN
+from dissect.protocols.s7plus.items import Half, join_items
+from dissect.protocols.s7plus.message import DIGEST_SIZE, parse_plus
+from dissect.protocols.s7plus.sameness import Seen
+from dissect.protocols.s7plus.session import PlusSession
+from dissect.protocols.s7plus.summary import summary
+from dissect.protocols.s7plus.tables import NOTIFICATION, REQUEST, V3
 from dissect.report.plus import (
     head_begin,
     head_json,
@@ -23,14 +31,6 @@ from dissect.report.plus import (
     subscription_note,
 )
 from dissect.report.plus_items import write_item
-from dissect.s7plus.hiding import reads_secret, said_half
-from dissect.s7plus.ids import HIDDEN
-from dissect.s7plus.items import Half, join_items
-from dissect.s7plus.message import DIGEST_SIZE, parse_plus
-from dissect.s7plus.sameness import Seen
-from dissect.s7plus.session import PlusSession
-from dissect.s7plus.summary import summary
-from dissect.s7plus.tables import NOTIFICATION, REQUEST, V3
 from dissect.transactions.transaction import Transaction
 from dissect.wire.digits import write_decimal, write_hexadecimal
 from dissect.wire.text import json_text

@@ -8,11 +8,11 @@ from __future__ import annotations
 import struct
 from typing import Final
 
+from dissect.protocols.s7.items import DATA_HEAD, Item, item_fill
+from dissect.protocols.s7.parameters import Parameters
+from dissect.protocols.s7.tables import BYTE
+from dissect.protocols.s7.values import LEAST_TEXT, NUMBER_LETTERS, number_size
 from dissect.report.item_json import VALUE, item_text, value_json
-from dissect.s7.items import DATA_HEAD, Item, item_fill
-from dissect.s7.parameters import Parameters
-from dissect.s7.tables import BYTE
-from dissect.s7.values import LEAST_TEXT, NUMBER_LETTERS, number_size
 
 
 class ReadPlan:

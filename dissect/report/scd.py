@@ -5,9 +5,9 @@ from __future__ import annotations
 import json
 from typing import TYPE_CHECKING, Final
 
-from dissect.iso.upper import SCD, UPPER_NAMES
+from dissect.protocols.iso.upper import SCD, UPPER_NAMES
+from dissect.protocols.s7.parameters import Parameters
 from dissect.report.facet import Facet, Locate
-from dissect.s7.parameters import Parameters
 from dissect.transactions.payloads import ScdMessage, ScdParameters
 from dissect.transactions.transaction import Transaction
 from dissect.wire.text import encodable, printable

@@ -9,9 +9,9 @@ from dissect.report import words
 from dissect.wire.text import Clock
 
 if TYPE_CHECKING:
-    from dissect.tls.certificate import Certificate
-    from dissect.tls.direction import Direction
-    from dissect.tls.session import TlsSession
+    from dissect.protocols.tls.certificate import Certificate
+    from dissect.protocols.tls.direction import Direction
+    from dissect.protocols.tls.session import TlsSession
     from dissect.transactions.connection import Connection
 
 _ROLES = ("client", "server")

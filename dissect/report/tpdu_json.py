@@ -8,9 +8,9 @@ from __future__ import annotations
 import json
 from typing import Final
 
-from dissect.iso.cotp import Tpdu
-from dissect.iso.tables import DT, ED
-from dissect.iso.tsap import Tsap
+from dissect.protocols.iso.cotp import Tpdu
+from dissect.protocols.iso.tables import DT, ED
+from dissect.protocols.iso.tsap import Tsap
 from dissect.report.words import Places, carried
 from dissect.transactions.connection import Connection
 from dissect.wire.text import Clock

@@ -5,25 +5,25 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from typing import Final, TypeVar
 
-from dissect.ibh import layouts as ibh
-from dissect.ibh.packet import IbhPacket, parse_packet
-from dissect.iso import layouts as iso
-from dissect.iso.cotp import Parameter, parse_tpdu
+from dissect.protocols.ibh import layouts as ibh
+from dissect.protocols.ibh.packet import IbhPacket, parse_packet
+from dissect.protocols.iso import layouts as iso
+from dissect.protocols.iso.cotp import Parameter, parse_tpdu
+from dissect.protocols.s7 import layouts as s7
+from dissect.protocols.s7.bodies import parse_body
+from dissect.protocols.s7.data_parts import CONTENT, RETURN_CODE
+from dissect.protocols.s7.errors import errors_of
+from dissect.protocols.s7.hiding import secret_spans, secret_spans_within
+from dissect.protocols.s7.message import Pdu
+from dissect.protocols.s7plus import layouts as s7plus
+from dissect.protocols.s7plus.contents import Contents
+from dissect.protocols.s7plus.hiding import Shown, shown_contents
+from dissect.protocols.s7plus.ids import HIDDEN
+from dissect.protocols.s7plus.message import PlusPdu, fixed_part
+from dissect.protocols.s7plus.tables import KEEP_ALIVE, SYSTEM_EVENT
 from dissect.report import words
 from dissect.report.plus_blobs import blob_lines
 from dissect.report.tree_fields import field_line, fields_text, line_head, line_of, meaning, span
-from dissect.s7 import layouts as s7
-from dissect.s7.bodies import parse_body
-from dissect.s7.data_parts import CONTENT, RETURN_CODE
-from dissect.s7.errors import errors_of
-from dissect.s7.hiding import secret_spans, secret_spans_within
-from dissect.s7.message import Pdu
-from dissect.s7plus import layouts as s7plus
-from dissect.s7plus.contents import Contents
-from dissect.s7plus.hiding import Shown, shown_contents
-from dissect.s7plus.ids import HIDDEN
-from dissect.s7plus.message import PlusPdu, fixed_part
-from dissect.s7plus.tables import KEEP_ALIVE, SYSTEM_EVENT
 from dissect.wire.hexdump import hexdump
 from dissect.wire.layout import FieldValue, Layout
 from dissect.wire.malformed import Malformed

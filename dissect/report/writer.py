@@ -14,12 +14,12 @@ from mypy_extensions import i64, mypyc_attr
 
 from dissect.engine.exchange import PayloadDecoder
 from dissect.engine.observer import Observer
-from dissect.ibh.packet import parse_packet
-from dissect.ibh.tables import KIND_DATA, KIND_FRAGMENT
-from dissect.iso.cotp import parse_tpdu
-from dissect.iso.irregular import odd_place
-from dissect.iso.tables import DT, ED
-from dissect.iso.upper import S7COMM, S7COMM_PLUS, SCD, UPPER_NAMES, classify
+from dissect.protocols.ibh.packet import parse_packet
+from dissect.protocols.ibh.tables import KIND_DATA, KIND_FRAGMENT
+from dissect.protocols.iso.cotp import parse_tpdu
+from dissect.protocols.iso.irregular import odd_place
+from dissect.protocols.iso.tables import DT, ED
+from dissect.protocols.iso.upper import S7COMM, S7COMM_PLUS, SCD, UPPER_NAMES, classify
 from dissect.report.headers import Header, irregular
 from dissect.report.styled import Line, Written
 from dissect.report.words import Places, carried, message_name
@@ -67,7 +67,7 @@ class Writer(Observer):
 
     Feeds call these methods of an observer: `transaction`, `operation`, `comment`, for PDUs `pdu` and `plus_pdu`, and for
     packets without a PDU `tpdu` and `ibh_packet`; and the methods `packet` and `scd_message` of this class. PDUs may hold
-    passwords: see `dissect.s7.hiding.without_secrets`.
+    passwords: see `dissect.protocols.s7.hiding.without_secrets`.
     """
 
     def __init__(self, clock: Clock | None = None, verbose: bool = False) -> None:

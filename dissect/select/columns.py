@@ -7,7 +7,7 @@ from typing import Any
 
 from mypy_extensions import i64
 
-from dissect.iso.upper import S7COMM, S7COMM_PLUS, SCD, UPPER_NAMES
+from dissect.protocols.iso.upper import S7COMM, S7COMM_PLUS, SCD, UPPER_NAMES
 from dissect.report.writer import COTP, NETLINK, Writer
 from dissect.select.fields import NAMES, Field
 from dissect.select.getters import OfItem, items

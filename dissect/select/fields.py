@@ -19,10 +19,9 @@ from dissect.facts.transaction import TRANSACTION as TRANSACTION_FACTS
 from dissect.findings.catalogue import CATALOGUE, NOTE, SEVERITIES
 from dissect.findings.catalogue import KINDS as FINDING_KINDS
 from dissect.findings.reporter import Finding
-from dissect.iso.upper import UPPER_NAMES
-from dissect.report.writer import COTP, NETLINK
-from dissect.s7.errors import ERROR_CODES, class_names
-from dissect.s7.tables import (
+from dissect.protocols.iso.upper import UPPER_NAMES
+from dissect.protocols.s7.errors import ERROR_CODES, class_names
+from dissect.protocols.s7.tables import (
     AREA_LETTERS,
     AREAS,
     LETTER_AREAS,
@@ -33,8 +32,9 @@ from dissect.s7.tables import (
     USERDATA_SUBFUNCTIONS,
     USERDATA_TYPES,
 )
-from dissect.s7plus.tables import NOTIFIED, OPCODES
-from dissect.s7plus.tables import RETURN_CODES as PLUS_CODES
+from dissect.protocols.s7plus.tables import NOTIFIED, OPCODES
+from dissect.protocols.s7plus.tables import RETURN_CODES as PLUS_CODES
+from dissect.report.writer import COTP, NETLINK
 from dissect.scd.wording import json_value
 from dissect.select import getters as of
 from dissect.select.getters import Getter, OfItem

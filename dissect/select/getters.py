@@ -12,13 +12,12 @@ from typing import Any, Final
 
 from dissect.facts.fact import CODE, FRAME, TEXT, TSAP, WORD, Fact
 from dissect.findings.reporter import Finding
-from dissect.iso.upper import S7COMM, S7COMM_PLUS, SCD, UPPER_NAMES
 from dissect.packets.tcp.stream import Endpoint
-from dissect.report import facets
-from dissect.s7.errors import errors_of
-from dissect.s7.message import NOT_REFUSED
-from dissect.s7.parameters import Parameters
-from dissect.s7.tables import (
+from dissect.protocols.iso.upper import S7COMM, S7COMM_PLUS, SCD, UPPER_NAMES
+from dissect.protocols.s7.errors import errors_of
+from dissect.protocols.s7.message import NOT_REFUSED
+from dissect.protocols.s7.parameters import Parameters
+from dissect.protocols.s7.tables import (
     FUNCTIONS,
     READ_VAR,
     RETURN_CODES,
@@ -28,10 +27,11 @@ from dissect.s7.tables import (
     USERDATA_TYPES,
     WRITE_VAR,
 )
-from dissect.s7plus.items import READS, WRITES
-from dissect.s7plus.parameters import PlusParameters
-from dissect.s7plus.tables import FUNCTIONS as PLUS_FUNCTIONS
-from dissect.s7plus.tables import NOTIFICATION
+from dissect.protocols.s7plus.items import READS, WRITES
+from dissect.protocols.s7plus.parameters import PlusParameters
+from dissect.protocols.s7plus.tables import FUNCTIONS as PLUS_FUNCTIONS
+from dissect.protocols.s7plus.tables import NOTIFICATION
+from dissect.report import facets
 from dissect.select.items import ItemFacts
 from dissect.select.literals import CodeValue
 from dissect.select.things import Context, Found, Message, Packet

@@ -6,9 +6,8 @@ import re
 from collections.abc import Iterable
 from typing import Final
 
-from dissect.report.plus import DB_AREA, S7_AREAS
-from dissect.s7.items import Item, ItemResult
-from dissect.s7.tables import (
+from dissect.protocols.s7.items import Item, ItemResult
+from dissect.protocols.s7.tables import (
     AREA_LETTERS,
     AREAS,
     BIT,
@@ -20,8 +19,9 @@ from dissect.s7.tables import (
     SUCCESS,
     TRANSPORT_SIZES,
 )
-from dissect.s7plus.ids import DATA_BLOCK
-from dissect.s7plus.items import PlusItem
+from dissect.protocols.s7plus.ids import DATA_BLOCK
+from dissect.protocols.s7plus.items import PlusItem
+from dissect.report.plus import DB_AREA, S7_AREAS
 from dissect.scd.wording import Row, json_value
 from dissect.select.literals import CodeValue, Place, place_of
 from dissect.transactions.naming import NamedValue, Naming

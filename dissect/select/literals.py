@@ -12,8 +12,8 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, Final, NamedTuple
 
-from dissect.s7.address import Address, address_text, parse_address
-from dissect.s7.tables import AREA_LETTERS, DB_AREAS, NUMBERED_AREAS, RECORD_AREA
+from dissect.protocols.s7.address import Address, address_text, parse_address
+from dissect.protocols.s7.tables import AREA_LETTERS, DB_AREAS, NUMBERED_AREAS, RECORD_AREA
 from dissect.select.errors import SelectError, range_hint
 from dissect.select.grammar import Literal
 from dissect.select.patterns import searching
@@ -518,7 +518,7 @@ def place_of(text: str) -> Place | None:
 
 
 def _written(address: Address) -> str:
-    """Return an address in the form of `dissect.s7.address.address_text`: with English letters."""
+    """Return an address in the form of `dissect.protocols.s7.address.address_text`: with English letters."""
     sizes = {"X": 0x01, "": 0x01, "B": 0x02, "W": 0x04, "D": 0x06, "L": 0x30}
     return address_text(address.area, address.db, address.field, sizes[address.width])
 

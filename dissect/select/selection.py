@@ -16,13 +16,13 @@ from mypy_extensions import i64
 from dissect.engine.observer import Observer
 from dissect.findings.bounds import KEPT
 from dissect.findings.reporter import Finding
-from dissect.ibh.packet import parse_packet
-from dissect.ibh.tables import KIND_CONFIRM, KIND_CONNECT, KIND_DISCONNECT, KIND_GO_AHEAD, KIND_SERVICE
-from dissect.iso.tables import CC, CR, DC, DR
 from dissect.packets.tcp import ip
 from dissect.packets.tcp.connection import TcpConnection
+from dissect.protocols.ibh.packet import parse_packet
+from dissect.protocols.ibh.tables import KIND_CONFIRM, KIND_CONNECT, KIND_DISCONNECT, KIND_GO_AHEAD, KIND_SERVICE
+from dissect.protocols.iso.tables import CC, CR, DC, DR
+from dissect.protocols.s7.tables import SETUP_COMMUNICATION as _SETUP
 from dissect.report.contract import by_weight
-from dissect.s7.tables import SETUP_COMMUNICATION as _SETUP
 from dissect.select.comments import finding_comment
 from dissect.select.places import Places, Stretch, parsed
 from dissect.select.spans import Span, SpanBook, TimedSpan

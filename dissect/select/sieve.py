@@ -15,7 +15,7 @@ from dissect.engine.pipeline import Pipeline
 from dissect.findings.bounds import COUNTED, Bounds
 from dissect.findings.ledger import Ledger
 from dissect.findings.reporter import Finding
-from dissect.iso.upper import S7COMM, S7COMM_PLUS, SCD, UPPER_NAMES
+from dissect.protocols.iso.upper import S7COMM, S7COMM_PLUS, SCD, UPPER_NAMES
 from dissect.report.analysis import Part
 from dissect.report.headers import irregular
 from dissect.select.things import CONNECTION, FINDING, MESSAGE, OPERATION, TRANSACTION, Message

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from dissect.s7plus.events import subscription_of as number_of
+from dissect.protocols.s7plus.events import subscription_of as number_of
 from dissect.select.spans import Span
 from dissect.transactions.connection import Connection
 from dissect.transactions.operation import CYCLIC, MESSAGES, TEST_JOB, Operation

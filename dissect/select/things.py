@@ -12,11 +12,11 @@ from typing import TYPE_CHECKING, Final
 
 from dissect.findings.reporter import Finding
 from dissect.packets.tcp.stream import Endpoint
-from dissect.s7.message import Pdu, parse_pdu
-from dissect.s7plus.hiding import shown_half
-from dissect.s7plus.items import join_items
-from dissect.s7plus.message import PlusPdu, parse_plus
-from dissect.s7plus.tables import REQUEST
+from dissect.protocols.s7.message import Pdu, parse_pdu
+from dissect.protocols.s7plus.hiding import shown_half
+from dissect.protocols.s7plus.items import join_items
+from dissect.protocols.s7plus.message import PlusPdu, parse_plus
+from dissect.protocols.s7plus.tables import REQUEST
 from dissect.select.items import ItemFacts, ItemReader
 from dissect.transactions.connection import Connection
 from dissect.transactions.payloads import ScdMessage

@@ -1,6 +1,6 @@
 """Reads facts about stations from S7comm transactions: SZL, clock, blocks and modes (reference sections 4.5, 4.6, 4.12).
 
-`dissect.s7plus.events` reads what CPUs say in S7comm-plus; it collects that in `Identity.told`.
+`dissect.protocols.s7plus.events` reads what CPUs say in S7comm-plus; it collects that in `Identity.told`.
 """
 
 from __future__ import annotations
@@ -8,15 +8,15 @@ from __future__ import annotations
 from datetime import UTC, datetime
 from typing import Final
 
-from dissect.s7.blocks import BLOCK_COUNT, INFO, LISTED_BLOCK, TYPE_WANTED, header_text
-from dissect.s7.clock import CLOCK as CLOCK_LAYOUT
-from dissect.s7.clock import SETTING
-from dissect.s7.layouts import DATA_HEAD
-from dissect.s7.parameters import HEADER_SIZE, UserdataHead
-from dissect.s7.szl import SZL_HEAD, record_layout
-from dissect.s7.szl_communication import CAPABILITY_RECORDS, PROTECTION
-from dissect.s7.szl_notes import extract
-from dissect.s7.szl_records import (
+from dissect.protocols.s7.blocks import BLOCK_COUNT, INFO, LISTED_BLOCK, TYPE_WANTED, header_text
+from dissect.protocols.s7.clock import CLOCK as CLOCK_LAYOUT
+from dissect.protocols.s7.clock import SETTING
+from dissect.protocols.s7.layouts import DATA_HEAD
+from dissect.protocols.s7.parameters import HEADER_SIZE, UserdataHead
+from dissect.protocols.s7.szl import SZL_HEAD, record_layout
+from dissect.protocols.s7.szl_communication import CAPABILITY_RECORDS, PROTECTION
+from dissect.protocols.s7.szl_notes import extract
+from dissect.protocols.s7.szl_records import (
     BLANK,
     COMPONENT_RECORDS,
     ETHERNET,
@@ -24,8 +24,8 @@ from dissect.s7.szl_records import (
     OPERATING_MODE,
     version_text,
 )
-from dissect.s7.szl_tables import HEAD_ONLY
-from dissect.s7.tables import (
+from dissect.protocols.s7.szl_tables import HEAD_ONLY
+from dissect.protocols.s7.tables import (
     GROUP_BLOCKS,
     GROUP_CPU,
     GROUP_MODE,
@@ -35,7 +35,7 @@ from dissect.s7.tables import (
     SUCCESS,
     USERDATA,
 )
-from dissect.s7.values import date_and_time
+from dissect.protocols.s7.values import date_and_time
 from dissect.stations import facts
 from dissect.stations.facts import Fact
 from dissect.transactions.connection import Connection

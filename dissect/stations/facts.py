@@ -12,7 +12,7 @@ from typing import Final
 from mypy_extensions import mypyc_attr
 
 from dissect.packets.tcp.link import within
-from dissect.s7plus import session
+from dissect.protocols.s7plus import session
 from dissect.wire.copies import leaves
 
 # Keys of facts; JSON and CSV use the same names (docs/devices.md).

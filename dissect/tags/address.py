@@ -9,8 +9,8 @@ from __future__ import annotations
 import re
 from typing import Final, NamedTuple
 
-from dissect.s7.address import MAX_DB, MAX_OCTET
-from dissect.s7.tables import DB, LETTER_AREAS, NUMBERED_AREAS
+from dissect.protocols.s7.address import MAX_DB, MAX_OCTET
+from dissect.protocols.s7.tables import DB, LETTER_AREAS, NUMBERED_AREAS
 from dissect.tags.model import NUMBERED_BITS, place_text
 from dissect.tags.types import TYPES, DataType, TypeNameError, checked_count, require, string_type
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import Final
 
 from dissect.engine.observer import Observer
-from dissect.s7.items import Item
-from dissect.s7.tables import DB, DB_AREAS, NUMBERED_AREAS, SUCCESS
+from dissect.protocols.s7.items import Item
+from dissect.protocols.s7.tables import DB, DB_AREAS, NUMBERED_AREAS, SUCCESS
 from dissect.tags.loading import TagSet
 from dissect.tags.model import Tag
 from dissect.tags.naming import TagNaming

@@ -7,7 +7,7 @@ from typing import Final
 
 from mypy_extensions import i64
 
-from dissect.s7.tables import DB, DB_AREAS
+from dissect.protocols.s7.tables import DB, DB_AREAS
 from dissect.tags.model import NUMBERED_BITS, Tag
 
 #: With this many addresses in it, the cache of their tags is emptied.

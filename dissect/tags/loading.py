@@ -11,8 +11,8 @@ from typing import Final
 from dissect.packets.source.files import compression
 from dissect.packets.source.pcap import PCAP_MAGICS
 from dissect.packets.source.pcapng import PCAPNG_MAGIC
-from dissect.s7.tables import DB
-from dissect.s7plus.program import Program
+from dissect.protocols.s7.tables import DB
+from dissect.protocols.s7plus.program import Program
 from dissect.tags.captures import read_capture
 from dissect.tags.csv_tables import first_line, has_header, looks_like_table, read_csv
 from dissect.tags.declarations import Block, Shape, essence, looks_like_source, read_declarations

@@ -6,8 +6,8 @@ from typing import Final
 
 from mypy_extensions import i64
 
-from dissect.s7.address import address_text
-from dissect.s7.tables import BIT, BYTE, NUMBERED_AREAS
+from dissect.protocols.s7.address import address_text
+from dissect.protocols.s7.tables import BIT, BYTE, NUMBERED_AREAS
 from dissect.wire.copies import leaves
 
 #: Bits of a timer or counter, whose address is a number: their values are words.

@@ -6,9 +6,9 @@ from typing import Final
 
 from mypy_extensions import i64
 
-from dissect.s7.items import Item, ItemResult
-from dissect.s7.tables import BIT, NUMBERED_AREAS
-from dissect.s7plus.program import Program
+from dissect.protocols.s7.items import Item, ItemResult
+from dissect.protocols.s7.tables import BIT, NUMBERED_AREAS
+from dissect.protocols.s7plus.program import Program
 from dissect.tags.index import Cover, Part, TagIndex
 from dissect.tags.model import NUMBERED_BITS, Tag, place_text
 from dissect.tags.values import decode_part

@@ -7,7 +7,7 @@ import re
 from collections import Counter
 from typing import Final, NamedTuple
 
-from dissect.s7plus.program import Program
+from dissect.protocols.s7plus.program import Program
 from dissect.tags.address import AddressError, TagAddress, block_number, fitted, language, parse_tag_address
 from dissect.tags.declarations import Block
 from dissect.tags.model import Tag

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from typing import Final, NamedTuple
 
-from dissect.s7plus.program_tables import DATATYPES
+from dissect.protocols.s7plus.program_tables import DATATYPES
 from dissect.wire.config.hints import close_names
 
 

@@ -7,10 +7,10 @@ from typing import Final
 
 from mypy_extensions import i64
 
-from dissect.s7.address import address_text
-from dissect.s7.singles import real
-from dissect.s7.tables import BIT, BYTE, TRANSPORT_SIZES
-from dissect.s7.values import Value, bcd, date_and_time, date_text, duration, s5time, time_of_day
+from dissect.protocols.s7.address import address_text
+from dissect.protocols.s7.singles import real
+from dissect.protocols.s7.tables import BIT, BYTE, TRANSPORT_SIZES
+from dissect.protocols.s7.values import Value, bcd, date_and_time, date_text, duration, s5time, time_of_day
 from dissect.tags.index import Part
 from dissect.tags.model import Tag
 from dissect.wire.octets import u16, u24

@@ -20,12 +20,12 @@ from dissect.golden.forms import (
 )
 from dissect.golden.values import value_octets
 from dissect.playback.server.answers import NOT_AVAILABLE, refuse
-from dissect.s7.address import parse_address
-from dissect.s7.build import build_payload, build_pdu, build_setup, build_userdata_head
-from dissect.s7.items import Item
-from dissect.s7.message import Pdu
-from dissect.s7.parameters import HEADER_SIZE, PUSH, REQUEST, RESPONSE, Setup
-from dissect.s7.tables import (
+from dissect.protocols.s7.address import parse_address
+from dissect.protocols.s7.build import build_payload, build_pdu, build_setup, build_userdata_head
+from dissect.protocols.s7.items import Item
+from dissect.protocols.s7.message import Pdu
+from dissect.protocols.s7.parameters import HEADER_SIZE, PUSH, REQUEST, RESPONSE, Setup
+from dissect.protocols.s7.tables import (
     ACK_DATA,
     GROUP_CPU,
     JOB,

@@ -24,18 +24,18 @@ from dissect.engine.pipeline import Options, Pipeline
 from dissect.golden.model import Session
 from dissect.golden.reading import SessionReader
 from dissect.golden.writing import golden_text
-from dissect.iso.build import build_connect, build_tpkt, build_tsdu, size_parameter
-from dissect.iso.cotp import CALLED_TSAP, CALLING_TSAP
-from dissect.iso.tables import CC, CR
 from dissect.packets.source.pcapng_writer import interface_block, packet_block, section_block
 from dissect.packets.tcp.link import ETHERNET
 from dissect.packets.tcp.stream import Endpoint
 from dissect.playback.server.model import Recording
 from dissect.playback.server.recording import recording_of
+from dissect.protocols.iso.build import build_connect, build_tpkt, build_tsdu, size_parameter
+from dissect.protocols.iso.cotp import CALLED_TSAP, CALLING_TSAP
+from dissect.protocols.iso.tables import CC, CR
+from dissect.protocols.s7.build import with_reference
+from dissect.protocols.s7.message import parse_pdu
+from dissect.protocols.s7.parameters import PUSH
 from dissect.proxy.packets import Conversation
-from dissect.s7.build import with_reference
-from dissect.s7.message import parse_pdu
-from dissect.s7.parameters import PUSH
 from dissect.testing.messages import (
     Ask,
     Piece,

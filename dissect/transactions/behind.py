@@ -19,8 +19,8 @@ from typing import TYPE_CHECKING
 from mypy_extensions import i64
 
 from dissect.packets.tcp.stream import MASK
-from dissect.s7.parameters import Parameters
-from dissect.s7.tables import JOB, USERDATA, WRITE_VAR
+from dissect.protocols.s7.parameters import Parameters
+from dissect.protocols.s7.tables import JOB, USERDATA, WRITE_VAR
 from dissect.transactions.aside import Aside, Held
 from dissect.transactions.contradictions import is_strange
 from dissect.transactions.open_requests import (

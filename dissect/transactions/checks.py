@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from mypy_extensions import i64
 
-from dissect.s7.items import (
+from dissect.protocols.s7.items import (
     DATA_HEAD,
     Item,
     begin_alike,
@@ -17,9 +17,9 @@ from dissect.s7.items import (
     odd_data_code,
     walk_areas,
 )
-from dissect.s7.parameters import ACK_HEADER_SIZE, Parameters
-from dissect.s7.plain_items import plain_answered_as, plainly_answered
-from dissect.s7.tables import ACK_DATA, READ_VAR, SETUP_COMMUNICATION, SUCCESS, USERDATA, WRITE_VAR
+from dissect.protocols.s7.parameters import ACK_HEADER_SIZE, Parameters
+from dissect.protocols.s7.plain_items import plain_answered_as, plainly_answered
+from dissect.protocols.s7.tables import ACK_DATA, READ_VAR, SETUP_COMMUNICATION, SUCCESS, USERDATA, WRITE_VAR
 from dissect.transactions.results import (
     BAD_DATA,
     COUNT_MISMATCH,

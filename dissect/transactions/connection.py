@@ -6,12 +6,12 @@ from typing import TYPE_CHECKING, Final
 
 from mypy_extensions import i64
 
-from dissect.iso.cotp import Tpdu
-from dissect.iso.tsap import Tsap
 from dissect.packets.tcp.connection import TcpConnection
 from dissect.packets.tcp.stream import Endpoint
-from dissect.s7.parameters import Parameters, Setup
-from dissect.s7.tables import (
+from dissect.protocols.iso.cotp import Tpdu
+from dissect.protocols.iso.tsap import Tsap
+from dissect.protocols.s7.parameters import Parameters, Setup
+from dissect.protocols.s7.tables import (
     DOWNLOAD_BLOCK,
     DOWNLOAD_ENDED,
     END_UPLOAD,
@@ -34,8 +34,8 @@ from dissect.transactions.writes import Writes
 from dissect.wire.copies import leaves
 
 if TYPE_CHECKING:
-    from dissect.s7plus.session import PlusSession
-    from dissect.tls.session import TlsSession
+    from dissect.protocols.s7plus.session import PlusSession
+    from dissect.protocols.tls.session import TlsSession
     from dissect.transactions.naming import Naming
     from dissect.transactions.transaction import Transaction
 
@@ -92,7 +92,8 @@ class EarlyAck:
 class Traits:
     """What a connection was used for so far: the memory of the rules about security. Every part of it is bounded.
 
-    ``written`` has a bit for each kind of area that was written (`dissect.s7.items.written_areas`), ``sent`` for each that may
+    ``written`` has a bit for each kind of area that was written (`dissect.protocols.s7.items.written_areas`), ``sent`` for each
+    that may
     have been written, because no answer came. ``told`` has the slugs that are reported only once for a connection, ``szl_ids``
     the lists that were requested, ``loaded`` the blocks that were loaded, by name. ``stop_event`` is the latest diagnostic
     message that states a STOP: its event, its packet and its time.

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from mypy_extensions import i64
 
-from dissect.s7.items import begin_alike
-from dissect.s7.parameters import Parameters, header_size
-from dissect.s7.tables import ACK_DATA, READ_VAR, WRITE_VAR
+from dissect.protocols.s7.items import begin_alike
+from dissect.protocols.s7.parameters import Parameters, header_size
+from dissect.protocols.s7.tables import ACK_DATA, READ_VAR, WRITE_VAR
 from dissect.transactions.checks import check_answer
 from dissect.transactions.results import COUNT_MISMATCH, SIZE_MISMATCH, mismatch
 from dissect.transactions.transaction import Transaction

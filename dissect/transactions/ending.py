@@ -10,7 +10,7 @@ from dissect.wire.copies import leaves
 from dissect.wire.text import distance_text, duration_text
 
 if TYPE_CHECKING:
-    from dissect.s7.parameters import Parameters
+    from dissect.protocols.s7.parameters import Parameters
     from dissect.transactions.connection import Connection
     from dissect.transactions.transaction import Transaction
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 from librt.strings import read_i32_be
 from mypy_extensions import i64
 
-from dissect.s7.items import DATA_HEAD, Item, data_size_within, item_fill
-from dissect.s7.parameters import ACK_HEADER_SIZE
-from dissect.s7.tables import ACK_DATA, JOB, READ_VAR, SUCCESS
+from dissect.protocols.s7.items import DATA_HEAD, Item, data_size_within, item_fill
+from dissect.protocols.s7.parameters import ACK_HEADER_SIZE
+from dissect.protocols.s7.tables import ACK_DATA, JOB, READ_VAR, SUCCESS
 from dissect.transactions.results import DOUBTS
 from dissect.transactions.transaction import ANSWERED, Transaction
 

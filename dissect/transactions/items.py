@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Final, NamedTuple
 
-from dissect.s7.tables import RETURN_CODES, SUCCESS, TRANSPORT_SIZES, WRITE_VAR
+from dissect.protocols.s7.tables import RETURN_CODES, SUCCESS, TRANSPORT_SIZES, WRITE_VAR
 
 if TYPE_CHECKING:
-    from dissect.s7.items import ItemResult
-    from dissect.s7plus.items import PlusItem
+    from dissect.protocols.s7.items import ItemResult
+    from dissect.protocols.s7plus.items import PlusItem
     from dissect.transactions.naming import NamedValue
     from dissect.transactions.transaction import Transaction
 

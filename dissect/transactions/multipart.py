@@ -2,7 +2,7 @@
 
 A long userdata answer may be cut anywhere. Each part has a request of its own; all parts have the same sequence number and data
 unit reference, and the last one is marked as the last. `Joiner` takes the transactions of one connection in the order in which
-they end, and returns whole payloads; `dissect.s7.bodies.parse_joined` reads these.
+they end, and returns whole payloads; `dissect.protocols.s7.bodies.parse_joined` reads these.
 
 A long BSEND is cut by the side that sends it, and each piece is a request of its own. All pieces begin with the same R_ID, and
 have the sequence number that the partner gave in its answer to the first. Only the first has the length of the whole.
@@ -12,12 +12,12 @@ from __future__ import annotations
 
 from typing import Final
 
-from dissect.s7.layouts import DATA_HEAD
-from dissect.s7.message import Pdu
-from dissect.s7.parameters import RESPONSE, UserdataHead
-from dissect.s7.pbc import BSEND_LENGTH, goes_on
-from dissect.s7.syntaxes import PBC_ID
-from dissect.s7.tables import BSEND, GROUP_PBC, USERDATA
+from dissect.protocols.s7.layouts import DATA_HEAD
+from dissect.protocols.s7.message import Pdu
+from dissect.protocols.s7.parameters import RESPONSE, UserdataHead
+from dissect.protocols.s7.pbc import BSEND_LENGTH, goes_on
+from dissect.protocols.s7.syntaxes import PBC_ID
+from dissect.protocols.s7.tables import BSEND, GROUP_PBC, USERDATA
 from dissect.transactions.transaction import Transaction
 from dissect.wire.malformed import Malformed
 from dissect.wire.part import Part
@@ -112,7 +112,7 @@ class Chain:
 
     def parts(self, malformed: list[Malformed] | None = None) -> list[Part]:
         """Cut the joined payload into parts; offsets are within ``octets``, faults are added to ``malformed``."""
-        from dissect.s7.bodies import parse_joined  # late: see `Pdu.body`
+        from dissect.protocols.s7.bodies import parse_joined  # late: see `Pdu.body`
 
         return parse_joined(self.group, self.subfunction, self.type, self.octets, malformed)
 

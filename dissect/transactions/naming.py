@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING, Final
 
 from mypy_extensions import i64, mypyc_attr
 
-from dissect.s7.tables import BYTE, WRITE_VAR
-from dissect.s7.values import Value
-from dissect.s7plus.program import Program
+from dissect.protocols.s7.tables import BYTE, WRITE_VAR
+from dissect.protocols.s7.values import Value
+from dissect.protocols.s7plus.program import Program
 from dissect.wire.text import some
 
 if TYPE_CHECKING:
-    from dissect.s7.items import ItemResult
+    from dissect.protocols.s7.items import ItemResult
     from dissect.transactions.connection import Connection
     from dissect.transactions.transaction import Transaction
 

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, cast
 from dissect.wire.deprecated import warn_of
 
 if TYPE_CHECKING:
-    from dissect.s7.items import DataItem, ItemResult
-    from dissect.s7plus.items import PlusItem
+    from dissect.protocols.s7.items import DataItem, ItemResult
+    from dissect.protocols.s7plus.items import PlusItem
     from dissect.transactions.transaction import Transaction
 
 

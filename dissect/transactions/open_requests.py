@@ -19,8 +19,8 @@ from typing import Final
 from mypy_extensions import i64
 
 from dissect.packets.tcp.stream import FAR_AHEAD, HALF_SPACE, MASK
-from dissect.s7.tables import USERDATA
-from dissect.s7plus.parameters import PLUS
+from dissect.protocols.s7.tables import USERDATA
+from dissect.protocols.s7plus.parameters import PLUS
 from dissect.transactions.transaction import Transaction
 
 #: Bounds of the answers held per connection and side: how many, how long, for how many packets of the connection.

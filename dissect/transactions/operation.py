@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING, Final
 
 from mypy_extensions import i64
 
-from dissect.s7.block_names import FILE_SYSTEMS
-from dissect.s7.parameters import UserdataHead
-from dissect.s7plus.tables import RETURN_CODES as PLUS_CODES
+from dissect.protocols.s7.block_names import FILE_SYSTEMS
+from dissect.protocols.s7.parameters import UserdataHead
+from dissect.protocols.s7plus.tables import RETURN_CODES as PLUS_CODES
 from dissect.transactions.results import RETURN_VALUE, TransactionError, refusal
 from dissect.wire.copies import leaves
 from dissect.wire.part import Part
@@ -251,7 +251,7 @@ class Operation:
         head = self.content_head
         if head is None:
             return []
-        from dissect.s7.bodies import parse_joined  # late: see `Pdu.body`
+        from dissect.protocols.s7.bodies import parse_joined  # late: see `Pdu.body`
 
         return parse_joined(head.group, head.subfunction, head.type, self.content)
 

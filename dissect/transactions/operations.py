@@ -9,9 +9,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Final
 
-from dissect.s7.layouts import DATA_HEAD
-from dissect.s7.parameters import HEADER_SIZE, UserdataHead
-from dissect.s7.tables import (
+from dissect.protocols.s7.layouts import DATA_HEAD
+from dissect.protocols.s7.parameters import HEADER_SIZE, UserdataHead
+from dissect.protocols.s7.tables import (
     ACKNOWLEDGED,
     ALARM_8,
     ALARM_S,
@@ -246,8 +246,8 @@ class Operations(OperationBook):
         body = transaction.request_body
         if body is None:
             return
-        from dissect.s7.pbc import BSEND_DATA, goes_on  # late: see `Pdu.body`
-        from dissect.s7.syntaxes import r_id_text
+        from dissect.protocols.s7.pbc import BSEND_DATA, goes_on  # late: see `Pdu.body`
+        from dissect.protocols.s7.syntaxes import r_id_text
 
         r_id = body.number("r_id")
         key = f"{transaction.asked_by}/{r_id}"
@@ -284,7 +284,7 @@ class Operations(OperationBook):
                 changed.add(transaction)
                 changed.octets += payload_size(transaction)
         elif head.subfunction == UNSUBSCRIBE:
-            from dissect.s7.cyclic import CYCLIC_UNSUBSCRIBE  # late, as the others below: see `Pdu.body`
+            from dissect.protocols.s7.cyclic import CYCLIC_UNSUBSCRIBE  # late, as the others below: see `Pdu.body`
 
             body = transaction.request_body
             named = body.find(CYCLIC_UNSUBSCRIBE) if body is not None else None
@@ -314,7 +314,7 @@ class Operations(OperationBook):
             number = told.sequence if told is not None else head.sequence
             self._begin_job(TEST_JOB, f"{head.subfunction}/{number}", transaction)
             return
-        from dissect.s7.programmer_layouts import JOB
+        from dissect.protocols.s7.programmer_layouts import JOB
 
         body = transaction.request_body
         for part in body.data if body is not None else []:
@@ -327,8 +327,8 @@ class Operations(OperationBook):
                     self.settle(named, transaction, DONE, FAILED)
 
     def _messages(self, transaction: Transaction) -> None:
-        from dissect.s7.alarm_layouts import MESSAGE_REQUEST
-        from dissect.s7.alarms import NO_EVENTS, events_text
+        from dissect.protocols.s7.alarm_layouts import MESSAGE_REQUEST
+        from dissect.protocols.s7.alarms import NO_EVENTS, events_text
 
         going = transaction.connection.operations
         running = going.find(MESSAGES, str(transaction.asked_by))
@@ -379,7 +379,7 @@ def _join(operation: Operation, transaction: Transaction) -> None:
 
 def _hold_to_its_head(operation: Operation, frame: int) -> None:
     """Note an SZL in parts that has fewer records than its head states; packet ``frame`` ends it."""
-    from dissect.s7.szl import shortage, stated_size  # late: see `Pdu.body`
+    from dissect.protocols.s7.szl import shortage, stated_size  # late: see `Pdu.body`
 
     octets = operation.content
     operation.announced = stated_size(octets)

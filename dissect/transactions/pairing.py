@@ -14,10 +14,10 @@ from typing import TYPE_CHECKING, Final
 from mypy_extensions import i64
 
 from dissect.packets.tcp.stream import HALF_SPACE, MASK
-from dissect.s7.message import parse_pdu
-from dissect.s7.parameters import Parameters
-from dissect.s7.tables import ACK, ACK_DATA, JOB, USERDATA, WRITE_VAR
-from dissect.s7plus.parameters import PLUS
+from dissect.protocols.s7.message import parse_pdu
+from dissect.protocols.s7.parameters import Parameters
+from dissect.protocols.s7.tables import ACK, ACK_DATA, JOB, USERDATA, WRITE_VAR
+from dissect.protocols.s7plus.parameters import PLUS
 from dissect.transactions.alike import (
     assign,
     fitting,

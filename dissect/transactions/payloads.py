@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Final
 
 from mypy_extensions import i64
 
-from dissect.s7.parameters import Parameters
+from dissect.protocols.s7.parameters import Parameters
 from dissect.transactions.protocol import Kept
 from dissect.wire.copies import leaves
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from mypy_extensions import i64
 
-from dissect.s7plus.event import Event
+from dissect.protocols.s7plus.event import Event
 from dissect.transactions.operation import (
     DONE,
     DOWNLOAD,

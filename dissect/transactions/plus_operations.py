@@ -1,6 +1,6 @@
 """Operations of S7comm-plus: sessions, subscriptions with their notifications, blocks loaded, read out and deleted, test jobs.
 
-`dissect.s7plus.events` recognises which of these a transaction is about.
+`dissect.protocols.s7plus.events` recognises which of these a transaction is about.
 """
 
 from __future__ import annotations
@@ -10,12 +10,12 @@ from typing import Final
 
 from mypy_extensions import i64
 
-from dissect.s7plus.alarms import ALARM
-from dissect.s7plus.assembly import MAX_PDU
-from dissect.s7plus.bodies import parse_contents
-from dissect.s7plus.check import check
-from dissect.s7plus.contents import Address
-from dissect.s7plus.event import (
+from dissect.protocols.s7plus.alarms import ALARM
+from dissect.protocols.s7plus.assembly import MAX_PDU
+from dissect.protocols.s7plus.bodies import parse_contents
+from dissect.protocols.s7plus.check import check
+from dissect.protocols.s7plus.contents import Address
+from dissect.protocols.s7plus.event import (
     CONFIRMED,
     DELETED,
     LISTED,
@@ -28,12 +28,12 @@ from dissect.s7plus.event import (
     TEST_JOB,
     Event,
 )
-from dissect.s7plus.loads import LOADED
-from dissect.s7plus.message import parse_plus
-from dissect.s7plus.pieces import addresses_of
-from dissect.s7plus.plain import REQUEST_SIZE, data_of
-from dissect.s7plus.reads import Reads, reads_again
-from dissect.s7plus.session import PlusSession
+from dissect.protocols.s7plus.loads import LOADED
+from dissect.protocols.s7plus.message import parse_plus
+from dissect.protocols.s7plus.pieces import addresses_of
+from dissect.protocols.s7plus.plain import REQUEST_SIZE, data_of
+from dissect.protocols.s7plus.reads import Reads, reads_again
+from dissect.protocols.s7plus.session import PlusSession
 from dissect.transactions import operation as kinds
 from dissect.transactions.connection import Connection
 from dissect.transactions.operation import DONE, FAILED, MAX_SUBJECT, NOT_CAPTURED, REFUSED, Operation, OperationBook

@@ -1,12 +1,15 @@
-"""The return codes of items without objects for them, where the items asked for are plain (`dissect.s7.plain_items`)."""
+"""The return codes of items without objects for them, where the items asked for are plain.
+
+See `dissect.protocols.s7.plain_items`.
+"""
 
 from __future__ import annotations
 
 from mypy_extensions import i64
 
-from dissect.s7.items import DATA_HEAD, data_size_within
-from dissect.s7.parameters import ACK_HEADER_SIZE
-from dissect.s7.tables import ACK_DATA, JOB, READ_VAR, SUCCESS
+from dissect.protocols.s7.items import DATA_HEAD, data_size_within
+from dissect.protocols.s7.parameters import ACK_HEADER_SIZE
+from dissect.protocols.s7.tables import ACK_DATA, JOB, READ_VAR, SUCCESS
 from dissect.transactions.transaction import ANSWERED, Transaction
 from dissect.wire.octets import u32
 

@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Final
 
 from mypy_extensions import i64
 
-from dissect.s7.errors import errors_of
-from dissect.s7.items import (
+from dissect.protocols.s7.errors import errors_of
+from dissect.protocols.s7.items import (
     DATA_HEAD,
     DataItem,
     Item,
@@ -25,7 +25,7 @@ from dissect.s7.items import (
     read_results,
     write_results,
 )
-from dissect.s7.message import (
+from dissect.protocols.s7.message import (
     NOT_REFUSED,
     alarm_codes,
     alarms_asked,
@@ -33,8 +33,8 @@ from dissect.s7.message import (
     refusing_code,
     userdata_payload,
 )
-from dissect.s7.parameters import HEADER_SIZE, PUSH, REQUEST, Parameters, UserdataHead
-from dissect.s7.tables import (
+from dissect.protocols.s7.parameters import HEADER_SIZE, PUSH, REQUEST, Parameters, UserdataHead
+from dissect.protocols.s7.tables import (
     ACK,
     ACK_DATA,
     GROUP_CYCLIC,
@@ -44,12 +44,12 @@ from dissect.s7.tables import (
     SUCCESS,
     USERDATA,
 )
-from dissect.s7.watched_items import ADDRESS_SIZE, parse_test_items
-from dissect.s7plus.check import check
-from dissect.s7plus.check_response import check_response, notifies_refusal
-from dissect.s7plus.parameters import PlusParameters
-from dissect.s7plus.tables import ERRORS, refuses
-from dissect.s7plus.tables import RETURN_CODES as PLUS_CODES
+from dissect.protocols.s7.watched_items import ADDRESS_SIZE, parse_test_items
+from dissect.protocols.s7plus.check import check
+from dissect.protocols.s7plus.check_response import check_response, notifies_refusal
+from dissect.protocols.s7plus.parameters import PlusParameters
+from dissect.protocols.s7plus.tables import ERRORS, refuses
+from dissect.protocols.s7plus.tables import RETURN_CODES as PLUS_CODES
 from dissect.transactions.payloads import ScdParameters
 from dissect.wire.codes import coded
 from dissect.wire.copies import leaves

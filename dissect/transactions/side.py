@@ -6,14 +6,14 @@ from typing import Final
 
 from mypy_extensions import i64
 
-from dissect.ibh.framer import PacketFramer
-from dissect.iso.cotp import Assembler
-from dissect.iso.tpkt import MIN_LENGTH, Framer
 from dissect.packets.tcp.connection import TcpConnection
 from dissect.packets.tcp.stream import FAR_AHEAD, HALF_SPACE, MASK, WINDOW, HalfStream
 from dissect.packets.tcp.stretches import Chunk
-from dissect.s7plus.assembly import PlusAssembler
-from dissect.s7plus.stream import FrameStream
+from dissect.protocols.ibh.framer import PacketFramer
+from dissect.protocols.iso.cotp import Assembler
+from dissect.protocols.iso.tpkt import MIN_LENGTH, Framer
+from dissect.protocols.s7plus.assembly import PlusAssembler
+from dissect.protocols.s7plus.stream import FrameStream
 from dissect.transactions.connection import Connection
 from dissect.transactions.probes import Probes
 from dissect.transactions.protocol import Kept, Protocol

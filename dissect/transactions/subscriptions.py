@@ -10,8 +10,8 @@ from typing import Final
 
 from mypy_extensions import i64
 
-from dissect.s7.parameters import UserdataHead
-from dissect.s7.tables import CHANGE_DRIVEN_MODIFY, GROUP_CYCLIC, GROUP_TEST, REPLACE_JOB, SUCCESS
+from dissect.protocols.s7.parameters import UserdataHead
+from dissect.protocols.s7.tables import CHANGE_DRIVEN_MODIFY, GROUP_CYCLIC, GROUP_TEST, REPLACE_JOB, SUCCESS
 from dissect.transactions.results import (
     DOUBTS,
     UNCHANGED,

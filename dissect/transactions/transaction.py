@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Final
 
 from mypy_extensions import i64, mypyc_attr
 
-from dissect.s7.body import Body
-from dissect.s7.items import (
+from dissect.protocols.s7.body import Body
+from dissect.protocols.s7.items import (
     DataItem,
     ItemResult,
     fitting,
@@ -16,22 +16,22 @@ from dissect.s7.items import (
     without_fill,
     write_results,
 )
-from dissect.s7.message import NOT_REFUSED, Pdu, parse_pdu
-from dissect.s7.parameters import ACK_HEADER_SIZE, HEADER_SIZE, Parameters
-from dissect.s7.tables import (
+from dissect.protocols.s7.message import NOT_REFUSED, Pdu, parse_pdu
+from dissect.protocols.s7.parameters import ACK_HEADER_SIZE, HEADER_SIZE, Parameters
+from dissect.protocols.s7.tables import (
     ACK_DATA,
     JOB,
     READ_VAR,
     USERDATA,
     WRITE_VAR,
 )
-from dissect.s7plus.check import Check, check
-from dissect.s7plus.events import subscription_of
-from dissect.s7plus.hiding import said_half, shown_half
-from dissect.s7plus.items import Half, PlusItem, join_items
-from dissect.s7plus.message import PlusPdu, parse_plus
-from dissect.s7plus.parameters import PLUS, PlusParameters
-from dissect.s7plus.tables import NOTIFICATION, NOTIFIED, PARTIAL_ERROR
+from dissect.protocols.s7plus.check import Check, check
+from dissect.protocols.s7plus.events import subscription_of
+from dissect.protocols.s7plus.hiding import said_half, shown_half
+from dissect.protocols.s7plus.items import Half, PlusItem, join_items
+from dissect.protocols.s7plus.message import PlusPdu, parse_plus
+from dissect.protocols.s7plus.parameters import PLUS, PlusParameters
+from dissect.protocols.s7plus.tables import NOTIFICATION, NOTIFIED, PARTIAL_ERROR
 from dissect.transactions.old_names import OldNames
 from dissect.transactions.payloads import SCD, ScdMessage, ScdParameters
 from dissect.transactions.results import (

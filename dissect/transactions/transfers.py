@@ -13,15 +13,15 @@ from __future__ import annotations
 
 from typing import Final
 
-from dissect.s7.block_names import FILE_SYSTEMS
-from dissect.s7.blocks import HEADER, header_text, is_header
-from dissect.s7.body import Body
-from dissect.s7.control import PI_BLOCK
-from dissect.s7.errors import errors_of
-from dissect.s7.message import Pdu
-from dissect.s7.parameters import HEADER_SIZE
-from dissect.s7.services import DELETE, LINK_IN, LINK_IN_SECOND
-from dissect.s7.tables import (
+from dissect.protocols.s7.block_names import FILE_SYSTEMS
+from dissect.protocols.s7.blocks import HEADER, header_text, is_header
+from dissect.protocols.s7.body import Body
+from dissect.protocols.s7.control import PI_BLOCK
+from dissect.protocols.s7.errors import errors_of
+from dissect.protocols.s7.message import Pdu
+from dissect.protocols.s7.parameters import HEADER_SIZE
+from dissect.protocols.s7.services import DELETE, LINK_IN, LINK_IN_SECOND
+from dissect.protocols.s7.tables import (
     DOWNLOAD_BLOCK,
     DOWNLOAD_ENDED,
     END_UPLOAD,
@@ -29,8 +29,8 @@ from dissect.s7.tables import (
     REQUEST_DOWNLOAD,
     START_UPLOAD,
 )
-from dissect.s7.tables import UPLOAD as UPLOAD_PIECE
-from dissect.s7.transfer import FILE_NAME, PIECE, PLAIN_FILE_NAME, SHORT_FILE_NAME
+from dissect.protocols.s7.tables import UPLOAD as UPLOAD_PIECE
+from dissect.protocols.s7.transfer import FILE_NAME, PIECE, PLAIN_FILE_NAME, SHORT_FILE_NAME
 from dissect.transactions.connection import MAX_REMEMBERED, Connection
 from dissect.transactions.operation import (
     BEYOND_END,

@@ -8,7 +8,7 @@ from typing import Final
 
 from dissect.bindings.engine import ScdCarrier
 from dissect.engine.exchange import PayloadDecoder
-from dissect.s7.tables import NUMBERED_AREAS
+from dissect.protocols.s7.tables import NUMBERED_AREAS
 from dissect.select.literals import place_of
 from dissect.tags.address import WIDTHS, AddressError, TagAddress, TypeNameError, parse_tag_address
 from dissect.tags.index import Part

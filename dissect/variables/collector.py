@@ -12,8 +12,8 @@ from typing import Final
 from mypy_extensions import i64
 
 from dissect.engine.observer import Observer
-from dissect.s7.items import Item, ItemResult
-from dissect.s7.tables import (
+from dissect.protocols.s7.items import Item, ItemResult
+from dissect.protocols.s7.tables import (
     BIT,
     BYTE,
     FORCE_VARIABLES,
@@ -27,10 +27,10 @@ from dissect.s7.tables import (
     USERDATA,
     WRITE_VAR,
 )
-from dissect.s7.values import decode_value
-from dissect.s7plus.items import WRITES, PlusItem
-from dissect.s7plus.parameters import PlusParameters
-from dissect.s7plus.tables import NOTIFICATION as PLUS_NOTIFICATION
+from dissect.protocols.s7.values import decode_value
+from dissect.protocols.s7plus.items import WRITES, PlusItem
+from dissect.protocols.s7plus.parameters import PlusParameters
+from dissect.protocols.s7plus.tables import NOTIFICATION as PLUS_NOTIFICATION
 from dissect.scd.wording import json_value
 from dissect.tags.model import NUMBERED_BITS
 from dissect.tags.naming import TagNaming

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Final
 from mypy_extensions import i64
 
 from dissect.packets.tcp.stream import Endpoint
-from dissect.s7.values import decode_value
+from dissect.protocols.s7.values import decode_value
 from dissect.transactions.connection import Connection
 from dissect.transactions.transaction import LIKELY, SURE
 from dissect.wire.copies import leaves
@@ -132,7 +132,8 @@ class ValueRow:
 
     ``time_ns`` (nanoseconds since 1970) and ``frame`` are those of the packet with the value: of a read the response, of a
     write the request. ``side`` of ``link`` is the client: who read, wrote or subscribed. ``how`` is one of `HOWS`, ``writes``
-    says whether the client gave the value. ``value`` is as `dissect.s7.values.Value`, of S7comm-plus what JSON can hold, in the
+    says whether the client gave the value. ``value`` is as `dissect.protocols.s7.values.Value`, of S7comm-plus what JSON can
+    hold, in the
     unit of the tag; None where octets have none: then ``data`` has them (None for values without octets of their own).
     ``previous`` is the value before it, whoever read or wrote that, ``before`` its octets, ``previous_text`` its name.
     ``first``: there was none.

@@ -8,9 +8,9 @@ from mypy_extensions import i64
 
 from dissect.packets.tcp.link import within
 from dissect.packets.tcp.stream import Endpoint
-from dissect.s7.items import Item
-from dissect.s7.parameters import Parameters
-from dissect.s7.values import decode_value
+from dissect.protocols.s7.items import Item
+from dissect.protocols.s7.parameters import Parameters
+from dissect.protocols.s7.values import decode_value
 from dissect.transactions.connection import Connection
 from dissect.transactions.transaction import Transaction
 from dissect.variables.model import RefusedRow, Told, ValueRow, Variable

@@ -6,8 +6,8 @@ from typing import Final
 
 from mypy_extensions import i64
 
-from dissect.s7.tables import BYTE, DB_AREAS, NUMBERED_AREAS, TRANSPORT_SIZES
-from dissect.s7.values import decode_value
+from dissect.protocols.s7.tables import BYTE, DB_AREAS, NUMBERED_AREAS, TRANSPORT_SIZES
+from dissect.protocols.s7.values import decode_value
 from dissect.tags.index import Part
 from dissect.tags.model import NUMBERED_BITS, UNLETTERED, Tag, place_text
 from dissect.tags.naming import TagNaming, part_name

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Final
 from librt.strings import BytesWriter
 from mypy_extensions import i64
 
+from dissect.protocols.s7plus.value_showing import members_said
 from dissect.report import words
 from dissect.report.certainty import doubt_mark
 from dissect.report.item_json import value_text
@@ -17,7 +18,6 @@ from dissect.report.styled import HANG, PLAIN, Line
 from dissect.report.words import Places
 from dissect.report.writer import Writer
 from dissect.report.writers.csv import json_cell, quoted
-from dissect.s7plus.value_showing import members_said
 from dissect.transactions.connection import Connection
 from dissect.transactions.transaction import SURE
 from dissect.variables.model import UNTOLD, Told, ValueRow, Variable

@@ -17,7 +17,7 @@ class Code:
     """One row: the number on the wire, its short name, and one sentence that explains it.
 
     ``effect`` is what a request with this function does to its receiver, and ``returns`` what a good answer to it always has,
-    both in tables of functions (`dissect.s7.tables`); else they are empty.
+    both in tables of functions (`dissect.protocols.s7.tables`); else they are empty.
     """
 
     __slots__ = ("effect", "name", "number", "returns", "text")

@@ -12,13 +12,13 @@ from dissect.acts.tables import ACTS, OUTCOMES
 from dissect.engine.observer import Observer
 from dissect.findings.catalogue import CATALOGUE
 from dissect.findings.reporter import Finding
-from dissect.s7.services import PI_SERVICES
-from dissect.s7.tables import READ, USERDATA_SUBFUNCTIONS
-from dissect.s7plus.contents import Address
-from dissect.s7plus.objects import PlusObject, build_object
-from dissect.s7plus.tables import CREATE_OBJECT, DELETE_OBJECT, SET_MULTI_VARIABLES, SET_VARIABLE
-from dissect.s7plus.value_tables import BLOB, DINT, UINT
-from dissect.s7plus.values import Blob, Value
+from dissect.protocols.s7.services import PI_SERVICES
+from dissect.protocols.s7.tables import READ, USERDATA_SUBFUNCTIONS
+from dissect.protocols.s7plus.contents import Address
+from dissect.protocols.s7plus.objects import PlusObject, build_object
+from dissect.protocols.s7plus.tables import CREATE_OBJECT, DELETE_OBJECT, SET_MULTI_VARIABLES, SET_VARIABLE
+from dissect.protocols.s7plus.value_tables import BLOB, DINT, UINT
+from dissect.protocols.s7plus.values import Blob, Value
 from dissect.select import Where
 from dissect.select.sieve import Sieve
 from dissect.session import Run
@@ -27,8 +27,8 @@ from dissect.transactions.operation import Operation
 from tests.findings import events
 from tests.findings.test_plus_rules import DENIED, NOTHING, begun, block, do, explore
 from tests.program.transfers import carry, download, upload
-from tests.s7plus import bodies
-from tests.s7plus.pdus import asked, framed
+from tests.protocols.s7plus import bodies
+from tests.protocols.s7plus.pdus import asked, framed
 from tests.transactions.talk import Talk, ack, ack_data, item, write, written
 
 CAPTURES = Path(__file__).parents[2] / "captures"

@@ -20,7 +20,7 @@ from dissect.bindings.engine import ScdCarrier
 from dissect.engine.pipeline import Options
 from dissect.packets.source.files import open_capture
 from dissect.packets.source.pcapng_writer import PcapngWriter
-from dissect.s7plus.assembly import MAX_PDU
+from dissect.protocols.s7plus.assembly import MAX_PDU
 from dissect.session import Run
 from dissect.transactions.transaction import Transaction
 

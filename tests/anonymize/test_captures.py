@@ -12,12 +12,12 @@ import dissect
 from dissect.anonymize.account import KEEP, MASK, SCRAMBLE, Choices
 from dissect.anonymize.key import Key
 from dissect.engine.observer import Observer
-from dissect.iso.cotp import parse_tpdu
-from dissect.iso.tables import CC, CR
-from dissect.iso.tsap import Tsap
 from dissect.packets.source.files import open_capture
 from dissect.packets.tcp import ip, link
-from dissect.s7.message import parse_pdu
+from dissect.protocols.iso.cotp import parse_tpdu
+from dissect.protocols.iso.tables import CC, CR
+from dissect.protocols.iso.tsap import Tsap
+from dissect.protocols.s7.message import parse_pdu
 from dissect.session import Run
 from dissect.transactions.side import Side
 from tests.anonymize.support import BLANKED, KEY, anonymized, told

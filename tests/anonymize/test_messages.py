@@ -9,8 +9,8 @@ from dissect.anonymize.account import KEEP, MASK, SCRAMBLE, Account, Choices
 from dissect.anonymize.addresses import AddressMap
 from dissect.anonymize.messages import plan_tsdu
 from dissect.anonymize.rules import Rules
-from dissect.s7.build import build_data_item, build_item, build_items, build_variables
-from dissect.s7.tables import ACK_DATA, JOB, READ_VAR, WRITE_VAR
+from dissect.protocols.s7.build import build_data_item, build_item, build_items, build_variables
+from dissect.protocols.s7.tables import ACK_DATA, JOB, READ_VAR, WRITE_VAR
 from tests.anonymize.support import KEY
 
 #: A place of a return code that is in no value: with one a message is always cut into its parts.

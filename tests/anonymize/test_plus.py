@@ -15,14 +15,20 @@ import dissect
 from dissect.anonymize.account import KEEP, MASK, SCRAMBLE, Account, Choices
 from dissect.anonymize.key import Key
 from dissect.anonymize.plus_contents import PROCESS, PlusContents
-from dissect.s7plus.assembly import MAX_PDU
-from dissect.s7plus.contents import Address, Contents
-from dissect.s7plus.layouts import VALUE
-from dissect.s7plus.message import PlusPdu, parse_plus
-from dissect.s7plus.objects import Attribute, PlusObject, build_object, every_object
-from dissect.s7plus.tables import CREATE_OBJECT, EXPLORE, GET_MULTI_VARIABLES, SET_MULTI_VARIABLES, SET_VARIABLE
-from dissect.s7plus.value_reading import read_value
-from dissect.s7plus.value_tables import (
+from dissect.protocols.s7plus.assembly import MAX_PDU
+from dissect.protocols.s7plus.contents import Address, Contents
+from dissect.protocols.s7plus.layouts import VALUE
+from dissect.protocols.s7plus.message import PlusPdu, parse_plus
+from dissect.protocols.s7plus.objects import Attribute, PlusObject, build_object, every_object
+from dissect.protocols.s7plus.tables import (
+    CREATE_OBJECT,
+    EXPLORE,
+    GET_MULTI_VARIABLES,
+    SET_MULTI_VARIABLES,
+    SET_VARIABLE,
+)
+from dissect.protocols.s7plus.value_reading import read_value
+from dissect.protocols.s7plus.value_tables import (
     ADDRESS_ARRAY,
     BLOB,
     DINT,
@@ -33,21 +39,21 @@ from dissect.s7plus.value_tables import (
     USINT,
     WSTRING,
 )  # fmt: skip
-from dissect.s7plus.values import Blob, Packed, Rows, Struct, Value, build_value
-from dissect.s7plus.variables import NameList, TagDescription
-from dissect.s7plus.walk import Walk
+from dissect.protocols.s7plus.values import Blob, Packed, Rows, Struct, Value, build_value
+from dissect.protocols.s7plus.variables import NameList, TagDescription
+from dissect.protocols.s7plus.walk import Walk
 from dissect.transactions.transaction import Transaction
 from tests.anonymize.support import anonymized, told
 from tests.anonymize.test_all import surviving_texts
 from tests.properties.messages import dt
 from tests.properties.packets import Talk
+from tests.protocols.s7plus import bodies
+from tests.protocols.s7plus.pdus import KEEP_ALIVE, asked, event, framed, notified
+from tests.protocols.s7plus.pdus import told as answered
+from tests.protocols.s7plus.strategies import OBJECTS, VALUES
+from tests.protocols.s7plus.test_program import type_of, variable
+from tests.protocols.s7plus.test_shared_captures import broken_integrity_ids, pdus
 from tests.report.support import begun, saved
-from tests.s7plus import bodies
-from tests.s7plus.pdus import KEEP_ALIVE, asked, event, framed, notified
-from tests.s7plus.pdus import told as answered
-from tests.s7plus.strategies import OBJECTS, VALUES
-from tests.s7plus.test_program import type_of, variable
-from tests.s7plus.test_shared_captures import broken_integrity_ids, pdus
 
 #: Texts that all plants have in common.
 COMMON: Final = {b"LOGOUT", b"SIMATIC-ROOT-ES"}
@@ -347,7 +353,7 @@ def test_any_object_keeps_its_structure(one: PlusObject) -> None:
 
 
 def parts_of(octets: bytes) -> Contents:
-    from dissect.s7plus.bodies import parse_contents
+    from dissect.protocols.s7plus.bodies import parse_contents
 
     return parse_contents(parse_plus(octets))
 

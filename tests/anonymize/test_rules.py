@@ -6,18 +6,18 @@ import importlib
 import pkgutil
 from collections.abc import Iterator
 
-import dissect.s7
+import dissect.protocols.s7
 from dissect.anonymize import rules
 from dissect.anonymize.account import KEEP, Account, Choices
 from dissect.anonymize.addresses import AddressMap
 from dissect.anonymize.key import Key
 from dissect.anonymize.messages import plan_tsdu
 from dissect.anonymize.rewrite_plan import RewritePlan
-from dissect.s7.build import build_data_item, build_item, build_pdu, build_variables, with_reference
-from dissect.s7.data_parts import CONTENT
-from dissect.s7.security import ENCODED_PASSWORD
-from dissect.s7.szl_records import ETHERNET, IDENTIFICATION
-from dissect.s7.tables import JOB, READ_VAR, WRITE_VAR
+from dissect.protocols.s7.build import build_data_item, build_item, build_pdu, build_variables, with_reference
+from dissect.protocols.s7.data_parts import CONTENT
+from dissect.protocols.s7.security import ENCODED_PASSWORD
+from dissect.protocols.s7.szl_records import ETHERNET, IDENTIFICATION
+from dissect.protocols.s7.tables import JOB, READ_VAR, WRITE_VAR
 from dissect.wire import layout
 from dissect.wire.layout import (
     HOLDS_ADDRESS,
@@ -38,8 +38,8 @@ UNKNOWN = frozenset(("aseg", "eseg", "octets", "rest", "status"))
 
 def layouts() -> Iterator[Layout]:
     seen: set[int] = set()
-    for module in pkgutil.iter_modules(dissect.s7.__path__):
-        for thing in vars(importlib.import_module(f"dissect.s7.{module.name}")).values():
+    for module in pkgutil.iter_modules(dissect.protocols.s7.__path__):
+        for thing in vars(importlib.import_module(f"dissect.protocols.s7.{module.name}")).values():
             for one in (
                 thing.values() if isinstance(thing, dict) else thing if isinstance(thing, (list, tuple)) else [thing]
             ):

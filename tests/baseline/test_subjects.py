@@ -7,7 +7,7 @@ import pytest
 from dissect.baseline import subjects
 from dissect.baseline.subjects import Pair, Pairs, Subject, Subjects, area_names
 from dissect.engine.observer import Observer
-from dissect.s7.items import parse_item
+from dissect.protocols.s7.items import parse_item
 from dissect.session import Run
 from dissect.transactions.connection import Connection
 from dissect.transactions.transaction import Transaction

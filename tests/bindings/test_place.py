@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dissect.bindings.place import AREAS, Place, in_blocks, parse_place
-from dissect.s7.address import MAX_DB, MAX_OCTET
+from dissect.protocols.s7.address import MAX_DB, MAX_OCTET
 
 
 @pytest.mark.parametrize(

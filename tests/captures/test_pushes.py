@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 import dissect
-from dissect.s7.tables import SUCCESS
+from dissect.protocols.s7.tables import SUCCESS
 from dissect.transactions.results import UNCHANGED
 
 

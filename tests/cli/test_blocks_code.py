@@ -10,7 +10,7 @@ import pytest
 
 from tests.cases import each
 from tests.cli.support import run
-from tests.mc7.samples import TIME_2, fb7, fc5, ob1
+from tests.protocols.mc7.samples import TIME_2, fb7, fc5, ob1
 from tests.report.schemas import ROOT
 
 Capture = pytest.CaptureFixture[bytes]

@@ -7,7 +7,7 @@ from typing import Final
 
 import pytest
 
-from dissect.s7.security import encode_password
+from dissect.protocols.s7.security import encode_password
 from tests.cli.support import run
 from tests.properties.messages import JOB, dt, pdu, userdata
 from tests.report.support import begun, saved

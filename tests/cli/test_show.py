@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from dissect.iso.tables import DR_REASONS
+from dissect.protocols.iso.tables import DR_REASONS
 from tests.cases import each
 from tests.cli.support import halves, run, simple
 from tests.properties import messages

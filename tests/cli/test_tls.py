@@ -12,20 +12,20 @@ import pytest
 import dissect
 from dissect.packets.source.files import open_capture
 from dissect.packets.source.packet import PacketSink
-from dissect.s7plus.contents import Address
-from dissect.s7plus.value_tables import INT
-from dissect.s7plus.values import Value
+from dissect.protocols.s7plus.contents import Address
+from dissect.protocols.s7plus.value_tables import INT
+from dissect.protocols.s7plus.values import Value
+from dissect.protocols.tls import aead
 from dissect.session import KeyLogError, Run
-from dissect.tls import aead
 from dissect.transactions.transaction import Transaction
 from tests.anonymize.support import anonymized
 from tests.cli.support import run
 from tests.cli.test_outputs import commands
+from tests.protocols.s7plus.bodies import get_multi, multi_got
+from tests.protocols.s7plus.pdus import asked, framed, told
+from tests.protocols.tls.files import filmed
+from tests.protocols.tls.talks import Wire, wire
 from tests.report.schemas import complaints
-from tests.s7plus.bodies import get_multi, multi_got
-from tests.s7plus.pdus import asked, framed, told
-from tests.tls.files import filmed
-from tests.tls.talks import Wire, wire
 from tests.transactions.talk import dbw, read
 
 Capture = pytest.CaptureFixture[bytes]

@@ -7,14 +7,14 @@ from collections.abc import Callable
 
 import pytest
 
-from dissect.s7plus.tables import SET_VARIABLE
-from dissect.s7plus.value_tables import DINT
-from dissect.s7plus.values import Value
+from dissect.protocols.s7plus.tables import SET_VARIABLE
+from dissect.protocols.s7plus.value_tables import DINT
+from dissect.protocols.s7plus.values import Value
 from dissect.transactions.aside import MAX_ASIDE, MAX_OCTETS
 from dissect.transactions.transaction import Transaction
 from tests import build
 from tests.cases import each
-from tests.s7plus import bodies, pdus
+from tests.protocols.s7plus import bodies, pdus
 from tests.transactions.talk import (
     ACK,
     CLIENT,

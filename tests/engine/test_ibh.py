@@ -6,11 +6,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dissect.ibh.tables import IBH_NETLINK, KINDS
+from dissect.protocols.ibh.tables import IBH_NETLINK, KINDS
 from dissect.transactions.connection import FOLLOWED, FOREIGN, ISO
 from dissect.transactions.side import Side
 from tests.cases import each
-from tests.ibh.packets import ACK, ASK, CLAIM, CLAIMED, DISCONNECT, RECEIPT, TELL, long, short
+from tests.protocols.ibh.packets import ACK, ASK, CLAIM, CLAIMED, DISCONNECT, RECEIPT, TELL, long, short
 from tests.transactions.talk import ACK as ACK_FLAG
 from tests.transactions.talk import CLIENT, RST, SERVER, Talk, dbw, dt, granted, read, setup, words
 

@@ -8,15 +8,15 @@ from pathlib import Path
 import pytest
 
 import dissect
-from dissect.s7plus.assembly import MAX_PDU
-from dissect.s7plus.bodies import parse_contents
-from dissect.s7plus.objects import PlusObject
-from dissect.s7plus.tables import SET_VAR_SUBSTREAMED
-from dissect.s7plus.value_tables import INT, UDINT
-from dissect.s7plus.values import Value, build_value
-from tests.s7plus import bodies
-from tests.s7plus.bodies import end, get_stream, number
-from tests.s7plus.pdus import (
+from dissect.protocols.s7plus.assembly import MAX_PDU
+from dissect.protocols.s7plus.bodies import parse_contents
+from dissect.protocols.s7plus.objects import PlusObject
+from dissect.protocols.s7plus.tables import SET_VAR_SUBSTREAMED
+from dissect.protocols.s7plus.value_tables import INT, UDINT
+from dissect.protocols.s7plus.values import Value, build_value
+from tests.protocols.s7plus import bodies
+from tests.protocols.s7plus.bodies import end, get_stream, number
+from tests.protocols.s7plus.pdus import (
     CREATE_OBJECT,
     ERROR,
     GET_MULTI,

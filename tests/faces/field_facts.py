@@ -10,9 +10,9 @@ import re
 from collections.abc import Callable
 from typing import Any, Final
 
-from dissect.s7.tables import ACK_DATA, AREA_LETTERS, AREAS, DB_AREAS, RETURN_CODES, TRANSPORT_SIZES
-from dissect.s7plus.tables import NOTIFIED, OPCODES
-from dissect.s7plus.tables import RETURN_CODES as PLUS_CODES
+from dissect.protocols.s7.tables import ACK_DATA, AREA_LETTERS, AREAS, DB_AREAS, RETURN_CODES, TRANSPORT_SIZES
+from dissect.protocols.s7plus.tables import NOTIFIED, OPCODES
+from dissect.protocols.s7plus.tables import RETURN_CODES as PLUS_CODES
 from tests.faces.cells import Cell, Fact, Rows, ends
 from tests.faces.kinds import COUNT, END, UNTOLD, WORD
 from tests.faces.records import Record

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from typing import Any, Final
 
-from dissect.s7.tables import AREA_LETTERS, AREAS, RETURN_CODES, SUCCESS, TRANSPORT_SIZES
+from dissect.protocols.s7.tables import AREA_LETTERS, AREAS, RETURN_CODES, SUCCESS, TRANSPORT_SIZES
 from tests.faces import values
 from tests.faces.cells import Cell, Fact, Rows, ecs_end, ends, sender, zero
 from tests.faces.kinds import COUNT, COUNTS, DURATION, END, FLAG, OCTETS, TIME, UNTOLD, WORD, WORDS, iso_ns

@@ -6,7 +6,7 @@ import json
 import re
 from typing import Any, Final
 
-from dissect.s7.tables import ROSCTR
+from dissect.protocols.s7.tables import ROSCTR
 from tests.faces.cells import Cell, Fact, Rows, ecs_end, ends, mapped, none, sender, told, zeek_end, zero
 from tests.faces.kinds import COUNT, COUNTS, DURATION, END, FLAG, TIME, UNTOLD, WORD, WORDS
 from tests.faces.records import Record

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import Final
 
-from dissect.s7plus.contents import Address
-from dissect.s7plus.objects import Attribute, PlusObject, build_object
-from dissect.s7plus.tables import (
+from dissect.protocols.s7plus.contents import Address
+from dissect.protocols.s7plus.objects import Attribute, PlusObject, build_object
+from dissect.protocols.s7plus.tables import (
     CREATE_OBJECT,
     DELETE_OBJECT,
     END_SEQUENCE,
@@ -15,11 +15,11 @@ from dissect.s7plus.tables import (
     SET_MULTI_VARIABLES,
     SET_VARIABLE,
 )
-from dissect.s7plus.value_tables import ARRAY, DINT, INT, STRUCT, UDINT, USINT, WSTRING
-from dissect.s7plus.values import Struct, Value
+from dissect.protocols.s7plus.value_tables import ARRAY, DINT, INT, STRUCT, UDINT, USINT, WSTRING
+from dissect.protocols.s7plus.values import Struct, Value
 from tests.findings.registry import silent, speaks
-from tests.s7plus import bodies
-from tests.s7plus.pdus import asked, framed, told
+from tests.protocols.s7plus import bodies
+from tests.protocols.s7plus.pdus import asked, framed, told
 from tests.transactions.talk import Talk
 
 MERKER: Final = Address(0, 82, 3736, [3, 100, 2])

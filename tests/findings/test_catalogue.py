@@ -12,9 +12,9 @@ from typing import Final
 import dissect
 from dissect.findings.catalogue import CATALOGUE, KINDS, SEVERITIES
 from dissect.packets.tcp import ip
-from dissect.s7plus.assembly import MAX_PDU
-from dissect.s7plus.value_tables import DINT
-from dissect.s7plus.values import Value
+from dissect.protocols.s7plus.assembly import MAX_PDU
+from dissect.protocols.s7plus.value_tables import DINT
+from dissect.protocols.s7plus.values import Value
 from dissect.transactions.table import MAX_CONNECTIONS, MAX_HALF_OPEN
 from dissect.transactions.transaction import Transaction
 from tests.cases import each
@@ -29,10 +29,10 @@ from tests.findings import (
     station_scenarios,
 )
 from tests.findings.registry import SILENT, SPEAKS, silent, speaks
-from tests.ibh import packets as ibh
-from tests.s7plus import bodies
-from tests.s7plus import pdus as plus
-from tests.tls.talks import THEN, Wire, certificate, ec_key, in_tls, rsa_key, wire
+from tests.protocols.ibh import packets as ibh
+from tests.protocols.s7plus import bodies
+from tests.protocols.s7plus import pdus as plus
+from tests.protocols.tls.talks import THEN, Wire, certificate, ec_key, in_tls, rsa_key, wire
 from tests.transactions.talk import (
     ACK,
     CLIENT,

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 import dissect
-from dissect.s7plus.tables import EXPLORE
+from dissect.protocols.s7plus.tables import EXPLORE
 from tests.findings.test_plus_rules import begun, explore
 from tests.transactions.talk import ACK, CLIENT, FIN, SERVER, Talk, dbw, dt, read, words
 

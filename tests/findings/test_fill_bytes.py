@@ -7,8 +7,8 @@ from typing import Final
 
 import pytest
 
+from dissect.protocols.s7.items import without_fill
 from dissect.report.writers.jsonl import TransactionLines
-from dissect.s7.items import without_fill
 from tests.cases import each
 from tests.transactions.talk import Talk, ack, ack_data, item, read, write, written
 

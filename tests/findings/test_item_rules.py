@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dissect.findings.transaction_rules import odd_address
-from dissect.s7.items import parse_item
+from dissect.protocols.s7.items import parse_item
 from tests.transactions.talk import SECOND, Talk, ack_data, dbw, good, item, job, read, userdata, words, write, written
 
 

@@ -13,11 +13,9 @@ from dissect.findings.plus_rules import MAX_CPUS, PlusWatch
 from dissect.findings.reporter import Reporter
 from dissect.findings.security_rules import SecurityWatch
 from dissect.packets.tcp.stream import Endpoint
-from dissect.report.facets import outcome
-from dissect.report.plus import plus_subject
-from dissect.s7plus.contents import Address
-from dissect.s7plus.objects import Attribute, PlusObject, build_object
-from dissect.s7plus.tables import (
+from dissect.protocols.s7plus.contents import Address
+from dissect.protocols.s7plus.objects import Attribute, PlusObject, build_object
+from dissect.protocols.s7plus.tables import (
     CREATE_OBJECT,
     DELETE_OBJECT,
     EXPLORE,
@@ -26,15 +24,17 @@ from dissect.s7plus.tables import (
     SET_MULTI_VARIABLES,
     SET_VARIABLE,
 )
-from dissect.s7plus.value_tables import BLOB, BOOL, DINT, INT, STRUCT, UDINT, UINT, WSTRING
-from dissect.s7plus.values import Blob, Struct, Value, build_value
-from dissect.s7plus.walk import MAX_WORK
+from dissect.protocols.s7plus.value_tables import BLOB, BOOL, DINT, INT, STRUCT, UDINT, UINT, WSTRING
+from dissect.protocols.s7plus.values import Blob, Struct, Value, build_value
+from dissect.protocols.s7plus.walk import MAX_WORK
+from dissect.report.facets import outcome
+from dissect.report.plus import plus_subject
 from dissect.transactions.operation import OperationBook
 from tests.findings.plus_scenarios import opened
-from tests.s7plus import bodies
-from tests.s7plus.pdus import asked, framed, notified, told
-from tests.s7plus.test_program import type_of, variable
-from tests.s7plus.test_session import LIST, RECORD
+from tests.protocols.s7plus import bodies
+from tests.protocols.s7plus.pdus import asked, framed, notified, told
+from tests.protocols.s7plus.test_program import type_of, variable
+from tests.protocols.s7plus.test_session import LIST, RECORD
 from tests.transactions.talk import RST, SERVER, Talk
 
 NOTHING = Value(0, UDINT, 0)

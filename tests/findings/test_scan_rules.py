@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dissect.findings.reporter import Reporter
 from dissect.findings.scan_rules import MAX_PAIRS, MAX_TSAPS, REFUSED, TSAPS, WINDOW_NS, ScanWatch
-from dissect.iso.tsap import Tsap
 from dissect.packets.tcp.connection import TcpConnection
 from dissect.packets.tcp.stream import Endpoint
+from dissect.protocols.iso.tsap import Tsap
 from dissect.transactions.connection import Connection
 
 SERVER = b"\x0a\0\0\x02"

@@ -8,11 +8,11 @@ import pytest
 
 import dissect
 from dissect.findings.reporter import Finding
-from dissect.s7.diagnostic_tables import EVENTS
-from dissect.s7.diagnostics import states_stop
-from dissect.s7.tables import DIAGNOSTIC_MESSAGE, GROUP_CPU
+from dissect.protocols.s7.diagnostic_tables import EVENTS
+from dissect.protocols.s7.diagnostics import states_stop
+from dissect.protocols.s7.tables import DIAGNOSTIC_MESSAGE, GROUP_CPU
 from tests.findings import events
-from tests.s7.test_diagnostics import STOP
+from tests.protocols.s7.test_diagnostics import STOP
 from tests.transactions.talk import SECOND, Talk
 
 STOPPED = "security.stopped"

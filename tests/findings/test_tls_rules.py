@@ -7,8 +7,8 @@ import ssl
 
 import pytest
 
-from tests.tls import sealing
-from tests.tls.talks import THEN, Wire, certificate, ec_key, in_tls, rsa_key, wire
+from tests.protocols.tls import sealing
+from tests.protocols.tls.talks import THEN, Wire, certificate, ec_key, in_tls, rsa_key, wire
 from tests.transactions.talk import Talk
 
 DAY = datetime.timedelta(days=1)

@@ -6,7 +6,7 @@ import struct
 
 import pytest
 
-from dissect.s7.tables import REAL
+from dissect.protocols.s7.tables import REAL
 from dissect.transactions.naming import subject
 from tests.cases import each
 from tests.findings import events

@@ -9,15 +9,15 @@ from __future__ import annotations
 import json
 from typing import Final
 
-from dissect.mc7.block import Block, block_of_parts, parse_block
-from dissect.mc7.changes import change_lines, compare_blocks
-from dissect.mc7.checks import all_facts
-from dissect.mc7.code import decode
-from dissect.mc7.hazards import new_output_writes, newly_skipped_calls, older_than, system_calls
-from dissect.mc7.listing import AWL, STL, Lister, block_lines, block_values
-from dissect.mc7.source import assemble_block, block_source, code_lines
-from dissect.mc7.usage import cross_reference_lines, cross_reference_values
-from dissect.mc7.values import block_data
+from dissect.protocols.mc7.block import Block, block_of_parts, parse_block
+from dissect.protocols.mc7.changes import change_lines, compare_blocks
+from dissect.protocols.mc7.checks import all_facts
+from dissect.protocols.mc7.code import decode
+from dissect.protocols.mc7.hazards import new_output_writes, newly_skipped_calls, older_than, system_calls
+from dissect.protocols.mc7.listing import AWL, STL, Lister, block_lines, block_values
+from dissect.protocols.mc7.source import assemble_block, block_source, code_lines
+from dissect.protocols.mc7.usage import cross_reference_lines, cross_reference_values
+from dissect.protocols.mc7.values import block_data
 from tests.fuzz.checks import check_line
 
 WHOLE: Final = 1
@@ -83,8 +83,8 @@ def _check_versions(block: Block) -> None:
 
 def block_seeds() -> list[bytes]:
     """Return the inputs a fuzzer begins with: our own blocks whole and in parts, and code of every instruction."""
-    from dissect.mc7.instruction_tables import INSTRUCTIONS
-    from tests.mc7.samples import fb7, fc5, ob1
+    from dissect.protocols.mc7.instruction_tables import INSTRUCTIONS
+    from tests.protocols.mc7.samples import fb7, fc5, ob1
 
     whole = [ob1(), ob1("10S"), fc5(), fb7()]
     parts = [parse_block(octets) for octets in whole]

@@ -9,28 +9,28 @@ import json
 from functools import cache
 from typing import Final
 
-from dissect.ibh.packet import parse_packet
-from dissect.iso.tpkt import HEADER, MAX_LENGTH
 from dissect.playback.client.permissions import Permissions
+from dissect.protocols.ibh.packet import parse_packet
+from dissect.protocols.iso.tpkt import HEADER, MAX_LENGTH
+from dissect.protocols.s7.bodies import parse_joined
+from dissect.protocols.s7.message import parse_pdu
+from dissect.protocols.s7.parameters import PROTOCOL_ID
+from dissect.protocols.s7.values import decode_value
+from dissect.protocols.s7plus.bodies import parse_contents
+from dissect.protocols.s7plus.check import check
+from dissect.protocols.s7plus.check_response import check_response, notifies_refusal, refuses_items
+from dissect.protocols.s7plus.events import take
+from dissect.protocols.s7plus.hiding import shown_half
+from dissect.protocols.s7plus.items import join_items
+from dissect.protocols.s7plus.message import parse_plus
+from dissect.protocols.s7plus.program import Program
+from dissect.protocols.s7plus.session import Identity, PlusSession
+from dissect.protocols.s7plus.tables import REQUEST, refuses
 from dissect.report.pdu_json import PduLines
 from dissect.report.plus import item_text
 from dissect.report.tree import netlink_tree_lines, plus_tree_lines, tree_lines
 from dissect.report.words import Places, message_name
 from dissect.report.writers.text import pdu_line, plus_line
-from dissect.s7.bodies import parse_joined
-from dissect.s7.message import parse_pdu
-from dissect.s7.parameters import PROTOCOL_ID
-from dissect.s7.values import decode_value
-from dissect.s7plus.bodies import parse_contents
-from dissect.s7plus.check import check
-from dissect.s7plus.check_response import check_response, notifies_refusal, refuses_items
-from dissect.s7plus.events import take
-from dissect.s7plus.hiding import shown_half
-from dissect.s7plus.items import join_items
-from dissect.s7plus.message import parse_plus
-from dissect.s7plus.program import Program
-from dissect.s7plus.session import Identity, PlusSession
-from dissect.s7plus.tables import REQUEST, refuses
 from dissect.transactions.connection import Connection
 from dissect.wire.malformed import Malformed
 from dissect.wire.part import Part

@@ -6,15 +6,15 @@ from typing import Final
 
 from dissect.golden.model import Session
 from dissect.golden.reading import SessionReader
-from dissect.iso.cotp import parse_tpdu
-from dissect.iso.tpkt import Framer
 from dissect.playback.client.permissions import Permissions, kind_of
 from dissect.playback.client.plan import ASK, make_plan, plan_lines, playable
 from dissect.playback.server.model import Recording
 from dissect.playback.server.player import Stage
 from dissect.playback.server.request_log import RequestLog
 from dissect.playback.server.session import ClientSession
-from dissect.s7.tables import READ
+from dissect.protocols.iso.cotp import parse_tpdu
+from dissect.protocols.iso.tpkt import Framer
+from dissect.protocols.s7.tables import READ
 from dissect.transactions.side import Side
 from tests.fuzz.checks import check_line, check_lines
 from tests.properties.messages import connect, dt

@@ -10,22 +10,22 @@ import json
 from typing import Final
 
 from dissect.oracle.plus import PlusProof
+from dissect.protocols.s7plus.bodies import parse_contents
+from dissect.protocols.s7plus.contents import Contents
+from dissect.protocols.s7plus.events import take
+from dissect.protocols.s7plus.hiding import shown_half
+from dissect.protocols.s7plus.items import join_items
+from dissect.protocols.s7plus.layouts import VALUE
+from dissect.protocols.s7plus.message import PlusPdu, fixed_part, parse_plus
+from dissect.protocols.s7plus.objects import build_elements, every_object, read_elements
+from dissect.protocols.s7plus.program import Program
+from dissect.protocols.s7plus.session import Identity, PlusSession
+from dissect.protocols.s7plus.tables import FUNCTIONS, NOTIFICATION, OPCODES, REQUEST, SYSTEM_EVENT
+from dissect.protocols.s7plus.value_reading import read_value
+from dissect.protocols.s7plus.values import Value, build_value
+from dissect.protocols.s7plus.walk import MAX_DEPTH, Walk
 from dissect.report.plus import item_text
 from dissect.report.tree import plus_tree_lines
-from dissect.s7plus.bodies import parse_contents
-from dissect.s7plus.contents import Contents
-from dissect.s7plus.events import take
-from dissect.s7plus.hiding import shown_half
-from dissect.s7plus.items import join_items
-from dissect.s7plus.layouts import VALUE
-from dissect.s7plus.message import PlusPdu, fixed_part, parse_plus
-from dissect.s7plus.objects import build_elements, every_object, read_elements
-from dissect.s7plus.program import Program
-from dissect.s7plus.session import Identity, PlusSession
-from dissect.s7plus.tables import FUNCTIONS, NOTIFICATION, OPCODES, REQUEST, SYSTEM_EVENT
-from dissect.s7plus.value_reading import read_value
-from dissect.s7plus.values import Value, build_value
-from dissect.s7plus.walk import MAX_DEPTH, Walk
 from tests.fuzz.checks import check_line, check_lines
 from tests.fuzz.turns import TURNS
 

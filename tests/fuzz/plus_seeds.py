@@ -6,10 +6,10 @@ import zlib
 from collections.abc import Iterable
 from typing import Final
 
-from dissect.s7plus.contents import Address
-from dissect.s7plus.message import fixed_part, parse_plus
-from dissect.s7plus.objects import Attribute, PlusObject, Relation, build_object
-from dissect.s7plus.tables import (
+from dissect.protocols.s7plus.contents import Address
+from dissect.protocols.s7plus.message import fixed_part, parse_plus
+from dissect.protocols.s7plus.objects import Attribute, PlusObject, Relation, build_object
+from dissect.protocols.s7plus.tables import (
     CREATE_OBJECT,
     DELETE_OBJECT,
     EXPLORE,
@@ -23,10 +23,10 @@ from dissect.s7plus.tables import (
     SET_MULTI_VARIABLES,
     SET_VARIABLE,
 )
-from dissect.s7plus.values import Blob, Packed, Rows, Struct, Value
-from dissect.s7plus.variables import NameList, Variable, VariableList
+from dissect.protocols.s7plus.values import Blob, Packed, Rows, Struct, Value
+from dissect.protocols.s7plus.variables import NameList, Variable, VariableList
 from tests.fuzz.plus import written
-from tests.s7plus import bodies
+from tests.protocols.s7plus import bodies
 
 _LEVEL: Final = Address(7, 0x8A0E0003, 2550, [14])
 _WORD: Final = Address(0, 82, 3736, [3, 0, 2])

@@ -8,7 +8,7 @@ from dissect.baseline.loading import parse_baseline
 from dissect.golden.parsing import parse_golden
 from dissect.playback.server.recording import recording_of
 from dissect.playback.server.session import ClientSession, Deed
-from dissect.s7.message import parse_pdu
+from dissect.protocols.s7.message import parse_pdu
 from tests.fuzz import __main__ as runner
 from tests.fuzz import files, frames, inputs, pdus, played, scripts, streams
 from tests.fuzz.checks import check_json, check_line

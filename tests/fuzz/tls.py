@@ -1,6 +1,7 @@
 """Fuzz target ``tls``: what the two sides of a TLS session send, as records, handshake messages and certificates.
 
-The first octet chooses the key log: none, or one whose secrets belong to the suites of `tests.tls.sealing` and to the session
+The first octet chooses the key log: none, or one whose secrets belong to the suites of `tests.protocols.tls.sealing` and to the
+session
 of ``captures/s7plus/s7commplus-tls.pcapng``. Pieces follow: the side, whether octets are missing before it, its length, its
 octets.
 """
@@ -13,14 +14,14 @@ from pathlib import Path
 from typing import Final
 
 from dissect.engine.observer import Observer
+from dissect.protocols.tls.handshake import MAX_MESSAGE
+from dissect.protocols.tls.key_log import KeyLog, KeyRing
+from dissect.protocols.tls.records import HEADER, MAX_BODY
+from dissect.protocols.tls.session import MAX_WAITING, TlsSession
 from dissect.session import Run
-from dissect.tls.handshake import MAX_MESSAGE
-from dissect.tls.key_log import KeyLog, KeyRing
-from dissect.tls.records import HEADER, MAX_BODY
-from dissect.tls.session import MAX_WAITING, TlsSession
 from dissect.transactions.side import Side
 from tests.fuzz.checks import check_line
-from tests.tls.sealing import ALERT, FINISHED, HANDSHAKE, KEY_UPDATE, Pair
+from tests.protocols.tls.sealing import ALERT, FINISHED, HANDSHAKE, KEY_UPDATE, Pair
 
 CAPTURE: Final = Path(__file__).resolve().parents[2] / "captures" / "s7plus" / "s7commplus-tls.pcapng"
 SUITES: Final = (0x1301, 0x1302, 0x1303, 0x1304, 0x1305)

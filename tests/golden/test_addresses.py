@@ -8,8 +8,8 @@ from hypothesis import strategies as st
 
 from dissect.golden.addresses import item_octets, named_item
 from dissect.golden.forms import ItemLine, item_text, parse_item_text, usual_size
-from dissect.s7.items import parse_item
-from dissect.s7.tables import AREA_LETTERS, TRANSPORT_SIZES
+from dissect.protocols.s7.items import parse_item
+from dissect.protocols.s7.tables import AREA_LETTERS, TRANSPORT_SIZES
 
 _AREAS = sorted(AREA_LETTERS)
 _TYPES = [code.number for code in TRANSPORT_SIZES]

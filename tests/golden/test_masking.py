@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dissect.golden.masking import mask_plus, mask_s7
-from dissect.s7plus.message import parse_plus
+from dissect.protocols.s7plus.message import parse_plus
 from tests.properties import messages
 from tests.properties.messages import ACK_DATA, JOB, USERDATA, Item, pdu
 

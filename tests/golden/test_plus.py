@@ -8,9 +8,9 @@ import pytest
 
 from dissect.golden import diff_sessions, golden_text, parse_golden, read_session
 from dissect.golden.masking import mask_plus
-from dissect.s7plus.contents import Address
-from dissect.s7plus.objects import Attribute, PlusObject, build_object
-from dissect.s7plus.tables import (
+from dissect.protocols.s7plus.contents import Address
+from dissect.protocols.s7plus.objects import Attribute, PlusObject, build_object
+from dissect.protocols.s7plus.tables import (
     CREATE_OBJECT,
     DELETE_OBJECT,
     GET_MULTI_VARIABLES,
@@ -18,14 +18,14 @@ from dissect.s7plus.tables import (
     SET_MULTI_VARIABLES,
     SET_VARIABLE,
 )
-from dissect.s7plus.value_tables import BLOB, DINT, INT, UDINT, USINT, WSTRING
-from dissect.s7plus.values import Blob, Value, build_value
+from dissect.protocols.s7plus.value_tables import BLOB, DINT, INT, UDINT, USINT, WSTRING
+from dissect.protocols.s7plus.values import Blob, Value, build_value
 from tests.golden import support
 from tests.properties.messages import dt
 from tests.properties.packets import Flow, Talk
+from tests.protocols.s7plus import bodies
+from tests.protocols.s7plus.pdus import asked, framed, told
 from tests.report.support import begun
-from tests.s7plus import bodies
-from tests.s7plus.pdus import asked, framed, told
 
 LEVEL = Address(0, 82, 3736, [3, 100, 2])
 SPEED = Address(0, 82, 3736, [3, 102, 2])

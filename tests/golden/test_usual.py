@@ -10,9 +10,9 @@ from dissect.golden import usual
 from dissect.golden.forms import form_lines
 from dissect.golden.masking import mask_s7
 from dissect.golden.values import shown_value
-from dissect.s7.build import build_data_item, build_item, build_items, build_variables
-from dissect.s7.message import parse_pdu
-from dissect.s7.tables import ACK_DATA, ANSWER_TRANSPORT_SIZE, DATA_BYTES, JOB, READ_VAR, SUCCESS, WRITE_VAR
+from dissect.protocols.s7.build import build_data_item, build_item, build_items, build_variables
+from dissect.protocols.s7.message import parse_pdu
+from dissect.protocols.s7.tables import ACK_DATA, ANSWER_TRANSPORT_SIZE, DATA_BYTES, JOB, READ_VAR, SUCCESS, WRITE_VAR
 
 #: Octets of an element, by transport size; 0x77 is none.
 _ELEMENTS = {0x01: 1, 0x02: 1, 0x03: 1, 0x04: 2, 0x05: 2, 0x06: 4, 0x07: 4, 0x08: 4, 0x0C: 2, 0x13: 2, 0x1C: 2, 0x1D: 2}

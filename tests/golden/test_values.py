@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dissect.golden.values import hex_octets, hex_text, quoted, shown_value, unquoted, value_octets
-from dissect.s7.tables import ELEMENT_OCTETS
+from dissect.protocols.s7.tables import ELEMENT_OCTETS
 
 
 @given(st.integers(0, 255), st.binary(max_size=40), st.booleans())

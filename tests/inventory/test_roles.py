@@ -9,9 +9,9 @@ import pytest
 
 from dissect.inventory.model import BEHAVIOUR, CPU, ENGINEERING, OPC, PANEL, SERVER, STATED, TSAP, Device
 from dissect.inventory.roles import Deeds, judge_client, judge_server
-from dissect.iso.tsap import Tsap
-from dissect.s7plus.program import Program
-from dissect.s7plus.session import Identity, PlusSession
+from dissect.protocols.iso.tsap import Tsap
+from dissect.protocols.s7plus.program import Program
+from dissect.protocols.s7plus.session import Identity, PlusSession
 from dissect.stations import facts
 from dissect.stations.facts import Fact
 from dissect.transactions.connection import Connection

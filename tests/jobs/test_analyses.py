@@ -131,7 +131,7 @@ def test_answer_times_are_those_of_all(parts: list[list[int]], many: bool) -> No
 
 
 def _parameters():  # type: ignore[no-untyped-def]
-    from dissect.s7.parameters import Parameters
+    from dissect.protocols.s7.parameters import Parameters
 
     return Parameters(b"\xf0\x00\x00\x01\x00\x01\x01\xe0", 1)
 
@@ -208,7 +208,7 @@ def test_no_key_is_sent() -> None:
     keys = re.findall(rb"[A-Z_]+ [0-9a-f]{64} ([0-9a-f]{64,96})", path.read_bytes())
     assert keys, "the capture holds its keys"
     sent = repr(part(str(path)).sent)
-    assert "dissect.tls.session" in sent
+    assert "dissect.protocols.tls.session" in sent
     assert not [key for key in keys if key.decode() in sent or repr(bytes.fromhex(key.decode()))[2:-1] in sent]
 
 

@@ -7,8 +7,6 @@ from pathlib import Path
 import pytest
 from scapy.packet import NoPayload, Packet, Raw
 
-from dissect.iso.cotp import Tpdu, parse_tpdu
-from dissect.iso.upper import is_rdp_connect
 from dissect.layers import (
     COTP,
     COTP_DT,
@@ -27,11 +25,13 @@ from dissect.layers import (
 from dissect.layers.fields import scapy_name
 from dissect.layers.parts import CLASSES, JOINED
 from dissect.layers.s7 import function_of
-from dissect.s7.bodies import parse_body
-from dissect.s7.layouts import USERDATA_EXTENDED, USERDATA_SHORT
-from dissect.s7.message import Pdu, parse_pdu
-from dissect.s7.parameters import header_size
-from dissect.s7.tables import ROSCTR
+from dissect.protocols.iso.cotp import Tpdu, parse_tpdu
+from dissect.protocols.iso.upper import is_rdp_connect
+from dissect.protocols.s7.bodies import parse_body
+from dissect.protocols.s7.layouts import USERDATA_EXTENDED, USERDATA_SHORT
+from dissect.protocols.s7.message import Pdu, parse_pdu
+from dissect.protocols.s7.parameters import header_size
+from dissect.protocols.s7.tables import ROSCTR
 from dissect.wire.part import SURPLUS, Part
 from tests.cases import each
 from tests.layers.examples import EXAMPLES, Example

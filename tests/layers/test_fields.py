@@ -9,7 +9,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scapy.packet import Packet, Raw
 
-from dissect.iso import layouts as iso_layouts
 from dissect.layers import (
     COTP_DT,
     S7,
@@ -28,9 +27,10 @@ from dissect.layers.fields import WireLayer, fill_number, header_fields
 from dissect.layers.part_classes import S7Plus_Address, S7Plus_ItemValue
 from dissect.layers.plus_messages import plus_parts
 from dissect.layers.s7plus import S7Plus_Request
-from dissect.s7 import layouts as s7_layouts
-from dissect.s7plus.value_tables import INT
-from dissect.s7plus.values import Value
+from dissect.protocols.iso import layouts as iso_layouts
+from dissect.protocols.s7 import layouts as s7_layouts
+from dissect.protocols.s7plus.value_tables import INT
+from dissect.protocols.s7plus.values import Value
 from dissect.wire.layout import Layout
 from tests.cases import each
 from tests.layers.support import shown

@@ -79,7 +79,7 @@ def test_importing_says_nothing() -> None:
 
 
 def test_the_rest_of_the_package_does_without_scapy() -> None:
-    code = "import sys, dissect.engine.pipeline, dissect.s7.message; print('scapy' in sys.modules)"
+    code = "import sys, dissect.engine.pipeline, dissect.protocols.s7.message; print('scapy' in sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=True)
     assert done.stdout == "False\n"
 

@@ -2,9 +2,9 @@ from __future__ import annotations
 
 import pytest
 
-from dissect.iso.tables import PARAMETERS
 from dissect.layers import COTP_CR, COTP_ER, COTP_Parameter
 from dissect.layers.parameters import tsap_octets
+from dissect.protocols.iso.tables import PARAMETERS
 from tests.cases import each
 from tests.layers.support import shown, survives
 

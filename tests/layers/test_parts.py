@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 from scapy.packet import Packet, Raw, fuzz
 
 import dissect.layers
-import dissect.s7
-import dissect.s7.security
+import dissect.protocols.s7
+import dissect.protocols.s7.security
 from dissect.layers import (
     S7,
     S7_CyclicRequest,
@@ -37,8 +37,8 @@ from dissect.layers import (
 )
 from dissect.layers.fields import scapy_name
 from dissect.layers.parts import CLASSES
-from dissect.s7 import blocks, layouts, pbc
-from dissect.s7plus import layouts as plus_layouts
+from dissect.protocols.s7 import blocks, layouts, pbc
+from dissect.protocols.s7plus import layouts as plus_layouts
 from dissect.wire import part as wire_part
 from dissect.wire.layout import Layout
 from tests.cases import each
@@ -71,7 +71,10 @@ PARTS: Final = sorted({cls for cls in CLASSES.values() if issubclass(cls, S7_Par
 def known_layouts() -> dict[Layout, str]:
     """Every layout of the engine's modules for S7 and of S7comm-plus, also those in their tables, with where it stands."""
     found: dict[Layout, str] = {}
-    modules = [importlib.import_module(f"dissect.s7.{one.name}") for one in pkgutil.iter_modules(dissect.s7.__path__)]
+    modules = [
+        importlib.import_module(f"dissect.protocols.s7.{one.name}")
+        for one in pkgutil.iter_modules(dissect.protocols.s7.__path__)
+    ]
     for module in [*modules, plus_layouts, wire_part]:
         for name, value in vars(module).items():
             values: list[Any] = [value]
@@ -217,7 +220,7 @@ def test_what_a_service_needs_stands_before_its_name() -> None:
 
 def test_a_password_is_encoded() -> None:
     password = dissect.layers.S7_Password.of("secret")
-    assert dissect.s7.security.decode_password(password.password) == b"secret  "
+    assert dissect.protocols.s7.security.decode_password(password.password) == b"secret  "
     with pytest.raises(ValueError, match="up to 8 bytes"):
         dissect.layers.S7_Password.of("secretsecret")
 

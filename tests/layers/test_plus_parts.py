@@ -18,21 +18,21 @@ from dissect.layers import S7Plus, S7Plus_Request, plus_frames, plus_message, pl
 from dissect.layers.fields import Overlong
 from dissect.layers.parts import CLASSES
 from dissect.layers.plus_tables import PLUS_SECTIONS
-from dissect.s7plus.bodies import parse_contents
-from dissect.s7plus.contents import Address
-from dissect.s7plus.message import parse_plus
-from dissect.s7plus.objects import Attribute, PlusObject, Relation, build_elements, read_elements
-from dissect.s7plus.value_tables import ARRAY, BLOB, INT, NULL, REAL, SPARSE_ARRAY, STRUCT, UDINT, WSTRING
-from dissect.s7plus.values import Blob, Packed, Struct, Value, build_value
-from dissect.s7plus.variables import TagDescription
-from dissect.s7plus.walk import Walk
+from dissect.protocols.s7plus.bodies import parse_contents
+from dissect.protocols.s7plus.contents import Address
+from dissect.protocols.s7plus.message import parse_plus
+from dissect.protocols.s7plus.objects import Attribute, PlusObject, Relation, build_elements, read_elements
+from dissect.protocols.s7plus.value_tables import ARRAY, BLOB, INT, NULL, REAL, SPARSE_ARRAY, STRUCT, UDINT, WSTRING
+from dissect.protocols.s7plus.values import Blob, Packed, Struct, Value, build_value
+from dissect.protocols.s7plus.variables import TagDescription
+from dissect.protocols.s7plus.walk import Walk
 from dissect.wire.part import OCTETS, SURPLUS
 from tests.cases import each
 from tests.layers.support import forget, shown, survives
-from tests.s7plus import bodies
-from tests.s7plus.pdus import asked, framed, told
-from tests.s7plus.strategies import OBJECTS, VALUES
-from tests.s7plus.test_shared_captures import pdus
+from tests.protocols.s7plus import bodies
+from tests.protocols.s7plus.pdus import asked, framed, told
+from tests.protocols.s7plus.strategies import OBJECTS, VALUES
+from tests.protocols.s7plus.test_shared_captures import pdus
 
 EXPLORE: Final = 0x04BB
 

@@ -18,9 +18,9 @@ from dissect.layers import (
     S7Plus_Response,
 )
 from dissect.layers.s7plus import is_s7plus
-from dissect.s7plus.message import parse_plus
+from dissect.protocols.s7plus.message import parse_plus
 from tests.layers.support import shown, survives, tpkts_of
-from tests.s7plus.pdus import (
+from tests.protocols.s7plus.pdus import (
     ERROR,
     KEEP_ALIVE,
     NOTIFICATION_V3,

@@ -17,12 +17,12 @@ from dissect.packets.source.files import open_capture
 from dissect.packets.source.live.reader import Drops
 from dissect.packets.tcp.connection import TcpConnection
 from dissect.packets.tcp.stream import Endpoint
+from dissect.protocols.s7.errors import ERROR_CODES
+from dissect.protocols.s7.parameters import Parameters, parse_parameters
+from dissect.protocols.s7.tables import FUNCTIONS, JOB, USERDATA, USERDATA_SUBFUNCTIONS
+from dissect.protocols.s7plus.parameters import PlusParameters
+from dissect.protocols.s7plus.tables import FUNCTIONS as PLUS_FUNCTIONS
 from dissect.report.analysis import Analysis
-from dissect.s7.errors import ERROR_CODES
-from dissect.s7.parameters import Parameters, parse_parameters
-from dissect.s7.tables import FUNCTIONS, JOB, USERDATA, USERDATA_SUBFUNCTIONS
-from dissect.s7plus.parameters import PlusParameters
-from dissect.s7plus.tables import FUNCTIONS as PLUS_FUNCTIONS
 from dissect.session import Run
 from dissect.transactions.connection import Connection
 from dissect.transactions.payloads import ScdMessage, ScdParameters

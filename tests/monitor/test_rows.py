@@ -8,16 +8,16 @@ from rich.cells import cell_len
 from dissect.monitor import details, rows
 from dissect.monitor.app import save
 from dissect.monitor.lists import ConnectionFacts
-from dissect.s7plus.tables import GET_VAR_SUBSTREAMED
-from dissect.s7plus.value_tables import BLOB
-from dissect.s7plus.values import Blob, Value, build_value
+from dissect.protocols.s7plus.tables import GET_VAR_SUBSTREAMED
+from dissect.protocols.s7plus.value_tables import BLOB
+from dissect.protocols.s7plus.values import Blob, Value, build_value
 from dissect.transactions.transaction import Transaction
 from dissect.wire.text import Clock
 from tests.monitor.support import hostile, model_of, of_capture, of_packets
 from tests.properties.messages import dt
+from tests.protocols.s7plus import bodies
+from tests.protocols.s7plus.pdus import asked, framed, told
 from tests.report.support import UNSAFE, begun
-from tests.s7plus import bodies
-from tests.s7plus.pdus import asked, framed, told
 
 NAMES = ("bsend", "client-killed", "nodes7-poll-missing", "password", "refused-full", "szl", "transfer", "two-clients")
 

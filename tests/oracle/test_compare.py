@@ -18,7 +18,7 @@ from dissect.oracle.facts import IN_BODY, IN_JOINED, NAMES, PDU, TPDU, Fact, Pla
 from dissect.oracle.ours import Witness
 from dissect.oracle.theirs import Frame
 from dissect.oracle.tshark import Reader, read_tshark
-from dissect.tls.key_log import KeyLog
+from dissect.protocols.tls.key_log import KeyLog
 from tests.build import dt, pdu, tpdu
 from tests.cases import each
 from tests.examples import S7

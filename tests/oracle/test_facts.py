@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import subprocess
 
-from dissect.iso import layouts as iso
 from dissect.oracle import facts
 from dissect.oracle.facts import (
     BODY_NAMES,
@@ -22,8 +21,9 @@ from dissect.oracle.facts import (
     Record,
     layouts,
 )
-from dissect.s7 import clock
-from dissect.s7 import layouts as s7
+from dissect.protocols.iso import layouts as iso
+from dissect.protocols.s7 import clock
+from dissect.protocols.s7 import layouts as s7
 from dissect.wire import part
 from dissect.wire.layout import Layout
 

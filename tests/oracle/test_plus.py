@@ -11,13 +11,13 @@ from dissect.oracle.compare import Comparison
 from dissect.oracle.ours import Witness
 from dissect.oracle.plus import PlusProof
 from dissect.oracle.verification import Verification
-from dissect.s7plus.bodies import parse_contents
-from dissect.s7plus.contents import Address
-from dissect.s7plus.message import parse_plus
-from dissect.s7plus.value_tables import INT
-from dissect.s7plus.values import Value
-from tests.s7plus.bodies import get_multi, multi_got
-from tests.s7plus.pdus import INIT_SSL, KEEP_ALIVE, asked, event, framed, notified, told
+from dissect.protocols.s7plus.bodies import parse_contents
+from dissect.protocols.s7plus.contents import Address
+from dissect.protocols.s7plus.message import parse_plus
+from dissect.protocols.s7plus.value_tables import INT
+from dissect.protocols.s7plus.values import Value
+from tests.protocols.s7plus.bodies import get_multi, multi_got
+from tests.protocols.s7plus.pdus import INIT_SSL, KEEP_ALIVE, asked, event, framed, notified, told
 
 WORD: Final = Address(0, 82, 3736, [3, 100, 2])
 

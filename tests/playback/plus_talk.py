@@ -5,18 +5,27 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Final
 
-from dissect.s7plus.contents import Address
-from dissect.s7plus.objects import PlusObject
-from dissect.s7plus.session import SERVER_SESSION, SUBSCRIPTION
-from dissect.s7plus.tables import CREATE_OBJECT, DELETE_OBJECT, GET_MULTI_VARIABLES, SET_MULTI_VARIABLES
-from dissect.s7plus.value_tables import INT
-from dissect.s7plus.values import Value, build_value
+from dissect.protocols.s7plus.contents import Address
+from dissect.protocols.s7plus.objects import PlusObject
+from dissect.protocols.s7plus.session import SERVER_SESSION, SUBSCRIPTION
+from dissect.protocols.s7plus.tables import CREATE_OBJECT, DELETE_OBJECT, GET_MULTI_VARIABLES, SET_MULTI_VARIABLES
+from dissect.protocols.s7plus.value_tables import INT
+from dissect.protocols.s7plus.values import Value, build_value
 from tests.properties import messages
 from tests.properties.messages import dt
 from tests.properties.packets import Talk
+from tests.protocols.s7plus.bodies import (
+    create_object,
+    delete_object,
+    end,
+    get_multi,
+    multi_got,
+    number,
+    rid,
+    set_multi,
+)
+from tests.protocols.s7plus.pdus import asked, framed, told
 from tests.report.support import saved
-from tests.s7plus.bodies import create_object, delete_object, end, get_multi, multi_got, number, rid, set_multi
-from tests.s7plus.pdus import asked, framed, told
 
 SESSION: Final = 0x70000CB8
 CONTAINER: Final = 0x70000CB9

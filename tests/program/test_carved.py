@@ -13,9 +13,9 @@ import dissect
 from captures.craft.mc7 import DB2, FC3, OB1, OB1_CHANGED
 from dissect.program.carved import CarvedBlock, block_of, carve, plus_block
 from dissect.program.classic import read_classic
-from dissect.s7plus.objects import Attribute, PlusObject, build_object
-from dissect.s7plus.value_tables import BOOL, STRUCT, WORD, WSTRING
-from dissect.s7plus.values import Struct, Value
+from dissect.protocols.s7plus.objects import Attribute, PlusObject, build_object
+from dissect.protocols.s7plus.value_tables import BOOL, STRUCT, WORD, WSTRING
+from dissect.protocols.s7plus.values import Struct, Value
 from dissect.transactions import operation
 from tests.program.transfers import Said, activate, carry, download, upload
 from tests.transactions.talk import CLIENT, FIN, SERVER, Talk, dt

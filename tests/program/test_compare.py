@@ -7,9 +7,9 @@ import pytest
 from captures.craft.mc7 import DB2, FC3, OB1, OB1_CHANGED
 from dissect.program.carved import CarvedBlock, block_of, plus_block
 from dissect.program.compare import BlockChange, compare, over_time
-from dissect.s7plus.objects import Attribute, PlusObject, build_object
-from dissect.s7plus.value_tables import BLOB
-from dissect.s7plus.values import Blob, Value
+from dissect.protocols.s7plus.objects import Attribute, PlusObject, build_object
+from dissect.protocols.s7plus.value_tables import BLOB
+from dissect.protocols.s7plus.values import Blob, Value
 
 
 def said(changes: list[BlockChange]) -> list[tuple[str, str, tuple[str, ...]]]:

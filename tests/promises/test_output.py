@@ -20,7 +20,7 @@ from dissect.engine.pipeline import Options
 from dissect.golden.parsing import parse_golden
 from dissect.live.session import Session
 from dissect.packets.source.files import open_capture
-from dissect.s7.security import encode_password
+from dissect.protocols.s7.security import encode_password
 from tests.cli.support import run, simple
 from tests.promises import hostile
 from tests.properties import messages

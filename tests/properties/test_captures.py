@@ -20,10 +20,10 @@ from typing import Final
 import pytest
 
 import dissect
-from dissect.iso import tpkt
 from dissect.packets.source.packet import PacketSink
 from dissect.packets.tcp import stream
-from dissect.s7 import parameters
+from dissect.protocols.iso import tpkt
+from dissect.protocols.s7 import parameters
 from dissect.wire.build import COMPILED
 from tests.cases import each
 from tests.growth import UNCOUNTED, lines

@@ -1,7 +1,7 @@
 """S7comm-plus between a client and a server of others, the package s7commplus, through `s7dissect proxy`.
 
 They are looser than a PLC (captures/README.md), so this proves that sessions run through the relay and are understood; what the
-format is, public captures say (tests/s7plus/test_shared_captures.py).
+format is, public captures say (tests/protocols/s7plus/test_shared_captures.py).
 """
 
 from __future__ import annotations
@@ -18,8 +18,8 @@ from cryptography.hazmat.primitives import serialization
 
 from tests.cli.test_proxy import proxy
 from tests.conftest import Command
+from tests.protocols.tls.talks import certificate, rsa_key
 from tests.proxy.support import LOOPBACK, port_of_nobody
-from tests.tls.talks import certificate, rsa_key
 
 client_module = pytest.importorskip("s7commplus.client")
 server_module = pytest.importorskip("s7commplus.server")

@@ -9,8 +9,8 @@ import pytest
 from jsonschema import Draft202012Validator
 
 from dissect.findings.catalogue import CATALOGUE
-from dissect.ibh.tables import IBH_NETLINK, KINDS
-from dissect.iso.upper import UPPER_NAMES
+from dissect.protocols.ibh.tables import IBH_NETLINK, KINDS
+from dissect.protocols.iso.upper import UPPER_NAMES
 from dissect.report.analysis import Analysis
 from dissect.report.contract import analysis_as_dict
 from dissect.report.text import analysis_lines

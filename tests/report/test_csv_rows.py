@@ -14,10 +14,10 @@ from hypothesis import strategies as st
 
 from dissect.engine.observer import Observer
 from dissect.packets.source.packet import SourceFile
+from dissect.protocols.s7.singles import real
 from dissect.report.words import Places
 from dissect.report.writer import TransactionFeed
 from dissect.report.writers.csv import CSV_COLUMNS, CsvRows, CsvWriter, quoted
-from dissect.s7.singles import real
 from dissect.session import Run
 from dissect.transactions.transaction import Transaction
 from tests.cli.support import run

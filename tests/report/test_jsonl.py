@@ -12,14 +12,14 @@ from librt.strings import BytesWriter
 from mypy_extensions import i64
 
 from dissect.engine.pipeline import Options
+from dissect.protocols.s7.items import parse_item
+from dissect.protocols.s7.message import parse_pdu
+from dissect.protocols.s7.tables import SUCCESS
+from dissect.protocols.s7.values import Value, decode_value
 from dissect.report.item_json import item_json, octets_value, value_text, write_good_item
 from dissect.report.pdu_json import PduLines
 from dissect.report.writer import TransactionFeed
 from dissect.report.writers.jsonl import JsonlWriter, TransactionLines
-from dissect.s7.items import parse_item
-from dissect.s7.message import parse_pdu
-from dissect.s7.tables import SUCCESS
-from dissect.s7.values import Value, decode_value
 from dissect.session import Run
 from dissect.transactions.results import ALIKE, GAPS
 from dissect.transactions.side import Side
@@ -29,9 +29,9 @@ from tests.cases import each
 from tests.properties import messages
 from tests.properties.messages import Item, dt
 from tests.properties.packets import Packet, Talk, cut_to
+from tests.protocols.s7plus.pdus import asked, framed, told
 from tests.report.schemas import complaints
 from tests.report.support import OWN, WORD, Kept, begun, observed, read
-from tests.s7plus.pdus import asked, framed, told
 
 Line = dict[str, Any]
 

@@ -8,11 +8,11 @@ import pytest
 from mypy_extensions import i64
 
 from dissect.engine.observer import Observer
-from dissect.iso.cotp import parse_tpdu
 from dissect.packets.source.packet import SourceFile
+from dissect.protocols.iso.cotp import parse_tpdu
+from dissect.protocols.s7.message import parse_pdu
 from dissect.report.words import Places, carried
 from dissect.report.writers.text import TextWriter, comment_line, pdu_line, tpdu_line, transaction_line
-from dissect.s7.message import parse_pdu
 from dissect.session import Run
 from dissect.transactions.results import went_wrong
 from dissect.transactions.side import Side

@@ -14,6 +14,8 @@ from hypothesis import strategies as st
 from dissect.engine.observer import Observer
 from dissect.packets.tcp.connection import TcpConnection
 from dissect.packets.tcp.stream import Endpoint
+from dissect.protocols.s7plus.hiding import shown_contents
+from dissect.protocols.s7plus.message import parse_plus
 from dissect.report.analysis import Analysis
 from dissect.report.contract import analysis_as_dict
 from dissect.report.pdu_json import PduLines
@@ -23,18 +25,14 @@ from dissect.report.words import Places
 from dissect.report.writers.csv import CSV_COLUMNS, CsvRows
 from dissect.report.writers.jsonl import TransactionLines
 from dissect.report.writers.text import plus_line, transaction_line
-from dissect.s7plus.hiding import shown_contents
-from dissect.s7plus.message import parse_plus
 from dissect.session import Run
 from dissect.transactions.connection import Connection
 from dissect.transactions.side import Side
 from dissect.wire.text import Clock
 from tests.properties.messages import dt
 from tests.properties.packets import Talk
-from tests.report.schemas import complaints
-from tests.report.support import UNSAFE, analysed, begun, observed, read, report, section
-from tests.s7plus import bodies
-from tests.s7plus.pdus import (
+from tests.protocols.s7plus import bodies
+from tests.protocols.s7plus.pdus import (
     CREATE_OBJECT,
     GET_MULTI,
     INIT_SSL,
@@ -48,8 +46,10 @@ from tests.s7plus.pdus import (
     notified,
     told,
 )
-from tests.s7plus.test_bodies import FIVE, LEVEL, LOST, WORD
-from tests.s7plus.test_objects import TYPE
+from tests.protocols.s7plus.test_bodies import FIVE, LEVEL, LOST, WORD
+from tests.protocols.s7plus.test_objects import TYPE
+from tests.report.schemas import complaints
+from tests.report.support import UNSAFE, analysed, begun, observed, read, report, section
 from tests.transactions.talk import SECOND
 from tests.transactions.talk import Talk as Conversation
 

@@ -9,11 +9,11 @@ from pathlib import Path
 
 import pytest
 
+from dissect.protocols.s7plus.message import parse_plus
 from dissect.report.plus_blobs import blob_lines, dictionaries
 from dissect.report.tree import plus_tree_lines
-from dissect.s7plus.message import parse_plus
-from tests.s7plus.test_blobs import COMMENTS, DICTIONARY, TEXT, VERSION, compressed, download, one
-from tests.s7plus.test_shared_captures import pdus
+from tests.protocols.s7plus.test_blobs import COMMENTS, DICTIONARY, TEXT, VERSION, compressed, download, one
+from tests.protocols.s7plus.test_shared_captures import pdus
 
 
 @pytest.fixture

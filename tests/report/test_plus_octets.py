@@ -11,21 +11,17 @@ from hypothesis import strategies as st
 from librt.strings import BytesWriter
 
 from dissect.engine.observer import Observer
-from dissect.report.plus import as_text, head_json, malformed_note, plus_notes
-from dissect.report.plus_items import write_item
-from dissect.report.tree_fields import meaning
-from dissect.report.writers.jsonl import TransactionLines
-from dissect.s7plus.alarms import ALARM, Alarm
-from dissect.s7plus.contents import Address
-from dissect.s7plus.hiding import reads_secret
-from dissect.s7plus.ids import HIDDEN, SECRETS
-from dissect.s7plus.items import Half, PlusItem, join_items
-from dissect.s7plus.layouts import OBJECT_ID
-from dissect.s7plus.objects import Attribute, PlusObject, build_object
-from dissect.s7plus.session import REFERENCE_LIST, SUBSCRIPTION
-from dissect.s7plus.stamps import _STAMPS
-from dissect.s7plus.summary import summary
-from dissect.s7plus.tables import (
+from dissect.protocols.s7plus.alarms import ALARM, Alarm
+from dissect.protocols.s7plus.contents import Address
+from dissect.protocols.s7plus.hiding import reads_secret
+from dissect.protocols.s7plus.ids import HIDDEN, SECRETS
+from dissect.protocols.s7plus.items import Half, PlusItem, join_items
+from dissect.protocols.s7plus.layouts import OBJECT_ID
+from dissect.protocols.s7plus.objects import Attribute, PlusObject, build_object
+from dissect.protocols.s7plus.session import REFERENCE_LIST, SUBSCRIPTION
+from dissect.protocols.s7plus.stamps import _STAMPS
+from dissect.protocols.s7plus.summary import summary
+from dissect.protocols.s7plus.tables import (
     CREATE_OBJECT,
     EXPLORE,
     GET_LINK,
@@ -34,18 +30,22 @@ from dissect.s7plus.tables import (
     GET_VARIABLE,
     SET_VARIABLE,
 )
-from dissect.s7plus.value_tables import ADDRESS_ARRAY, REAL, UDINT, WSTRING
-from dissect.s7plus.values import Value, build_value
+from dissect.protocols.s7plus.value_tables import ADDRESS_ARRAY, REAL, UDINT, WSTRING
+from dissect.protocols.s7plus.values import Value, build_value
+from dissect.report.plus import as_text, head_json, malformed_note, plus_notes
+from dissect.report.plus_items import write_item
+from dissect.report.tree_fields import meaning
+from dissect.report.writers.jsonl import TransactionLines
 from dissect.session import Run
 from dissect.transactions.side import Side
 from dissect.transactions.transaction import Transaction
 from dissect.wire.part import Part
 from tests.properties.messages import dt
+from tests.protocols.s7plus import bodies
+from tests.protocols.s7plus.pdus import asked, framed, notified, told
+from tests.protocols.s7plus.test_bodies import FIVE, LEVEL, LOST, WORD
+from tests.protocols.s7plus.test_objects import TYPE
 from tests.report.support import OWN, begun, observed
-from tests.s7plus import bodies
-from tests.s7plus.pdus import asked, framed, notified, told
-from tests.s7plus.test_bodies import FIVE, LEVEL, LOST, WORD
-from tests.s7plus.test_objects import TYPE
 
 #: Octets of the longest PDU that is sent again; those of a published session are longer.
 _LONGEST: Final = 2000

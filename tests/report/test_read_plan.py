@@ -7,12 +7,12 @@ from random import Random
 
 import pytest
 
+from dissect.protocols.s7.items import item_fill, item_heads
+from dissect.protocols.s7.parameters import Parameters, parse_parameters
+from dissect.protocols.s7.singles import real_json, real_text
+from dissect.protocols.s7.tables import ACK_DATA, JOB, READ_VAR, SUCCESS
 from dissect.report.item_json import item_json
 from dissect.report.read_plan import ReadPlan
-from dissect.s7.items import item_fill, item_heads
-from dissect.s7.parameters import Parameters, parse_parameters
-from dissect.s7.singles import real_json, real_text
-from dissect.s7.tables import ACK_DATA, JOB, READ_VAR, SUCCESS
 
 #: Transport sizes that are asked for, and octets of an element.
 ASKED = {1: 1, 2: 1, 3: 1, 4: 2, 5: 2, 6: 4, 7: 4, 8: 4, 9: 2, 10: 4, 11: 4, 12: 2, 19: 2, 28: 2, 29: 2}

@@ -6,10 +6,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from dissect.protocols.s7 import layouts
+from dissect.protocols.s7.message import parse_pdu
 from dissect.report import tree as tree_module
 from dissect.report.tree import tpdu_tree_lines, tree_lines
-from dissect.s7 import layouts
-from dissect.s7.message import parse_pdu
 from tests.properties import messages
 from tests.properties.messages import Item, dt
 from tests.report.support import UNSAFE, WORD

@@ -4,11 +4,11 @@ from itertools import product
 
 import pytest
 
-from dissect.iso.tsap import Tsap
 from dissect.packets.source.packet import SourceFile
+from dissect.protocols.iso.tsap import Tsap
+from dissect.protocols.s7.message import parse_pdu
+from dissect.protocols.s7.values import Value
 from dissect.report import facets, words
-from dissect.s7.message import parse_pdu
-from dissect.s7.values import Value
 from dissect.transactions.naming import item_subject
 from dissect.transactions.transaction import CONNECTION_EVICTED
 from tests import build

@@ -16,8 +16,8 @@ from dissect.transactions.side import Side
 from tests.properties import messages
 from tests.properties.messages import dt
 from tests.properties.packets import Talk
+from tests.protocols.s7plus.pdus import asked, framed
 from tests.report.support import WORD, begun, observed
-from tests.s7plus.pdus import asked, framed
 
 MASK = 0xFFFFFFFF
 

@@ -7,8 +7,8 @@ from typing import Final
 
 import pytest
 
-from dissect.s7plus.program import Program
-from dissect.s7plus.session import Identity, PlusSession
+from dissect.protocols.s7plus.program import Program
+from dissect.protocols.s7plus.session import Identity, PlusSession
 from dissect.stations import facts
 from dissect.stations.evidence import Evidence, clock_time
 from dissect.stations.facts import Fact

@@ -11,14 +11,14 @@ import pytest
 import dissect
 from dissect.packets.source.files import open_capture
 from dissect.packets.source.packet import PacketSink
-from dissect.s7plus.contents import Address
-from dissect.s7plus.program import Program
+from dissect.protocols.s7plus.contents import Address
+from dissect.protocols.s7plus.program import Program
 from dissect.tags import TagError, load_tags
 from dissect.tags.loading import read_tags
 from tests.cli.support import run
 from tests.conftest import ROOT
 from tests.oracle.traffic import write_capture
-from tests.s7plus.test_program import TAGS, TANK, VALVE
+from tests.protocols.s7plus.test_program import TAGS, TANK, VALVE
 
 PLANT = ROOT / "captures" / "crafted" / "plus-plant.pcapng"
 HOST = "192.0.2.20"

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dissect.s7.items import Item, ItemResult, parse_item
+from dissect.protocols.s7.items import Item, ItemResult, parse_item
 from dissect.tags.index import TagIndex
 from dissect.tags.loading import load_tags
 from dissect.tags.model import Tag

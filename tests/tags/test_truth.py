@@ -12,7 +12,7 @@ from snap7 import util
 
 import dissect
 from dissect.live.events import CLOSED
-from dissect.s7.tables import READ_VAR, WRITE_VAR
+from dissect.protocols.s7.tables import READ_VAR, WRITE_VAR
 from dissect.tags import load_tags
 from dissect.transactions.naming import NamedValue, named_values
 from dissect.transactions.transaction import Transaction

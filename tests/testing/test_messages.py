@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from dissect.s7.message import parse_pdu
+from dissect.protocols.s7.message import parse_pdu
 from dissect.testing.messages import (
     Ask,
     Tell,

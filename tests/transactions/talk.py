@@ -18,7 +18,7 @@ from dissect.acts.act import Act
 from dissect.engine.exchange import PayloadDecoder
 from dissect.engine.pipeline import Observer, Options, Pipeline
 from dissect.findings.reporter import Finding
-from dissect.tls.key_log import KeyLog
+from dissect.protocols.tls.key_log import KeyLog
 from dissect.transactions.connection import Connection
 from dissect.transactions.operation import Operation
 from dissect.transactions.payloads import ScdMessage

@@ -6,9 +6,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dissect.s7.items import odd_data_code, parse_data_items
-from dissect.s7.parameters import Parameters, parse_parameters
-from dissect.s7.tables import ACK_DATA, ELEMENT_OCTETS, JOB, USERDATA
+from dissect.protocols.s7.items import odd_data_code, parse_data_items
+from dissect.protocols.s7.parameters import Parameters, parse_parameters
+from dissect.protocols.s7.tables import ACK_DATA, ELEMENT_OCTETS, JOB, USERDATA
 from dissect.transactions.results import (
     BAD_DATA,
     BAD_REQUEST,

@@ -2,11 +2,11 @@ from __future__ import annotations
 
 import pytest
 
-from dissect.iso.cotp import parse_tpdu
 from dissect.packets.tcp.connection import TcpConnection
 from dissect.packets.tcp.stream import Endpoint
-from dissect.s7.parameters import Setup, parse_parameters
-from dissect.s7.tables import JOB, USERDATA
+from dissect.protocols.iso.cotp import parse_tpdu
+from dissect.protocols.s7.parameters import Setup, parse_parameters
+from dissect.protocols.s7.tables import JOB, USERDATA
 from dissect.transactions.connection import ISO, Connection
 from tests.transactions.talk import CONFIRM, CONNECT, head
 

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import dissect
-from dissect.s7.szl import SZL_HEAD
+from dissect.protocols.s7.szl import SZL_HEAD
 from dissect.transactions.connection import Connection
 from dissect.transactions.multipart import MAX_CHAINS, MAX_OCTETS, MAX_UNFINISHED, Chain, Joiner
 from dissect.transactions.transaction import Transaction

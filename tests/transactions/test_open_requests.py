@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 
 from dissect.packets.tcp.connection import TcpConnection
 from dissect.packets.tcp.stream import Endpoint
-from dissect.s7.parameters import Parameters
+from dissect.protocols.s7.parameters import Parameters
 from dissect.transactions.connection import Connection
 from dissect.transactions.open_requests import (
     MAX_ORPHANS,

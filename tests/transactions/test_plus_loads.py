@@ -9,13 +9,11 @@ import pytest
 
 import dissect
 from dissect.program.carved import carve
-from dissect.report.operations import operation_json
-from dissect.report.words import Places
-from dissect.s7plus.assembly import MAX_PDU
-from dissect.s7plus.contents import Address
-from dissect.s7plus.ids import BLOCK_CLASSES
-from dissect.s7plus.objects import Attribute, PlusObject, build_object
-from dissect.s7plus.tables import (
+from dissect.protocols.s7plus.assembly import MAX_PDU
+from dissect.protocols.s7plus.contents import Address
+from dissect.protocols.s7plus.ids import BLOCK_CLASSES
+from dissect.protocols.s7plus.objects import Attribute, PlusObject, build_object
+from dissect.protocols.s7plus.tables import (
     BEGIN_SEQUENCE,
     CREATE_OBJECT,
     DELETE_OBJECT,
@@ -23,13 +21,15 @@ from dissect.s7plus.tables import (
     SET_MULTI_VARIABLES,
     SET_VARIABLE,
 )
-from dissect.s7plus.value_tables import BLOB, BOOL, UINT, WSTRING
-from dissect.s7plus.values import Blob, Value
+from dissect.protocols.s7plus.value_tables import BLOB, BOOL, UINT, WSTRING
+from dissect.protocols.s7plus.values import Blob, Value
+from dissect.report.operations import operation_json
+from dissect.report.words import Places
 from dissect.transactions import operation as kinds
 from dissect.wire.text import Clock
 from tests.findings.test_plus_rules import DENIED, NOTHING, begun, block, do
-from tests.s7plus import bodies
-from tests.s7plus.pdus import asked, framed, told
+from tests.protocols.s7plus import bodies
+from tests.protocols.s7plus.pdus import asked, framed, told
 from tests.transactions.talk import Talk
 from tests.transactions.test_plus_operations import log_in
 

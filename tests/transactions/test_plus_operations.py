@@ -10,10 +10,10 @@ from hypothesis import strategies as st
 
 import dissect
 from dissect.program.carved import carve, plus_block
-from dissect.s7plus.assembly import MAX_PDU
-from dissect.s7plus.contents import Address
-from dissect.s7plus.objects import Attribute, PlusObject, build_object
-from dissect.s7plus.tables import (
+from dissect.protocols.s7plus.assembly import MAX_PDU
+from dissect.protocols.s7plus.contents import Address
+from dissect.protocols.s7plus.objects import Attribute, PlusObject, build_object
+from dissect.protocols.s7plus.tables import (
     CREATE_OBJECT,
     DELETE_OBJECT,
     EXPLORE,
@@ -21,14 +21,14 @@ from dissect.s7plus.tables import (
     SET_VAR_SUBSTREAMED,
     SET_VARIABLE,
 )
-from dissect.s7plus.value_tables import BLOB, DINT, INT, STRUCT, UDINT, WSTRING
-from dissect.s7plus.values import Blob, Struct, Value, build_value
+from dissect.protocols.s7plus.value_tables import BLOB, DINT, INT, STRUCT, UDINT, WSTRING
+from dissect.protocols.s7plus.values import Blob, Struct, Value, build_value
 from dissect.transactions.operation import MAX_OPEN
 from dissect.transactions.plus_operations import MAX_POLLS, addresses_in
 from tests.findings.test_plus_rules import DENIED, NOTHING, begun, block, do, explore
-from tests.s7plus import bodies
-from tests.s7plus.pdus import asked, framed, told
-from tests.s7plus.test_session import LIST, client
+from tests.protocols.s7plus import bodies
+from tests.protocols.s7plus.pdus import asked, framed, told
+from tests.protocols.s7plus.test_session import LIST, client
 from tests.transactions.talk import ACK, CLIENT, MS, SERVER, Talk
 
 LIST_ID = 0x70008001

@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dissect.s7.message import NOT_REFUSED, parse_pdu
-from dissect.s7.tables import DATA, RETURN_CODES, USERDATA_SUBFUNCTIONS
+from dissect.protocols.s7.message import NOT_REFUSED, parse_pdu
+from dissect.protocols.s7.tables import DATA, RETURN_CODES, USERDATA_SUBFUNCTIONS
 from dissect.stations.evidence import Evidence
 from dissect.transactions.multipart import Joiner
 from dissect.transactions.refusals import read_codes

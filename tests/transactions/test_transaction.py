@@ -4,9 +4,9 @@ import struct
 
 import pytest
 
+from dissect.protocols.s7.items import ItemResult
+from dissect.protocols.s7.values import Value
 from dissect.report.facets import subject
-from dissect.s7.items import ItemResult
-from dissect.s7.values import Value
 from dissect.transactions import results as checks
 from dissect.transactions import transaction as module
 from dissect.transactions.results import ALIKE, GAPS, HEADER, ITEM, MESSAGE, PARAMETER, STILL_OPEN, UNCONFIRMED

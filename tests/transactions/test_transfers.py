@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from dissect.s7.tables import DOWNLOAD_BLOCK, UPLOAD
+from dissect.protocols.s7.tables import DOWNLOAD_BLOCK, UPLOAD
 from dissect.transactions.connection import MAX_REMEMBERED
 from dissect.transactions.operation import Operation
 from tests.findings import events

@@ -16,14 +16,14 @@ from hypothesis import strategies as st
 import dissect
 from dissect.engine.pipeline import Options, Pipeline
 from dissect.packets.tcp.stream import Endpoint
-from dissect.s7plus.contents import Address
-from dissect.s7plus.objects import build_object
-from dissect.s7plus.tables import EXPLORE
-from dissect.s7plus.value_showing import as_json, members_said
-from dissect.s7plus.value_tables import DINT, STRUCT, UDINT, WSTRING
-from dissect.s7plus.value_tables import INT as PLUS_INT
-from dissect.s7plus.value_tables import REAL as PLUS_REAL
-from dissect.s7plus.values import Struct, Value
+from dissect.protocols.s7plus.contents import Address
+from dissect.protocols.s7plus.objects import build_object
+from dissect.protocols.s7plus.tables import EXPLORE
+from dissect.protocols.s7plus.value_showing import as_json, members_said
+from dissect.protocols.s7plus.value_tables import DINT, STRUCT, UDINT, WSTRING
+from dissect.protocols.s7plus.value_tables import INT as PLUS_INT
+from dissect.protocols.s7plus.value_tables import REAL as PLUS_REAL
+from dissect.protocols.s7plus.values import Struct, Value
 from dissect.tags import load_tags
 from dissect.transactions.results import ALIKE, GAPS
 from dissect.transactions.transaction import ANSWERED, Transaction
@@ -34,11 +34,11 @@ from dissect.variables.summary import Summary, csv_rows, mean_text, variable_jso
 from dissect.variables.writers import line_end, shown
 from dissect.wire.text import Clock
 from tests.properties.messages import Item, dt
+from tests.protocols.s7plus import bodies
+from tests.protocols.s7plus.pdus import asked, framed, told
+from tests.protocols.s7plus.test_program import type_of, variable
 from tests.report.schemas import complaints
 from tests.report.support import ROOT, Kept, begun, observed
-from tests.s7plus import bodies
-from tests.s7plus.pdus import asked, framed, told
-from tests.s7plus.test_program import type_of, variable
 from tests.transactions import talk as line
 from tests.transactions.test_results import PUSH as PUSHED
 from tests.transactions.test_results import RESPONSE, TRANSFER, sent, subscribe

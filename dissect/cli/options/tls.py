@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 if TYPE_CHECKING:
-    from dissect.tls.key_log import KeyLog
+    from dissect.protocols.tls.key_log import KeyLog
 
 
 def tls_option(command: Callable[..., int]) -> Callable[..., int]:

@@ -21,7 +21,7 @@ from dissect.export.zeek.columns import LOGS, OWN
 from dissect.export.zeek.log import Log
 from dissect.export.zeek.rows import IDENTIFICATION, S7, cotp_row, identification, plus_row
 from dissect.facts.keys import connection_community_id, connection_uid
-from dissect.s7plus.message import parse_plus
+from dissect.protocols.s7plus.message import parse_plus
 from dissect.session import Run
 from dissect.transactions.connection import Connection
 from dissect.transactions.operation import LONG_ANSWER, Operation

@@ -20,7 +20,7 @@ from dissect.export.zeek.word_tables import (
     SUBFUNCTIONS,
     SZL_IDS,
 )
-from dissect.s7.tables import (
+from dissect.protocols.s7.tables import (
     ACK,
     ACK_DATA,
     DOWNLOAD_BLOCK,
@@ -34,8 +34,8 @@ from dissect.s7.tables import (
     UPLOAD,
     USERDATA,
 )
-from dissect.s7plus.message import PlusPdu
-from dissect.s7plus.tables import REQUEST, RESPONSE
+from dissect.protocols.s7plus.message import PlusPdu
+from dissect.protocols.s7plus.tables import REQUEST, RESPONSE
 
 _NONE: Final = 0xFF
 _LONG_NONE: Final = 0xFFFFFFFF

@@ -12,7 +12,7 @@ from dissect.playback.client.run import Outcome, replay
 from dissect.playback.client.schedule import expect_few
 from dissect.playback.client.settings import Settings
 from dissect.playback.client.target import places_of, read_target
-from dissect.s7.tables import CONTROL, READ, WRITE
+from dissect.protocols.s7.tables import CONTROL, READ, WRITE
 
 __all__ = [
     "CONTROL",

@@ -9,13 +9,13 @@ from collections import deque
 from collections.abc import Sequence
 from typing import Final
 
-from dissect.iso.build import build_tpkt, build_tsdu
-from dissect.iso.cotp import Assembler, Tpdu, parse_tpdu
-from dissect.iso.tables import CC, DR, DT, ER
-from dissect.iso.tpkt import HEADER, Framer
 from dissect.net.addresses import Place
 from dissect.playback.client.record import Record, Talk
 from dissect.playback.client.watch import Watch
+from dissect.protocols.iso.build import build_tpkt, build_tsdu
+from dissect.protocols.iso.cotp import Assembler, Tpdu, parse_tpdu
+from dissect.protocols.iso.tables import CC, DR, DT, ER
+from dissect.protocols.iso.tpkt import HEADER, Framer
 
 #: Octets read at once, and maximum size of unprocessed messages: beyond it, reading stops and the server has to wait.
 _PIECE: Final = 65_536

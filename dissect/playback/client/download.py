@@ -13,8 +13,8 @@ from typing import Final
 from dissect.golden.exchange import S7
 from dissect.golden.masking import mask_s7
 from dissect.golden.model import Transaction
-from dissect.s7.message import parse_pdu
-from dissect.s7.tables import ACK_DATA, DOWNLOAD_BLOCK, DOWNLOAD_ENDED, JOB, REQUEST_DOWNLOAD
+from dissect.protocols.s7.message import parse_pdu
+from dissect.protocols.s7.tables import ACK_DATA, DOWNLOAD_BLOCK, DOWNLOAD_ENDED, JOB, REQUEST_DOWNLOAD
 
 #: Jobs of a PLC that belong to a download.
 DOWNLOADING_JOBS: Final = frozenset((DOWNLOAD_BLOCK, DOWNLOAD_ENDED))

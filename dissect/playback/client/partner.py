@@ -9,8 +9,8 @@ from dissect.golden.exchange import S7
 from dissect.golden.masking import mask_s7
 from dissect.golden.model import Transaction
 from dissect.playback.bsend import answered_piece, is_bsend
-from dissect.s7.message import parse_pdu
-from dissect.s7.parameters import HEADER_SIZE, PROTOCOL_ID, REQUEST
+from dissect.protocols.s7.message import parse_pdu
+from dissect.protocols.s7.parameters import HEADER_SIZE, PROTOCOL_ID, REQUEST
 
 
 def sent_by_server(transaction: Transaction) -> bool:

@@ -1,4 +1,4 @@
-"""The effect of a request on a PLC: read, write, or control, by the effects in `dissect.s7.tables`.
+"""The effect of a request on a PLC: read, write, or control, by the effects in `dissect.protocols.s7.tables`.
 
 A request without an effect in the tables counts as control.
 """
@@ -9,9 +9,9 @@ from typing import Final, NamedTuple
 
 from dissect.playback.client.download import DOWNLOADING_JOBS
 from dissect.playback.client.partner import may_be_answered
-from dissect.s7.message import parse_pdu
-from dissect.s7.parameters import HEADER_SIZE, PROTOCOL_ID, REQUEST
-from dissect.s7.tables import (
+from dissect.protocols.s7.message import parse_pdu
+from dissect.protocols.s7.parameters import HEADER_SIZE, PROTOCOL_ID, REQUEST
+from dissect.protocols.s7.tables import (
     CONTROL,
     FUNCTIONS,
     GROUP_NC,

@@ -8,18 +8,18 @@ from typing import Final, NamedTuple
 from dissect.golden.exchange import PLUS, S7
 from dissect.golden.keys import subject
 from dissect.golden.model import Link, Session, Transaction
-from dissect.iso.build import build_connect, build_dr, size_parameter
-from dissect.iso.cotp import CALLED_TSAP, CALLING_TSAP
-from dissect.iso.tables import CR, DR_REASONS
 from dissect.playback.client.download import Download, find_downloads
 from dissect.playback.client.partner import sent_by_server
 from dissect.playback.client.permissions import NO_ANSWER, Permissions
 from dissect.playback.client.plus import plus_kinds
 from dissect.playback.client.recorded import ReplayError
 from dissect.playback.protocols import DIGESTS, link_has_digests, plus_hint
-from dissect.s7.build import build_setup
-from dissect.s7.parameters import Setup
-from dissect.s7.tables import JOB, SETUP_COMMUNICATION
+from dissect.protocols.iso.build import build_connect, build_dr, size_parameter
+from dissect.protocols.iso.cotp import CALLED_TSAP, CALLING_TSAP
+from dissect.protocols.iso.tables import CR, DR_REASONS
+from dissect.protocols.s7.build import build_setup
+from dissect.protocols.s7.parameters import Setup
+from dissect.protocols.s7.tables import JOB, SETUP_COMMUNICATION
 from dissect.transactions.ending import DISCONNECT, ERROR_TPDU, FIN, RESET
 from dissect.transactions.transaction import CAPTURE_ENDED, CONNECTION_CLOSED, HOLE, REFERENCE_REUSED
 
@@ -273,7 +273,7 @@ def _serve_line(step: Step, about: str, permissions: Permissions) -> str:
 
 def plan_lines(plan: Sequence[Part], permissions: Permissions) -> list[str]:
     """Describe what would be sent and what would not, as far as that is known before the server has answered anything."""
-    from dissect.iso.tsap import Tsap
+    from dissect.protocols.iso.tsap import Tsap
 
     lines = []
     for part in plan:

@@ -17,14 +17,14 @@ from dissect.playback.client.plus import PlusRenewal, plus_kind
 from dissect.playback.client.renewal import Renewal
 from dissect.playback.client.settings import PendingRequest, Shared
 from dissect.playback.plus_octets import frames_of
-from dissect.s7.build import with_reference
-from dissect.s7.layouts import PDU_REF
-from dissect.s7.message import Pdu, parse_pdu
-from dissect.s7.parameters import HEADER_SIZE, PROTOCOL_ID, REQUEST, RESPONSE
-from dissect.s7.tables import ACK, ACK_DATA, CONTROL, JOB, SETUP_COMMUNICATION, USERDATA
-from dissect.s7plus.assembly import PlusAssembler
-from dissect.s7plus.message import parse_plus
-from dissect.s7plus.tables import RESPONSE as PLUS_RESPONSE
+from dissect.protocols.s7.build import with_reference
+from dissect.protocols.s7.layouts import PDU_REF
+from dissect.protocols.s7.message import Pdu, parse_pdu
+from dissect.protocols.s7.parameters import HEADER_SIZE, PROTOCOL_ID, REQUEST, RESPONSE
+from dissect.protocols.s7.tables import ACK, ACK_DATA, CONTROL, JOB, SETUP_COMMUNICATION, USERDATA
+from dissect.protocols.s7plus.assembly import PlusAssembler
+from dissect.protocols.s7plus.message import parse_plus
+from dissect.protocols.s7plus.tables import RESPONSE as PLUS_RESPONSE
 from dissect.transactions.ending import DISCONNECT, FIN, RESET
 
 #: How long to wait for the server's end after ours, in seconds.

@@ -9,13 +9,13 @@ from typing import Final
 from dissect.golden.exchange import PLUS
 from dissect.golden.model import Transaction
 from dissect.playback.plus_octets import with_data, with_integrity, with_sequence
-from dissect.s7.tables import CONTROL, READ, WRITE
-from dissect.s7plus.bodies import parse_contents
-from dissect.s7plus.contents import Contents
-from dissect.s7plus.ids import AREAS, DATA_BLOCK
-from dissect.s7plus.message import PlusPdu, parse_plus
-from dissect.s7plus.session import SERVER_SESSION, SUBSCRIPTION
-from dissect.s7plus.tables import (
+from dissect.protocols.s7.tables import CONTROL, READ, WRITE
+from dissect.protocols.s7plus.bodies import parse_contents
+from dissect.protocols.s7plus.contents import Contents
+from dissect.protocols.s7plus.ids import AREAS, DATA_BLOCK
+from dissect.protocols.s7plus.message import PlusPdu, parse_plus
+from dissect.protocols.s7plus.session import SERVER_SESSION, SUBSCRIPTION
+from dissect.protocols.s7plus.tables import (
     CREATE_OBJECT,
     DELETE_OBJECT,
     EXPLORE,

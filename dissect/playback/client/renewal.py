@@ -6,11 +6,11 @@ from typing import Final
 
 from dissect.golden.masking import DATA_UNIT, SEQUENCE
 from dissect.golden.model import Transaction
-from dissect.s7.layouts import PDU_REF, USERDATA_EXTENDED
-from dissect.s7.message import Pdu, parse_pdu
-from dissect.s7.parameters import ACK_HEADER_SIZE, HEADER_SIZE, REQUEST
-from dissect.s7.tables import END_UPLOAD, JOB, START_UPLOAD, UPLOAD, USERDATA
-from dissect.s7.transfer import UPLOAD_HEAD
+from dissect.protocols.s7.layouts import PDU_REF, USERDATA_EXTENDED
+from dissect.protocols.s7.message import Pdu, parse_pdu
+from dissect.protocols.s7.parameters import ACK_HEADER_SIZE, HEADER_SIZE, REQUEST
+from dissect.protocols.s7.tables import END_UPLOAD, JOB, START_UPLOAD, UPLOAD, USERDATA
+from dissect.protocols.s7.transfer import UPLOAD_HEAD
 from dissect.wire.layout import HOLDS_REFERENCE
 
 (_ID_BEGINS, _ID_ENDS) = UPLOAD_HEAD.places(HOLDS_REFERENCE)[0]

@@ -7,11 +7,11 @@ from typing import Final
 
 from dissect.golden.masking import mask_s7
 from dissect.playback.server.model import Script, Step
-from dissect.s7.clock import SETTING
-from dissect.s7.items import DATA_HEAD, Item
-from dissect.s7.message import Pdu, parse_pdu
-from dissect.s7.parameters import HEADER_SIZE, REQUEST
-from dissect.s7.tables import ACK_DATA, GROUP_TIME, JOB, READ_VAR, SUCCESS, USERDATA, WRITE_VAR
+from dissect.protocols.s7.clock import SETTING
+from dissect.protocols.s7.items import DATA_HEAD, Item
+from dissect.protocols.s7.message import Pdu, parse_pdu
+from dissect.protocols.s7.parameters import HEADER_SIZE, REQUEST
+from dissect.protocols.s7.tables import ACK_DATA, GROUP_TIME, JOB, READ_VAR, SUCCESS, USERDATA, WRITE_VAR
 
 #: Levels of similarity, the best first: equal except for the reference; except for all counters (sequence numbers, upload ids:
 #: `dissect.golden.masking`); except for the written data, or the time that a clock is set to.

@@ -5,10 +5,18 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Final, NamedTuple
 
-from dissect.iso.build import LARGEST_TPDU, MAX_HEADER, build_connect, build_dr, build_er, coded_size, connect_size
-from dissect.iso.cotp import CALLED_TSAP, CALLING_TSAP, PREFERRED_SIZE, TPDU_SIZE, Tpdu, parse_tpdu
-from dissect.iso.tables import CC, DR_REASONS, ER_CAUSES
-from dissect.s7.build import (
+from dissect.protocols.iso.build import (
+    LARGEST_TPDU,
+    MAX_HEADER,
+    build_connect,
+    build_dr,
+    build_er,
+    coded_size,
+    connect_size,
+)
+from dissect.protocols.iso.cotp import CALLED_TSAP, CALLING_TSAP, PREFERRED_SIZE, TPDU_SIZE, Tpdu, parse_tpdu
+from dissect.protocols.iso.tables import CC, DR_REASONS, ER_CAUSES
+from dissect.protocols.s7.build import (
     NO_PAYLOAD,
     build_items,
     build_pdu,
@@ -17,10 +25,10 @@ from dissect.s7.build import (
     build_variables,
     with_reference,
 )
-from dissect.s7.layouts import PDU_REF
-from dissect.s7.message import Pdu, parse_pdu
-from dissect.s7.parameters import RESPONSE, Setup
-from dissect.s7.tables import ACK, ACK_DATA, OBJECT_DOES_NOT_EXIST, USERDATA, WRITE_VAR
+from dissect.protocols.s7.layouts import PDU_REF
+from dissect.protocols.s7.message import Pdu, parse_pdu
+from dissect.protocols.s7.parameters import RESPONSE, Setup
+from dissect.protocols.s7.tables import ACK, ACK_DATA, OBJECT_DOES_NOT_EXIST, USERDATA, WRITE_VAR
 from dissect.transactions.ending import DISCONNECT, ERROR_TPDU
 
 #: "Function not available": a CPU's answer to an unknown job (reference 3.3).

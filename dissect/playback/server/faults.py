@@ -8,7 +8,7 @@ from fnmatch import fnmatchcase
 from typing import Final, NamedTuple
 
 from dissect.playback.server.answers import NOT_AVAILABLE
-from dissect.s7.message import Pdu
+from dissect.protocols.s7.message import Pdu
 
 DROP: Final = "drop"
 DELAY: Final = "delay"

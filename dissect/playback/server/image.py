@@ -9,10 +9,10 @@ from typing import Final
 
 from dissect.playback.server.answer_index import item_answers
 from dissect.playback.server.model import Recording
-from dissect.s7.build import build_data_item
-from dissect.s7.items import DATA_HEAD, Item
-from dissect.s7.message import parse_pdu
-from dissect.s7.tables import (
+from dissect.protocols.s7.build import build_data_item
+from dissect.protocols.s7.items import DATA_HEAD, Item
+from dissect.protocols.s7.message import parse_pdu
+from dissect.protocols.s7.tables import (
     ANSWER_TRANSPORT_SIZE,
     BIT,
     DATA_BYTES,

@@ -9,11 +9,11 @@ from typing import Final
 from dissect.golden.exchange import PLUS, S7, Exchange
 from dissect.golden.keys import subject
 from dissect.golden.plus import plus_subject
-from dissect.s7.items import Item
-from dissect.s7.layouts import DATA_HEAD
-from dissect.s7.message import Pdu, parse_pdu
-from dissect.s7.tables import GROUP_CPU, READ_SZL, READ_VAR, USERDATA, WRITE_VAR
-from dissect.s7plus.message import PlusPdu, parse_plus
+from dissect.protocols.s7.items import Item
+from dissect.protocols.s7.layouts import DATA_HEAD
+from dissect.protocols.s7.message import Pdu, parse_pdu
+from dissect.protocols.s7.tables import GROUP_CPU, READ_SZL, READ_VAR, USERDATA, WRITE_VAR
+from dissect.protocols.s7plus.message import PlusPdu, parse_plus
 from dissect.wire.text import printable, shortened
 
 #: Maximum number of names, of recorded requests that are compared, and of characters of each name.

@@ -23,11 +23,11 @@ from dissect.playback.server.model import Recording, Script, ServerMessage, Step
 from dissect.playback.server.near import near
 from dissect.playback.server.plus import PlusIndex
 from dissect.playback.server.plus_items import PlusItems
-from dissect.s7.build import with_reference
-from dissect.s7.layouts import PDU_REF
-from dissect.s7.message import Pdu, parse_pdu
-from dissect.s7.parameters import PUSH, RESPONSE, is_plc_push
-from dissect.s7.tables import JOB, READ_VAR, SETUP_COMMUNICATION, USERDATA, WRITE_VAR
+from dissect.protocols.s7.build import with_reference
+from dissect.protocols.s7.layouts import PDU_REF
+from dissect.protocols.s7.message import Pdu, parse_pdu
+from dissect.protocols.s7.parameters import PUSH, RESPONSE, is_plc_push
+from dissect.protocols.s7.tables import JOB, READ_VAR, SETUP_COMMUNICATION, USERDATA, WRITE_VAR
 from dissect.wire.text import some
 
 #: Which answer comes when the recorded ones are used up (`Stage`).

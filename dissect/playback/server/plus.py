@@ -17,9 +17,9 @@ from dissect.golden.masking import mask_plus
 from dissect.golden.plus import plus_subject
 from dissect.playback.plus_octets import PROTOCOL_ID, with_integrity, with_sequence
 from dissect.playback.server.model import Script, Step
-from dissect.s7plus.bodies import parse_contents
-from dissect.s7plus.message import PlusPdu, parse_plus
-from dissect.s7plus.tables import (
+from dissect.protocols.s7plus.bodies import parse_contents
+from dissect.protocols.s7plus.message import PlusPdu, parse_plus
+from dissect.protocols.s7plus.tables import (
     CREATE_OBJECT,
     GET_MULTI_VARIABLES,
     REQUEST,

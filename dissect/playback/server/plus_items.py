@@ -7,10 +7,10 @@ from typing import Final
 
 from dissect.playback.server.model import Script, Step
 from dissect.playback.server.plus import answer_with
-from dissect.s7plus.bodies import parse_contents
-from dissect.s7plus.contents import Contents
-from dissect.s7plus.message import PlusPdu, parse_plus
-from dissect.s7plus.tables import GET_MULTI_VARIABLES
+from dissect.protocols.s7plus.bodies import parse_contents
+from dissect.protocols.s7plus.contents import Contents
+from dissect.protocols.s7plus.message import PlusPdu, parse_plus
+from dissect.protocols.s7plus.tables import GET_MULTI_VARIABLES
 from dissect.wire.varint import VLQ, VLQ64, build_varint
 
 #: Maximum number of answers to single items that are kept.

@@ -10,7 +10,7 @@ from dissect.playback.server.near import near_plus
 from dissect.playback.server.player import CYCLE, Reply, Stage
 from dissect.playback.server.plus import plus_keys, refuse_plus, renewed, wants_answer
 from dissect.playback.server.plus_items import ItemAnswer, Key, put_together
-from dissect.s7plus.message import PlusPdu
+from dissect.protocols.s7plus.message import PlusPdu
 from dissect.wire.text import some
 
 #: The number of items for which turns are counted.

@@ -8,13 +8,13 @@ from typing import Final
 from dissect.golden.exchange import PLUS, S7
 from dissect.golden.model import GoldenError, Link, Session, Transaction
 from dissect.golden.reading import read_session
-from dissect.iso.cotp import parse_tpdu
-from dissect.iso.tables import CC
 from dissect.packets.source.packet import CaptureError
 from dissect.playback.protocols import DIGESTS, link_has_digests, plus_hint
 from dissect.playback.server.answers import farewell
 from dissect.playback.server.arranging import Seen, arrange
 from dissect.playback.server.model import ENDS, Recording, Script
+from dissect.protocols.iso.cotp import parse_tpdu
+from dissect.protocols.iso.tables import CC
 from dissect.transactions.ending import DISCONNECT, ERROR_TPDU
 
 #: Maximum number of requests in a recording; a test is never longer.

@@ -13,8 +13,8 @@ from dissect.playback.server.near import request_name
 from dissect.playback.server.player import Player, Reply, Stage
 from dissect.playback.server.plus import plus_name
 from dissect.playback.server.plus_player import PlusPlayer
-from dissect.s7.message import Pdu
-from dissect.s7plus.message import PlusPdu
+from dissect.protocols.s7.message import Pdu
+from dissect.protocols.s7plus.message import PlusPdu
 from dissect.wire.text import some
 
 #: Maximum number of requests that are kept, and of unmatched ones among them; all are counted.

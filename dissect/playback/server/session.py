@@ -6,10 +6,6 @@ from collections import deque
 from typing import Final, NamedTuple
 
 from dissect.golden.masking import SEQUENCE
-from dissect.iso.build import build_dc, build_tpkt, build_tsdu, with_dst_ref
-from dissect.iso.cotp import CALLED_TSAP, CALLING_TSAP, Assembler, Tpdu, parse_tpdu
-from dissect.iso.tables import CC, CR, DR, DT
-from dissect.iso.tpkt import HEADER, Framer
 from dissect.playback.bsend import is_bsend, next_piece
 from dissect.playback.plus_octets import PROTOCOL_ID as PLUS_ID
 from dissect.playback.plus_octets import frames_of, with_sequence
@@ -20,13 +16,17 @@ from dissect.playback.server.player import Player, Reply
 from dissect.playback.server.plus import refuse_plus
 from dissect.playback.server.plus_player import PlusPlayer
 from dissect.playback.server.request_log import RequestLog
-from dissect.s7.build import with_reference
-from dissect.s7.layouts import PDU_REF
-from dissect.s7.message import Pdu, parse_pdu
-from dissect.s7.parameters import HEADER_SIZE, PROTOCOL_ID, RESPONSE
-from dissect.s7.tables import ACK, ACK_DATA, JOB, USERDATA
-from dissect.s7plus.assembly import PlusAssembler
-from dissect.s7plus.message import PlusPdu, parse_plus
+from dissect.protocols.iso.build import build_dc, build_tpkt, build_tsdu, with_dst_ref
+from dissect.protocols.iso.cotp import CALLED_TSAP, CALLING_TSAP, Assembler, Tpdu, parse_tpdu
+from dissect.protocols.iso.tables import CC, CR, DR, DT
+from dissect.protocols.iso.tpkt import HEADER, Framer
+from dissect.protocols.s7.build import with_reference
+from dissect.protocols.s7.layouts import PDU_REF
+from dissect.protocols.s7.message import Pdu, parse_pdu
+from dissect.protocols.s7.parameters import HEADER_SIZE, PROTOCOL_ID, RESPONSE
+from dissect.protocols.s7.tables import ACK, ACK_DATA, JOB, USERDATA
+from dissect.protocols.s7plus.assembly import PlusAssembler
+from dissect.protocols.s7plus.message import PlusPdu, parse_plus
 from dissect.transactions.ending import RESET
 
 #: Maximum number of server messages that wait for their turn; references of the client that stand for recorded ones.

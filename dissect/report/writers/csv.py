@@ -9,15 +9,15 @@ from typing import Final
 from librt.strings import BytesWriter
 from mypy_extensions import i64
 
+from dissect.protocols.s7.items import Item, ItemResult
+from dissect.protocols.s7.tables import BYTE, JOB, REAL, RETURN_CODES, SUCCESS, USERDATA
+from dissect.protocols.s7.values import Value, decode_value, number_texts, spelled
+from dissect.protocols.s7plus.items import PlusItem
+from dissect.protocols.s7plus.tables import CREATE_OBJECT
 from dissect.report.facets import error_text, facet_of
 from dissect.report.item_octets import is_usual, step_of, write_elements, write_times, write_word
 from dissect.report.words import Places
 from dissect.report.writer import Writer
-from dissect.s7.items import Item, ItemResult
-from dissect.s7.tables import BYTE, JOB, REAL, RETURN_CODES, SUCCESS, USERDATA
-from dissect.s7.values import Value, decode_value, number_texts, spelled
-from dissect.s7plus.items import PlusItem
-from dissect.s7plus.tables import CREATE_OBJECT
 from dissect.scd.wording import json_value
 from dissect.transactions.connection import Connection
 from dissect.transactions.good_items import GoodItems, good_octets

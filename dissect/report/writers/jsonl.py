@@ -12,7 +12,19 @@ from librt.strings import BytesWriter
 from mypy_extensions import i64
 
 from dissect.engine.observer import Observer
-from dissect.iso.cotp import parse_tpdu
+from dissect.protocols.iso.cotp import parse_tpdu
+from dissect.protocols.s7.message import parse_pdu
+from dissect.protocols.s7.parameters import ACK_HEADER_SIZE, Parameters
+from dissect.protocols.s7.tables import (
+    ACK_DATA,
+    JOB,
+    READ_VAR,
+    SETUP_COMMUNICATION,
+    SUCCESS,
+    WRITE_VAR,
+)
+from dissect.protocols.s7plus.message import parse_plus
+from dissect.protocols.s7plus.parameters import PLUS
 from dissect.report.facet import Locate
 from dissect.report.facets import FACETS
 from dissect.report.item_json import (
@@ -31,18 +43,6 @@ from dissect.report.scd import scd_json
 from dissect.report.tpdu_json import tpdu_json_line
 from dissect.report.words import Places
 from dissect.report.writer import Writer
-from dissect.s7.message import parse_pdu
-from dissect.s7.parameters import ACK_HEADER_SIZE, Parameters
-from dissect.s7.tables import (
-    ACK_DATA,
-    JOB,
-    READ_VAR,
-    SETUP_COMMUNICATION,
-    SUCCESS,
-    WRITE_VAR,
-)
-from dissect.s7plus.message import parse_plus
-from dissect.s7plus.parameters import PLUS
 from dissect.transactions.connection import Connection
 from dissect.transactions.good_items import GoodItems, good_octets
 from dissect.transactions.operation import Operation
@@ -510,7 +510,7 @@ class JsonlWriter(Writer):
 
     def pdu(self, frame: i64, time_ns: i64, side: Side, octets: bytes, cut: bool) -> None:
         """Add the line of an S7 PDU."""
-        from dissect.s7.hiding import without_secrets  # late: eight modules that transactions do not need
+        from dissect.protocols.s7.hiding import without_secrets  # late: eight modules that transactions do not need
 
         connection = side.connection
         pdu = parse_pdu(without_secrets(octets), frame, time_ns, connection.number, side.index, cut)

@@ -6,12 +6,18 @@ from typing import Final
 
 from mypy_extensions import i64
 
-from dissect.ibh.packet import IbhPacket, parse_packet
-from dissect.ibh.tables import IBH_NETLINK
-from dissect.iso.cotp import Tpdu, parse_tpdu
-from dissect.iso.foreign import identify, identify_connect
-from dissect.iso.tables import CC, CR, DR, DT, ED, ER
-from dissect.iso.upper import UPPER_NAMES, classify, is_rdp_connect
+from dissect.protocols.ibh.packet import IbhPacket, parse_packet
+from dissect.protocols.ibh.tables import IBH_NETLINK
+from dissect.protocols.iso.cotp import Tpdu, parse_tpdu
+from dissect.protocols.iso.foreign import identify, identify_connect
+from dissect.protocols.iso.tables import CC, CR, DR, DT, ED, ER
+from dissect.protocols.iso.upper import UPPER_NAMES, classify, is_rdp_connect
+from dissect.protocols.s7.errors import errors_of
+from dissect.protocols.s7.items import Item, ItemResult
+from dissect.protocols.s7.message import NOT_REFUSED, Pdu, parse_pdu
+from dissect.protocols.s7.tables import JOB, RETURN_CODES, SUCCESS
+from dissect.protocols.s7plus.hiding import Shown, shown_contents
+from dissect.protocols.s7plus.message import PlusPdu, parse_plus
 from dissect.report import facets, words
 from dissect.report.certainty import mark
 from dissect.report.facets import facet_of
@@ -23,12 +29,6 @@ from dissect.report.scd import scd_summary
 from dissect.report.styled import FAILED, HANG, PLAIN, TREE_HANG, Line
 from dissect.report.words import FRAMES_WIDTH, LATENCY_WIDTH, NUMBER_WIDTH, Places
 from dissect.report.writer import Writer
-from dissect.s7.errors import errors_of
-from dissect.s7.items import Item, ItemResult
-from dissect.s7.message import NOT_REFUSED, Pdu, parse_pdu
-from dissect.s7.tables import JOB, RETURN_CODES, SUCCESS
-from dissect.s7plus.hiding import Shown, shown_contents
-from dissect.s7plus.message import PlusPdu, parse_plus
 from dissect.transactions.connection import Connection
 from dissect.transactions.naming import Naming
 from dissect.transactions.operation import Operation

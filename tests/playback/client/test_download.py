@@ -17,7 +17,7 @@ from dissect.playback.client.plan import FOLLOWS_WITHHELD, NOT_WHOLE, SERVE, SER
 from dissect.playback.client.player import NOT_LOADED
 from dissect.playback.server.recording import load_recording
 from dissect.playback.server.service import Server
-from dissect.s7.message import parse_pdu
+from dissect.protocols.s7.message import parse_pdu
 from tests.playback.client.support import ALL, CAPTURES, play, real_server, texts
 from tests.playback.client.test_player import Wire, serving
 from tests.properties import messages

@@ -16,7 +16,7 @@ from dissect.playback.client.permissions import (
     Permissions,
     kind_of,
 )
-from dissect.s7.tables import CONTROL, FUNCTIONS, READ, USERDATA_SUBFUNCTIONS, WRITE
+from dissect.protocols.s7.tables import CONTROL, FUNCTIONS, READ, USERDATA_SUBFUNCTIONS, WRITE
 from tests.cases import each
 from tests.properties import messages
 from tests.report.support import WORD

@@ -8,8 +8,6 @@ import pytest
 
 from dissect.golden.exchange import PLUS, S7, SCD, Exchange
 from dissect.golden.model import Link, Session, Span, Transaction
-from dissect.iso.cotp import CALLED_TSAP, CALLING_TSAP, parse_tpdu
-from dissect.iso.tables import CR, DR
 from dissect.playback.client import ReplayError, load_recorded, make_plan
 from dissect.playback.client.permissions import Permissions
 from dissect.playback.client.plan import (
@@ -24,6 +22,8 @@ from dissect.playback.client.plan import (
     plan_lines,
     playable,
 )
+from dissect.protocols.iso.cotp import CALLED_TSAP, CALLING_TSAP, parse_tpdu
+from dissect.protocols.iso.tables import CR, DR
 from dissect.transactions.transaction import CONNECTION_CLOSED, HOLE, MALFORMED_HEADER
 from tests.playback.client.support import CAPTURES
 from tests.properties import messages

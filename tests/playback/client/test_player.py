@@ -14,7 +14,7 @@ from dissect.net.addresses import Address
 from dissect.playback.client import Settings, load_recorded
 from dissect.playback.client.plan import USUAL_SETUP
 from dissect.playback.server.service import Server
-from dissect.s7.message import parse_pdu
+from dissect.protocols.s7.message import parse_pdu
 from tests.playback.client.support import ALL, CAPTURES, free_port, mixed, play, texts
 from tests.properties import messages
 from tests.properties.messages import dt

@@ -13,13 +13,13 @@ from dissect.playback.client.permissions import NO_CONTROL, NO_WRITE
 from dissect.playback.client.plan import make_plan, plan_lines
 from dissect.playback.client.plus import PlusRenewal, plus_kind
 from dissect.playback.server import Recording, Server, load_recording
-from dissect.s7.tables import CONTROL, READ, WRITE
-from dissect.s7plus.bodies import parse_contents
-from dissect.s7plus.contents import Address
-from dissect.s7plus.message import parse_plus
-from dissect.s7plus.objects import PlusObject
-from dissect.s7plus.session import SERVER_SESSION
-from dissect.s7plus.tables import (
+from dissect.protocols.s7.tables import CONTROL, READ, WRITE
+from dissect.protocols.s7plus.bodies import parse_contents
+from dissect.protocols.s7plus.contents import Address
+from dissect.protocols.s7plus.message import parse_plus
+from dissect.protocols.s7plus.objects import PlusObject
+from dissect.protocols.s7plus.session import SERVER_SESSION
+from dissect.protocols.s7plus.tables import (
     CREATE_OBJECT,
     DELETE_OBJECT,
     EXPLORE,
@@ -30,8 +30,8 @@ from dissect.s7plus.tables import (
 )
 from tests.playback.client.support import ALL, CAPTURES, play, texts
 from tests.playback.plus_talk import CONTAINER, SESSION, PlusTalk, plant, value, word
-from tests.s7plus.bodies import create_object, delete_object, get_multi, rid, set_multi, set_variable
-from tests.s7plus.pdus import asked, framed
+from tests.protocols.s7plus.bodies import create_object, delete_object, get_multi, rid, set_multi, set_variable
+from tests.protocols.s7plus.pdus import asked, framed
 
 RECORDED = [CAPTURES / "s7plus" / name for name in ("s7commplus.pcapng", "s7commplus-tls.pcapng")]
 

@@ -18,8 +18,8 @@ from dissect.playback.client.plan import ASK, CLIENT_PUSH, FOLLOWS_WITHHELD, NO_
 from dissect.playback.protocols import DIGESTS
 from dissect.playback.server.recording import load_recording
 from dissect.playback.server.service import Server
-from dissect.s7.message import parse_pdu
-from dissect.s7.tables import JOB, READ_VAR, SETUP_COMMUNICATION, WRITE_VAR
+from dissect.protocols.s7.message import parse_pdu
+from dissect.protocols.s7.tables import JOB, READ_VAR, SETUP_COMMUNICATION, WRITE_VAR
 from dissect.transactions.transaction import HOLE
 from tests.cases import each
 from tests.playback.client.support import ALL, CAPTURES, HASTY, NAMES, changed, mixed, play, real_server, texts

@@ -21,7 +21,7 @@ from dissect.playback.client.player import HALF_LOADED, NOT_LOADED
 from dissect.playback.client.schedule import CONNECT, MAX_OPEN, Clock, moments, open_at_once
 from dissect.playback.client.watch import Watch
 from dissect.playback.server.service import Server
-from dissect.s7.message import parse_pdu
+from dissect.protocols.s7.message import parse_pdu
 from tests.playback.client.support import ALL, CAPTURES, play, texts
 from tests.playback.client.test_download import BEGIN, ENDED, INSERT, job
 from tests.playback.client.test_player import Wire, answer

@@ -11,13 +11,13 @@ from typing import Final, Self
 
 from dissect.engine.observer import Observer
 from dissect.engine.pipeline import Options
-from dissect.iso.cotp import Assembler, parse_tpdu
-from dissect.iso.tables import DT
-from dissect.iso.tpkt import HEADER, Framer
 from dissect.playback.server import Recording, Server
-from dissect.s7.message import Pdu, parse_pdu
-from dissect.s7.parameters import RESPONSE
-from dissect.s7.tables import ACK, ACK_DATA, USERDATA
+from dissect.protocols.iso.cotp import Assembler, parse_tpdu
+from dissect.protocols.iso.tables import DT
+from dissect.protocols.iso.tpkt import HEADER, Framer
+from dissect.protocols.s7.message import Pdu, parse_pdu
+from dissect.protocols.s7.parameters import RESPONSE
+from dissect.protocols.s7.tables import ACK, ACK_DATA, USERDATA
 from dissect.session import Run
 from dissect.testing.talk import Ask, Talk, done, items, read, refused, setup, szl, words, write
 from dissect.testing.talk import data as answered

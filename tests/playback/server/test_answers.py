@@ -6,12 +6,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dissect.iso.build import build_tpkt, build_tsdu
-from dissect.iso.cotp import CALLED_TSAP, CALLING_TSAP, Assembler, parse_tpdu
-from dissect.iso.tables import CC
-from dissect.iso.tpkt import Framer
 from dissect.playback.server.answers import confirm, grant, refuse
-from dissect.s7.message import parse_pdu
+from dissect.protocols.iso.build import build_tpkt, build_tsdu
+from dissect.protocols.iso.cotp import CALLED_TSAP, CALLING_TSAP, Assembler, parse_tpdu
+from dissect.protocols.iso.tables import CC
+from dissect.protocols.iso.tpkt import Framer
+from dissect.protocols.s7.message import parse_pdu
 from dissect.testing.talk import error, setup
 
 CR = "e00000000700"

@@ -10,7 +10,7 @@ import pytest
 from dissect.packets.source.pcapng_writer import PcapngWriter
 from dissect.playback.server import Fault, Server, parse_fault
 from dissect.playback.server.session import SPLIT_SIZE
-from dissect.s7.message import parse_pdu
+from dissect.protocols.s7.message import parse_pdu
 from dissect.testing.talk import read, szl, write
 from tests.playback.server.support import Plain, small
 from tests.proxy.support import tshark

@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from dissect.playback.server import Recording, answer_index, image
 from dissect.playback.server.image import Image, holds
 from dissect.playback.server.player import Stage
-from dissect.s7.items import Item
-from dissect.s7.message import parse_pdu
+from dissect.protocols.s7.items import Item
+from dissect.protocols.s7.message import parse_pdu
 from dissect.testing.talk import Talk, items, octets, read, refused, values, words
 
 

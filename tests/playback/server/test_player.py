@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from dissect.playback.server import Recording
 from dissect.playback.server.answer_index import item_answers
 from dissect.playback.server.player import CYCLE, Player, Reply, Stage
-from dissect.s7.message import Pdu, parse_pdu
+from dissect.protocols.s7.message import Pdu, parse_pdu
 from dissect.testing.messages import pdu, userdata
 from dissect.testing.talk import (
     Ask,

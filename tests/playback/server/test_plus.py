@@ -12,14 +12,14 @@ from dissect.golden import golden_text, read_session
 from dissect.playback.plus_octets import frames_of, with_sequence
 from dissect.playback.server import Server, load_recording
 from dissect.playback.server.plus import refuse_plus, renewed
-from dissect.s7plus.bodies import parse_contents
-from dissect.s7plus.contents import Address
-from dissect.s7plus.message import parse_plus
-from dissect.s7plus.tables import GET_MULTI_VARIABLES
+from dissect.protocols.s7plus.bodies import parse_contents
+from dissect.protocols.s7plus.contents import Address
+from dissect.protocols.s7plus.message import parse_plus
+from dissect.protocols.s7plus.tables import GET_MULTI_VARIABLES
 from tests.playback.plus_talk import SESSION, WATCHED, plant, word
 from tests.playback.server.support import Plain, dt
-from tests.s7plus.bodies import get_multi
-from tests.s7plus.pdus import asked, framed
+from tests.protocols.s7plus.bodies import get_multi
+from tests.protocols.s7plus.pdus import asked, framed
 
 FOLDER = Path(__file__).resolve().parent.parent.parent.parent / "captures" / "s7plus"
 PLAIN = FOLDER / "s7commplus.pcapng"

@@ -12,8 +12,8 @@ import pytest
 
 from dissect.cli.main import EXIT_OK
 from dissect.index.store import Store
-from dissect.tls import key_log
-from dissect.tls.key_log import KeyLog
+from dissect.protocols.tls import key_log
+from dissect.protocols.tls.key_log import KeyLog
 from dissect.wire.config.hostile import ContentError, check_code_page, read_json, read_toml
 from tests.cli.support import run, simple
 from tests.growth import assert_growth

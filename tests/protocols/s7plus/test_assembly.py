@@ -1,0 +1,169 @@
+from __future__ import annotations
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from dissect.protocols.s7plus.assembly import MAX_FRAMES, PlusAssembler
+from dissect.protocols.s7plus.message import parse_plus
+from dissect.protocols.s7plus.value_tables import DINT
+from dissect.protocols.s7plus.values import Value
+from tests.protocols.s7plus import bodies
+from tests.protocols.s7plus.pdus import KEEP_ALIVE, SET_VARIABLE, asked, event, framed, notified, told
+
+
+def test_a_frame_with_a_trailer_is_a_pdu() -> None:
+    assembler = PlusAssembler()
+    assert assembler.push(framed(asked(1))) == framed(asked(1))
+    assert assembler.parts is None
+
+
+def test_frames_until_the_trailer_are_one_pdu() -> None:
+    assembler = PlusAssembler()
+    frames = [framed(told(1, body=bytes(50)), trailer=False), framed(b"abc", trailer=False), framed(b"def")]
+    assert [assembler.push(frame) for frame in frames] == [None, None, b"".join(frames)]
+    assert assembler.push(framed(asked(2))) == framed(asked(2))
+
+
+def test_events_and_keep_alives_stand_between_frames() -> None:
+    assembler = PlusAssembler()
+    first, last = framed(told(1), trailer=False), framed(b"rest")
+    assert assembler.push(first) is None
+    assert assembler.push(KEEP_ALIVE) == KEEP_ALIVE
+    assert assembler.push(event(5)) == event(5)
+    assert assembler.push(last) == first + last
+
+
+@pytest.mark.parametrize(
+    ("frame", "another"),
+    [
+        (framed(asked(2), trailer=False), True),
+        (framed(told(2), trailer=False), True),
+        (framed(notified()), True),
+        (framed(b"the rest", 3), True),  # another version
+        (framed(b"the rest"), False),
+        (framed(asked(2, 0x9999)), False),  # no function that is known
+        (framed(b"\x31\x00\x01" + asked(2)[3:]), False),  # both words beside the function are 0 where a PDU begins
+        (framed(asked(2)[:5] + b"\x01\x00" + asked(2)[7:]), False),
+        (framed(notified(subscription=0x70000000)), False),
+        (framed(b"", trailer=False), False),
+        (KEEP_ALIVE, False),
+        (event(5), False),
+    ],
+)
+def test_what_begins_another_pdu_interrupts_the_one_at_hand(frame: bytes, another: bool) -> None:
+    assembler = PlusAssembler()
+    assert not assembler.interrupted(frame)
+    assembler.push(framed(told(1), trailer=False))
+    assert assembler.interrupted(frame) == another
+
+
+def whole_request() -> bytes:
+    return asked(1, SET_VARIABLE, body=bodies.set_variable(52, [2167], Value(0, DINT, 1), -1))
+
+
+@pytest.mark.parametrize("version", [1, 2, 3])
+def test_a_trailer_may_come_alone(version: int) -> None:
+    assembler = PlusAssembler()
+    frame, trailer = framed(whole_request(), version, trailer=False), bytes((0x72, version, 0, 0))
+    assert assembler.push(frame) is None
+    assert assembler.push(trailer) == frame + trailer
+    assert assembler.parts is None
+
+
+@pytest.mark.parametrize("version", [1, 2])
+def test_an_empty_frame_within_a_pdu_is_not_its_trailer(version: int) -> None:
+    data, empty = whole_request(), bytes((0x72, version, 0, 0))
+    for place in range(1, len(data) - 4):
+        assembler = PlusAssembler()
+        first, last = framed(data[:place], version, trailer=False), framed(data[place:], version)
+        assert [assembler.push(one) for one in (first, empty, empty)] == [None] * 3
+        assert assembler.passed
+        assert not assembler.interrupted(last)
+        assert assembler.push(last) == first + last
+        assert not assembler.passed
+
+
+def test_empty_frames_without_end_are_bounded() -> None:
+    assembler = PlusAssembler()
+    frame, empty = framed(whole_request()[:20], trailer=False), b"\x72\2\0\0"
+    assert assembler.push(frame) is None
+    told_of = [assembler.push(empty) for _ in range(65)]
+    assert told_of == [None] * 64 + [frame + empty]
+
+
+def test_a_pdu_may_begin_with_empty_frames() -> None:
+    for version in (1, 2, 3):
+        assembler = PlusAssembler()
+        empty, whole = framed(b"", version, trailer=False), framed(whole_request(), version)
+        assert assembler.push(empty) is None
+        assert not assembler.interrupted(whole)
+        joined = assembler.push(whole)
+        assert joined == empty + whole
+        assert parse_plus(joined).data == whole_request()
+
+
+def test_what_is_damaged_ends_what_is_open() -> None:
+    assembler = PlusAssembler()
+    assembler.push(framed(told(1), trailer=False))
+    assert assembler.push(b"\x72\x02\x00\x20short") == framed(told(1), trailer=False) + b"\x72\x02\x00\x20short"
+
+
+def test_a_long_pdu_is_kept_in_part_and_the_rest_counted() -> None:
+    assembler = PlusAssembler(65536)
+    first, more, last = framed(told(1), trailer=False), framed(bytes(30_000), trailer=False), framed(b"end")
+    assert assembler.push(first) is None
+    for _ in range(9):
+        assert assembler.push(more) is None
+        assert assembler.parts is not None
+        assert len(assembler.parts) <= 65536
+    whole = assembler.push(last)
+    assert whole == first + more + more
+    assert assembler.left_out == 7 * len(more) + len(last)
+    assert parse_plus(whole, cut=True).sequence == 1
+    assert assembler.push(framed(asked(2))) == framed(asked(2))
+    assert assembler.left_out == 0
+
+
+def test_a_pdu_of_very_many_frames_takes_bounded_memory() -> None:
+    """A frame costs some hundred octets when the PDU is read, and needs to carry only one: 8 MiB hold 1.6 million of them."""
+    assembler = PlusAssembler()
+    first, more, last = framed(told(1), trailer=False), framed(b"x", trailer=False), framed(b"end")
+    assembler.push(first)
+    for _ in range(MAX_FRAMES + 9):
+        assembler.push(more)
+    whole = assembler.push(last)
+    assert whole is not None
+    assert whole == first + more * (MAX_FRAMES - 1)
+    assert assembler.left_out == 10 * len(more) + len(last)
+    pdu = parse_plus(whole, cut=True)
+    assert (pdu.frames, pdu.sequence, pdu.place(len(pdu.data) - 1)) == (MAX_FRAMES, 1, len(whole) - 1)
+    # The next one begins to count anew.
+    for frame in (first, more, last):
+        whole = assembler.push(frame)
+    assert (whole, assembler.left_out) == (first + more + last, 0)
+
+
+def test_finish_gives_what_there_is() -> None:
+    assembler = PlusAssembler()
+    assert assembler.finish() == b""
+    first = framed(told(1), trailer=False)
+    assembler.push(first)
+    assert assembler.finish() == first
+    assert assembler.push(framed(asked(2))) == framed(asked(2))
+
+
+@given(st.lists(st.binary(max_size=20)))
+def test_never_raises(tsdus: list[bytes]) -> None:
+    assembler = PlusAssembler()
+    for tsdu in tsdus:
+        whole = assembler.push(b"\x72" + tsdu)
+        assert whole is None or whole[:1] == b"\x72"
+
+
+def test_a_frame_that_goes_on_is_not_taken_for_a_notification() -> None:
+    """Compressed blocks hold any octets: one frame in some hundred begins with 0x33 and the id of a subscription."""
+    assembler = PlusAssembler()
+    assembler.push(framed(told(1, body=bytes(50)), trailer=False))
+    assert not assembler.interrupted(framed(b"\x33\x71" + bytes(range(1, 60))))
+    assert assembler.interrupted(framed(notified()))

@@ -1,0 +1,187 @@
+from __future__ import annotations
+
+import pytest
+
+from dissect.protocols.s7plus.contents import Address
+from dissect.protocols.s7plus.objects import Element, PlusObject
+from dissect.protocols.s7plus.program import MAX_VARIABLES, Program, symbol
+from dissect.protocols.s7plus.variables import NameList, Variable, VariableList
+
+ACTUAL = 2550
+
+
+def variable(lid: int, datatype: int = 5, kind: int = 8, crc: int = 0, numbers: tuple[int, ...] = ()) -> Variable:
+    return Variable(lid, crc, datatype, kind << 12, 0, 0, 0, list(numbers))
+
+
+def type_of(rid: int, *pairs: tuple[str, Variable]) -> PlusObject:
+    lists: list[Element] = [
+        VariableList(0, [[one for _, one in pairs]]),
+        NameList([[name.encode() for name, _ in pairs]]),
+    ]
+    return PlusObject(rid, 511, 0, 0, 0, lists)
+
+
+TANK = type_of(
+    0x92000003,
+    ("level", variable(9, crc=0xAABBCCDD)),
+    ("valve", variable(10, 17, 12, numbers=(0, 0, 0x91000007, 0, 0, 0, 0))),
+    ("history", variable(11, 5, 10, numbers=(0, 0, 0xFFFFFFFE, 8))),
+    ("pump", variable(12, 17, 12, numbers=(0, 0, 0x91000099, 0, 0, 0, 0))),
+)
+VALVE = type_of(
+    0x91000007, ("open", variable(1, 1)), ("inner", variable(2, 17, 5, numbers=(0, 0, 0x91000007, 0, 0, 0, 0)))
+)
+TAGS = type_of(0x90030000, ("lamp", variable(20, 1)))
+
+
+def named(address: Address) -> str:
+    program = Program()
+    program.learn([PlusObject(3, 2520, 0, 0, 0, [TANK, VALVE]), TANK, VALVE, TAGS])
+    found = program.find(address)
+    return symbol(address, found) if found is not None else ""
+
+
+@pytest.mark.parametrize(
+    ("address", "name"),
+    [
+        (Address(0, 0x8A0E0003, ACTUAL, [9]), 'DB3."level"'),
+        (Address(0xAABBCCDD, 0x8A0E0003, ACTUAL, [9]), 'DB3."level"'),
+        (Address(0xAABBCCDE, 0x8A0E0003, ACTUAL, [9]), ""),  # the program has changed: the name is not used
+        (Address(0, 0x8A0E0003, ACTUAL, [10, 1]), 'DB3."valve".open'),
+        (Address(0, 0x8A0E0003, ACTUAL, [10, 2, 2, 1]), 'DB3."valve".inner.inner.open'),
+        (Address(0, 0x8A0E0003, ACTUAL, [10, 7]), 'DB3."valve" LID 7'),
+        (Address(0, 0x8A0E0003, ACTUAL, [11, 3]), 'DB3."history"[1]'),
+        (Address(0, 0x8A0E0003, ACTUAL, [12, 1]), 'DB3."pump" LID 1'),
+        (Address(0, 0x8A0E0003, ACTUAL, [13]), ""),
+        (Address(0, 0x8A0E0003, ACTUAL, []), ""),
+        (Address(0, 0x8A0E0004, ACTUAL, [9]), ""),
+        (Address(0, 82, 3736, [20]), 'M."lamp"'),
+        (Address(0, 81, 3736, [20]), ""),
+        (Address(0, 52, 2167, [20]), ""),
+    ],
+)
+def test_names(address: Address, name: str) -> None:
+    assert named(address) == name
+
+
+def test_a_type_that_is_sent_again_replaces_the_one_before() -> None:
+    program = Program()
+    address = Address(0, 0x8A0E0003, ACTUAL, [9])
+    program.learn([TANK])
+    program.learn([type_of(0x92000003, ("height", variable(9)))])
+    found = program.find(address)
+    assert found is not None
+    assert found.path == '"height"'
+
+
+def test_lists_that_contradict_each_other_are_left_out() -> None:
+    program = Program()
+    lists: list[Element] = [VariableList(0, [[variable(9)]]), NameList([[b"a", b"b"]])]
+    program.learn([PlusObject(0x92000003, 511, 0, 0, 0, lists), PlusObject(0x92000003, 511, 0, 0, 0, [])])
+    assert program.find(Address(0, 0x8A0E0003, ACTUAL, [9])) is None
+
+
+def test_what_is_remembered_is_bounded() -> None:
+    program = Program()
+    each = MAX_VARIABLES // 4
+    for number in range(1, 8):
+        program.learn([type_of(0x92000000 | number, *[(f"v{lid}", variable(lid)) for lid in range(1, each + 1)])])
+    kept = [number for number in range(1, 8) if program.find(Address(0, 0x8A0E0000 | number, ACTUAL, [1])) is not None]
+    assert kept == [4, 5, 6, 7]
+
+
+# ---- arrays, structures inside arrays, strings -----------------------------------------------------------------------
+
+MATRIX = (0, 0, 0, 6, *(1, 0xFFFFFFFF, 0, 0, 0, 0), *(3, 2, 0, 0, 0, 0))  # [-1..0, 1..3]: the last index counts fastest
+LINE = type_of(
+    0x92000004,
+    ("matrix", variable(1, 5, 11, numbers=MATRIX)),
+    ("valves", variable(2, 17, 13, numbers=(0, 0, 1, 4, 8, 6, 0x91000007, 0, 0, 0, 0))),
+    ("field", variable(3, 17, 14, numbers=(*MATRIX, 8, 6, 0x91000007, 0, 0, 0, 0))),
+    ("motors", variable(4, 17, 0, numbers=(0, 0, 0x91000007, *[0] * 6, 2, 0, 0, 0, *(5, *[0] * 5), *(2, *[0] * 5)))),
+    ("pump", variable(5, 17, 15, numbers=(0, 0, 0x91000007, *[0] * 6))),
+    ("title", variable(6, 19, 9, numbers=(0, 0))),
+    ("bits", variable(7, 40, 11, numbers=MATRIX)),
+)
+
+
+@pytest.mark.parametrize(
+    ("lids", "path"),
+    [
+        ([1], '"matrix"'),
+        ([1, 0], '"matrix"[-1,1]'),
+        ([1, 2], '"matrix"[-1,3]'),
+        ([1, 3], '"matrix"[0,1]'),
+        ([1, 5], '"matrix"[0,3]'),
+        ([1, 6], '"matrix" LID 6'),
+        ([1, 0, 1, 2], '"matrix"[-1,1] LID 1.2'),  # only a structure has a number between index and member
+        ([2, 3], '"valves"[4]'),
+        ([2, 3, 1, 1], '"valves"[4].open'),
+        ([2, 3, 1, 2, 1], '"valves"[4].inner.open'),
+        ([2, 3, 1], '"valves"[4].open'),  # where the number between index and member is left out
+        ([2, 4, 1, 1], '"valves" LID 4.1.1'),
+        ([3, 4, 1, 1], '"field"[0,2].open'),
+        ([4, 1, 1, 1], '"motors"[6].open'),
+        ([5, 1], '"pump".open'),
+        ([6], '"title"'),
+        ([6, 0, 256], '"title"'),
+        ([6, 2, 4], '"title" LID 2.4'),
+        ([7, 2], '"bits"[-1,3]'),
+        ([7, 3], '"bits" LID 3'),  # a row of bits fills its byte
+        ([7, 8], '"bits"[0,1]'),
+        ([7, 16], '"bits" LID 16'),
+    ],
+)
+def test_elements_and_members(lids: list[int], path: str) -> None:
+    program = Program()
+    program.learn([LINE, VALVE])
+    found = program.find(Address(0, 0x8A0E0004, ACTUAL, lids))
+    assert found is not None
+    assert found.path == path
+    assert (found.variable is None) == (" LID " in path)
+    assert found.whole_array == (lids == [1])
+
+
+def test_a_checksum_that_differs_is_told() -> None:
+    program = Program()
+    program.learn([TANK])
+    wrong = Address(0xAABBCCDE, 0x8A0E0003, ACTUAL, [9])
+    assert program.find(wrong) is None
+    assert program.doubt(wrong) == "CRC 0xaabbccdd in the program that passed, which differs: no name"
+    for address in (
+        Address(0xAABBCCDD, 0x8A0E0003, ACTUAL, [9]),
+        Address(7, 0x8A0E0004, ACTUAL, [9]),
+        Address(7, 52, 7, []),
+    ):
+        assert program.doubt(address) == ""
+
+
+NO_BOUNDS = (0, 0, 0, 6, *[0] * 12)
+BBOOL = 40
+
+
+@pytest.mark.parametrize(
+    "declared",
+    [variable(7, 5), variable(7, 5, 11, numbers=NO_BOUNDS), variable(7, BBOOL, 11, numbers=NO_BOUNDS)],
+    ids=["a number", "an array without a dimension", "bits without a dimension"],
+)
+@pytest.mark.parametrize("lids", [[7, 0], [7, 3], [7, 0, 1]])
+def test_an_element_of_what_is_no_array_has_no_index(declared: Variable, lids: list[int]) -> None:
+    """The address goes on where the declaration ends: its numbers stay, and no brackets are made up."""
+    program = Program()
+    program.learn([type_of(0x92000004, ("one", declared))])
+    found = program.find(Address(0, 0x8A0E0004, ACTUAL, lids))
+    assert found is not None
+    assert (found.path, found.variable) == (f'"one" LID {".".join(map(str, lids[1:]))}', None)
+    assert declared.index_text(lids[1]) == ""
+
+
+def test_members_of_structures_are_listed_and_those_of_elements_are_not() -> None:
+    """An address of an element needs its index, which a list of variables does not have."""
+    program = Program()
+    program.learn([LINE, VALVE])
+    listed = [one.name for one in program.symbols()]
+    assert 'DB4."pump".open' in listed
+    assert 'DB4."valves"' in listed
+    assert [name for name in listed if name.startswith(('DB4."valves".', 'DB4."field".', 'DB4."motors".'))] == []
