@@ -11,7 +11,7 @@ from __future__ import annotations
 import re
 from typing import Final
 
-from dissect.transactions.transaction import (
+from dissect.engine.transactions.transaction import (
     CAPTURE_ENDED,
     CONNECTION_CLOSED,
     CONNECTION_EVICTED,

@@ -36,10 +36,10 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
     from dissect.alerts.alert import Alert
-    from dissect.findings.reporter import Finding
+    from dissect.engine.findings.reporter import Finding
+    from dissect.engine.transactions.connection import Connection
+    from dissect.engine.transactions.transaction import Transaction
     from dissect.packets.source.packet import PacketSink
-    from dissect.transactions.connection import Connection
-    from dissect.transactions.transaction import Transaction
 
 NS: Final = 1_000_000_000
 MINUTE_S: Final = 60

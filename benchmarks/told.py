@@ -7,17 +7,17 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 from benchmarks.blame import CONFLICT, PREFIXES
 from dissect.engine.observer import Observer
 from dissect.engine.pipeline import Pipeline
+from dissect.engine.transactions.transaction import ANSWERED, UNANSWERED
 from dissect.packets.source.files import open_capture
 from dissect.packets.source.packet import PacketSink
-from dissect.transactions.transaction import ANSWERED, UNANSWERED
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
     from pathlib import Path
 
-    from dissect.findings.reporter import Finding
-    from dissect.transactions.connection import Connection
-    from dissect.transactions.transaction import Transaction
+    from dissect.engine.findings.reporter import Finding
+    from dissect.engine.transactions.connection import Connection
+    from dissect.engine.transactions.transaction import Transaction
 
 #: So many packets pass between two renewals of the bounds of findings: fewer than a bound allows of one slug and connection.
 _RENEWED: Final = 16

@@ -22,7 +22,7 @@ from benchmarks.blame import (
     names_loss,
 )
 from benchmarks.told import Statement, Told
-from dissect.transactions.transaction import CAPTURE_ENDED, HOLE, LIKELY, SURE
+from dissect.engine.transactions.transaction import CAPTURE_ENDED, HOLE, LIKELY, SURE
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence

@@ -17,28 +17,28 @@ __version__: Final = "0.1.0"
 
 #: Each public name and the module that defines it. The imports below say the same to a type checker.
 _PUBLIC: Final = {
-    "Act": "dissect.acts.act",
+    "Act": "dissect.engine.acts.act",
     "CaptureError": "dissect.wire.errors",
-    "Connection": "dissect.transactions.connection",
+    "Connection": "dissect.engine.transactions.connection",
     "Device": "dissect.inventory.model",
     "Error": "dissect.wire.errors",
     "KeyLogError": "dissect.session",
-    "Finding": "dissect.findings.reporter",
+    "Finding": "dissect.engine.findings.reporter",
     "Observer": "dissect.engine.observer",
-    "Operation": "dissect.transactions.operation",
+    "Operation": "dissect.engine.transactions.operation",
     "Options": "dissect.engine.pipeline",
     "Analysis": "dissect.report.analysis",
-    "CarvedBlock": "dissect.program.carved",
+    "CarvedBlock": "dissect.engine.program.carved",
     "Pdu": "dissect.protocols.s7.message",
     "Pipeline": "dissect.engine.pipeline",
     "PlusPdu": "dissect.protocols.s7plus.message",
     "Run": "dissect.session",
     "SelectError": "dissect.select.errors",
-    "ScdMessage": "dissect.transactions.payloads",
+    "ScdMessage": "dissect.engine.transactions.payloads",
     "TagError": "dissect.tags.loading",
-    "Transaction": "dissect.transactions.transaction",
-    "TransactionItem": "dissect.transactions.items",
-    "TransactionError": "dissect.transactions.results",
+    "Transaction": "dissect.engine.transactions.transaction",
+    "TransactionItem": "dissect.engine.transactions.items",
+    "TransactionError": "dissect.engine.transactions.results",
     "Where": "dissect.select.where",
     "ValueRow": "dissect.variables.model",
     "analyze": "dissect.session",
@@ -53,16 +53,22 @@ _PUBLIC: Final = {
 }
 
 if TYPE_CHECKING:
-    from dissect.acts.act import Act as Act
     from dissect.carve.reading import blocks as blocks
+    from dissect.engine.acts.act import Act as Act
+    from dissect.engine.findings.reporter import Finding as Finding
     from dissect.engine.observer import Observer as Observer
     from dissect.engine.pipeline import Options as Options
     from dissect.engine.pipeline import Pipeline as Pipeline
+    from dissect.engine.program.carved import CarvedBlock as CarvedBlock
+    from dissect.engine.transactions.connection import Connection as Connection
+    from dissect.engine.transactions.items import TransactionItem as TransactionItem
+    from dissect.engine.transactions.operation import Operation as Operation
+    from dissect.engine.transactions.payloads import ScdMessage as ScdMessage
+    from dissect.engine.transactions.results import TransactionError as TransactionError
+    from dissect.engine.transactions.transaction import Transaction as Transaction
     from dissect.export.frames import frames as frames
-    from dissect.findings.reporter import Finding as Finding
     from dissect.inventory.model import Device as Device
     from dissect.live.iterating import live as live
-    from dissect.program.carved import CarvedBlock as CarvedBlock
     from dissect.protocols.s7.message import Pdu as Pdu
     from dissect.protocols.s7plus.message import PlusPdu as PlusPdu
     from dissect.proxy.stream import stream as stream
@@ -75,12 +81,6 @@ if TYPE_CHECKING:
     from dissect.session import devices as devices
     from dissect.session import open as open
     from dissect.tags.loading import TagError as TagError
-    from dissect.transactions.connection import Connection as Connection
-    from dissect.transactions.items import TransactionItem as TransactionItem
-    from dissect.transactions.operation import Operation as Operation
-    from dissect.transactions.payloads import ScdMessage as ScdMessage
-    from dissect.transactions.results import TransactionError as TransactionError
-    from dissect.transactions.transaction import Transaction as Transaction
     from dissect.variables.model import ValueRow as ValueRow
     from dissect.variables.reading import value_tables as value_tables
     from dissect.variables.reading import values as values

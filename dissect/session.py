@@ -12,23 +12,23 @@ from typing import TYPE_CHECKING, TypeAlias, cast
 
 from mypy_extensions import i64
 
-from dissect.acts.act import Act
+from dissect.engine.acts.act import Act
 from dissect.engine.exchange import PayloadDecoder
+from dissect.engine.findings.reporter import Finding
 from dissect.engine.observer import Observer
 from dissect.engine.pipeline import Options, Pipeline
-from dissect.findings.reporter import Finding
+from dissect.engine.transactions.connection import Connection
+from dissect.engine.transactions.naming import Naming
+from dissect.engine.transactions.operation import Operation
+from dissect.engine.transactions.payloads import ScdMessage
+from dissect.engine.transactions.side import Side
+from dissect.engine.transactions.transaction import AS_DICT, Transaction
 from dissect.packets.source.given import Source, given_one, open_source
 from dissect.packets.source.packet import CONTINUES_NS, CaptureError, PacketSink, Reader, SourceFile
 from dissect.packets.source.remote import shown
 from dissect.protocols.s7.message import Pdu, parse_pdu
 from dissect.protocols.s7plus.message import PlusPdu, parse_plus
 from dissect.report.analysis import Analysis, Part
-from dissect.transactions.connection import Connection
-from dissect.transactions.naming import Naming
-from dissect.transactions.operation import Operation
-from dissect.transactions.payloads import ScdMessage
-from dissect.transactions.side import Side
-from dissect.transactions.transaction import AS_DICT, Transaction
 from dissect.wire.copies import refuse
 from dissect.wire.errors import Error, of_family
 from dissect.wire.text import printable
@@ -427,7 +427,8 @@ def open(
     (nanoseconds). With the dictionary ``scd`` and the bindings file ``bind`` SCD is decoded (docs/scd-traffic.md).
     ``checksums`` leaves packets out whose TCP or UDP checksum is wrong. ``tls_keys`` names files with the session keys of TLS
     (docs/tls.md). ``tags`` are files of tags, or what `dissect.tags.load_tags` made of them:
-    `dissect.transactions.naming.named_values` names the values of a transaction by them. ``where`` selects, as option -Y does
+    `dissect.engine.transactions.naming.named_values` names the values of a transaction by them. ``where`` selects, as option -Y
+    does
     (docs/select.md): only events come that match, or belong to a transaction that does. A PDU matches only if it has all the
     fields that the expression names.
 

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from dissect.findings.catalogue import CATALOGUE, EACH, KINDS, REPORTED, SEVERITIES, Rule
-from dissect.findings.cause_tables import CAUSES
-from dissect.findings.mitre import TECHNIQUES
+from dissect.engine.findings.catalogue import CATALOGUE, EACH, KINDS, REPORTED, SEVERITIES, Rule
+from dissect.engine.findings.cause_tables import CAUSES
+from dissect.engine.findings.mitre import TECHNIQUES
 
 _OF_KINDS = {
     "capture": "the capture itself and what the analyzer had to leave out",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dissect.findings.known_bugs_tables import KNOWN_BUGS, KnownBug
+from dissect.engine.findings.known_bugs_tables import KNOWN_BUGS, KnownBug
 
 
 def document() -> str:

@@ -30,21 +30,21 @@ REVEALED = [
     "int | None",
     "dict[str, object]",
     (
-        "Connection | dissect.protocols.s7.message.Pdu | dissect.protocols.s7plus.message.PlusPdu | dissect.transactions.payloads.ScdMessage"
-        " | dissect.transactions.transaction.Transaction | dissect.transactions.operation.Operation | dissect.acts.act.Act"
-        " | dissect.findings.reporter.Finding"
+        "Connection | dissect.protocols.s7.message.Pdu | dissect.protocols.s7plus.message.PlusPdu | dissect.engine.transactions.payloads.ScdMessage"
+        " | dissect.engine.transactions.transaction.Transaction | dissect.engine.transactions.operation.Operation | dissect.engine.acts.act.Act"
+        " | dissect.engine.findings.reporter.Finding"
     ),
     "int | None",
-    "list[dissect.transactions.results.TransactionError]",
+    "list[dissect.engine.transactions.results.TransactionError]",
     "int | float | str | list[bool | int | float | str | None] | None",
     "dict[tuple[int, int] | str, ",
     '"str"',
     "NetTime",
-    "list[dissect.transactions.payloads.ScdMessage]",
+    "list[dissect.engine.transactions.payloads.ScdMessage]",
     "bytes",
     "dissect.packets.tcp.stream.Endpoint",
-    "list[tuple[str, str, str, object, str, str, bytes | None, fallback=dissect.transactions.items.TransactionItem]]",
-    "list[dissect.transactions.connection.Connection | dissect.protocols.s7.message.Pdu",
+    "list[tuple[str, str, str, object, str, str, bytes | None, fallback=dissect.engine.transactions.items.TransactionItem]]",
+    "list[dissect.engine.transactions.connection.Connection | dissect.protocols.s7.message.Pdu",
 ]
 
 

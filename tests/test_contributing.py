@@ -16,7 +16,7 @@ from typing import ClassVar, Final
 import pytest
 
 import dissect
-from dissect.transactions.transaction import Transaction
+from dissect.engine.transactions.transaction import Transaction
 
 ROOT: Final = Path(__file__).resolve().parent.parent
 GUIDE: Final = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
@@ -172,7 +172,7 @@ FINDING_TRIED: Final = f"""
 import json
 run("scripts/findings_doc.py", "docs/findings.md")
 import dissect
-from tests.findings import test_catalogue as catalogue
+from tests.engine.findings import test_catalogue as catalogue
 catalogue.test_words()
 catalogue.test_what_the_code_notes_is_the_catalogue()
 for scenarios, spoken in ((catalogue.SPEAKS, True), (catalogue.SILENT, False)):
@@ -187,9 +187,9 @@ print(json.dumps({{slug: count for slug, count in found.items() if slug == "tran
 
 def test_to_add_a_finding(tree: Tree) -> None:
     row = '    ("transaction.item_error", '
-    tree.replace("dissect/findings/catalogue.py", row, FINDING_ROW + row)
-    tree.replace("dissect/findings/transaction_rules.py", FINDING_RULE, FINDING_RULE_MADE)
-    tree.replace("tests/findings/test_catalogue.py", '\n\n@speaks("transaction.item_error")\n', FINDING_TEST)
+    tree.replace("dissect/engine/findings/catalogue.py", row, FINDING_ROW + row)
+    tree.replace("dissect/engine/findings/transaction_rules.py", FINDING_RULE, FINDING_RULE_MADE)
+    tree.replace("tests/engine/findings/test_catalogue.py", '\n\n@speaks("transaction.item_error")\n', FINDING_TEST)
     told = json.loads(tree.python("-c", FINDING_TRIED, "captures/item-errors.pcapng"))
     assert tree.touched() == listed("To add a finding")
     refused = [
@@ -253,7 +253,7 @@ with contextlib.redirect_stdout(said):
     assert not coverage_doc.main([])
 coverage_doc.PAGE.write_text(said.getvalue(), encoding="utf-8")
 import dissect
-from dissect.transactions.transaction import Transaction
+from dissect.engine.transactions.transaction import Transaction
 from tests import test_coverage
 from tests.layers import test_parts
 rows = test_coverage.census(None)
@@ -439,7 +439,7 @@ from __future__ import annotations
 
 from dissect.report.words import Places
 from dissect.report.writer import Writer
-from dissect.transactions.transaction import Transaction
+from dissect.engine.transactions.transaction import Transaction
 
 
 class MarkdownWriter(Writer):
@@ -512,9 +512,9 @@ from __future__ import annotations
 from mypy_extensions import i64
 
 from dissect.protocols.tally.framing import MARK, NAME, whole_messages
-from dissect.transactions.connection import FOLLOWED
-from dissect.transactions.protocol import Kept, Protocol
-from dissect.transactions.side import Side
+from dissect.engine.transactions.connection import FOLLOWED
+from dissect.engine.transactions.protocol import Kept, Protocol
+from dissect.engine.transactions.side import Side
 
 
 class Tally(Protocol):

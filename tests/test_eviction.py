@@ -24,8 +24,8 @@ from tests.conftest import ROOT
 SMALL: Final = frozenset(
     (
         ("export/rotating.py", "_open"),  # one for each table
-        ("findings/explaining.py", "requests"),
-        ("findings/plus_rules.py", "_cpus"),
+        ("engine/findings/explaining.py", "requests"),
+        ("engine/findings/plus_rules.py", "_cpus"),
         ("engine/plus.py", "begun"),
         ("jobs/sending.py", "CATALOGUE"),  # never forgotten
         ("index/possible.py", "CATALOGUE"),
@@ -35,10 +35,10 @@ SMALL: Final = frozenset(
         ("playback/server/session.py", "_references"),
         ("protocols/s7plus/session.py", "subscriptions"),
         ("packets/source/live/dumpcap.py", "statistics"),
-        ("stations/evidence.py", "_answers"),
+        ("engine/stations/evidence.py", "_answers"),
         ("tags/loading.py", "programs"),
-        ("transactions/multipart.py", "_chains"),
-        ("transactions/plus_operations.py", "polls"),
+        ("engine/transactions/multipart.py", "_chains"),
+        ("engine/transactions/plus_operations.py", "polls"),
         ("cluster/executor.py", "refused"),
     )
 )

@@ -454,7 +454,7 @@ def test_rule_holds(rule: Rule, modules: dict[str, ast.Module]) -> None:
         (packages_stay_in_their_room, "dissect.layers.s7", "import pyshark"),
         (the_engine_is_pure, "dissect.protocols.s7.message", "import time"),
         (the_engine_is_pure, "dissect.engine.pipeline", "from asyncio import sleep"),
-        (the_engine_is_pure, "dissect.findings.rules", "print('found')"),
+        (the_engine_is_pure, "dissect.engine.findings.rules", "print('found')"),
         (the_engine_is_pure, "dissect.protocols.iso.tpkt", "octets = open('x').read()"),
         (the_engine_is_pure, "dissect.protocols.s7.values", "from datetime import datetime\nt = datetime.now()"),
         (the_engine_is_pure, "dissect.protocols.s7plus.check", "_FREE = []\ndef done(one):\n    _FREE.append(one)"),

@@ -20,7 +20,7 @@ from typing import Any, Final
 import pytest
 
 import dissect
-from dissect.transactions.transaction import OUTCOMES
+from dissect.engine.transactions.transaction import OUTCOMES
 from dissect.wire.attribute_tables import ATTRIBUTES
 
 CAPTURES: Final = Path(__file__).parents[1] / "captures"

@@ -8,17 +8,14 @@ from typing import Final
 
 import pytest
 
-from dissect.transactions.side import Side
+from dissect.engine.transactions.side import Side
 from tests.bindings import plant
 from tests.bindings.test_streams import a_side
 from tests.bindings.test_streams import cut as cut_messages
 from tests.cases import each
 from tests.cli.support import run
 from tests.engine.test_ibh import Link
-from tests.protocols.ibh import packets as ibh
-from tests.protocols.s7plus import pdus as plus
-from tests.report.support import begun, saved
-from tests.transactions.talk import (
+from tests.engine.transactions.talk import (
     CLIENT,
     Talk,
     ack_data,
@@ -31,6 +28,9 @@ from tests.transactions.talk import (
     write,
     written,
 )
+from tests.protocols.ibh import packets as ibh
+from tests.protocols.s7plus import pdus as plus
+from tests.report.support import begun, saved
 
 FIRST: Final = read(1, dbw(1, 0))
 STOP: Final = job(2, b"\x29" + bytes(5) + b"\x09P_PROGRAM")

@@ -15,14 +15,14 @@ import pytest
 import dissect
 from dissect import scd
 from dissect.bindings import BindingError
+from dissect.engine.findings.reporter import Finding
 from dissect.engine.pipeline import Options
-from dissect.findings.reporter import Finding
+from dissect.engine.transactions.connection import Connection
+from dissect.engine.transactions.payloads import ScdMessage
+from dissect.engine.transactions.transaction import Transaction
 from dissect.packets.source.packet import CONTINUES_NS, CaptureError
 from dissect.protocols.s7.message import Pdu
 from dissect.session import Run
-from dissect.transactions.connection import Connection
-from dissect.transactions.payloads import ScdMessage
-from dissect.transactions.transaction import Transaction
 from tests.properties.books import Record, check_books, facts, told, true
 from tests.properties.messages import ACK_DATA, JOB, Item, connect, dt, read_answer, read_job, setup
 from tests.properties.packets import EPOCH_NS, MS, Packet, Talk, captured

@@ -8,7 +8,6 @@ from typing import Final
 
 from mypy_extensions import i64
 
-from dissect.acts.act import Act
 from dissect.alerts.alert import Alert
 from dissect.alerts.cooldown import Cooldown
 from dissect.alerts.loading import AlertRules, RuleError
@@ -17,13 +16,14 @@ from dissect.alerts.states import StateWatch, state_watch
 from dissect.baseline.norms import Baseline
 from dissect.baseline.subjects import Pair, Pairs, moment, pair_of
 from dissect.baseline.watch import BaselineWatch, Deviation
+from dissect.engine.acts.act import Act
+from dissect.engine.findings.catalogue import NOTE, WARNING
+from dissect.engine.findings.reporter import Finding
 from dissect.engine.observer import Observer
-from dissect.findings.catalogue import NOTE, WARNING
-from dissect.findings.reporter import Finding
+from dissect.engine.transactions.connection import Connection
+from dissect.engine.transactions.transaction import Transaction
 from dissect.report.contract import finding_as_dict
 from dissect.report.words import Places
-from dissect.transactions.connection import Connection
-from dissect.transactions.transaction import Transaction
 
 #: Interval (capture time) of the checks of states; it grows with every this many connections and measures.
 LOOK_NS: Final = 200_000_000

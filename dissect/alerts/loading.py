@@ -29,7 +29,7 @@ from dissect.alerts.rules import (
     Rule,
 )
 from dissect.baseline.watch import KINDS
-from dissect.findings.catalogue import SEVERITIES
+from dissect.engine.findings.catalogue import SEVERITIES
 from dissect.report.slugs import slugs_of
 from dissect.scd.errors import DictionaryError, shown
 from dissect.scd.reading import Table

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import IO, Final, NamedTuple
 
 from dissect.alerts.waiting import Waiting
-from dissect.findings.catalogue import SEVERITIES
+from dissect.engine.findings.catalogue import SEVERITIES
 from dissect.wire import locks
 from dissect.wire.config.saving import PART, save
 

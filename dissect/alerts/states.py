@@ -13,16 +13,16 @@ from dissect.alerts.rules import LATENCY, OUTCOME, PER_ALL, PER_CONNECTION, RATE
 from dissect.baseline.measures import RateWindow, RecentAnswers
 from dissect.baseline.norms import Baseline, PairNorm
 from dissect.baseline.subjects import Pair, moment
-from dissect.findings.catalogue import WARNING
-from dissect.packets.tcp.stream import address_text
-from dissect.report import words
-from dissect.transactions.connection import Connection
-from dissect.transactions.transaction import (
+from dissect.engine.findings.catalogue import WARNING
+from dissect.engine.transactions.connection import Connection
+from dissect.engine.transactions.transaction import (
     CONNECTION_CLOSED,
     REFERENCE_REUSED,
     UNANSWERED,
     Transaction,
 )
+from dissect.packets.tcp.stream import address_text
+from dissect.report import words
 
 #: Greatest number of pairs or connections that one rule measures; a new one replaces the one that was silent for longest.
 MAX_MEASURED: Final = 4096

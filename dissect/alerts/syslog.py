@@ -12,7 +12,7 @@ from typing import Final
 from dissect.alerts.actions import Action, DeliveryError, is_there
 from dissect.alerts.alert import Alert
 from dissect.alerts.hosts import allowed, split_host
-from dissect.findings.catalogue import ERROR, NOTE
+from dissect.engine.findings.catalogue import ERROR, NOTE
 from dissect.scd.errors import shown
 from dissect.scd.reading import Table
 from dissect.wire.text import Clock, reason

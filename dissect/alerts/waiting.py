@@ -9,7 +9,7 @@ from contextlib import suppress
 from typing import Final, Generic, TypeVar
 
 from dissect.alerts.actions import DeliveryError
-from dissect.findings.catalogue import SEVERITIES
+from dissect.engine.findings.catalogue import SEVERITIES
 from dissect.wire.text import printable
 
 #: Seconds between two messages of the same kind on the same action.

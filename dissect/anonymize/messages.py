@@ -11,6 +11,10 @@ from dissect.anonymize.key import Key
 from dissect.anonymize.rewrite_plan import RewritePlan
 from dissect.anonymize.rules import Rules
 from dissect.anonymize.texts import replace_tsap
+from dissect.engine.transactions.open_requests import key_of
+from dissect.engine.transactions.results import requested_items
+from dissect.engine.transactions.side import Side
+from dissect.engine.transactions.transaction import PUSH, Transaction
 from dissect.protocols.ibh.packet import HEADER as IBH_HEADER
 from dissect.protocols.ibh.packet import IbhPacket
 from dissect.protocols.ibh.tables import KIND_OTHER, KIND_SERVICE
@@ -25,10 +29,6 @@ from dissect.protocols.s7.parameters import ACK_HEADER_SIZE, HEADER_SIZE, PROTOC
 from dissect.protocols.s7.tables import ACK_DATA, JOB, OCTET_STRING, READ_VAR, SUCCESS, USERDATA, WRITE_VAR
 from dissect.protocols.s7plus.message import parse_plus
 from dissect.protocols.s7plus.tables import KEEP_ALIVE, V3
-from dissect.transactions.open_requests import key_of
-from dissect.transactions.results import requested_items
-from dissect.transactions.side import Side
-from dissect.transactions.transaction import PUSH, Transaction
 from dissect.wire.malformed import Malformed
 from dissect.wire.octets import u16
 

@@ -11,6 +11,8 @@ from typing import Final
 from dissect.anonymize import account
 from dissect.anonymize.account import Account
 from dissect.anonymize.plus_contents import PROCESS, PlusContents
+from dissect.engine.transactions.open_requests import PLUS_KEY
+from dissect.engine.transactions.side import Side
 from dissect.protocols.s7plus import layouts
 from dissect.protocols.s7plus.bodies import parse_contents
 from dissect.protocols.s7plus.contents import Address, Contents
@@ -26,8 +28,6 @@ from dissect.protocols.s7plus.tables import (
     SET_VAR_SUBSTREAMED,
     V1,
 )
-from dissect.transactions.open_requests import PLUS_KEY
-from dissect.transactions.side import Side
 from dissect.wire.layout import Layout
 from dissect.wire.part import Part
 from dissect.wire.varint import VLQ, build_varint

@@ -17,6 +17,7 @@ from dissect.anonymize.addresses import AddressMap
 from dissect.anonymize.key import Key
 from dissect.anonymize.texts import replace_octets, replace_text, replace_tsap
 from dissect.bindings.evidence import CONF_ID
+from dissect.engine.transactions.payloads import ScdMessage
 from dissect.protocols.iso.tsap import Tsap
 from dissect.scd.envelope import Envelope
 from dissect.scd.errors import E_CRC, E_LENGTH, E_PROTOCOL, E_SHORT, Error
@@ -24,7 +25,6 @@ from dissect.scd.model import StructType, Variable
 from dissect.scd.ranges import is_mapping
 from dissect.scd.records import Traits
 from dissect.scd.types import SIZED, Kind, SimpleType
-from dissect.transactions.payloads import ScdMessage
 from dissect.wire.text import encodable
 
 if TYPE_CHECKING:

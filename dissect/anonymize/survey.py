@@ -15,6 +15,11 @@ from dissect.anonymize.rewrite_plan import RewritePlan
 from dissect.anonymize.rules import Rules
 from dissect.anonymize.track import COST, Room, Track, track_at
 from dissect.engine.observer import Observer
+from dissect.engine.transactions.connection import Connection
+from dissect.engine.transactions.payloads import Backlog, ScdMessage
+from dissect.engine.transactions.side import Side
+from dissect.engine.transactions.table import keys_of, reverse_key
+from dissect.engine.transactions.transaction import Transaction
 from dissect.packets.tcp.connection import TcpConnection
 from dissect.protocols.ibh.packet import HEADER as IBH_HEADER
 from dissect.protocols.ibh.packet import parse_packet
@@ -24,11 +29,6 @@ from dissect.protocols.iso.tables import DT
 from dissect.protocols.iso.upper import S7COMM, S7COMM_PLUS, classify
 from dissect.protocols.s7plus.assembly import MAX_PDU, PlusAssembler
 from dissect.protocols.s7plus.tables import KEEP_ALIVE, SYSTEM_EVENT
-from dissect.transactions.connection import Connection
-from dissect.transactions.payloads import Backlog, ScdMessage
-from dissect.transactions.side import Side
-from dissect.transactions.table import keys_of, reverse_key
-from dissect.transactions.transaction import Transaction
 from dissect.wire.octets import u16
 
 if TYPE_CHECKING:

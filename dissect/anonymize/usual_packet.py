@@ -13,10 +13,10 @@ from dissect.anonymize.account import Account
 from dissect.anonymize.addresses import MAX_CACHED, AddressMap
 from dissect.anonymize.checksum import ONES, moved, total
 from dissect.anonymize.track import Track, track_at
+from dissect.engine.transactions.connection import ISO_TSAP_PORT
 from dissect.packets.tcp import ip, link
 from dissect.packets.tcp.stream import SYN
 from dissect.protocols.ibh.tables import NETLINK_PORT
-from dissect.transactions.connection import ISO_TSAP_PORT
 from dissect.wire.octets import u16, u32
 
 #: TCP ports whose packets stay if they have no payload.

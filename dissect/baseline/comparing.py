@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from typing import Final
 
-from dissect.acts.act import Act
 from dissect.baseline.norms import Baseline
 from dissect.baseline.subjects import Pairs
 from dissect.baseline.watch import BaselineWatch, Deviation
+from dissect.engine.acts.act import Act
 from dissect.engine.observer import Observer
-from dissect.transactions.connection import Connection
-from dissect.transactions.transaction import BEHIND_MALFORMED, Transaction
+from dissect.engine.transactions.connection import Connection
+from dissect.engine.transactions.transaction import BEHIND_MALFORMED, Transaction
 
 #: How many different deviations are kept.
 MOST: Final = 10_000

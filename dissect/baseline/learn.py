@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from typing import Final
 
-from dissect.acts.act import Act
-from dissect.acts.tables import DOWNLOAD, OUTPUTS, UPLOAD
 from dissect.baseline.measures import AnswerTimes, RateWindow
 from dissect.baseline.norms import Baseline, PairNorm
 from dissect.baseline.subjects import Pair, Pairs, Subjects, moment, tsaps
+from dissect.engine.acts.act import Act
+from dissect.engine.acts.tables import DOWNLOAD, OUTPUTS, UPLOAD
 from dissect.engine.observer import Observer
+from dissect.engine.transactions.connection import Connection
+from dissect.engine.transactions.transaction import BEHIND_MALFORMED, Transaction
 from dissect.protocols.s7.tables import (
     DOWNLOAD_BLOCK,
     DOWNLOAD_ENDED,
@@ -19,8 +21,6 @@ from dissect.protocols.s7.tables import (
     START_UPLOAD,
 )
 from dissect.protocols.s7.tables import UPLOAD as UPLOAD_PIECE
-from dissect.transactions.connection import Connection
-from dissect.transactions.transaction import BEHIND_MALFORMED, Transaction
 from dissect.wire.text import Clock
 
 MAX_PAIRS: Final = 1024

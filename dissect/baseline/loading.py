@@ -7,10 +7,10 @@ from functools import cache
 from ipaddress import ip_address
 from typing import Final
 
-from dissect.acts.tables import ACTS
 from dissect.baseline.norms import MAX_CAPTURES, NAME_KEYS, Baseline, PairNorm
 from dissect.baseline.subjects import Pair
 from dissect.baseline.writing import FORMAT
+from dissect.engine.acts.tables import ACTS
 from dissect.packets.tcp.stream import address_text
 from dissect.protocols.s7.tables import AREA_LETTERS, DB_AREAS
 from dissect.scd.errors import shown

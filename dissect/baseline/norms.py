@@ -24,7 +24,8 @@ class PairNorm:
     ``highest_1s`` and ``highest_10s`` are transactions within so many seconds; ``longest_silence`` and ``seconds`` (from the
     first transaction to the last, all captures together) are seconds; answer times are milliseconds.
 
-    ``acts`` are kinds of acts (`dissect.acts.tables`) that the client may do. Learning allows none: ``acts_seen`` says how many
+    ``acts`` are kinds of acts (`dissect.engine.acts.tables`) that the client may do. Learning allows none: ``acts_seen`` says
+    how many
     of each kind were in what was learned, and ``functions_seen`` which functions only served acts of S7comm.
     """
 

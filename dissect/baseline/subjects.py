@@ -6,6 +6,10 @@ import re
 from collections import OrderedDict
 from typing import Final
 
+from dissect.engine.transactions import payloads as carried
+from dissect.engine.transactions.connection import Connection
+from dissect.engine.transactions.plus_operations import addresses_in
+from dissect.engine.transactions.transaction import PUSH, Transaction
 from dissect.protocols.s7.items import Item
 from dissect.protocols.s7.parameters import Parameters
 from dissect.protocols.s7.syntaxes import DB_READ, SYMBOL
@@ -14,10 +18,6 @@ from dissect.protocols.s7plus.ids import AREAS, BLOCK_KINDS, block_name
 from dissect.protocols.s7plus.items import WRITES
 from dissect.protocols.s7plus.parameters import PlusParameters
 from dissect.protocols.s7plus.tables import GET_MULTI_VARIABLES
-from dissect.transactions import payloads as carried
-from dissect.transactions.connection import Connection
-from dissect.transactions.plus_operations import addresses_in
-from dissect.transactions.transaction import PUSH, Transaction
 
 #: Addresses of client and server, without ports: a client's port changes with each connection.
 Pair = tuple[str, str]

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Collection
 from typing import Final
 
-from dissect.acts.act import Act
 from dissect.baseline.norms import Baseline, PairNorm
 from dissect.baseline.subjects import NOT_CAPTURED_CALLED, NOT_CAPTURED_CALLING, Pair, Subject, Subjects, tsaps
-from dissect.transactions.connection import Connection
-from dissect.transactions.transaction import Transaction
+from dissect.engine.acts.act import Act
+from dissect.engine.transactions.connection import Connection
+from dissect.engine.transactions.transaction import Transaction
 from dissect.wire.text import printable
 
 # What can be new (`Deviation.kind`).

@@ -11,12 +11,12 @@ from dissect.scd.ranges import STRUCTURE_SUB, is_mapping
 
 if TYPE_CHECKING:
     from dissect.bindings.binding import Binding
+    from dissect.engine.transactions.side import Side
     from dissect.packets.tcp.stream import Endpoint
     from dissect.scd.dictionary import Dictionary
     from dissect.scd.layout import Key
     from dissect.scd.model import Pdo
     from dissect.scd.types import Value
-    from dissect.transactions.side import Side
 
 #: Devices that are remembered; beyond that, the one not seen for longest is forgotten.
 MAX_DEVICES: Final = 4096

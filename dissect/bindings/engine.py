@@ -21,26 +21,26 @@ from dissect.bindings.place import in_blocks
 from dissect.bindings.pushes import REFERENCE, BindingCount, KnownPdo, Pushes
 from dissect.bindings.streams import cut_stream, skip_hole
 from dissect.engine.exchange import PayloadDecoder
+from dissect.engine.transactions.multipart import Joiner
+from dissect.engine.transactions.payloads import SCD, ScdMessage, ScdParameters
 from dissect.protocols.iso.upper import SCD as UPPER_SCD
 from dissect.protocols.iso.upper import UPPER_NAMES
 from dissect.protocols.s7.tables import GROUP_PBC, JOB, READ_VAR, SUCCESS, USERDATA, WRITE_VAR
 from dissect.scd.messages import Head
 from dissect.scd.packing import TRAILING
-from dissect.transactions.multipart import Joiner
-from dissect.transactions.payloads import SCD, ScdMessage, ScdParameters
 from dissect.wire.text import encodable, printable
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from dissect.engine.exchange import Exchange
+    from dissect.engine.transactions.connection import Connection
+    from dissect.engine.transactions.side import Side
+    from dissect.engine.transactions.transaction import Transaction
     from dissect.protocols.s7.items import ItemResult
     from dissect.scd.dictionary import Dictionary
     from dissect.scd.messages import Message
     from dissect.scd.model import Pdo
-    from dissect.transactions.connection import Connection
-    from dissect.transactions.side import Side
-    from dissect.transactions.transaction import Transaction
 
 #: `Connection.bound` once it is known that no binding is for its TSAPs.
 _NOT_BOUND: Final = -2

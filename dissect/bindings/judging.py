@@ -1,4 +1,4 @@
-"""Findings about SCD in traffic (profile, reference 3.3-3.5); the texts are in `dissect.findings.catalogue`."""
+"""Findings about SCD in traffic (profile, reference 3.3-3.5); the texts are in `dissect.engine.findings.catalogue`."""
 
 from __future__ import annotations
 
@@ -7,23 +7,23 @@ from typing import TYPE_CHECKING, Final
 
 from dissect.bindings.devices import Device, Devices, is_rewritten
 from dissect.bindings.evidence import Evidence
+from dissect.engine.transactions.transaction import PUSH
 from dissect.scd.errors import E_CRC, E_INDEX, E_PDO_NUMBER, E_SUB, Error
 from dissect.scd.layout import address_text
 from dissect.scd.packing import ACCESS, ENCODING, LIMITS, NONFINITE, PAD, TIME_NS_RANGE, TRAILING, VERSION, limits_text
 from dissect.scd.ranges import STRUCTURE_SUB
 from dissect.scd.wording import value_text
-from dissect.transactions.transaction import PUSH
 from dissect.wire.text import printable
 
 if TYPE_CHECKING:
-    from dissect.findings.reporter import Reporter
+    from dissect.engine.findings.reporter import Reporter
+    from dissect.engine.transactions.payloads import ScdMessage
+    from dissect.engine.transactions.side import Side
+    from dissect.engine.transactions.transaction import Transaction
     from dissect.scd.layout import Key
     from dissect.scd.messages import Message
     from dissect.scd.model import Pdo
     from dissect.scd.types import Value
-    from dissect.transactions.payloads import ScdMessage
-    from dissect.transactions.side import Side
-    from dissect.transactions.transaction import Transaction
 
 #: The counter of a PDO has one octet.
 _COUNTER: Final = 256

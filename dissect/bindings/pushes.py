@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Final
 from mypy_extensions import i64
 
 from dissect.engine.exchange import Exchange
-from dissect.transactions.payloads import ScdMessage, ScdParameters
-from dissect.transactions.side import Side
+from dissect.engine.transactions.payloads import ScdMessage, ScdParameters
+from dissect.engine.transactions.side import Side
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Final
 
-from dissect.transactions.payloads import Backlog
+from dissect.engine.transactions.payloads import Backlog
 
 if TYPE_CHECKING:
     from dissect.bindings.binding import Binding
+    from dissect.engine.transactions.side import Side
     from dissect.scd.envelope import Envelope
-    from dissect.transactions.side import Side
 
 #: How many possible beginnings of incomplete messages are kept during a search.
 MAX_PENDING: Final = 64

@@ -9,8 +9,9 @@ from dissect.carve.contents import tag_names
 from dissect.carve.listing import transfer_line
 from dissect.carve.networks import NEEDS, compare_networks, compare_sections, interface, networks
 from dissect.carve.records import digest
-from dissect.program.carved import CarvedBlock
-from dissect.program.compare import CHANGED, BlockChange, versions
+from dissect.engine.program.carved import CarvedBlock
+from dissect.engine.program.compare import CHANGED, BlockChange, versions
+from dissect.engine.transactions.naming import Naming
 from dissect.protocols.mc7.block import Block, parse_block
 from dissect.protocols.mc7.changes import Change, compare_blocks
 from dissect.protocols.mc7.listing import STL, Lister, block_lines, block_values
@@ -22,7 +23,6 @@ from dissect.report.plus_blobs import dictionaries
 from dissect.report.styled import FAILED, HANG, HEADING, PLAIN, Line
 from dissect.report.words import Places
 from dissect.tags.model import place_text
-from dissect.transactions.naming import Naming
 from dissect.wire.text import Clock, cell, encodable, printable, shortened
 
 CODE_SCHEMA: Final = "s7dissect.blocks-code/1"

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Final
 
-from dissect.program.carved import CarvedBlock
+from dissect.engine.program.carved import CarvedBlock
+from dissect.engine.transactions.naming import NamedValue, Naming
 from dissect.protocols.mc7.listing import no_names
 from dissect.protocols.s7.items import Item, ItemResult
 from dissect.protocols.s7.tables import BYTE, DB, SUCCESS
-from dissect.transactions.naming import NamedValue, Naming
 
 __all__ = ["NamedValue", "block_values", "tag_names"]
 

@@ -13,8 +13,8 @@ from pathlib import Path
 from typing import Any, Final
 
 from dissect.carve.records import BLOCKS_SCHEMA
-from dissect.program.carved import S7COMM_PLUS, CarvedBlock, block_of, plus_block
-from dissect.program.plus import TEXTS
+from dissect.engine.program.carved import S7COMM_PLUS, CarvedBlock, block_of, plus_block
+from dissect.engine.program.plus import TEXTS
 from dissect.protocols.s7plus.blobs import open_blob
 from dissect.wire.config.hostile import ContentError, read_json
 from dissect.wire.config.saving import save

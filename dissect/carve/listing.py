@@ -7,8 +7,8 @@ from typing import Final
 
 from dissect.carve.contents import block_values
 from dissect.carve.records import BLOCKS_SCHEMA, COLUMNS, digest, record, row, value_record
-from dissect.program.carved import CarvedBlock
-from dissect.program.compare import CHANGED, GONE, MOVED, NEW, BlockChange
+from dissect.engine.program.carved import CarvedBlock
+from dissect.engine.program.compare import CHANGED, GONE, MOVED, NEW, BlockChange
 from dissect.protocols.mc7.changes import Change, change_lines, change_values
 from dissect.report import facets, words
 from dissect.report.outcome import WIDE_PAGE, Outcome

@@ -12,8 +12,8 @@ from collections.abc import Iterator, Mapping
 from difflib import SequenceMatcher
 from typing import TYPE_CHECKING, Final, NamedTuple
 
-from dissect.program.carved import CarvedBlock
-from dissect.program.plus import BODY, INTERFACE, REFERENCES
+from dissect.engine.program.carved import CarvedBlock
+from dissect.engine.program.plus import BODY, INTERFACE, REFERENCES
 from dissect.protocols.mc7.changes import INTERFACE as DECLARATIONS
 from dissect.protocols.mc7.changes import NETWORK, Change
 from dissect.protocols.s7plus.blobs import open_blob

@@ -9,7 +9,7 @@ from html import escape
 from typing import Final
 
 from dissect.carve.listing import BlockChanges, change_line
-from dissect.program.compare import BlockChange
+from dissect.engine.program.compare import BlockChange
 from dissect.protocols.mc7.changes import NETWORK, Change
 from dissect.report.outcome import Outcome
 from dissect.report.styled import Line

@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, Final
 
 from dissect.engine.observer import Observer
 from dissect.engine.pipeline import Options
+from dissect.engine.program.carved import CarvedBlock, carve
+from dissect.engine.transactions.operation import TRANSFERS, Operation
 from dissect.packets.source.given import Source
-from dissect.program.carved import CarvedBlock, carve
 from dissect.session import KeyLogFiles, Tags, reading_of
-from dissect.transactions.operation import TRANSFERS, Operation
 
 if TYPE_CHECKING:
     from dissect.select import Where

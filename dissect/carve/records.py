@@ -6,7 +6,7 @@ import hashlib
 from typing import Final
 
 from dissect.carve.contents import NamedValue
-from dissect.program.carved import CODE, INTERFACE, VALUES, CarvedBlock
+from dissect.engine.program.carved import CODE, INTERFACE, VALUES, CarvedBlock
 from dissect.report.words import Places
 from dissect.wire.text import Clock, cell, encodable
 

@@ -75,7 +75,7 @@ def test_command(rules: str) -> int:
 def _alert() -> Alert:
     from dissect.alerts.alert import Alert
     from dissect.alerts.rules import PROBLEM, Rule
-    from dissect.findings.catalogue import NOTE
+    from dissect.engine.findings.catalogue import NOTE
 
     text = "This is a test of s7dissect; nothing happened."
     return Alert(Rule("test alert", PROBLEM), time.time_ns(), NOTE, None, text, {"test": True})

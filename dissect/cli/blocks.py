@@ -22,10 +22,10 @@ from dissect.wire.text import count, printable
 if TYPE_CHECKING:
     from dissect.carve.listing import BlockList
     from dissect.cli.options.select import Chosen
-    from dissect.program.carved import CarvedBlock
+    from dissect.engine.program.carved import CarvedBlock
+    from dissect.engine.transactions.naming import Naming
     from dissect.report.outcome import Outcome
     from dissect.report.words import Places
-    from dissect.transactions.naming import Naming
 
 _EXIT_CODES = (
     "Exit code: 0 success, with --diff no differences, 1 --diff found differences, 2 wrong use or an unreadable file (with "
@@ -194,7 +194,7 @@ def _write(output: str, told: BlockList, force: bool) -> None:
 
 def _alike(first: Sequence[CarvedBlock], second: Sequence[CarvedBlock], alone: bool) -> str:
     """Return the message for blocks without differences; ``alone``: they are from one capture."""
-    from dissect.program.compare import versions
+    from dissect.engine.program.compare import versions
 
     kept = [versions(blocks, True).values() for blocks in (first, second)]
     compared = count(len(kept[1]), "block")
@@ -210,7 +210,7 @@ def _alike(first: Sequence[CarvedBlock], second: Sequence[CarvedBlock], alone: b
 def _compare(reading: Reading, format_: Format, language: str) -> int:
     from dissect.carve.code import details_of
     from dissect.carve.listing import BlockChanges
-    from dissect.program.compare import compare, over_time
+    from dissect.engine.program.compare import compare, over_time
 
     files = reading.files
     if len(files) > 2:

@@ -243,7 +243,7 @@ def _contents(facts: FileFacts, clock: Clock) -> str:
 
 
 def _findings(facts: FileFacts) -> str:
-    from dissect.findings.catalogue import CATALOGUE, SEVERITIES
+    from dissect.engine.findings.catalogue import CATALOGUE, SEVERITIES
 
     known = [slug for slug in facts.findings if slug in CATALOGUE]
     known.sort(key=lambda slug: (SEVERITIES.index(CATALOGUE[slug].severity), slug))

@@ -45,12 +45,12 @@ if TYPE_CHECKING:
 
     from dissect.cli.options.monitor import Beside
     from dissect.engine.exchange import PayloadDecoder
+    from dissect.engine.transactions.naming import Naming
     from dissect.live.run import Companion
     from dissect.live.session import Session, Status
     from dissect.net.addresses import Address
     from dissect.packets.source.packet import Reader
     from dissect.protocols.tls.key_log import KeyLog
-    from dissect.transactions.naming import Naming
     from dissect.variables.wanted import WantedSet
 
 _EXIT_CODES: Final = (

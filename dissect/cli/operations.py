@@ -11,9 +11,9 @@ from dissect.cli.options.reading import reading_options
 from dissect.cli.reading import Reading
 from dissect.cli.rows import Rows
 from dissect.cli.run import EXIT_CODES
+from dissect.engine.transactions.operation import KINDS
 from dissect.report.formats import OPERATIONS, Format
 from dissect.report.writer import OperationChoice, OperationFeed
-from dissect.transactions.operation import KINDS
 
 
 @click.command("operations", epilog=EXIT_CODES)

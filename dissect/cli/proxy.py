@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from dissect.engine.exchange import PayloadDecoder
+    from dissect.engine.transactions.naming import Naming
     from dissect.live.events import Event
     from dissect.live.session import Session
     from dissect.net.addresses import Address
@@ -43,7 +44,6 @@ if TYPE_CHECKING:
     from dissect.proxy.capture_file import CaptureFile
     from dissect.proxy.process import RelayProcess, RelayThread
     from dissect.proxy.source import RelayReader
-    from dissect.transactions.naming import Naming
 
 #: How soon what passed is taken in while something is dissected, in seconds; Python's own is 5 ms.
 _TURN_S: Final = 0.000_1

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from dissect.engine.exchange import PayloadDecoder
     from dissect.engine.observer import Observer
     from dissect.engine.options import Options
+    from dissect.engine.transactions.naming import Naming
     from dissect.inventory.collector import Inventory
     from dissect.jobs.sums import FilePart
     from dissect.jobs.tasks import About, Done
@@ -34,7 +35,6 @@ if TYPE_CHECKING:
     from dissect.report.analysis import Analysis, Part
     from dissect.report.styled import Written
     from dissect.session import Run
-    from dissect.transactions.naming import Naming
 
 F = TypeVar("F", "Analysis", "Inventory")
 

@@ -19,8 +19,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
     from dissect.cli.options.monitor import Beside
+    from dissect.engine.transactions.naming import Naming
     from dissect.live.session import Session
-    from dissect.transactions.naming import Naming
 
 #: None on systems without the signal.
 _HUP: Final = getattr(signal, "SIGHUP", None)

@@ -21,8 +21,8 @@ _ROOT: Final = "root"
 _ROOMS: Final = (
     "protocols.s7",
     "protocols.s7plus",
-    "transactions",
-    "findings",
+    "engine.transactions",
+    "engine.findings",
     "report",
     "select",
     "export",

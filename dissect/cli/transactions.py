@@ -13,11 +13,11 @@ from dissect.cli.options.reading import reading_options
 from dissect.cli.reading import Reading
 from dissect.cli.rows import Left, Rows, Total
 from dissect.cli.run import EXIT_CODES, nanoseconds
+from dissect.engine.transactions.results import went_wrong
+from dissect.engine.transactions.transaction import Transaction
 from dissect.report.formats import TRANSACTIONS, Format
 from dissect.report.words import PROTOCOLS
 from dissect.report.writer import Choice, TransactionFeed
-from dissect.transactions.results import went_wrong
-from dissect.transactions.transaction import Transaction
 
 if TYPE_CHECKING:
     from dissect.report.styled import Written

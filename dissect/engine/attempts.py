@@ -10,10 +10,10 @@ from __future__ import annotations
 from mypy_extensions import i64
 
 from dissect.engine.counters import Counters
-from dissect.findings.crowd import open_to
+from dissect.engine.findings.crowd import open_to
+from dissect.engine.transactions.connection import ISO_TSAP_PORT
+from dissect.engine.transactions.table import Attempt, ConnectionTable, base_and_tag, endpoints
 from dissect.packets.tcp.link import within
-from dissect.transactions.connection import ISO_TSAP_PORT
-from dissect.transactions.table import Attempt, ConnectionTable, base_and_tag, endpoints
 from dissect.wire.text import duration_text
 
 

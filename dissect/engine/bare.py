@@ -13,9 +13,9 @@ from typing import Final
 
 from mypy_extensions import i64
 
+from dissect.engine.transactions.connection import ISO_TSAP_PORT
+from dissect.engine.transactions.side import Side
 from dissect.packets.tcp.stream import FIN, MASK
-from dissect.transactions.connection import ISO_TSAP_PORT
-from dissect.transactions.side import Side
 from dissect.wire.octets import u16
 
 #: How many ports they are counted on, besides 102.

@@ -15,9 +15,16 @@ from mypy_extensions import i64
 
 from dissect.engine.counters import Counters
 from dissect.engine.exchange import Exchange
-from dissect.findings.scan_rules import ScanWatch
-from dissect.findings.session_rules import judge_cut, judge_end
-from dissect.findings.transport_rules import end_stray, judge_bare_confirm
+from dissect.engine.findings.scan_rules import ScanWatch
+from dissect.engine.findings.session_rules import judge_cut, judge_end
+from dissect.engine.findings.transport_rules import end_stray, judge_bare_confirm
+from dissect.engine.transactions.connection import FOREIGN, ISO_TSAP_PORT, LEFT_OUT, PROBING, Connection
+from dissect.engine.transactions.ending import Ending
+from dissect.engine.transactions.memory_limit import holds_something
+from dissect.engine.transactions.protocol import Protocol
+from dissect.engine.transactions.side import Side
+from dissect.engine.transactions.table import ConnectionTable
+from dissect.engine.transactions.transaction import CONNECTION_CLOSED
 from dissect.packets.tcp.stream import MASK
 from dissect.protocols.iso.cotp import parse_tpdu
 from dissect.protocols.iso.foreign import identify
@@ -28,13 +35,6 @@ from dissect.protocols.iso.upper import RDP, S7COMM_PLUS, TLS, UNKNOWN, UPPER_NA
 from dissect.protocols.s7.parameters import PROTOCOL_ID
 from dissect.protocols.s7plus.parameters import PLUS
 from dissect.protocols.tls.handshake import chosen_version
-from dissect.transactions.connection import FOREIGN, ISO_TSAP_PORT, LEFT_OUT, PROBING, Connection
-from dissect.transactions.ending import Ending
-from dissect.transactions.memory_limit import holds_something
-from dissect.transactions.protocol import Protocol
-from dissect.transactions.side import Side
-from dissect.transactions.table import ConnectionTable
-from dissect.transactions.transaction import CONNECTION_CLOSED
 from dissect.wire.octets import u16
 
 #: Before the version in `Connection.identified_by` that a ServerHello chose.

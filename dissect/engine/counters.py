@@ -7,14 +7,14 @@ from typing import Final
 from mypy_extensions import i64
 
 from dissect.engine.bare import BareConnections
-from dissect.findings.reporter import Reporter
-from dissect.findings.transaction_rules import DISORDER_NS
+from dissect.engine.findings.reporter import Reporter
+from dissect.engine.findings.transaction_rules import DISORDER_NS
+from dissect.engine.transactions.accounts import CATEGORIES, NO_PAYLOAD, PAYLOAD, OctetAccount
+from dissect.engine.transactions.connection import ISO_TSAP_PORT
+from dissect.engine.transactions.side import Side
+from dissect.engine.transactions.table import endpoints
 from dissect.packets.tcp.ip import TCP, FragmentStore
 from dissect.packets.tcp.segment import Segment, find_segment
-from dissect.transactions.accounts import CATEGORIES, NO_PAYLOAD, PAYLOAD, OctetAccount
-from dissect.transactions.connection import ISO_TSAP_PORT
-from dissect.transactions.side import Side
-from dissect.transactions.table import endpoints
 from dissect.wire.octets import Tally
 from dissect.wire.text import duration_text
 

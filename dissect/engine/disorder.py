@@ -7,12 +7,12 @@ from mypy_extensions import i64
 from dissect.engine.counters import Counters
 from dissect.engine.silent import untold
 from dissect.engine.timers import Timers
+from dissect.engine.transactions import accounts
+from dissect.engine.transactions.accounts import PAYLOAD
+from dissect.engine.transactions.connection import FOREIGN, LEFT_OUT, PROBING
+from dissect.engine.transactions.retransmission import note_sent_again
+from dissect.engine.transactions.side import Side
 from dissect.packets.tcp import stream
-from dissect.transactions import accounts
-from dissect.transactions.accounts import PAYLOAD
-from dissect.transactions.connection import FOREIGN, LEFT_OUT, PROBING
-from dissect.transactions.retransmission import note_sent_again
-from dissect.transactions.side import Side
 
 
 def take(counters: Counters, timers: Timers, side: Side, seq: i64, octets: bytes, missing: i64) -> i64:

@@ -14,11 +14,11 @@ from mypy_extensions import i64
 
 from dissect.engine import attempts
 from dissect.engine.counters import Counters
+from dissect.engine.transactions.connection import FOREIGN, LEFT_OUT
+from dissect.engine.transactions.side import Rival, Side
+from dissect.engine.transactions.table import ConnectionTable
 from dissect.packets.tcp.doubt import HOLDS, REFUTED
 from dissect.packets.tcp.stream import ACK, FIN, MASK, RST, SYN, WINDOW
-from dissect.transactions.connection import FOREIGN, LEFT_OUT
-from dissect.transactions.side import Rival, Side
-from dissect.transactions.table import ConnectionTable
 from dissect.wire.text import count
 
 #: After a reset, a segment at most this far ahead may have been captured out of order; any other comes too late.

@@ -15,34 +15,34 @@ from typing import TYPE_CHECKING, Any
 
 from mypy_extensions import i64, mypyc_attr
 
-from dissect.acts.book import ActBook
+from dissect.engine.acts.book import ActBook
+from dissect.engine.findings.explaining import Causes
+from dissect.engine.findings.ledger import Ledger
+from dissect.engine.findings.operation_rules import judge_loaded, judge_operation, judge_strays
+from dissect.engine.findings.plus_rules import PlusWatch
+from dissect.engine.findings.reporter import Reporter
+from dissect.engine.findings.security_rules import SAMPLED, SecurityWatch
+from dissect.engine.findings.session_rules import judge_grant
+from dissect.engine.findings.station_rules import StationWatch
+from dissect.engine.findings.transaction_rules import judge_body, judge_szl, judge_transaction, judge_unanswered
 from dissect.engine.observer import Observer
-from dissect.findings.explaining import Causes
-from dissect.findings.ledger import Ledger
-from dissect.findings.operation_rules import judge_loaded, judge_operation, judge_strays
-from dissect.findings.plus_rules import PlusWatch
-from dissect.findings.reporter import Reporter
-from dissect.findings.security_rules import SAMPLED, SecurityWatch
-from dissect.findings.session_rules import judge_grant
-from dissect.findings.station_rules import StationWatch
-from dissect.findings.transaction_rules import judge_body, judge_szl, judge_transaction, judge_unanswered
+from dissect.engine.stations.evidence import TELLING
+from dissect.engine.stations.facts import Fact
+from dissect.engine.transactions.behind import Behind
+from dissect.engine.transactions.connection import Connection, Traits
+from dissect.engine.transactions.naming import Naming
+from dissect.engine.transactions.operation import DONE, DOWNLOAD, TRANSFERS, Operation
+from dissect.engine.transactions.operations import Operations
+from dissect.engine.transactions.pairing import Dialogue
+from dissect.engine.transactions.payloads import SCD, ScdParameters
+from dissect.engine.transactions.side import Side
+from dissect.engine.transactions.subscriptions import follow
+from dissect.engine.transactions.transaction import ANSWERED, BEHIND_MALFORMED, UNANSWERED, Transaction
 from dissect.protocols.s7.parameters import Parameters
 from dissect.protocols.s7.tables import GROUP_CPU, JOB, READ_VAR, SETUP_COMMUNICATION, USERDATA, WRITE_VAR
-from dissect.stations.evidence import TELLING
-from dissect.stations.facts import Fact
-from dissect.transactions.behind import Behind
-from dissect.transactions.connection import Connection, Traits
-from dissect.transactions.naming import Naming
-from dissect.transactions.operation import DONE, DOWNLOAD, TRANSFERS, Operation
-from dissect.transactions.operations import Operations
-from dissect.transactions.pairing import Dialogue
-from dissect.transactions.payloads import SCD, ScdParameters
-from dissect.transactions.side import Side
-from dissect.transactions.subscriptions import follow
-from dissect.transactions.transaction import ANSWERED, BEHIND_MALFORMED, UNANSWERED, Transaction
 
 if TYPE_CHECKING:
-    from dissect.findings.block_rules import BlockWatch
+    from dissect.engine.findings.block_rules import BlockWatch
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)
@@ -200,7 +200,7 @@ class Watch:
         if operation.connection.plus is not None:
             return  # it is not known which parts of an S7comm-plus block the CPU changes by itself
         if self._blocks is None:
-            from dissect.findings.block_rules import BlockWatch  # late: few captures have blocks
+            from dissect.engine.findings.block_rules import BlockWatch  # late: few captures have blocks
 
             self._blocks = BlockWatch(self._reporter)
         self._blocks.take(operation)

@@ -6,6 +6,10 @@ from mypy_extensions import i64
 
 from dissect.engine.exchange import Exchange
 from dissect.engine.iso import IsoOnTcp
+from dissect.engine.transactions.accounts import OctetAccount
+from dissect.engine.transactions.connection import FOLLOWED
+from dissect.engine.transactions.protocol import Protocol
+from dissect.engine.transactions.side import Side
 from dissect.protocols.ibh.framer import PacketFramer, opens
 from dissect.protocols.ibh.packet import IbhPacket, parse_packet
 from dissect.protocols.ibh.tables import (
@@ -18,10 +22,6 @@ from dissect.protocols.ibh.tables import (
     NETLINK_PORT,
 )
 from dissect.protocols.iso.upper import is_sound
-from dissect.transactions.accounts import OctetAccount
-from dissect.transactions.connection import FOLLOWED
-from dissect.transactions.protocol import Protocol
-from dissect.transactions.side import Side
 
 
 class IbhNetLink(Protocol):

@@ -17,10 +17,8 @@ from mypy_extensions import i64
 
 from dissect.engine.connections import Connections
 from dissect.engine.exchange import Exchange
-from dissect.engine.s7 import S7
-from dissect.engine.tls import Tls
-from dissect.findings.session_rules import judge_disconnect, judge_error_tpdu
-from dissect.findings.transport_rules import (
+from dissect.engine.findings.session_rules import judge_disconnect, judge_error_tpdu
+from dissect.engine.findings.transport_rules import (
     end_stray,
     follow_stray,
     judge_confirm,
@@ -32,7 +30,12 @@ from dissect.findings.transport_rules import (
     note_early,
     note_large,
 )
-from dissect.findings.ways import Way
+from dissect.engine.findings.ways import Way
+from dissect.engine.s7 import S7
+from dissect.engine.tls import Tls
+from dissect.engine.transactions.connection import FOREIGN, ISO
+from dissect.engine.transactions.protocol import Protocol
+from dissect.engine.transactions.side import Place, Side
 from dissect.protocols.iso.cotp import MAX_EXPEDITED, Tpdu, parse_tpdu
 from dissect.protocols.iso.foreign import identify_connect
 from dissect.protocols.iso.irregular import holds_data, is_odd, odd_place, odd_said
@@ -50,9 +53,6 @@ from dissect.protocols.iso.upper import (
 )
 from dissect.protocols.s7.parameters import PROTOCOL_ID, is_request
 from dissect.protocols.s7.tables import ACK, ACK_DATA, JOB, USERDATA
-from dissect.transactions.connection import FOREIGN, ISO
-from dissect.transactions.protocol import Protocol
-from dissect.transactions.side import Place, Side
 from dissect.wire.build import COMPILED
 from dissect.wire.octets import Tally, u16, u32
 from dissect.wire.text import count

@@ -6,15 +6,15 @@ from typing import Any
 
 from mypy_extensions import i64, mypyc_attr
 
-from dissect.acts.act import Act
-from dissect.findings.ledger import Ledger
-from dissect.findings.reporter import Finding
-from dissect.stations.facts import Book, Fact
-from dissect.transactions.connection import Connection
-from dissect.transactions.operation import Operation
-from dissect.transactions.payloads import ScdMessage
-from dissect.transactions.side import Side
-from dissect.transactions.transaction import Transaction
+from dissect.engine.acts.act import Act
+from dissect.engine.findings.ledger import Ledger
+from dissect.engine.findings.reporter import Finding
+from dissect.engine.stations.facts import Book, Fact
+from dissect.engine.transactions.connection import Connection
+from dissect.engine.transactions.operation import Operation
+from dissect.engine.transactions.payloads import ScdMessage
+from dissect.engine.transactions.side import Side
+from dissect.engine.transactions.transaction import Transaction
 from dissect.wire.copies import derived, keep_out
 
 

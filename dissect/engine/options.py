@@ -8,9 +8,9 @@ from typing import Final
 from mypy_extensions import i64
 
 from dissect.engine.exchange import PayloadDecoder
+from dissect.engine.transactions.connection import Connection
+from dissect.engine.transactions.naming import Naming
 from dissect.protocols.tls.key_log import KeyLog
-from dissect.transactions.connection import Connection
-from dissect.transactions.naming import Naming
 from dissect.wire.copies import leaves
 
 #: Octets that all connections together may keep of unfinished packets, PDUs and transactions.

@@ -5,10 +5,10 @@ from __future__ import annotations
 from mypy_extensions import i64
 
 from dissect.engine.exchange import Exchange, PayloadDecoder
-from dissect.transactions.connection import FOLLOWED
-from dissect.transactions.payloads import Backlog
-from dissect.transactions.protocol import Protocol
-from dissect.transactions.side import Side
+from dissect.engine.transactions.connection import FOLLOWED
+from dissect.engine.transactions.payloads import Backlog
+from dissect.engine.transactions.protocol import Protocol
+from dissect.engine.transactions.side import Side
 
 
 class PayloadStream(Protocol):

@@ -26,6 +26,7 @@ from dissect.engine import attempts, disorder, ends, vlans
 from dissect.engine.connections import Connections, Recognition, on_102
 from dissect.engine.counters import Counters
 from dissect.engine.exchange import Exchange
+from dissect.engine.findings.reporter import Reporter
 from dissect.engine.ibh import IbhNetLink
 from dissect.engine.iso import LEAST, IsoOnTcp
 from dissect.engine.observer import Observer
@@ -37,8 +38,16 @@ from dissect.engine.silent import NO_PROBE, SilentConnections, judge_silent, may
 from dissect.engine.sums import counts_of
 from dissect.engine.timers import FAR_FUTURE, Timers, next_tick
 from dissect.engine.tls import Tls
+from dissect.engine.transactions import accounts
+from dissect.engine.transactions.accounts import NO_PAYLOAD, PAYLOAD
+from dissect.engine.transactions.connection import FOREIGN, ISO, LEFT_OUT, PROBING
+from dissect.engine.transactions.memory_limit import Room
+from dissect.engine.transactions.pairing import Dialogue
+from dissect.engine.transactions.protocol import Protocol
+from dissect.engine.transactions.side import Side
+from dissect.engine.transactions.table import ConnectionTable
+from dissect.engine.transactions.transaction import CAPTURE_ENDED, CONNECTION_CLOSED, CONNECTION_EVICTED
 from dissect.engine.udp import Datagrams
-from dissect.findings.reporter import Reporter
 from dissect.packets.source.packet import PacketSink
 from dissect.packets.tcp import stream
 from dissect.packets.tcp.ip import TCP, UDP
@@ -47,15 +56,6 @@ from dissect.packets.tcp.stream import ACK, FIN, RST, SYN
 from dissect.packets.tcp.usual import usual_ip
 from dissect.protocols.iso.recognition import is_connect_request
 from dissect.protocols.iso.tpkt import MIN_LENGTH, sound_length
-from dissect.transactions import accounts
-from dissect.transactions.accounts import NO_PAYLOAD, PAYLOAD
-from dissect.transactions.connection import FOREIGN, ISO, LEFT_OUT, PROBING
-from dissect.transactions.memory_limit import Room
-from dissect.transactions.pairing import Dialogue
-from dissect.transactions.protocol import Protocol
-from dissect.transactions.side import Side
-from dissect.transactions.table import ConnectionTable
-from dissect.transactions.transaction import CAPTURE_ENDED, CONNECTION_CLOSED, CONNECTION_EVICTED
 from dissect.wire.copies import leaves_as
 from dissect.wire.octets import u32
 

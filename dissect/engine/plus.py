@@ -7,7 +7,10 @@ from typing import Final
 from mypy_extensions import i64
 
 from dissect.engine.exchange import Exchange
-from dissect.findings.session_rules import judge_port
+from dissect.engine.findings.session_rules import judge_port
+from dissect.engine.transactions.connection import Connection
+from dissect.engine.transactions.protocol import Protocol
+from dissect.engine.transactions.side import Side
 from dissect.protocols.iso.upper import S7COMM_PLUS, UNKNOWN, UPPER_NAMES
 from dissect.protocols.s7plus.assembly import PlusAssembler, is_notification
 from dissect.protocols.s7plus.message import HEADER_SIZE, SHORT_HEADS, PlusPdu, parse_plus
@@ -28,9 +31,6 @@ from dissect.protocols.s7plus.tables import (
     V2,
     V3,
 )
-from dissect.transactions.connection import Connection
-from dissect.transactions.protocol import Protocol
-from dissect.transactions.side import Side
 from dissect.wire.octets import Tally, u16
 
 #: The functions that have names are among this many codes from this one on.

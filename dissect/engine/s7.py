@@ -5,8 +5,8 @@ from __future__ import annotations
 from mypy_extensions import i64
 
 from dissect.engine.exchange import Exchange
-from dissect.findings.security_rules import PACE
-from dissect.findings.session_rules import (
+from dissect.engine.findings.security_rules import PACE
+from dissect.engine.findings.session_rules import (
     judge_answer_size,
     judge_header,
     judge_port,
@@ -14,7 +14,11 @@ from dissect.findings.session_rules import (
     judge_shared,
     judge_size,
 )
-from dissect.findings.transaction_rules import judge_parameters
+from dissect.engine.findings.transaction_rules import judge_parameters
+from dissect.engine.transactions.connection import ISO, Connection
+from dissect.engine.transactions.protocol import Protocol
+from dissect.engine.transactions.results import BAD_DATA
+from dissect.engine.transactions.side import Side
 from dissect.protocols.iso.upper import S7COMM, UPPER_NAMES
 from dissect.protocols.s7.message import parse_pdu
 from dissect.protocols.s7.parameters import (
@@ -31,10 +35,6 @@ from dissect.protocols.s7.parameters import (
     read_header,
 )
 from dissect.protocols.s7.tables import ACK, ACK_DATA, JOB, READ_VAR, ROSCTR, SETUP_COMMUNICATION, USERDATA, WRITE_VAR
-from dissect.transactions.connection import ISO, Connection
-from dissect.transactions.protocol import Protocol
-from dissect.transactions.results import BAD_DATA
-from dissect.transactions.side import Side
 from dissect.wire.octets import Tally, u16
 
 

@@ -15,11 +15,11 @@ from mypy_extensions import i64
 
 from dissect.engine.connections import on_102
 from dissect.engine.counters import Counters
+from dissect.engine.transactions.connection import ISO_TSAP_PORT, PROBING
+from dissect.engine.transactions.probes import Probes
+from dissect.engine.transactions.side import Side
+from dissect.engine.transactions.table import endpoints, reverse_key
 from dissect.packets.tcp.stream import FIN, MASK, RST, SYN, Endpoint
-from dissect.transactions.connection import ISO_TSAP_PORT, PROBING
-from dissect.transactions.probes import Probes
-from dissect.transactions.side import Side
-from dissect.transactions.table import endpoints, reverse_key
 from dissect.wire.octets import u16
 from dissect.wire.text import count
 

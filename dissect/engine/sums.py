@@ -5,9 +5,9 @@ from __future__ import annotations
 from operator import attrgetter
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
+from dissect.engine.findings.ledger import Ledger
 from dissect.engine.observer import Observer
-from dissect.findings.ledger import Ledger
-from dissect.transactions.protocol import Protocol
+from dissect.engine.transactions.protocol import Protocol
 from dissect.wire.octets import Tally
 
 if TYPE_CHECKING:

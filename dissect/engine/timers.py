@@ -21,15 +21,15 @@ from mypy_extensions import i64
 from dissect.engine import ends
 from dissect.engine.counters import Counters
 from dissect.engine.exchange import Exchange
-from dissect.findings.reporter import Reporter
+from dissect.engine.findings.reporter import Reporter
+from dissect.engine.transactions.gaps import perhaps_answered
+from dissect.engine.transactions.naming import subject
+from dissect.engine.transactions.pairing import Dialogue
+from dissect.engine.transactions.results import wants_answer
+from dissect.engine.transactions.side import Side
+from dissect.engine.transactions.table import MAX_CONNECTIONS
+from dissect.engine.transactions.transaction import Transaction
 from dissect.packets.tcp.stretches import Chunk
-from dissect.transactions.gaps import perhaps_answered
-from dissect.transactions.naming import subject
-from dissect.transactions.pairing import Dialogue
-from dissect.transactions.results import wants_answer
-from dissect.transactions.side import Side
-from dissect.transactions.table import MAX_CONNECTIONS
-from dissect.transactions.transaction import Transaction
 from dissect.wire.text import duration_text
 
 #: Sides, and open requests, that are checked at once; the others have to wait for the next one.

@@ -12,13 +12,13 @@ from mypy_extensions import i64
 
 from dissect.engine.connections import Foreign
 from dissect.engine.exchange import Exchange
-from dissect.findings.tls_rules import judge_certificates, judge_closed, judge_session
+from dissect.engine.findings.tls_rules import judge_certificates, judge_closed, judge_session
+from dissect.engine.transactions.connection import Connection
+from dissect.engine.transactions.protocol import Protocol
+from dissect.engine.transactions.side import Side
 from dissect.protocols.iso.upper import S7COMM, S7COMM_PLUS, TLS, UPPER_NAMES, classify, is_sound
 from dissect.protocols.s7plus.stream import FrameStream
 from dissect.protocols.tls.key_log import KeyLog, KeyRing
-from dissect.transactions.connection import Connection
-from dissect.transactions.protocol import Protocol
-from dissect.transactions.side import Side
 
 if TYPE_CHECKING:
     from dissect.protocols.tls.session import TlsSession, Waiting

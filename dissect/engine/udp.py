@@ -11,13 +11,13 @@ from mypy_extensions import i64
 from dissect.engine.connections import Connections
 from dissect.engine.counters import Counters
 from dissect.engine.exchange import PayloadDecoder
+from dissect.engine.transactions import accounts
+from dissect.engine.transactions.connection import LEFT_OUT
+from dissect.engine.transactions.protocol import Protocol
+from dissect.engine.transactions.side import Side
+from dissect.engine.transactions.table import ConnectionTable, endpoints
+from dissect.engine.transactions.transaction import CAPTURE_ENDED, CONNECTION_EVICTED
 from dissect.packets.tcp.segment import Segment
-from dissect.transactions import accounts
-from dissect.transactions.connection import LEFT_OUT
-from dissect.transactions.protocol import Protocol
-from dissect.transactions.side import Side
-from dissect.transactions.table import ConnectionTable, endpoints
-from dissect.transactions.transaction import CAPTURE_ENDED, CONNECTION_EVICTED
 
 
 class Datagrams:

@@ -12,9 +12,9 @@ from typing import Final
 
 from mypy_extensions import i64
 
+from dissect.engine.transactions.side import Side
+from dissect.engine.transactions.table import ConnectionTable, base_and_tag, reverse_key
 from dissect.packets.tcp.stream import ACK, MASK, RST, SYN, WINDOW, HalfStream
-from dissect.transactions.side import Side
-from dissect.transactions.table import ConnectionTable, base_and_tag, reverse_key
 
 #: The least octets for a copy to be recognised; fewer may be equal by chance.
 _COMPARED: Final = 8

@@ -1,7 +1,7 @@
 """MITRE ATT&CK for ICS v18.1: the tactics of each technique, and the id of its object in STIX.
 
 From attack-stix-data, ics-attack.json, 2025-11-13. Names of techniques and which finding points to which are in
-`dissect.findings.mitre` and the catalogue.
+`dissect.engine.findings.mitre` and the catalogue.
 """
 
 from __future__ import annotations

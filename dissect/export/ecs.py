@@ -14,8 +14,13 @@ from collections.abc import Mapping
 from types import MappingProxyType
 from typing import Any, Final, TextIO
 
+from dissect.engine.findings.bounds import KEPT
+from dissect.engine.findings.catalogue import CAPTURE, CATALOGUE
+from dissect.engine.findings.reporter import Finding
 from dissect.engine.observer import Observer
 from dissect.engine.pipeline import Pipeline
+from dissect.engine.transactions.connection import Connection
+from dissect.engine.transactions.transaction import LIKELY, Transaction
 from dissect.export.attack_tables import TACTICS, TECHNIQUES
 from dissect.export.forms import ECS_PARTS, Export, Request
 from dissect.export.mapping import mapped
@@ -35,14 +40,9 @@ from dissect.export.tables import (
     Table,
 )
 from dissect.facts.keys import connection_community_id
-from dissect.findings.bounds import KEPT
-from dissect.findings.catalogue import CAPTURE, CATALOGUE
-from dissect.findings.reporter import Finding
 from dissect.packets.tcp.stream import Endpoint
 from dissect.select.things import Context
 from dissect.session import Run
-from dissect.transactions.connection import Connection
-from dissect.transactions.transaction import LIKELY, Transaction
 from dissect.wire.text import Clock, encodable
 
 ECS_VERSION: Final = "9.4.0"

@@ -6,9 +6,17 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterable, Sequence
 from typing import Any, Final
 
-from dissect.acts.act import Act
+from dissect.engine.acts.act import Act
+from dissect.engine.findings.bounds import KEPT
+from dissect.engine.findings.reporter import Finding
 from dissect.engine.observer import Observer
 from dissect.engine.pipeline import Pipeline
+from dissect.engine.stations.facts import Fact
+from dissect.engine.transactions.connection import Connection
+from dissect.engine.transactions.operation import Operation
+from dissect.engine.transactions.payloads import ScdMessage
+from dissect.engine.transactions.side import Side
+from dissect.engine.transactions.transaction import Transaction
 from dissect.export import pdu_columns, value_columns
 from dissect.export.batch import Batch, Part
 from dissect.export.item_columns import ASKED, BEGIN, CODE, ROUTE, Collected, ItemColumns
@@ -29,17 +37,9 @@ from dissect.export.tables import (
 )
 from dissect.export.transaction_rows import ENDS, FILE, FUNCTION, OWN, STATE, Row, TransactionColumns
 from dissect.export.value_columns import ValueColumns
-from dissect.findings.bounds import KEPT
-from dissect.findings.reporter import Finding
 from dissect.inventory.collector import Inventory
 from dissect.packets.source.packet import SourceFile
 from dissect.select.things import Context
-from dissect.stations.facts import Fact
-from dissect.transactions.connection import Connection
-from dissect.transactions.operation import Operation
-from dissect.transactions.payloads import ScdMessage
-from dissect.transactions.side import Side
-from dissect.transactions.transaction import Transaction
 from dissect.variables.collector import Collector
 
 #: This many rows of a table are passed on together; items earlier, when their PDUs have this many bytes.

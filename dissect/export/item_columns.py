@@ -13,6 +13,9 @@ from typing import Final
 
 from mypy_extensions import i64
 
+from dissect.engine.transactions.good_items import good_octets
+from dissect.engine.transactions.naming import Naming
+from dissect.engine.transactions.transaction import ANSWERED, CERTAINTIES, PUSH, Transaction
 from dissect.export.transaction_rows import MOST_KNOWN, Row, Shared, TransactionColumns, TransactionRows, directed
 from dissect.protocols.s7.items import Item, ItemResult
 from dissect.protocols.s7.parameters import Parameters
@@ -35,9 +38,6 @@ from dissect.protocols.s7.values import Value, decode_value, number_texts, spell
 from dissect.protocols.s7plus.items import WRITES
 from dissect.protocols.s7plus.parameters import PLUS, PlusParameters
 from dissect.report.item_json import value_text
-from dissect.transactions.good_items import good_octets
-from dissect.transactions.naming import Naming
-from dissect.transactions.transaction import ANSWERED, CERTAINTIES, PUSH, Transaction
 from dissect.wire.octets import u16
 from dissect.wire.text import encodable
 

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from typing import Final
 
+from dissect.engine.transactions.connection import Connection
+from dissect.engine.transactions.payloads import ScdMessage
 from dissect.export.transaction_rows import MOST_KNOWN, Packets, Row, Shared, TransactionRows
 from dissect.protocols.iso.upper import S7COMM, S7COMM_PLUS, SCD, UPPER_NAMES
 from dissect.protocols.s7.message import Pdu, parse_pdu
 from dissect.protocols.s7plus.message import PlusPdu, parse_plus
 from dissect.protocols.s7plus.tables import FUNCTIONS as PLUS_FUNCTIONS
 from dissect.protocols.s7plus.tables import KEEP_ALIVE, NOTIFICATION, SYSTEM_EVENT
-from dissect.transactions.connection import Connection
-from dissect.transactions.payloads import ScdMessage
 from dissect.wire.text import encodable
 
 #: Messages with a version and without an opcode.

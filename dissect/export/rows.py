@@ -5,23 +5,23 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, Final
 
-from dissect.acts.act import Act
+from dissect.engine.acts.act import Act
+from dissect.engine.findings.ledger import Ledger
+from dissect.engine.findings.reporter import Finding
+from dissect.engine.transactions.connection import Connection
+from dissect.engine.transactions.good_items import good_octets
+from dissect.engine.transactions.operation import Operation
+from dissect.engine.transactions.transaction import Transaction
 from dissect.export.tables import ACTS, CONNECTIONS, DEVICES, FINDING_COUNTS, FINDINGS, ITEMS, OPERATIONS, Table
 from dissect.export.transaction_rows import Row, TransactionRows
 from dissect.export.value_columns import shown
 from dissect.facts import fact as kinds
 from dissect.facts.counted import counted
 from dissect.facts.transaction import ITEM
-from dissect.findings.ledger import Ledger
-from dissect.findings.reporter import Finding
 from dissect.inventory.model import Device
 from dissect.packets.source.packet import SourceFile
 from dissect.protocols.s7plus.items import PlusItem
 from dissect.select.items import ItemFacts, plus_facts, scd_facts
-from dissect.transactions.connection import Connection
-from dissect.transactions.good_items import good_octets
-from dissect.transactions.operation import Operation
-from dissect.transactions.transaction import Transaction
 from dissect.wire.text import encodable
 
 _NOTHING: Final[Mapping[str, Any]] = {}

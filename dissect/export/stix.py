@@ -13,21 +13,21 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final
 
+from dissect.engine.findings.bounds import KEPT
+from dissect.engine.findings.catalogue import CATALOGUE, Rule
+from dissect.engine.findings.ledger import Ledger, Occurrences, Pair
+from dissect.engine.findings.mitre import Technique
+from dissect.engine.findings.reporter import Finding
 from dissect.engine.observer import Observer
+from dissect.engine.transactions.connection import Connection
 from dissect.export.attack_tables import TACTICS, TECHNIQUES
 from dissect.export.forms import Export, Request
 from dissect.export.rows import Rows
 from dissect.facts.keys import connection_community_id
-from dissect.findings.bounds import KEPT
-from dissect.findings.catalogue import CATALOGUE, Rule
-from dissect.findings.ledger import Ledger, Occurrences, Pair
-from dissect.findings.mitre import Technique
-from dissect.findings.reporter import Finding
 from dissect.packets.tcp.stream import Endpoint
 from dissect.report.happened import times
 from dissect.select.things import Context
 from dissect.session import Run
-from dissect.transactions.connection import Connection
 from dissect.wire.text import Clock, encodable
 
 #: Namespace of the ids of observables (STIX 2.1, 2.9).

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Any, Final
 
+from dissect.engine.transactions.connection import Connection
+from dissect.engine.transactions.ending import DISCONNECT, ERROR_TPDU, EVICTED, FIN, OPEN, REPLACED, RESET, REUSED
 from dissect.facts.fact import (
     CODE,
     COUNT,
@@ -22,8 +24,6 @@ from dissect.facts.fact import (
 )
 from dissect.packets.tcp.link import vlan_ids
 from dissect.packets.tcp.stream import Endpoint
-from dissect.transactions.connection import Connection
-from dissect.transactions.ending import DISCONNECT, ERROR_TPDU, EVICTED, FIN, OPEN, REPLACED, RESET, REUSED
 
 #: The VLAN ids of a packet.
 _VLANS: Final = {"type": "array", "items": {"type": "integer", "minimum": 0, "maximum": 4095}}

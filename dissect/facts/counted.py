@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from typing import Any, Final, NamedTuple
 
+from dissect.engine.findings.catalogue import CATALOGUE, Rule
+from dissect.engine.findings.ledger import Ledger, Occurrences, Pair
 from dissect.facts.fact import COUNT, FILE, FLAG, FRAME, TIME, WORD, Fact, by_name
-from dissect.findings.catalogue import CATALOGUE, Rule
-from dissect.findings.ledger import Ledger, Occurrences, Pair
 
 _ROWS: Final[tuple[Fact[Occurrences], ...]] = (
     Fact("events", COUNT, "How often the rule applied.", lambda of: int(of.events), least=1),

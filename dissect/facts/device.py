@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, Final
 
+from dissect.engine.stations import facts
 from dissect.facts.fact import (
     CODE,
     COUNT,
@@ -25,7 +26,6 @@ from dissect.facts.fact import (
 )
 from dissect.facts.vendors import vendor
 from dissect.packets.tcp.link import vlan_ids, vlan_text
-from dissect.stations import facts
 from dissect.wire.text import encodable
 
 _SURE: Final = ("stated", "behaviour", "tsap")
@@ -33,7 +33,10 @@ _ROLES: Final = ("CPU", "engineering", "OPC", "panel", "S7 server")
 
 
 def _said(key: str, about: str, *, told: bool = True) -> Fact[Any]:
-    """Return the fact that a device stated under a key (`dissect.stations.facts`); JSON has it among its own only if `told`."""
+    """Return the fact that a device stated under a key; JSON has it among its own only if `told`.
+
+    See `dissect.engine.stations.facts`.
+    """
     return Fact(key, WORD, about, lambda of: encodable(of.get(key)) or None, key=None if told else "", null=True)
 
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import Final
 
+from dissect.engine.findings.catalogue import KINDS, SEVERITIES
+from dissect.engine.findings.reporter import Finding
 from dissect.facts.fact import CODE, COUNT, FILE, FRAMES, JSON, SERIAL, TEXT, TIME, WORD, WORDS, Fact, by_name
-from dissect.findings.catalogue import KINDS, SEVERITIES
-from dissect.findings.reporter import Finding
 
 _ROWS: Final[tuple[Fact[Finding], ...]] = (
     Fact("number", SERIAL, "Number of the finding: the findings of a run are counted from 1 in the order in which they are"

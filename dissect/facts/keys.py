@@ -7,8 +7,8 @@ import hashlib
 import struct
 from typing import Final
 
+from dissect.engine.transactions.connection import Connection
 from dissect.packets.tcp.stream import Endpoint
-from dissect.transactions.connection import Connection
 
 _TCP: Final = 6
 _UDP: Final = 17

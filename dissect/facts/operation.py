@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from typing import Any, Final
 
-from dissect.acts.act import Act
+from dissect.engine.acts.act import Act
+from dissect.engine.transactions.operation import KINDS, NO_FAILURES, RESULTS, Operation
 from dissect.facts.fact import (
     CODE,
     COUNT,
@@ -22,7 +23,6 @@ from dissect.facts.fact import (
     Fact,
     by_name,
 )
-from dissect.transactions.operation import KINDS, NO_FAILURES, RESULTS, Operation
 from dissect.wire.text import encodable
 
 

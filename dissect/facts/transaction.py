@@ -4,6 +4,14 @@ from __future__ import annotations
 
 from typing import Any, Final
 
+from dissect.engine.transactions.transaction import (
+    CERTAINTIES,
+    DOUBT_TEXTS,
+    LIKELY,
+    OUTCOMES,
+    REASON_TEXTS,
+    Transaction,
+)
 from dissect.facts.fact import (
     BYTES,
     CODE,
@@ -27,7 +35,6 @@ from dissect.facts.fact import (
 )
 from dissect.protocols.iso.upper import S7COMM, S7COMM_PLUS, SCD, UPPER_NAMES
 from dissect.protocols.s7.tables import JOB, NUMBERED_AREAS, ROSCTR, SUCCESS, USERDATA
-from dissect.transactions.transaction import CERTAINTIES, DOUBT_TEXTS, LIKELY, OUTCOMES, REASON_TEXTS, Transaction
 from dissect.wire.text import encodable
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, Final
 
+from dissect.engine.transactions.transaction import DOUBT_TEXTS, LIKELY
 from dissect.facts.fact import (
     BYTES,
     CODE,
@@ -26,7 +27,6 @@ from dissect.facts.fact import (
     by_name,
 )
 from dissect.packets.tcp.link import vlan_ids
-from dissect.transactions.transaction import DOUBT_TEXTS, LIKELY
 from dissect.wire.text import encodable
 
 _HOWS: Final = ("read", "write", "push", "modify", "force", "notification", "pdo")

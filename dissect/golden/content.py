@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Final
 
+from dissect.engine.transactions.naming import NamedValue, Naming
 from dissect.golden.exchange import PLUS, S7, SCD, Exchange, ItemRecord
 from dissect.golden.item_changes import item_changes
 from dissect.golden.keys import subject
@@ -17,7 +18,6 @@ from dissect.protocols.s7.message import Pdu
 from dissect.protocols.s7.parameters import Setup
 from dissect.protocols.s7.tables import DATA_TRANSPORT_SIZES, READ_VAR, SETUP_COMMUNICATION, WRITE_VAR
 from dissect.report import facets, words
-from dissect.transactions.naming import NamedValue, Naming
 from dissect.wire.layout import HOLDS_TIME, FieldValue
 from dissect.wire.part import Part
 

@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from fnmatch import fnmatchcase
 from typing import Final
 
-from dissect.transactions.naming import Naming
+from dissect.engine.transactions.naming import Naming
 
 #: All kinds of differences, with what comes after the colon in ``--ignore WHAT:PATTERN``.
 KINDS: Final = {

@@ -6,6 +6,7 @@ from collections import deque
 from functools import lru_cache
 from typing import Final
 
+from dissect.engine.transactions.results import has_items, requested_items, userdata_results
 from dissect.golden.masking import mask_plus, mask_plus_answer, mask_s7
 from dissect.protocols.s7.errors import errors_of
 from dissect.protocols.s7.items import DataItem, Item, ItemResult, read_results, write_results
@@ -15,7 +16,6 @@ from dissect.protocols.s7.tables import JOB, READ_VAR, RETURN_CODES, WRITE_VAR
 from dissect.protocols.s7.values import Value
 from dissect.protocols.s7plus.message import PlusPdu, parse_plus
 from dissect.protocols.s7plus.tables import RETURN_CODES as PLUS_CODES
-from dissect.transactions.results import has_items, requested_items, userdata_results
 
 # Who speaks in an exchange.
 S7: Final = "s7"

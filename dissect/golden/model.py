@@ -11,8 +11,8 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Final, NamedTuple
 
+from dissect.engine.transactions.transaction import HOLE, SURE
 from dissect.golden.exchange import Exchange, ItemRecord
-from dissect.transactions.transaction import HOLE, SURE
 from dissect.wire.errors import Error
 
 #: Maximum number of transactions of a session, and maximum total size of its distinct exchanges; a test is never larger.
@@ -54,10 +54,11 @@ class Transaction:
     """A request and its answer, either of which may be missing.
 
     ``number`` counts from 1 over the session, in its order; ``asked_by`` is ``client`` or ``server``; ``outcome`` and
-    ``reason`` are those of `dissect.transactions`.
+    ``reason`` are those of `dissect.engine.transactions`.
 
     The other attributes belong to one recording; they are None, empty or 0 if unknown. ``certainty`` and ``doubt`` are those of
-    `dissect.transactions`. ``time_ns`` is the time of the request (of the answer if there is no request), in nanoseconds since
+    `dissect.engine.transactions`. ``time_ns`` is the time of the request (of the answer if there is no request), in nanoseconds
+    since
     1970. ``recorded`` has both PDUs with their references. ``frame`` is the first packet, ``last_frame`` the packet that
     completed the transaction, and ``place`` the packet that gives its place in the order.
     """
@@ -140,7 +141,8 @@ class Link:
     """A connection: its endpoints (TSAPs as octets, None if not captured), the negotiated sizes, and how it ended.
 
     ``carrier`` is ``tcp``, ``udp`` or ``ibh``. ``begun``: its beginning was captured. Sizes are 0 if not negotiated. ``ended``
-    is how it ended (`dissect.transactions.ending`), ``ended_by`` ``client``, ``server`` or empty, ``farewell`` a DR or ER in
+    is how it ended (`dissect.engine.transactions.ending`), ``ended_by`` ``client``, ``server`` or empty, ``farewell`` a DR or
+    ER in
     words. ``addresses`` of client and server belong to one recording and are empty if unknown; so do ``span`` and ``tpdus``,
     which are None if unknown.
     """

@@ -8,6 +8,7 @@ from datetime import UTC, datetime
 from functools import partial
 from typing import Final, NamedTuple
 
+from dissect.engine.transactions.transaction import DOUBT_TEXTS, HOLE, LIKELY, MALFORMED_HEADER, REASON_TEXTS
 from dissect.golden.blocks import Blocks, join_blocks
 from dissect.golden.exchange import PLUS, S7, SCD, Exchange
 from dissect.golden.forms import (
@@ -22,7 +23,6 @@ from dissect.golden.values import hex_octets, unquoted
 from dissect.golden.writing import ALONE, BEHIND_HEADER, FORMAT, FORMS, OTHER_ROLE, PERHAPS, pushed
 from dissect.protocols.s7.build import build_setup
 from dissect.protocols.s7.tables import ACK_DATA, JOB, READ_VAR, SETUP_COMMUNICATION
-from dissect.transactions.transaction import DOUBT_TEXTS, HOLE, LIKELY, MALFORMED_HEADER, REASON_TEXTS
 from dissect.wire.text import printable
 
 #: The beginning of a golden of any version.

@@ -4,12 +4,7 @@ from __future__ import annotations
 
 from typing import Final, NamedTuple
 
-from dissect.golden.exchange import ItemRecord
-from dissect.golden.model import Transaction
-from dissect.protocols.s7.message import NOT_REFUSED
-from dissect.protocols.s7.tables import BYTE, RETURN_CODES
-from dissect.report import words
-from dissect.transactions.transaction import (
+from dissect.engine.transactions.transaction import (
     BEHIND_MALFORMED,
     HOLE,
     LIKELY,
@@ -18,6 +13,11 @@ from dissect.transactions.transaction import (
     PERHAPS_ANSWERED,
     REASON_TEXTS,
 )
+from dissect.golden.exchange import ItemRecord
+from dissect.golden.model import Transaction
+from dissect.protocols.s7.message import NOT_REFUSED
+from dissect.protocols.s7.tables import BYTE, RETURN_CODES
+from dissect.report import words
 from dissect.wire.text import printable, shortened
 
 #: Maximum number of array elements that are named, and of octets shown around a change.

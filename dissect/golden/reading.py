@@ -12,6 +12,9 @@ from mypy_extensions import i64, mypyc_attr
 from dissect.engine.exchange import PayloadDecoder
 from dissect.engine.observer import Observer
 from dissect.engine.pipeline import Options
+from dissect.engine.transactions.connection import Connection
+from dissect.engine.transactions.ending import OPEN
+from dissect.engine.transactions.transaction import Transaction as Seen
 from dissect.golden.exchange import PLUS, S7, SCD, Exchange
 from dissect.golden.model import GoldenError, Link, Session, Span, Tpdus, Transaction
 from dissect.golden.order import settle_places
@@ -23,14 +26,11 @@ from dissect.protocols.ibh.tables import IBH_NETLINK
 from dissect.protocols.iso.tables import CC, DR, ER
 from dissect.protocols.iso.tpkt import HEADER
 from dissect.session import Reading
-from dissect.transactions.connection import Connection
-from dissect.transactions.ending import OPEN
-from dissect.transactions.transaction import Transaction as Seen
 
 if TYPE_CHECKING:
+    from dissect.engine.transactions.side import Side
     from dissect.protocols.iso.tsap import Tsap
     from dissect.select import Where
-    from dissect.transactions.side import Side
 
 #: Maximum size of a golden; a larger one is refused.
 MAX_SIZE: Final = 1 << 30

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from dissect.transactions.payloads import ScdMessage
-from dissect.transactions.transaction import Transaction
+from dissect.engine.transactions.payloads import ScdMessage
+from dissect.engine.transactions.transaction import Transaction
 from dissect.wire.text import printable
 
 

@@ -11,6 +11,8 @@ from collections.abc import Iterable, Iterator
 from functools import lru_cache
 from typing import Final
 
+from dissect.engine.transactions.naming import Naming
+from dissect.engine.transactions.transaction import BEHIND_MALFORMED, DOUBT_TEXTS, LIKELY, OUTCOMES
 from dissect.golden import forms, usual
 from dissect.golden.blocks import cut_blocks
 from dissect.golden.exchange import PARSED, PLUS, S7, SCD, SMALL, Exchange
@@ -24,8 +26,6 @@ from dissect.protocols.s7.errors import errors_of
 from dissect.protocols.s7.message import NOT_REFUSED, Pdu
 from dissect.protocols.s7.tables import ACK_DATA, JOB, READ_VAR, RETURN_CODES, SETUP_COMMUNICATION, USERDATA, WRITE_VAR
 from dissect.report import facets, words
-from dissect.transactions.naming import Naming
-from dissect.transactions.transaction import BEHIND_MALFORMED, DOUBT_TEXTS, LIKELY, OUTCOMES
 from dissect.wire.text import Clock, printable
 
 FORMAT: Final = "s7dissect golden 1"

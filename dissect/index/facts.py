@@ -8,10 +8,10 @@ from typing import Final
 
 from dissect.engine.observer import Observer
 from dissect.engine.pipeline import Pipeline
+from dissect.engine.transactions.connection import Connection
+from dissect.engine.transactions.transaction import UNANSWERED, Transaction
 from dissect.packets.source.packet import CONTINUES_NS, READING_FAILED
 from dissect.session import Run
-from dissect.transactions.connection import Connection
-from dissect.transactions.transaction import UNANSWERED, Transaction
 
 #: The two ends of a connection: address and port of one, address and port of the other.
 Pair = tuple[bytes, int, bytes, int]

@@ -9,9 +9,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Final
 
-from dissect.findings.catalogue import CATALOGUE
-from dissect.findings.reporter import Finding
-from dissect.findings.transaction_rules import DISORDER_NS
+from dissect.engine.findings.catalogue import CATALOGUE
+from dissect.engine.findings.reporter import Finding
+from dissect.engine.findings.transaction_rules import DISORDER_NS
 from dissect.index.facts import FileFacts, Pair
 from dissect.packets.tcp.stream import Endpoint
 from dissect.select.fields import FIELDS, NAMES

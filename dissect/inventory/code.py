@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Final
 
+from dissect.engine.program.compare import versions
 from dissect.inventory.model import Device
-from dissect.program.compare import versions
 from dissect.protocols.mc7.block import Block, parse_block
 from dissect.protocols.mc7.usage import BOTH, WRITE, cross_reference, cross_reference_values
 from dissect.wire.text import shortened

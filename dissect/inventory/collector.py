@@ -10,15 +10,21 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from typing import Final
 
-from dissect.acts import tables as kinds
-from dissect.acts.act import Act
+from dissect.engine.acts import tables as kinds
+from dissect.engine.acts.act import Act
 from dissect.engine.observer import Observer
 from dissect.engine.pipeline import Pipeline
+from dissect.engine.program.carved import CarvedBlock, carve
+from dissect.engine.stations.facts import MAC, Book, Fact
+from dissect.engine.transactions.connection import Connection
+from dissect.engine.transactions.naming import named_items
+from dissect.engine.transactions.operation import NAMELESS, Operation
+from dissect.engine.transactions.plus_operations import addresses_in
+from dissect.engine.transactions.transaction import ANSWERED, PUSH, Transaction
 from dissect.inventory.model import Asked, Device, Talk, Use
 from dissect.inventory.roles import Deeds, judge_client, judge_server
 from dissect.packets.source.packet import SourceFile
 from dissect.packets.tcp.link import within
-from dissect.program.carved import CarvedBlock, carve
 from dissect.protocols.s7.items import Item
 from dissect.protocols.s7.tables import (
     AREA_LETTERS,
@@ -34,12 +40,6 @@ from dissect.protocols.s7plus.ids import AREAS, BLOCK_KINDS
 from dissect.protocols.s7plus.items import READS, WRITES
 from dissect.report.analysis import Part
 from dissect.report.latencies import Latencies
-from dissect.stations.facts import MAC, Book, Fact
-from dissect.transactions.connection import Connection
-from dissect.transactions.naming import named_items
-from dissect.transactions.operation import NAMELESS, Operation
-from dissect.transactions.plus_operations import addresses_in
-from dissect.transactions.transaction import ANSWERED, PUSH, Transaction
 
 MAX_DEVICES: Final = 4096
 MAX_TALKS: Final = 16_384

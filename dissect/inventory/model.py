@@ -7,11 +7,11 @@ from collections.abc import Container
 from ipaddress import ip_address
 from typing import Final
 
+from dissect.engine.program.carved import CarvedBlock
+from dissect.engine.stations import facts
+from dissect.engine.stations.facts import Fact, Station, Stretch
 from dissect.packets.tcp.link import within
-from dissect.program.carved import CarvedBlock
 from dissect.report.latencies import Latencies
-from dissect.stations import facts
-from dissect.stations.facts import Fact, Station, Stretch
 
 # Roles.
 CPU: Final = "CPU"
@@ -474,7 +474,7 @@ class Device(Seen):
         return sorted(found, key=lambda stretch: (stretch.first_ns, stretch.first_frame))
 
     def get(self, key: str) -> str:
-        """Return the latest value of a kind of fact, empty if there is none. For keys see `dissect.stations.facts`."""
+        """Return the latest value of a kind of fact, empty if there is none. For keys see `dissect.engine.stations.facts`."""
         return self.station.latest(key)
 
     @property

@@ -5,25 +5,25 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Final
 
-from dissect.acts.act import Act
-from dissect.acts.tables import DEEDS
-from dissect.acts.tables import REFUSED as ACT_REFUSED
-from dissect.inventory.model import BEHAVIOUR, CPU, ENGINEERING, OPC, PANEL, SERVER, STATED, TSAP, Device
-from dissect.protocols.iso.tsap import SIEMENS
-from dissect.protocols.s7.alarm_layouts import MESSAGE_REQUEST
-from dissect.protocols.s7.tables import BLOCK_INFO, GROUP_BLOCKS, GROUP_CPU, MESSAGE_SERVICE, READ_SZL
-from dissect.protocols.s7plus.session import PANEL_ORDER_NUMBERS
-from dissect.stations import facts
-from dissect.stations.evidence import asked_payload
-from dissect.transactions.connection import Connection
-from dissect.transactions.operation import (
+from dissect.engine.acts.act import Act
+from dissect.engine.acts.tables import DEEDS
+from dissect.engine.acts.tables import REFUSED as ACT_REFUSED
+from dissect.engine.stations import facts
+from dissect.engine.stations.evidence import asked_payload
+from dissect.engine.transactions.connection import Connection
+from dissect.engine.transactions.operation import (
     CYCLIC,
     MESSAGES,
     REFUSED,
     SESSION,
     Operation,
 )
-from dissect.transactions.transaction import ANSWERED, Transaction
+from dissect.engine.transactions.transaction import ANSWERED, Transaction
+from dissect.inventory.model import BEHAVIOUR, CPU, ENGINEERING, OPC, PANEL, SERVER, STATED, TSAP, Device
+from dissect.protocols.iso.tsap import SIEMENS
+from dissect.protocols.s7.alarm_layouts import MESSAGE_REQUEST
+from dissect.protocols.s7.tables import BLOCK_INFO, GROUP_BLOCKS, GROUP_CPU, MESSAGE_SERVICE, READ_SZL
+from dissect.protocols.s7plus.session import PANEL_ORDER_NUMBERS
 
 #: Facts that only a PLC states, the most important first.
 _OF_CPU: Final = (facts.ORDER_NUMBER, facts.OPERATING_MODE, facts.PROTECTION)
@@ -72,7 +72,7 @@ class Deeds:
         (self.tried if operation.result == REFUSED else self.done).setdefault(kind, frame)
 
     def did(self, act: Act) -> None:
-        """Note what an act shows (`dissect.acts.tables`)."""
+        """Note what an act shows (`dissect.engine.acts.tables`)."""
         deed = act.row.deed
         if deed:
             (self.tried if act.outcome == ACT_REFUSED else self.done).setdefault(deed, act.shown)

@@ -7,6 +7,9 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Final
 
+from dissect.engine.stations import facts
+from dissect.engine.stations.facts import KEYS, Stretch
+from dissect.engine.transactions.operation import CONNECT
 from dissect.facts.vendors import vendor
 from dissect.inventory.code import code_lines
 from dissect.inventory.collector import Inventory, talks_between
@@ -33,9 +36,6 @@ from dissect.report.operations import NAMES
 from dissect.report.styled import DIM, HEADING, PLAIN, Line
 from dissect.report.text import table
 from dissect.report.words import PROTOCOLS, Places
-from dissect.stations import facts
-from dissect.stations.facts import KEYS, Stretch
-from dissect.transactions.operation import CONNECT
 from dissect.wire.text import Clock, duration_text, printable, shortened, some
 
 #: Bounds: cards, talks of a device, areas of a talk, tags of an area, values over time, rows and columns of the matrix.

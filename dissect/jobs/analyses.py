@@ -6,14 +6,14 @@ get the numbers that they have in one run, and every bounded list keeps what com
 
 from __future__ import annotations
 
+from dissect.engine.findings.bounds import KEPT, Bounds
+from dissect.engine.findings.catalogue import CATALOGUE, SEVERITIES
+from dissect.engine.findings.reporter import Finding
 from dissect.engine.options import Options
-from dissect.findings.bounds import KEPT, Bounds
-from dissect.findings.catalogue import CATALOGUE, SEVERITIES
-from dissect.findings.reporter import Finding
+from dissect.engine.transactions.naming import Naming
 from dissect.jobs.sums import FilePart, Sum
 from dissect.report.analysis import Analysis
 from dissect.report.per_file import PerFile
-from dissect.transactions.naming import Naming
 
 
 class Analyses:
@@ -64,7 +64,7 @@ class Analyses:
             self.found.finding(finding)
 
     def _keeps(self, finding: Finding) -> bool:
-        """Return whether one run would keep this finding in detail (`dissect.findings.bounds`)."""
+        """Return whether one run would keep this finding in detail (`dissect.engine.findings.bounds`)."""
         bounds = self._explained_bounds if finding.because else self._bounds
         return bounds.take(finding.slug, finding.client, finding.server, finding.connection) == KEPT
 

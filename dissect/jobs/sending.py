@@ -24,17 +24,17 @@ from librt.strings import BytesWriter
 from librt.vecs import vec
 from mypy_extensions import i64
 
-from dissect.findings.catalogue import CATALOGUE, Rule
-from dissect.findings.reporter import Finding
+from dissect.engine.findings.catalogue import CATALOGUE, Rule
+from dissect.engine.findings.reporter import Finding
+from dissect.engine.stations.facts import Fact, Stretch
+from dissect.engine.transactions.connection import Connection
+from dissect.engine.transactions.ending import Ending
+from dissect.engine.transactions.transaction import Transaction
 from dissect.jobs.numbers import Offsets
 from dissect.packets.tcp.connection import TcpConnection
 from dissect.packets.tcp.stream import Endpoint
 from dissect.protocols.s7.parameters import UserdataHead
 from dissect.report.kept import Findings
-from dissect.stations.facts import Fact, Stretch
-from dissect.transactions.connection import Connection
-from dissect.transactions.ending import Ending
-from dissect.transactions.transaction import Transaction
 
 _OURS: Final = "dissect."
 
@@ -58,7 +58,7 @@ _OBJECT: Final = "object"
 _TUPLE: Final = "named"
 _RULE: Final = "rule"
 
-#: The number of a connection in the detail of a finding (`dissect.findings.plus_sessions`).
+#: The number of a connection in the detail of a finding (`dissect.engine.findings.plus_sessions`).
 _NAMED: Final = re.compile(r"(?<=\bwhich connection )\d+(?= got)")
 
 #: Attributes that are not sent, by class; they keep the values of a new object.

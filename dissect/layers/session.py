@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from scapy.packet import Packet
     from scapy.supersocket import SuperSocket
 
-    from dissect.transactions.side import Side
+    from dissect.engine.transactions.side import Side
 
 _NO_MAC: Final = "00:00:00:00:00:00"
 _NS: Final = 10**9

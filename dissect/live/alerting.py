@@ -7,17 +7,17 @@ from collections import deque
 from collections.abc import Callable
 from typing import Final
 
-from dissect.acts.act import Act
 from dissect.alerts.alert import Alert
 from dissect.alerts.dispatcher import Dispatcher
 from dissect.alerts.engine import AlertEngine
+from dissect.engine.acts.act import Act
+from dissect.engine.findings.reporter import Finding
 from dissect.engine.pipeline import Pipeline
-from dissect.findings.reporter import Finding
+from dissect.engine.transactions.connection import Connection
+from dissect.engine.transactions.transaction import Transaction
 from dissect.live.problems import Problem
 from dissect.live.run import Companion
 from dissect.packets.source.live.reader import Drops
-from dissect.transactions.connection import Connection
-from dissect.transactions.transaction import Transaction
 from dissect.wire.text import count
 
 #: At most this many alerts wait while a dispatcher ends and the next one has not begun; the oldest give way.

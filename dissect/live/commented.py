@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections import deque
 from typing import Final
 
-from dissect.findings.reporter import Finding
+from dissect.engine.findings.reporter import Finding
 from dissect.live.run import Companion
 from dissect.packets.source.live.reader import Drops
 from dissect.packets.source.pcapng_writer import PcapngWriter

@@ -7,14 +7,14 @@ from typing import Final
 
 from mypy_extensions import i64
 
+from dissect.engine.findings.reporter import Finding
 from dissect.engine.observer import Observer
-from dissect.findings.reporter import Finding
-from dissect.stations.facts import BLOCK, MAC, Fact
-from dissect.transactions.connection import Connection
-from dissect.transactions.operation import Operation
-from dissect.transactions.payloads import ScdMessage
-from dissect.transactions.side import Side
-from dissect.transactions.transaction import Transaction
+from dissect.engine.stations.facts import BLOCK, MAC, Fact
+from dissect.engine.transactions.connection import Connection
+from dissect.engine.transactions.operation import Operation
+from dissect.engine.transactions.payloads import ScdMessage
+from dissect.engine.transactions.side import Side
+from dissect.engine.transactions.transaction import Transaction
 
 #: Kinds of events. A ``PROBLEM`` is a sentence on the monitor itself, an ``ALERT`` the sentence of an alert.
 OPENED: Final = "connection_opened"

@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any, Final
 
 from dissect.alerts.problems import HEAD, INTERFACE
+from dissect.engine.findings.reporter import Finding
 from dissect.engine.pipeline import Pipeline
-from dissect.findings.reporter import Finding
 from dissect.live.manifest import ManifestThread
 from dissect.live.problems import Problem, Problems
 from dissect.live.writing import WritingCompanion

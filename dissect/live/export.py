@@ -6,24 +6,24 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-from dissect.acts.act import Act
 from dissect.alerts.problems import EXPORT
+from dissect.engine.acts.act import Act
+from dissect.engine.findings.reporter import Finding
 from dissect.engine.pipeline import Pipeline
+from dissect.engine.stations.facts import Fact
+from dissect.engine.transactions.connection import Connection
+from dissect.engine.transactions.operation import Operation
+from dissect.engine.transactions.payloads import ScdMessage
+from dissect.engine.transactions.side import Side
+from dissect.engine.transactions.transaction import Transaction
 from dissect.export.feed import TableFeed
 from dissect.export.parquet import metadata_of
 from dissect.export.rotating import RotatingSink
 from dissect.export.tables import TABLES
-from dissect.findings.reporter import Finding
 from dissect.live.writing import WritingCompanion
 from dissect.packets.source.live.privileges import is_root
 from dissect.packets.source.live.reader import Drops
 from dissect.packets.source.packet import SourceFile
-from dissect.stations.facts import Fact
-from dissect.transactions.connection import Connection
-from dissect.transactions.operation import Operation
-from dissect.transactions.payloads import ScdMessage
-from dissect.transactions.side import Side
-from dissect.transactions.transaction import Transaction
 
 
 class ExportCompanion(WritingCompanion):

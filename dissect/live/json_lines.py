@@ -10,7 +10,11 @@ import json
 from collections.abc import Collection, Iterable
 from typing import Final
 
-from dissect.findings.reporter import Finding
+from dissect.engine.findings.reporter import Finding
+from dissect.engine.stations.facts import Fact
+from dissect.engine.transactions.connection import Connection
+from dissect.engine.transactions.operation import Operation
+from dissect.engine.transactions.transaction import Transaction
 from dissect.live.events import Event
 from dissect.live.session import Status
 from dissect.packets.tcp.link import vlan_ids
@@ -20,10 +24,6 @@ from dissect.report.pdu_json import PduLines
 from dissect.report.styled import Line
 from dissect.report.words import Places
 from dissect.report.writers.jsonl import TransactionLines
-from dissect.stations.facts import Fact
-from dissect.transactions.connection import Connection
-from dissect.transactions.operation import Operation
-from dissect.transactions.transaction import Transaction
 from dissect.wire.text import Clock, encodable
 
 EVENT_SCHEMA: Final = "s7dissect.event/1"

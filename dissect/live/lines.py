@@ -5,7 +5,11 @@ from __future__ import annotations
 from collections.abc import Collection, Iterable
 from typing import Final
 
-from dissect.findings.reporter import Finding
+from dissect.engine.findings.reporter import Finding
+from dissect.engine.stations.facts import KEYS, Fact
+from dissect.engine.transactions.connection import Connection
+from dissect.engine.transactions.operation import NO_FAILURES, Operation
+from dissect.engine.transactions.transaction import Transaction
 from dissect.live.events import CLOSED, DEVICE, FINDING, OPENED, OPERATION, PROBLEM, SCD, TRANSACTION, Event
 from dissect.live.session import Status
 from dissect.packets.tcp.link import within
@@ -14,10 +18,6 @@ from dissect.report.operations import operation_line
 from dissect.report.styled import DIM, FAILED, HANG, PLAIN, Line
 from dissect.report.words import Places, named
 from dissect.report.writers.text import scd_line, transaction_line
-from dissect.stations.facts import KEYS, Fact
-from dissect.transactions.connection import Connection
-from dissect.transactions.operation import NO_FAILURES, Operation
-from dissect.transactions.transaction import Transaction
 from dissect.wire.text import Clock, printable, shortened
 
 #: Topics that a user can choose, and the kinds of events that each means.

@@ -7,20 +7,20 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Final
 
-from dissect.acts.act import Act
 from dissect.alerts.problems import REPORT
+from dissect.engine.acts.act import Act
+from dissect.engine.findings.ledger import Ledger
+from dissect.engine.findings.reporter import Finding
 from dissect.engine.pipeline import Pipeline
-from dissect.findings.ledger import Ledger
-from dissect.findings.reporter import Finding
+from dissect.engine.transactions.connection import Connection
+from dissect.engine.transactions.operation import Operation
+from dissect.engine.transactions.transaction import Transaction
 from dissect.live.writing import WritingCompanion
 from dissect.packets.source.live.reader import Drops
 from dissect.page.gathered import Gathered, span_of
 from dissect.page.rendering import Side, prepare, render
 from dissect.page.rows import Rows, time_of
 from dissect.report.analysis import Part
-from dissect.transactions.connection import Connection
-from dissect.transactions.operation import Operation
-from dissect.transactions.transaction import Transaction
 from dissect.wire.config.saving import save
 from dissect.wire.text import Clock
 

@@ -17,23 +17,23 @@ from typing import Final, NamedTuple
 
 from mypy_extensions import i64
 
-from dissect.acts.act import Act
 from dissect.alerts.problems import DROPS, INTERFACE, STOPPED
+from dissect.engine.acts.act import Act
+from dissect.engine.findings.bounds import COUNTED
+from dissect.engine.findings.reporter import Finding
 from dissect.engine.observer import Observer
 from dissect.engine.pipeline import Options, Pipeline
-from dissect.findings.bounds import COUNTED
-from dissect.findings.reporter import Finding
+from dissect.engine.stations.facts import Fact
+from dissect.engine.transactions.connection import Connection
+from dissect.engine.transactions.naming import Naming
+from dissect.engine.transactions.operation import Operation
+from dissect.engine.transactions.payloads import ScdMessage
+from dissect.engine.transactions.side import Side
+from dissect.engine.transactions.transaction import Transaction
 from dissect.live.problems import Problem, Problems, WriterState
 from dissect.packets.source.live.reader import Drops, LiveReader, in_all
 from dissect.packets.source.live.several import SeveralReader
 from dissect.packets.source.packet import PacketSink, Reader, SourceFile
-from dissect.stations.facts import Fact
-from dissect.transactions.connection import Connection
-from dissect.transactions.naming import Naming
-from dissect.transactions.operation import Operation
-from dissect.transactions.payloads import ScdMessage
-from dissect.transactions.side import Side
-from dissect.transactions.transaction import Transaction
 from dissect.wire.text import reason
 
 #: Is called with an observer that failed, and its exception.

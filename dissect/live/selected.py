@@ -4,16 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
+from dissect.engine.findings.reporter import Finding
 from dissect.engine.observer import Observer
-from dissect.findings.reporter import Finding
+from dissect.engine.stations.facts import Fact
+from dissect.engine.transactions.connection import Connection
+from dissect.engine.transactions.operation import Operation
+from dissect.engine.transactions.transaction import Transaction
 from dissect.live.events import CLOSED, Event
 from dissect.select import Where
 from dissect.select.sieve import Sieve
 from dissect.select.things import MESSAGE, Message
-from dissect.stations.facts import Fact
-from dissect.transactions.connection import Connection
-from dissect.transactions.operation import Operation
-from dissect.transactions.transaction import Transaction
 
 
 class _Told(Observer):

@@ -18,8 +18,21 @@ from prometheus_client.registry import Collector
 
 from dissect import __version__
 from dissect.alerts.problems import KINDS as PROBLEMS
+from dissect.engine.findings.catalogue import CATALOGUE, CONNECTION
 from dissect.engine.pipeline import Pipeline
-from dissect.findings.catalogue import CATALOGUE, CONNECTION
+from dissect.engine.transactions import ending
+from dissect.engine.transactions.accounts import CATEGORIES, FRAGMENT_WAITING
+from dissect.engine.transactions.operation import KINDS as OPERATIONS
+from dissect.engine.transactions.operation import RESULTS
+from dissect.engine.transactions.transaction import (
+    BEHIND_MALFORMED,
+    CERTAINTIES,
+    DOUBT_TEXTS,
+    MALFORMED_HEADER,
+    OPEN,
+    OUTCOMES,
+    REASON_TEXTS,
+)
 from dissect.live.problems import WriterState
 from dissect.metrics.clock import clock_offset
 from dissect.metrics.counters import SEPARATOR, Metrics
@@ -29,19 +42,6 @@ from dissect.protocols.iso.tables import TPDU_TYPES
 from dissect.protocols.iso.upper import UPPER_NAMES
 from dissect.protocols.s7.tables import ROSCTR
 from dissect.protocols.s7plus.tables import OPCODES
-from dissect.transactions import ending
-from dissect.transactions.accounts import CATEGORIES, FRAGMENT_WAITING
-from dissect.transactions.operation import KINDS as OPERATIONS
-from dissect.transactions.operation import RESULTS
-from dissect.transactions.transaction import (
-    BEHIND_MALFORMED,
-    CERTAINTIES,
-    DOUBT_TEXTS,
-    MALFORMED_HEADER,
-    OPEN,
-    OUTCOMES,
-    REASON_TEXTS,
-)
 from dissect.wire.build import COMPILED
 
 COUNTER: Final = "counter"

@@ -10,13 +10,13 @@ from typing import Final
 
 from mypy_extensions import i64
 
+from dissect.engine.transactions.payloads import SCD, ScdParameters
+from dissect.engine.transactions.transaction import OUTCOMES
 from dissect.protocols.s7.parameters import Parameters, UserdataHead
 from dissect.protocols.s7.tables import FUNCTIONS, USERDATA_GROUPS, USERDATA_SUBFUNCTIONS
 from dissect.protocols.s7plus.parameters import PLUS, PlusParameters
 from dissect.protocols.s7plus.tables import FUNCTIONS as PLUS_FUNCTIONS
 from dissect.protocols.s7plus.tables import NOTIFICATION, OPCODES
-from dissect.transactions.payloads import SCD, ScdParameters
-from dissect.transactions.transaction import OUTCOMES
 from dissect.wire.text import encodable
 
 #: Upper bounds of the buckets of answer times, in nanoseconds; a last bucket has no bound.

@@ -19,7 +19,7 @@ from textual.binding import Binding, BindingType
 from textual.events import Resize
 from textual.widgets import Input
 
-from dissect.findings.catalogue import SEVERITIES
+from dissect.engine.findings.catalogue import SEVERITIES
 from dissect.live.session import Session, Status
 from dissect.monitor import details
 from dissect.monitor.filter import FAILED, SLOW

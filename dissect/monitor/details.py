@@ -6,6 +6,9 @@ from collections.abc import Iterable, Iterator
 from itertools import islice
 from typing import Final
 
+from dissect.engine.transactions.connection import Connection
+from dissect.engine.transactions.operation import Operation
+from dissect.engine.transactions.transaction import DOUBT_TEXTS, PUSH, Transaction
 from dissect.monitor.entries import Entry
 from dissect.monitor.lists import ConnectionFacts, FindingFacts
 from dissect.monitor.rows import PLACES, entry_line
@@ -22,9 +25,6 @@ from dissect.report.text import connection_lines
 from dissect.report.tree import plus_tree_lines, tree_lines
 from dissect.report.words import Places
 from dissect.report.writers.text import pdu_line, plus_line
-from dissect.transactions.connection import Connection
-from dissect.transactions.operation import Operation
-from dissect.transactions.transaction import DOUBT_TEXTS, PUSH, Transaction
 from dissect.variables.writers import place_text, shown, value_line
 from dissect.wire.text import Clock, printable, shortened
 

@@ -9,13 +9,13 @@ from __future__ import annotations
 from collections import deque
 from typing import Final
 
+from dissect.engine.transactions.connection import Connection
+from dissect.engine.transactions.operation import Operation
+from dissect.engine.transactions.payloads import ScdMessage
+from dissect.engine.transactions.transaction import Transaction
 from dissect.protocols.ibh.packet import HEADER, LONG_HEAD, SHORT_HEAD, parse_packet
 from dissect.protocols.ibh.tables import IBH_NETLINK
 from dissect.protocols.iso.cotp import parse_tpdu
-from dissect.transactions.connection import Connection
-from dissect.transactions.operation import Operation
-from dissect.transactions.payloads import ScdMessage
-from dissect.transactions.transaction import Transaction
 
 #: Estimated octets of memory of an entry besides those of its PDUs.
 _COST: Final = 1000

@@ -10,6 +10,9 @@ from __future__ import annotations
 import re
 from typing import Final
 
+from dissect.engine.transactions.connection import Connection
+from dissect.engine.transactions.operation import Operation
+from dissect.engine.transactions.transaction import Transaction
 from dissect.monitor.entries import What
 from dissect.protocols.s7.parameters import Parameters
 from dissect.report import facets
@@ -17,9 +20,6 @@ from dissect.report.certainty import mark
 from dissect.report.operations import NAMES, result
 from dissect.select import Where
 from dissect.select.things import Message
-from dissect.transactions.connection import Connection
-from dissect.transactions.operation import Operation
-from dissect.transactions.transaction import Transaction
 
 FAILED: Final = "failed"
 SLOW: Final = "slow"

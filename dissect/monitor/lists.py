@@ -6,11 +6,11 @@ from collections import OrderedDict, deque
 from collections.abc import Mapping
 from typing import Final, NamedTuple
 
-from dissect.findings.catalogue import CATALOGUE, SEVERITIES, Rule
-from dissect.findings.reporter import Finding
+from dissect.engine.findings.catalogue import CATALOGUE, SEVERITIES, Rule
+from dissect.engine.findings.reporter import Finding
+from dissect.engine.transactions.connection import Connection
+from dissect.engine.transactions.ending import DISCONNECT, ERROR_TPDU, EVICTED, FIN, OPEN, REPLACED, RESET, REUSED
 from dissect.monitor.rate_history import SECONDS, RateHistory
-from dissect.transactions.connection import Connection
-from dissect.transactions.ending import DISCONNECT, ERROR_TPDU, EVICTED, FIN, OPEN, REPLACED, RESET, REUSED
 
 #: Greatest number of listed connections.
 MAX_CONNECTIONS: Final = 500

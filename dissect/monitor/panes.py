@@ -13,7 +13,7 @@ from textual.binding import Binding, BindingType
 from textual.message import Message
 from textual.widget import Widget
 
-from dissect.findings.catalogue import ERROR
+from dissect.engine.findings.catalogue import ERROR
 from dissect.monitor import rows
 from dissect.monitor.entries import Entry
 from dissect.monitor.lists import ConnectionFacts, FindingFacts

@@ -9,8 +9,11 @@ from typing import Final, NamedTuple
 
 from rich.cells import cell_len, set_cell_size
 
-from dissect.findings.catalogue import ERROR, WARNING
-from dissect.findings.reporter import Finding
+from dissect.engine.findings.catalogue import ERROR, WARNING
+from dissect.engine.findings.reporter import Finding
+from dissect.engine.transactions.connection import Connection
+from dissect.engine.transactions.operation import NO_FAILURES, Operation
+from dissect.engine.transactions.transaction import Transaction
 from dissect.monitor.entries import Entry
 from dissect.monitor.lists import ConnectionFacts, FindingFacts
 from dissect.monitor.rate_history import SECONDS, level
@@ -21,9 +24,6 @@ from dissect.report.operations import NAMES, operation_line, result
 from dissect.report.scd import scd_summary
 from dissect.report.words import Places
 from dissect.report.writers.text import sender, transaction_line
-from dissect.transactions.connection import Connection
-from dissect.transactions.operation import NO_FAILURES, Operation
-from dissect.transactions.transaction import Transaction
 from dissect.variables.summary import sparkline
 from dissect.variables.writers import place_text, shown
 from dissect.wire.text import Clock, printable, shortened

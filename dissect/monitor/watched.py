@@ -7,8 +7,8 @@ from collections import deque
 from collections.abc import Iterable
 from typing import Final
 
-from dissect.transactions.connection import Connection
-from dissect.transactions.transaction import Transaction
+from dissect.engine.transactions.connection import Connection
+from dissect.engine.transactions.transaction import Transaction
 from dissect.variables.collector import Collector
 from dissect.variables.model import ValueRow, Variable
 from dissect.variables.wanted import WantedSet

@@ -12,6 +12,8 @@ from typing import Final
 
 from dissect.engine.observer import Observer
 from dissect.engine.pipeline import Options
+from dissect.engine.transactions.connection import ISO_TSAP_PORT, Connection
+from dissect.engine.transactions.side import Side
 from dissect.oracle import facts
 from dissect.oracle.facts import Fact, Place, Record
 from dissect.oracle.plus import PlusProof
@@ -27,8 +29,6 @@ from dissect.protocols.s7.syntaxes import PBC_ID
 from dissect.protocols.s7.tables import BSEND, READ_VAR, ROSCTR, USERDATA, WRITE_VAR
 from dissect.protocols.tls.key_log import KeyLog
 from dissect.session import Run
-from dissect.transactions.connection import ISO_TSAP_PORT, Connection
-from dissect.transactions.side import Side
 from dissect.wire.layout import Layout
 
 #: Reasons why a PDU is not compared.

@@ -13,8 +13,8 @@ from typing import IO, Any, Final
 
 import msgspec
 
+from dissect.engine.transactions.connection import ISO_TSAP_PORT
 from dissect.oracle.theirs import PROTOCOLS, Frame
-from dissect.transactions.connection import ISO_TSAP_PORT
 
 PROGRAM: Final = "tshark"
 #: Only packets with a TPKT matter.

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, Final
 
+from dissect.engine.stations import facts
+from dissect.engine.transactions.operation import CONTROL, DELETE, DOWNLOAD, TEST_JOB, TRANSFER
 from dissect.inventory.model import Device, Talk
 from dissect.inventory.rows import device_row
 from dissect.page.bins import cells_of
@@ -15,8 +17,6 @@ from dissect.page.polls import Request, Variable
 from dissect.page.rows import Station, station_of
 from dissect.report import words
 from dissect.report.operations import NAMES as KINDS
-from dissect.stations import facts
-from dissect.transactions.operation import CONTROL, DELETE, DOWNLOAD, TEST_JOB, TRANSFER
 from dissect.wire.text import printable, shortened
 
 #: Greatest number of cards, and of lines in each list of a card.

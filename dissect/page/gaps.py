@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Final
 
+from dissect.engine.transactions.connection import Connection
 from dissect.packets.source.packet import CONTINUES_NS, SourceFile
-from dissect.transactions.connection import Connection
 
 #: A connection was idle for most of a gap if it usually sends this many times what is missing in that time.
 _IDLE: Final = 10

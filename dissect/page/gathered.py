@@ -9,11 +9,16 @@ from __future__ import annotations
 import heapq
 from typing import Any, Final
 
-from dissect.acts.act import Act
+from dissect.engine.acts.act import Act
+from dissect.engine.findings.catalogue import SEVERITIES
+from dissect.engine.findings.reporter import Finding
 from dissect.engine.observer import Observer
 from dissect.engine.pipeline import Pipeline
-from dissect.findings.catalogue import SEVERITIES
-from dissect.findings.reporter import Finding
+from dissect.engine.program.carved import carve
+from dissect.engine.stations.facts import Fact
+from dissect.engine.transactions.connection import ISO_TSAP_PORT, Connection
+from dissect.engine.transactions.operation import CONNECT, Operation
+from dissect.engine.transactions.transaction import ORPHAN, PUSH, UNANSWERED, Transaction
 from dissect.inventory.collector import Inventory
 from dissect.packets.source.packet import SourceFile
 from dissect.page.bins import Bins, Spread, bucket
@@ -25,14 +30,9 @@ from dissect.page.rows import ERROR, MISSED, Rows, Station, octets_of, outcome_o
 from dissect.page.samples import Ranked, Samples, mixed
 from dissect.page.tag_steps import Tags
 from dissect.page.talks import Talks, worse
-from dissect.program.carved import carve
 from dissect.protocols.s7.tables import GROUP_MODE
 from dissect.report.analysis import Analysis
 from dissect.report.latencies import Latencies
-from dissect.stations.facts import Fact
-from dissect.transactions.connection import ISO_TSAP_PORT, Connection
-from dissect.transactions.operation import CONNECT, Operation
-from dissect.transactions.transaction import ORPHAN, PUSH, UNANSWERED, Transaction
 from dissect.variables.wanted import WantedSet
 
 #: Greatest number of rows of each table. Maximum number of the slowest transactions of all, and of further ones spread over the

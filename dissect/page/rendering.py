@@ -11,6 +11,7 @@ import re
 from importlib.resources import files
 from typing import Any, Final
 
+from dissect.engine.transactions.operation import CONNECT
 from dissect.page.data import Data
 from dissect.page.findings import findings_of
 from dissect.page.gathered import Gathered
@@ -20,7 +21,6 @@ from dissect.page.verdict import verdict
 from dissect.report import words
 from dissect.report.certainty import left_out, not_captured
 from dissect.report.text import completeness
-from dissect.transactions.operation import CONNECT
 from dissect.wire.text import Clock, printable
 
 #: The message if the template engine is missing.

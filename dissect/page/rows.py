@@ -8,17 +8,17 @@ import shlex
 from collections.abc import Mapping, Sequence
 from typing import Any, Final, TypeAlias
 
+from dissect.engine.program.carved import CarvedBlock
+from dissect.engine.transactions.connection import Connection
+from dissect.engine.transactions.operation import Operation
+from dissect.engine.transactions.transaction import ANSWERED, PUSH, Transaction
 from dissect.packets.tcp.link import vlan_ids, within
 from dissect.packets.tcp.stream import Endpoint
-from dissect.program.carved import CarvedBlock
 from dissect.report import endings, facets, words
 from dissect.report.certainty import mark
 from dissect.report.operations import NAMES as KINDS
 from dissect.report.operations import result as result_of
 from dissect.report.words import Places
-from dissect.transactions.connection import Connection
-from dissect.transactions.operation import Operation
-from dissect.transactions.transaction import ANSWERED, PUSH, Transaction
 from dissect.wire.text import Clock, encodable, printable, shortened
 
 #: Greatest number of characters of a cell.

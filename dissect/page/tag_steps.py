@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from typing import Final
 
+from dissect.engine.transactions.connection import Connection
+from dissect.engine.transactions.transaction import Transaction
 from dissect.page.bins import WIDTHS
 from dissect.page.rows import Station
 from dissect.report.certainty import values_left_out
-from dissect.transactions.connection import Connection
-from dissect.transactions.transaction import Transaction
 from dissect.variables.collector import Collector
 from dissect.variables.wanted import WantedSet
 

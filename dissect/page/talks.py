@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections import OrderedDict
 from typing import Final
 
-from dissect.findings.catalogue import SEVERITIES
+from dissect.engine.findings.catalogue import SEVERITIES
+from dissect.engine.transactions.connection import Connection
 from dissect.page.rows import octets_of
-from dissect.transactions.connection import Connection
 
 #: Greatest number of pairs of client and server that are kept.
 MAX_PAIRS: Final = 1000

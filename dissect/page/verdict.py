@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from dissect.findings.catalogue import (
+from dissect.engine.findings.catalogue import (
     CAPTURE,
     CATALOGUE,
     ERROR,
@@ -17,8 +17,8 @@ from dissect.findings.catalogue import (
     SEVERITIES,
     Rule,
 )
-from dissect.findings.ledger import Pair
-from dissect.findings.reporter import Finding
+from dissect.engine.findings.ledger import Pair
+from dissect.engine.findings.reporter import Finding
 from dissect.page.gathered import Gathered
 from dissect.page.losses import gaps_in
 from dissect.page.numbers import counted, how_often

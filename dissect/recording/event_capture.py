@@ -17,7 +17,7 @@ from typing import Final
 
 from mypy_extensions import i64
 
-from dissect.findings.reporter import Finding
+from dissect.engine.findings.reporter import Finding
 from dissect.packets.source.packet import PacketSink
 from dissect.packets.source.pcapng_writer import PcapngWriter
 from dissect.recording import names

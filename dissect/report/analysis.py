@@ -8,11 +8,16 @@ from typing import Any, Final
 
 from mypy_extensions import i64
 
+from dissect.engine.findings.bounds import KEPT
+from dissect.engine.findings.ledger import Ledger
+from dissect.engine.findings.reporter import Finding
 from dissect.engine.observer import Observer
 from dissect.engine.pipeline import Pipeline
-from dissect.findings.bounds import KEPT
-from dissect.findings.ledger import Ledger
-from dissect.findings.reporter import Finding
+from dissect.engine.stations.facts import Book, Fact
+from dissect.engine.transactions.connection import Connection
+from dissect.engine.transactions.operation import RUNNING, Operation
+from dissect.engine.transactions.results import DOUBTS
+from dissect.engine.transactions.transaction import ANSWERED, CONNECTION_CLOSED, ORPHAN, PUSH, UNANSWERED, Transaction
 from dissect.packets.source.packet import SourceFile
 from dissect.packets.tcp.stream import Endpoint
 from dissect.protocols.iso.tsap import Tsap
@@ -23,11 +28,6 @@ from dissect.report.certainty import add_doubt
 from dissect.report.kept import FIRST, Findings
 from dissect.report.latencies import Latencies
 from dissect.report.words import Places
-from dissect.stations.facts import Book, Fact
-from dissect.transactions.connection import Connection
-from dissect.transactions.operation import RUNNING, Operation
-from dissect.transactions.results import DOUBTS
-from dissect.transactions.transaction import ANSWERED, CONNECTION_CLOSED, ORPHAN, PUSH, UNANSWERED, Transaction
 from dissect.wire.copies import keep_out, leaves
 
 #: Connections that are kept and described one by one; further ones are only counted.

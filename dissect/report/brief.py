@@ -6,7 +6,9 @@ from collections import Counter
 from collections.abc import Iterator, Mapping
 from typing import Final
 
-from dissect.findings.catalogue import CATALOGUE
+from dissect.engine.findings.catalogue import CATALOGUE
+from dissect.engine.stations import facts
+from dissect.engine.transactions.connection import Connection
 from dissect.packets.tcp.link import within
 from dissect.report import endings, words
 from dissect.report.analysis import Analysis
@@ -14,8 +16,6 @@ from dissect.report.happened import Told, by_gravity, facts_of, times_of
 from dissect.report.styled import DIM, HEADING, PLAIN, Line
 from dissect.report.text import completeness, table
 from dissect.report.words import Places, named
-from dissect.stations import facts
-from dissect.transactions.connection import Connection
 from dissect.wire.text import Clock, cut_inside, printable, shortened
 
 #: At most this many lines in all, and in each part; a last line of the part says how many were left out.

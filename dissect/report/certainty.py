@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Final
 
-from dissect.transactions.transaction import CONNECTION_EVICTED, DOUBT_TEXTS, Transaction
+from dissect.engine.transactions.transaction import CONNECTION_EVICTED, DOUBT_TEXTS, Transaction
 from dissect.wire.text import count
 
 #: Why a pair is only likely, in a few words for the end of a line.

@@ -6,12 +6,15 @@ import json
 from collections.abc import Iterator, Sequence
 from typing import Final
 
+from dissect.engine.findings.catalogue import CATALOGUE, SEVERITIES
+from dissect.engine.findings.reporter import Finding
 from dissect.engine.pipeline import Pipeline
+from dissect.engine.transactions.accounts import CATEGORIES, FIRST_IGNORED
+from dissect.engine.transactions.connection import Connection
+from dissect.engine.transactions.transaction import Transaction
 from dissect.facts.connection import CONNECTION
 from dissect.facts.finding import FINDING
 from dissect.facts.written import written
-from dissect.findings.catalogue import CATALOGUE, SEVERITIES
-from dissect.findings.reporter import Finding
 from dissect.packets.source.packet import SourceFile
 from dissect.report.analysis import Analysis, FunctionStatistics
 from dissect.report.certainty import left_out
@@ -22,9 +25,6 @@ from dissect.report.stations import station_as_dict, stations_that_state
 from dissect.report.tls import tls_as_dict
 from dissect.report.words import Places
 from dissect.report.writers.jsonl import TransactionLines
-from dissect.transactions.accounts import CATEGORIES, FIRST_IGNORED
-from dissect.transactions.connection import Connection
-from dissect.transactions.transaction import Transaction
 from dissect.wire.text import Clock, encodable
 
 ANALYSIS_SCHEMA: Final = "s7dissect.analysis/1"

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Final
 
+from dissect.engine.transactions.ending import DISCONNECT, ERROR_TPDU, EVICTED, FIN, OPEN, REPLACED, RESET, REUSED
 from dissect.report import words
-from dissect.transactions.ending import DISCONNECT, ERROR_TPDU, EVICTED, FIN, OPEN, REPLACED, RESET, REUSED
 from dissect.wire.text import Clock
 
 if TYPE_CHECKING:
+    from dissect.engine.transactions.connection import Connection
+    from dissect.engine.transactions.ending import Ending
     from dissect.protocols.s7.parameters import Parameters
     from dissect.report.words import Places
-    from dissect.transactions.connection import Connection
-    from dissect.transactions.ending import Ending
 
 #: Why a connection ended that neither side closed.
 _DROPPED: Final = {

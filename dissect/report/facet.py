@@ -6,8 +6,8 @@ from collections.abc import Callable
 
 from mypy_extensions import mypyc_attr
 
+from dissect.engine.transactions.transaction import Transaction
 from dissect.protocols.s7.parameters import Parameters
-from dissect.transactions.transaction import Transaction
 
 #: Returns the file of a packet, and its number within that file, for its number in the run.
 Locate = Callable[[int], tuple[str, int]]

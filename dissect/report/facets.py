@@ -11,6 +11,32 @@ from typing import Final
 
 from mypy_extensions import i64
 
+from dissect.engine.transactions.good_items import good_octets
+from dissect.engine.transactions.naming import NamedValue, Naming
+from dissect.engine.transactions.payloads import SCD, is_scd_key
+from dissect.engine.transactions.results import (
+    COUNT_MISMATCH,
+    FUNCTION_MISMATCH,
+    MESSAGE,
+    SIZE_MISMATCH,
+    UNCONFIRMED,
+    TransactionError,
+    mismatches,
+)
+from dissect.engine.transactions.transaction import (
+    ANSWERED,
+    CAPTURE_ENDED,
+    CONNECTION_CLOSED,
+    CONNECTION_EVICTED,
+    HOLE,
+    MALFORMED_HEADER,
+    ONE_SIDED,
+    ORPHAN,
+    PUSH,
+    REFERENCE_REUSED,
+    TABLE_FULL,
+    Transaction,
+)
 from dissect.protocols.s7.blocks import BLOCK_COUNT
 from dissect.protocols.s7.body import Body
 from dissect.protocols.s7.items import Item, ItemResult, data_size_within
@@ -32,32 +58,6 @@ from dissect.report import words
 from dissect.report.facet import Facet
 from dissect.report.plus import PlusFacet
 from dissect.report.scd import ScdFacet, scd_subject
-from dissect.transactions.good_items import good_octets
-from dissect.transactions.naming import NamedValue, Naming
-from dissect.transactions.payloads import SCD, is_scd_key
-from dissect.transactions.results import (
-    COUNT_MISMATCH,
-    FUNCTION_MISMATCH,
-    MESSAGE,
-    SIZE_MISMATCH,
-    UNCONFIRMED,
-    TransactionError,
-    mismatches,
-)
-from dissect.transactions.transaction import (
-    ANSWERED,
-    CAPTURE_ENDED,
-    CONNECTION_CLOSED,
-    CONNECTION_EVICTED,
-    HOLE,
-    MALFORMED_HEADER,
-    ONE_SIDED,
-    ORPHAN,
-    PUSH,
-    REFERENCE_REUSED,
-    TABLE_FULL,
-    Transaction,
-)
 from dissect.wire.text import printable, shortened, some
 
 #: Functions that are described by their items, or by what they negotiate; notes on them would add nothing.

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 from typing import Final
 
-from dissect.findings.catalogue import CATALOGUE, Rule
-from dissect.findings.reporter import Finding
+from dissect.engine.findings.catalogue import CATALOGUE, Rule
+from dissect.engine.findings.reporter import Finding
 from dissect.report import words
 from dissect.report.analysis import Analysis
 from dissect.report.happened import Told, by_gravity, times_of

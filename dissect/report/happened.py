@@ -6,8 +6,8 @@ from collections.abc import Iterable
 from operator import itemgetter
 from typing import Final, NamedTuple
 
-from dissect.findings.catalogue import SEVERITIES, Rule
-from dissect.findings.ledger import Ledger, Occurrences
+from dissect.engine.findings.catalogue import SEVERITIES, Rule
+from dissect.engine.findings.ledger import Ledger, Occurrences
 from dissect.report.analysis import Analysis
 from dissect.report.words import Places
 from dissect.wire.text import Clock, count

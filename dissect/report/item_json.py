@@ -11,6 +11,9 @@ from typing import Final
 from librt.strings import BytesWriter
 from mypy_extensions import i64, u8
 
+from dissect.engine.transactions.naming import NamedValue
+from dissect.engine.transactions.results import NO_CODE
+from dissect.engine.transactions.transaction import Transaction
 from dissect.protocols.s7.items import Item
 from dissect.protocols.s7.parameters import Parameters, Setup, UserdataHead
 from dissect.protocols.s7.tables import BIT, BYTE, CHAR, FUNCTIONS, SUCCESS, USERDATA_TYPES, WCHAR
@@ -23,9 +26,6 @@ from dissect.protocols.s7.values import (
     write_numbers,
     write_times,
 )
-from dissect.transactions.naming import NamedValue
-from dissect.transactions.results import NO_CODE
-from dissect.transactions.transaction import Transaction
 from dissect.wire.digits import write_escape, write_hexadecimal
 from dissect.wire.text import SHORT, JsonTexts, hexadecimal, json_text
 

@@ -11,12 +11,12 @@ from typing import Final
 from librt.strings import BytesWriter
 from mypy_extensions import i64
 
+from dissect.engine.transactions.transaction import Transaction
 from dissect.protocols.s7.items import Item
 from dissect.protocols.s7.singles import write_real_repr
 from dissect.protocols.s7.tables import BIT, CHAR, REAL
 from dissect.protocols.s7.values import LEAST_TEXT, number_size, spelled, time_size, write_number, write_time
 from dissect.report.words import Places
-from dissect.transactions.transaction import Transaction
 from dissect.wire.octets import u16
 
 _BLANK: Final = 0x20

@@ -7,8 +7,8 @@ import zlib
 from collections.abc import Iterator, Sequence
 from typing import Final, overload
 
-from dissect.findings.catalogue import Rule
-from dissect.findings.reporter import Finding
+from dissect.engine.findings.catalogue import Rule
+from dissect.engine.findings.reporter import Finding
 
 #: The first this many are kept as objects, some 2 MB: packing takes time, and pays only in a long capture with many findings.
 FIRST: Final = 4096

@@ -7,13 +7,13 @@ from typing import Final
 from librt.strings import BytesWriter
 from mypy_extensions import i64
 
+from dissect.engine.transactions.connection import Connection
+from dissect.engine.transactions.good_items import GoodItems
+from dissect.engine.transactions.transaction import Transaction
 from dissect.protocols.s7.items import Item
 from dissect.report import facets, words
 from dissect.report.item_octets import is_usual, step_of, write_elements, write_word
 from dissect.report.words import FRAMES_WIDTH, LATENCY_WIDTH, NUMBER_WIDTH, Places
-from dissect.transactions.connection import Connection
-from dissect.transactions.good_items import GoodItems
-from dissect.transactions.transaction import Transaction
 from dissect.wire.digits import Moments, write_decimal, write_digits
 from dissect.wire.text import HUNDREDTHS, Clock, short_duration
 

@@ -4,11 +4,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from dissect.protocols.s7.szl import SZL_HEAD
-from dissect.report import facets, words
-from dissect.report.styled import FAILED, HANG, PLAIN, Line
-from dissect.report.words import FRAMES_WIDTH, LATENCY_WIDTH, NUMBER_WIDTH, Places
-from dissect.transactions.operation import (
+from dissect.engine.transactions.operation import (
     LONG_ANSWER,
     NO_FAILURES,
     NOT_CAPTURED,
@@ -17,7 +13,11 @@ from dissect.transactions.operation import (
     TRANSFERS,
     Operation,
 )
-from dissect.transactions.transaction import CONNECTION_CLOSED
+from dissect.engine.transactions.transaction import CONNECTION_CLOSED
+from dissect.protocols.s7.szl import SZL_HEAD
+from dissect.report import facets, words
+from dissect.report.styled import FAILED, HANG, PLAIN, Line
+from dissect.report.words import FRAMES_WIDTH, LATENCY_WIDTH, NUMBER_WIDTH, Places
 from dissect.wire.text import Clock, shortened
 
 OPERATION_SCHEMA: Final = "s7dissect.operation/1"
@@ -116,7 +116,7 @@ def _blocks(operation: Operation) -> list[str] | None:
     """Return the blocks of a transfer of S7comm-plus, which may carry many; None for other operations."""
     if operation.connection.plus is None or operation.kind not in TRANSFERS or not operation.content:
         return None
-    from dissect.program.carved import carve  # late: few captures have transfers
+    from dissect.engine.program.carved import carve  # late: few captures have transfers
 
     return [block.label for block in carve(operation)]
 

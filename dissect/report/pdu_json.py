@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 
+from dissect.engine.transactions.connection import Connection
+from dissect.engine.transactions.payloads import ScdMessage
 from dissect.protocols.s7.items import DataItem
 from dissect.protocols.s7.message import Pdu
 from dissect.protocols.s7.tables import ROSCTR
@@ -14,8 +16,6 @@ from dissect.report.item_json import CODE, function_text, item_text, setup_text,
 from dissect.report.plus import plus_pdu_line
 from dissect.report.scd import scd_line_json
 from dissect.report.tpdu_json import PDU_SCHEMA
-from dissect.transactions.connection import Connection
-from dissect.transactions.payloads import ScdMessage
 from dissect.wire.layout import FieldValue
 from dissect.wire.malformed import Malformed
 from dissect.wire.part import Part

@@ -7,13 +7,13 @@ from typing import Final
 from librt.strings import BytesWriter
 from mypy_extensions import i64
 
+from dissect.engine.transactions.side import Side
 from dissect.protocols.s7.items import DATA_HEAD, data_size_within, item_fill
 from dissect.protocols.s7.parameters import ACK_HEADER_SIZE, HEADER_SIZE
 from dissect.protocols.s7.tables import ACK_DATA, FUNCTIONS, JOB, READ_VAR, ROSCTR, SUCCESS, WRITE_VAR
 from dissect.report import words
 from dissect.report.line_octets import ERRORS, BothEnds
 from dissect.report.words import Places
-from dissect.transactions.side import Side
 from dissect.wire.digits import Moments, write_aligned, write_hexadecimal
 from dissect.wire.octets import u16
 from dissect.wire.text import Clock

@@ -6,14 +6,14 @@ from bisect import bisect_right
 from collections.abc import Iterator, Sequence
 from typing import Final
 
+from dissect.engine.findings.catalogue import SEVERITIES
+from dissect.engine.findings.reporter import Finding
 from dissect.engine.observer import Observer
-from dissect.findings.catalogue import SEVERITIES
-from dissect.findings.reporter import Finding
+from dissect.engine.transactions.connection import Connection
+from dissect.engine.transactions.transaction import Transaction
 from dissect.packets.source.packet import CONTINUES_NS, SourceFile
 from dissect.report.styled import DIM, HEADING, PLAIN, Line
 from dissect.report.text import table
-from dissect.transactions.connection import Connection
-from dissect.transactions.transaction import Transaction
 from dissect.wire.text import printable, shortened
 
 _NAME: Final = 60

@@ -7,6 +7,8 @@ import math
 from collections.abc import Callable
 from typing import Final
 
+from dissect.engine.transactions.connection import Connection
+from dissect.engine.transactions.transaction import Transaction
 from dissect.protocols.iso.upper import S7COMM_PLUS, UPPER_NAMES
 from dissect.protocols.s7.parameters import Parameters
 from dissect.protocols.s7plus.alarms import ALARM, Alarm
@@ -20,8 +22,6 @@ from dissect.protocols.s7plus.summary import summary
 from dissect.protocols.s7plus.tables import CREATE_OBJECT, KEEP_ALIVE, NOTIFICATION, REQUEST, RETURN_CODES, SYSTEM_EVENT
 from dissect.report.facet import Facet
 from dissect.report.words import NAMED
-from dissect.transactions.connection import Connection
-from dissect.transactions.transaction import Transaction
 from dissect.wire.part import Part
 from dissect.wire.text import count, hex_number, json_text, shortened, some
 

@@ -12,6 +12,7 @@ from typing import Final
 from librt.strings import BytesWriter
 from mypy_extensions import i64
 
+from dissect.engine.transactions.transaction import Transaction
 from dissect.protocols.s7plus.hiding import reads_secret, said_half
 from dissect.protocols.s7plus.ids import HIDDEN
 from dissect.protocols.s7plus.items import Half, join_items
@@ -31,7 +32,6 @@ from dissect.report.plus import (
     subscription_note,
 )
 from dissect.report.plus_items import write_item
-from dissect.transactions.transaction import Transaction
 from dissect.wire.digits import write_decimal, write_hexadecimal
 from dissect.wire.text import json_text
 

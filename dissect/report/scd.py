@@ -5,15 +5,15 @@ from __future__ import annotations
 import json
 from typing import TYPE_CHECKING, Final
 
+from dissect.engine.transactions.payloads import ScdMessage, ScdParameters
+from dissect.engine.transactions.transaction import Transaction
 from dissect.protocols.iso.upper import SCD, UPPER_NAMES
 from dissect.protocols.s7.parameters import Parameters
 from dissect.report.facet import Facet, Locate
-from dissect.transactions.payloads import ScdMessage, ScdParameters
-from dissect.transactions.transaction import Transaction
 from dissect.wire.text import encodable, printable
 
 if TYPE_CHECKING:
-    from dissect.transactions.connection import Connection
+    from dissect.engine.transactions.connection import Connection
 
 _ENCODER: Final = json.JSONEncoder(separators=(",", ":"))
 #: Name of the protocol in JSON.

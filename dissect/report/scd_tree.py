@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Final
 
+from dissect.engine.transactions.payloads import ScdMessage
 from dissect.report import words
 from dissect.scd.dictionary import Dictionary
 from dissect.scd.envelope import DEFAULT, Envelope
-from dissect.transactions.payloads import ScdMessage
 from dissect.wire.hexdump import hexdump
 from dissect.wire.text import printable
 

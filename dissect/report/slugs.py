@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from dissect.findings.catalogue import CATALOGUE, SEVERITIES
+from dissect.engine.findings.catalogue import CATALOGUE, SEVERITIES
 
 #: Ends a prefix: ``session.*`` means every slug that begins with ``session.``.
 _ANY: Final = "*"

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import Final
 
+from dissect.engine.stations import facts
+from dissect.engine.stations.facts import Book, Station
 from dissect.packets.tcp.link import vlan_ids
-from dissect.stations import facts
-from dissect.stations.facts import Book, Station
 from dissect.wire.text import encodable
 
 #: The facts that are shown of each station, in this order (docs/devices.md).

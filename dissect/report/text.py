@@ -10,6 +10,12 @@ from typing import Final
 
 from dissect.engine.bare import BY_CLIENT, BY_SERVER
 from dissect.engine.pipeline import Pipeline
+from dissect.engine.stations.facts import KEYS
+from dissect.engine.transactions.accounts import CATEGORIES, FIRST_IGNORED
+from dissect.engine.transactions.connection import Connection
+from dissect.engine.transactions.operation import CONNECT, RESULTS, RUNNING
+from dissect.engine.transactions.operation import KINDS as KINDS_OF_OPERATIONS
+from dissect.engine.transactions.transaction import Transaction
 from dissect.packets.source.packet import SourceFile
 from dissect.packets.tcp.link import vlan_text, within
 from dissect.report import endings, facets, words
@@ -22,12 +28,6 @@ from dissect.report.stations import TOLD, stations_that_state
 from dissect.report.styled import DIM, HEADING, PLAIN, Line
 from dissect.report.tls import tls_lines
 from dissect.report.words import PROTOCOLS, Places, named
-from dissect.stations.facts import KEYS
-from dissect.transactions.accounts import CATEGORIES, FIRST_IGNORED
-from dissect.transactions.connection import Connection
-from dissect.transactions.operation import CONNECT, RESULTS, RUNNING
-from dissect.transactions.operation import KINDS as KINDS_OF_OPERATIONS
-from dissect.transactions.transaction import Transaction
 from dissect.wire.text import Clock, printable, shortened
 
 _PLAIN: Final = ""

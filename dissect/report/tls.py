@@ -9,10 +9,10 @@ from dissect.report import words
 from dissect.wire.text import Clock
 
 if TYPE_CHECKING:
+    from dissect.engine.transactions.connection import Connection
     from dissect.protocols.tls.certificate import Certificate
     from dissect.protocols.tls.direction import Direction
     from dissect.protocols.tls.session import TlsSession
-    from dissect.transactions.connection import Connection
 
 _ROLES = ("client", "server")
 

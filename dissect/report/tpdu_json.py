@@ -8,11 +8,11 @@ from __future__ import annotations
 import json
 from typing import Final
 
+from dissect.engine.transactions.connection import Connection
 from dissect.protocols.iso.cotp import Tpdu
 from dissect.protocols.iso.tables import DT, ED
 from dissect.protocols.iso.tsap import Tsap
 from dissect.report.words import Places, carried
-from dissect.transactions.connection import Connection
 from dissect.wire.text import Clock
 
 PDU_SCHEMA: Final = "s7dissect.pdu/1"

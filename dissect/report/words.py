@@ -12,6 +12,7 @@ from bisect import bisect_right
 from collections.abc import Mapping, Sequence
 from typing import Final
 
+from dissect.engine.transactions.connection import Connection
 from dissect.packets.source.packet import SourceFile
 from dissect.packets.tcp.stream import Endpoint
 from dissect.protocols.ibh.tables import IBH_NETLINK
@@ -19,7 +20,6 @@ from dissect.protocols.iso.cotp import Tpdu
 from dissect.protocols.iso.tsap import Tsap
 from dissect.protocols.iso.upper import EMPTY, S7COMM, S7COMM_PLUS, UPPER_NAMES, classify
 from dissect.protocols.s7.values import Value, spelled
-from dissect.transactions.connection import Connection
 from dissect.wire.text import Clock, decimal, duration_text, encodable, printable, shortened, some
 from dissect.wire.text import count as count  # noqa: PLC0414 - it is one of the words of reports as well
 

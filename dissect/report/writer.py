@@ -14,6 +14,11 @@ from mypy_extensions import i64, mypyc_attr
 
 from dissect.engine.exchange import PayloadDecoder
 from dissect.engine.observer import Observer
+from dissect.engine.transactions.connection import Connection
+from dissect.engine.transactions.operation import Operation
+from dissect.engine.transactions.payloads import ScdMessage
+from dissect.engine.transactions.side import Side
+from dissect.engine.transactions.transaction import BEHIND_MALFORMED, UNANSWERED, Transaction
 from dissect.protocols.ibh.packet import parse_packet
 from dissect.protocols.ibh.tables import KIND_DATA, KIND_FRAGMENT
 from dissect.protocols.iso.cotp import parse_tpdu
@@ -23,11 +28,6 @@ from dissect.protocols.iso.upper import S7COMM, S7COMM_PLUS, SCD, UPPER_NAMES, c
 from dissect.report.headers import Header, irregular
 from dissect.report.styled import Line, Written
 from dissect.report.words import Places, carried, message_name
-from dissect.transactions.connection import Connection
-from dissect.transactions.operation import Operation
-from dissect.transactions.payloads import ScdMessage
-from dissect.transactions.side import Side
-from dissect.transactions.transaction import BEHIND_MALFORMED, UNANSWERED, Transaction
 from dissect.wire.text import Clock
 
 #: At most this many lines of transactions, and this many characters of them, wait for earlier transactions that are held back.

@@ -7,16 +7,16 @@ from typing import Any
 
 from mypy_extensions import i64
 
+from dissect.engine.transactions.connection import Connection
+from dissect.engine.transactions.operation import Operation
+from dissect.engine.transactions.payloads import ScdMessage
+from dissect.engine.transactions.side import Side
+from dissect.engine.transactions.transaction import Transaction
 from dissect.protocols.iso.upper import S7COMM, S7COMM_PLUS, SCD, UPPER_NAMES
 from dissect.report.writer import COTP, NETLINK, Writer
 from dissect.select.fields import NAMES, Field
 from dissect.select.getters import OfItem, items
 from dissect.select.things import MESSAGE, OPERATION, TRANSACTION, Context, Message
-from dissect.transactions.connection import Connection
-from dissect.transactions.operation import Operation
-from dissect.transactions.payloads import ScdMessage
-from dissect.transactions.side import Side
-from dissect.transactions.transaction import Transaction
 from dissect.wire.text import Clock, printable
 
 #: Separates several values of a field, as in tshark.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from dissect.findings.reporter import Finding
+from dissect.engine.findings.reporter import Finding
 from dissect.wire.text import printable, some
 
 #: The beginning of all our comments, by which a display filter finds them: ``frame.comment contains "s7dissect:"``.

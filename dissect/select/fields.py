@@ -9,6 +9,12 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from typing import Any, Final
 
+from dissect.engine.findings.catalogue import CATALOGUE, NOTE, SEVERITIES
+from dissect.engine.findings.catalogue import KINDS as FINDING_KINDS
+from dissect.engine.findings.reporter import Finding
+from dissect.engine.transactions.operation import KINDS as OPERATION_KINDS
+from dissect.engine.transactions.payloads import ScdMessage
+from dissect.engine.transactions.transaction import OUTCOMES, REASON_TEXTS
 from dissect.facts import fact as kinds
 from dissect.facts.connection import CONNECTION as CONNECTION_FACTS
 from dissect.facts.fact import Fact
@@ -16,9 +22,6 @@ from dissect.facts.finding import FINDING as FINDING_FACTS
 from dissect.facts.operation import OPERATION as OPERATION_FACTS
 from dissect.facts.transaction import ITEM
 from dissect.facts.transaction import TRANSACTION as TRANSACTION_FACTS
-from dissect.findings.catalogue import CATALOGUE, NOTE, SEVERITIES
-from dissect.findings.catalogue import KINDS as FINDING_KINDS
-from dissect.findings.reporter import Finding
 from dissect.protocols.iso.upper import UPPER_NAMES
 from dissect.protocols.s7.errors import ERROR_CODES, class_names
 from dissect.protocols.s7.tables import (
@@ -54,9 +57,6 @@ from dissect.select.literals import (
     Truth,
 )
 from dissect.select.things import CONNECTION, FINDING, KINDS, MESSAGE, OPERATION, PACKET, TRANSACTION, Context
-from dissect.transactions.operation import KINDS as OPERATION_KINDS
-from dissect.transactions.payloads import ScdMessage
-from dissect.transactions.transaction import OUTCOMES, REASON_TEXTS
 
 
 class Field:

@@ -10,8 +10,13 @@ import ipaddress
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any, Final
 
+from dissect.engine.findings.reporter import Finding
+from dissect.engine.transactions.connection import Connection
+from dissect.engine.transactions.operation import Operation
+from dissect.engine.transactions.payloads import ScdMessage, ScdParameters
+from dissect.engine.transactions.results import NO_CODE
+from dissect.engine.transactions.transaction import Transaction
 from dissect.facts.fact import CODE, FRAME, TEXT, TSAP, WORD, Fact
-from dissect.findings.reporter import Finding
 from dissect.packets.tcp.stream import Endpoint
 from dissect.protocols.iso.upper import S7COMM, S7COMM_PLUS, SCD, UPPER_NAMES
 from dissect.protocols.s7.errors import errors_of
@@ -35,11 +40,6 @@ from dissect.report import facets
 from dissect.select.items import ItemFacts
 from dissect.select.literals import CodeValue
 from dissect.select.things import Context, Found, Message, Packet
-from dissect.transactions.connection import Connection
-from dissect.transactions.operation import Operation
-from dissect.transactions.payloads import ScdMessage, ScdParameters
-from dissect.transactions.results import NO_CODE
-from dissect.transactions.transaction import Transaction
 
 Getter = Callable[[Any, Context], Any]
 OfItem = Callable[[ItemFacts, Context], Any]

@@ -6,6 +6,8 @@ import re
 from collections.abc import Iterable
 from typing import Final
 
+from dissect.engine.transactions.naming import NamedValue, Naming
+from dissect.engine.transactions.transaction import Transaction
 from dissect.protocols.s7.items import Item, ItemResult
 from dissect.protocols.s7.tables import (
     AREA_LETTERS,
@@ -24,8 +26,6 @@ from dissect.protocols.s7plus.items import PlusItem
 from dissect.report.plus import DB_AREA, S7_AREAS
 from dissect.scd.wording import Row, json_value
 from dissect.select.literals import CodeValue, Place, place_of
-from dissect.transactions.naming import NamedValue, Naming
-from dissect.transactions.transaction import Transaction
 
 #: The facts of this many request items are remembered: polling repeats the same ones.
 _MOST_KNOWN: Final = 8192

@@ -13,8 +13,12 @@ from typing import Final
 
 from mypy_extensions import i64
 
+from dissect.engine.findings.reporter import Finding
 from dissect.engine.observer import Observer
-from dissect.findings.reporter import Finding
+from dissect.engine.transactions.connection import Connection
+from dissect.engine.transactions.side import Side
+from dissect.engine.transactions.table import endpoints, keys_of, reverse_key
+from dissect.engine.transactions.transaction import Transaction
 from dissect.packets.tcp.stream import Endpoint
 from dissect.select.places import Places, packet_key, parsed
 from dissect.select.selection import AGAIN_NS, SameKeys
@@ -22,10 +26,6 @@ from dissect.select.sieve import Numbers
 from dissect.select.spans import SpanBook, TimedSpan
 from dissect.select.things import FINDING, PACKET, TRANSACTION, Packet
 from dissect.select.where import Where
-from dissect.transactions.connection import Connection
-from dissect.transactions.side import Side
-from dissect.transactions.table import endpoints, keys_of, reverse_key
-from dissect.transactions.transaction import Transaction
 
 #: Kinds of things whose fields an expression for packets may name.
 KINDS: Final = (PACKET, TRANSACTION, FINDING)

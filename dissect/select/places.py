@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Final
 
+from dissect.engine.transactions.table import reverse_key
 from dissect.packets.tcp import ip, link
 from dissect.packets.tcp.stream import FIN, RST, SYN
 from dissect.packets.tcp.tunnel import Inner
 from dissect.select.ranges import Ranges
 from dissect.select.spans import SpanIndex, TimedSpan
-from dissect.transactions.table import reverse_key
 from dissect.wire.octets import u16, u32
 
 #: The octet of the TCP header with the flags, and the flags that open and close a connection.

@@ -13,9 +13,13 @@ from typing import Final
 
 from mypy_extensions import i64
 
+from dissect.engine.findings.bounds import KEPT
+from dissect.engine.findings.reporter import Finding
 from dissect.engine.observer import Observer
-from dissect.findings.bounds import KEPT
-from dissect.findings.reporter import Finding
+from dissect.engine.transactions.connection import Connection
+from dissect.engine.transactions.side import Side
+from dissect.engine.transactions.table import keys_of, reverse_key
+from dissect.engine.transactions.transaction import PUSH, Transaction
 from dissect.packets.tcp import ip
 from dissect.packets.tcp.connection import TcpConnection
 from dissect.protocols.ibh.packet import parse_packet
@@ -27,10 +31,6 @@ from dissect.select.comments import finding_comment
 from dissect.select.places import Places, Stretch, parsed
 from dissect.select.spans import Span, SpanBook, TimedSpan
 from dissect.select.subscriptions import Asked, SubscriptionBook
-from dissect.transactions.connection import Connection
-from dissect.transactions.side import Side
-from dissect.transactions.table import keys_of, reverse_key
-from dissect.transactions.transaction import PUSH, Transaction
 
 #: Greatest number of connections that are remembered, and of packets of each that opened or closed it above TCP.
 MAX_CONNECTIONS: Final = 16_384

@@ -9,23 +9,23 @@ from __future__ import annotations
 from collections import OrderedDict
 from typing import Final
 
-from dissect.acts.act import Act
+from dissect.engine.acts.act import Act
+from dissect.engine.findings.bounds import COUNTED, Bounds
+from dissect.engine.findings.ledger import Ledger
+from dissect.engine.findings.reporter import Finding
 from dissect.engine.observer import Observer
 from dissect.engine.pipeline import Pipeline
-from dissect.findings.bounds import COUNTED, Bounds
-from dissect.findings.ledger import Ledger
-from dissect.findings.reporter import Finding
+from dissect.engine.stations.facts import MAC, Fact
+from dissect.engine.transactions.connection import Connection
+from dissect.engine.transactions.operation import Operation
+from dissect.engine.transactions.payloads import ScdMessage
+from dissect.engine.transactions.side import Side
+from dissect.engine.transactions.transaction import Transaction
 from dissect.protocols.iso.upper import S7COMM, S7COMM_PLUS, SCD, UPPER_NAMES
 from dissect.report.analysis import Part
 from dissect.report.headers import irregular
 from dissect.select.things import CONNECTION, FINDING, MESSAGE, OPERATION, TRANSACTION, Message
 from dissect.select.where import PLURALS, Where
-from dissect.stations.facts import MAC, Fact
-from dissect.transactions.connection import Connection
-from dissect.transactions.operation import Operation
-from dissect.transactions.payloads import ScdMessage
-from dissect.transactions.side import Side
-from dissect.transactions.transaction import Transaction
 
 #: `Numbers` takes a bit for each number, in pages of `_PAGE` bits. It keeps up to `_PAGES` pages: 16 million numbers in 2 MiB.
 _PAGE: Final = 32_768

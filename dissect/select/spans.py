@@ -9,8 +9,8 @@ from __future__ import annotations
 from collections import OrderedDict
 from typing import Final
 
+from dissect.engine.transactions.side import Side
 from dissect.packets.tcp.stream import MASK, HalfStream
-from dissect.transactions.side import Side
 
 #: Greatest number of PDUs whose ranges are remembered until their transactions come, and of directions.
 MAX_SPANS: Final = 65_536
@@ -29,7 +29,7 @@ _EOT: Final = 0x80
 class Span:
     """A range of octets of one direction of a TCP connection: ``size`` octets from sequence number ``seq`` on.
 
-    ``key`` is the key of the packets in this direction (`dissect.transactions.table`).
+    ``key`` is the key of the packets in this direction (`dissect.engine.transactions.table`).
     """
 
     __slots__ = ("key", "seq", "size")

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from typing import Final
 
+from dissect.engine.transactions.connection import Connection
+from dissect.engine.transactions.operation import CYCLIC, MESSAGES, TEST_JOB, Operation
+from dissect.engine.transactions.operations import subscription_of
+from dissect.engine.transactions.transaction import PUSH, Transaction
 from dissect.protocols.s7plus.events import subscription_of as number_of
 from dissect.select.spans import Span
-from dissect.transactions.connection import Connection
-from dissect.transactions.operation import CYCLIC, MESSAGES, TEST_JOB, Operation
-from dissect.transactions.operations import subscription_of
-from dissect.transactions.transaction import PUSH, Transaction
 
 #: From this many requests on, those of no running operation are dropped; and the greatest number after that.
 _MANY: Final = 2048

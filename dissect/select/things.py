@@ -10,7 +10,9 @@ from collections.abc import Callable
 from functools import cached_property
 from typing import TYPE_CHECKING, Final
 
-from dissect.findings.reporter import Finding
+from dissect.engine.findings.reporter import Finding
+from dissect.engine.transactions.connection import Connection
+from dissect.engine.transactions.payloads import ScdMessage
 from dissect.packets.tcp.stream import Endpoint
 from dissect.protocols.s7.message import Pdu, parse_pdu
 from dissect.protocols.s7plus.hiding import shown_half
@@ -18,8 +20,6 @@ from dissect.protocols.s7plus.items import join_items
 from dissect.protocols.s7plus.message import PlusPdu, parse_plus
 from dissect.protocols.s7plus.tables import REQUEST
 from dissect.select.items import ItemFacts, ItemReader
-from dissect.transactions.connection import Connection
-from dissect.transactions.payloads import ScdMessage
 
 if TYPE_CHECKING:
     from dissect.engine.pipeline import Pipeline

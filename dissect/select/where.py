@@ -10,7 +10,10 @@ import re
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any, Final
 
-from dissect.findings.reporter import Finding
+from dissect.engine.findings.reporter import Finding
+from dissect.engine.transactions.connection import Connection
+from dissect.engine.transactions.operation import Operation
+from dissect.engine.transactions.transaction import Transaction
 from dissect.select.errors import SelectError
 from dissect.select.fields import FIELDS, NAMES, WIRESHARK, Field
 from dissect.select.getters import Getter
@@ -30,9 +33,6 @@ from dissect.select.things import (
     Message,
     Packet,
 )
-from dissect.transactions.connection import Connection
-from dissect.transactions.operation import Operation
-from dissect.transactions.transaction import Transaction
 from dissect.wire.config.hints import close_names
 
 Predicate = Callable[[Any], bool]

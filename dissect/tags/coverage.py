@@ -5,12 +5,12 @@ from __future__ import annotations
 from typing import Final
 
 from dissect.engine.observer import Observer
+from dissect.engine.transactions.transaction import Transaction
 from dissect.protocols.s7.items import Item
 from dissect.protocols.s7.tables import DB, DB_AREAS, NUMBERED_AREAS, SUCCESS
 from dissect.tags.loading import TagSet
 from dissect.tags.model import Tag
 from dissect.tags.naming import TagNaming
-from dissect.transactions.transaction import Transaction
 
 #: At most this many distinct items are kept; further ones are only counted.
 MAX_ITEMS: Final = 100_000

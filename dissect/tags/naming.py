@@ -1,4 +1,4 @@
-"""`TagNaming`: gives outputs the values of an item by tag (the interface is in `dissect.transactions.naming`)."""
+"""`TagNaming`: gives outputs the values of an item by tag (the interface is in `dissect.engine.transactions.naming`)."""
 
 from __future__ import annotations
 
@@ -6,14 +6,14 @@ from typing import Final
 
 from mypy_extensions import i64
 
+from dissect.engine.transactions.connection import Connection
+from dissect.engine.transactions.naming import NamedValue, Naming
 from dissect.protocols.s7.items import Item, ItemResult
 from dissect.protocols.s7.tables import BIT, NUMBERED_AREAS
 from dissect.protocols.s7plus.program import Program
 from dissect.tags.index import Cover, Part, TagIndex
 from dissect.tags.model import NUMBERED_BITS, Tag, place_text
 from dissect.tags.values import decode_part
-from dissect.transactions.connection import Connection
-from dissect.transactions.naming import NamedValue, Naming
 from dissect.wire.copies import leaves
 
 #: The values of this many items are remembered with their octets: a polled value rarely changes, and is not decoded again.

@@ -9,6 +9,7 @@ from typing import Final
 
 import pytest
 
+from dissect.engine.transactions.naming import Naming
 from dissect.golden.comparison import differences
 from dissect.golden.difference import DiffOptions
 from dissect.golden.model import GoldenError, Session
@@ -17,7 +18,6 @@ from dissect.golden.writing import golden_text
 from dissect.report import words
 from dissect.testing.captures import MISTAKES, CaptureFolder, near, path_of
 from dissect.testing.golden_files import ALL, NONE, GoldenFiles, folder_of, golden_of, stem_of
-from dissect.transactions.naming import Naming
 from dissect.wire.config.saving import save
 
 #: Maximum number of differences in a failure.

@@ -14,11 +14,11 @@ import pytest
 from dissect.testing.golden_files import ALL, NEW, NONE, GoldenFiles
 
 if TYPE_CHECKING:
+    from dissect.engine.transactions.naming import Naming
     from dissect.testing.captures import CaptureFolder
     from dissect.testing.golden_check import GoldenCheck
     from dissect.testing.recorder import Recorders
     from dissect.testing.servers import Servers
-    from dissect.transactions.naming import Naming
 
 #: Key of a worker's results on their way to the controller.
 _ACCOUNT: Final = "s7dissect"

@@ -8,6 +8,7 @@ from typing import Final
 
 from dissect.bindings.engine import ScdCarrier
 from dissect.engine.exchange import PayloadDecoder
+from dissect.engine.transactions.naming import Naming
 from dissect.protocols.s7.tables import NUMBERED_AREAS
 from dissect.select.literals import place_of
 from dissect.tags.address import WIDTHS, AddressError, TagAddress, TypeNameError, parse_tag_address
@@ -15,7 +16,6 @@ from dissect.tags.index import Part
 from dissect.tags.model import NUMBERED_BITS, Tag
 from dissect.tags.naming import HostNaming, TagNaming
 from dissect.tags.types import DataType
-from dissect.transactions.naming import Naming
 from dissect.variables.wanted import Wanted, WantedSet, of_tag, whole
 from dissect.wire.config.hints import close_names
 from dissect.wire.errors import Error

@@ -12,6 +12,13 @@ from typing import Final
 from mypy_extensions import i64
 
 from dissect.engine.observer import Observer
+from dissect.engine.transactions.connection import Connection
+from dissect.engine.transactions.good_items import good_octets
+from dissect.engine.transactions.naming import NamedValue
+from dissect.engine.transactions.payloads import ScdMessage
+from dissect.engine.transactions.results import DOUBTS, TEST_WRITES, has_items
+from dissect.engine.transactions.transaction import ANSWERED, Transaction
+from dissect.engine.transactions.transaction import PUSH as OUTCOME_PUSH
 from dissect.protocols.s7.items import Item, ItemResult
 from dissect.protocols.s7.tables import (
     BIT,
@@ -34,13 +41,6 @@ from dissect.protocols.s7plus.tables import NOTIFICATION as PLUS_NOTIFICATION
 from dissect.scd.wording import json_value
 from dissect.tags.model import NUMBERED_BITS
 from dissect.tags.naming import TagNaming
-from dissect.transactions.connection import Connection
-from dissect.transactions.good_items import good_octets
-from dissect.transactions.naming import NamedValue
-from dissect.transactions.payloads import ScdMessage
-from dissect.transactions.results import DOUBTS, TEST_WRITES, has_items
-from dissect.transactions.transaction import ANSWERED, Transaction
-from dissect.transactions.transaction import PUSH as OUTCOME_PUSH
 from dissect.variables.model import FORCE, MODIFY, NOTIFICATION, PDO, PUSH, READ, WRITE, Told, ValueRow, Variable
 from dissect.variables.tracker import MAX_VARIABLES, NO_ANSWER, Plan, Plc, Tracker
 from dissect.variables.wanted import Image, WantedSet

@@ -6,10 +6,10 @@ from typing import TYPE_CHECKING, Final
 
 from mypy_extensions import i64
 
+from dissect.engine.transactions.connection import Connection
+from dissect.engine.transactions.transaction import LIKELY, SURE
 from dissect.packets.tcp.stream import Endpoint
 from dissect.protocols.s7.values import decode_value
-from dissect.transactions.connection import Connection
-from dissect.transactions.transaction import LIKELY, SURE
 from dissect.wire.copies import leaves
 
 if TYPE_CHECKING:

@@ -7,7 +7,7 @@ from typing import Final
 
 from mypy_extensions import i64
 
-from dissect.transactions.connection import Connection
+from dissect.engine.transactions.connection import Connection
 from dissect.variables.model import ValueRow
 
 #: At most this many distinct values are counted; of more it is only known that there are more.

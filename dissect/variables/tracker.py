@@ -6,13 +6,13 @@ from typing import Final
 
 from mypy_extensions import i64
 
+from dissect.engine.transactions.connection import Connection
+from dissect.engine.transactions.transaction import Transaction
 from dissect.packets.tcp.link import within
 from dissect.packets.tcp.stream import Endpoint
 from dissect.protocols.s7.items import Item
 from dissect.protocols.s7.parameters import Parameters
 from dissect.protocols.s7.values import decode_value
-from dissect.transactions.connection import Connection
-from dissect.transactions.transaction import Transaction
 from dissect.variables.model import RefusedRow, Told, ValueRow, Variable
 from dissect.variables.statistics import Statistics
 from dissect.variables.wanted import Image, Wanted

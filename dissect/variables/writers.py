@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Final
 from librt.strings import BytesWriter
 from mypy_extensions import i64
 
+from dissect.engine.transactions.connection import Connection
+from dissect.engine.transactions.transaction import SURE
 from dissect.protocols.s7plus.value_showing import members_said
 from dissect.report import words
 from dissect.report.certainty import doubt_mark
@@ -18,8 +20,6 @@ from dissect.report.styled import HANG, PLAIN, Line
 from dissect.report.words import Places
 from dissect.report.writer import Writer
 from dissect.report.writers.csv import json_cell, quoted
-from dissect.transactions.connection import Connection
-from dissect.transactions.transaction import SURE
 from dissect.variables.model import UNTOLD, Told, ValueRow, Variable
 from dissect.variables.value_octets import write_cell, write_hex, write_json, write_shown
 from dissect.wire.digits import Moments, Times, write_aligned, write_decimal, write_hexadecimal

@@ -15,7 +15,7 @@ from dissect.alerts.command import Command
 from dissect.alerts.loading import parse_rules
 from dissect.alerts.syslog import Syslog
 from dissect.alerts.webhook import Webhook
-from dissect.findings.catalogue import CATALOGUE
+from dissect.engine.findings.catalogue import CATALOGUE
 from dissect.scd.errors import DictionaryError
 from tests.cases import each
 

@@ -6,10 +6,10 @@ import pytest
 
 from dissect.alerts import states
 from dissect.baseline import Learner
-from dissect.transactions.results import GAPS
+from dissect.engine.transactions.results import GAPS
 from tests.alerts.rules_of import Kept
 from tests.baseline.wire import Client
-from tests.transactions.talk import SECOND, Talk, dbw, read, words
+from tests.engine.transactions.talk import SECOND, Talk, dbw, read, words
 
 RULES = (
     'when = "rate"\nabove = 100',

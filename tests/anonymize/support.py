@@ -18,11 +18,11 @@ from dissect.anonymize.scd import ScdRules
 from dissect.anonymize.survey import Survey
 from dissect.bindings.engine import ScdCarrier
 from dissect.engine.pipeline import Options
+from dissect.engine.transactions.transaction import Transaction
 from dissect.packets.source.files import open_capture
 from dissect.packets.source.pcapng_writer import PcapngWriter
 from dissect.protocols.s7plus.assembly import MAX_PDU
 from dissect.session import Run
-from dissect.transactions.transaction import Transaction
 
 #: Captures of which contents become zeros: encrypted ones, and bodies that leave the format (captures/README.md).
 BLANKED: Final = frozenset(("s7commplus-tls.pcapng", "s7commplus.pcapng"))

@@ -20,9 +20,9 @@ import pytest
 import dissect
 from dissect.anonymize.account import KEEP, MASK, Choices
 from dissect.anonymize.key import Key
+from dissect.engine.transactions.transaction import Transaction
 from dissect.packets.source.files import open_capture
 from dissect.packets.source.pcapng_writer import PcapngWriter
-from dissect.transactions.transaction import Transaction
 from tests.anonymize.support import BLANKED, KEY, anonymized, told
 from tests.packets.source.craft import Frame, drain
 from tests.report.support import OWN, ROOT

@@ -12,6 +12,7 @@ import dissect
 from dissect.anonymize.account import KEEP, MASK, SCRAMBLE, Choices
 from dissect.anonymize.key import Key
 from dissect.engine.observer import Observer
+from dissect.engine.transactions.side import Side
 from dissect.packets.source.files import open_capture
 from dissect.packets.tcp import ip, link
 from dissect.protocols.iso.cotp import parse_tpdu
@@ -19,7 +20,6 @@ from dissect.protocols.iso.tables import CC, CR
 from dissect.protocols.iso.tsap import Tsap
 from dissect.protocols.s7.message import parse_pdu
 from dissect.session import Run
-from dissect.transactions.side import Side
 from tests.anonymize.support import BLANKED, KEY, anonymized, told
 from tests.build import ACK_DATA, JOB, READ, USERDATA, data_item, dt, payload, pdu, userdata_head
 from tests.cases import each

@@ -15,6 +15,7 @@ import dissect
 from dissect.anonymize.account import KEEP, MASK, SCRAMBLE, Account, Choices
 from dissect.anonymize.key import Key
 from dissect.anonymize.plus_contents import PROCESS, PlusContents
+from dissect.engine.transactions.transaction import Transaction
 from dissect.protocols.s7plus.assembly import MAX_PDU
 from dissect.protocols.s7plus.contents import Address, Contents
 from dissect.protocols.s7plus.layouts import VALUE
@@ -42,7 +43,6 @@ from dissect.protocols.s7plus.value_tables import (
 from dissect.protocols.s7plus.values import Blob, Packed, Rows, Struct, Value, build_value
 from dissect.protocols.s7plus.variables import NameList, TagDescription
 from dissect.protocols.s7plus.walk import Walk
-from dissect.transactions.transaction import Transaction
 from tests.anonymize.support import anonymized, told
 from tests.anonymize.test_all import surviving_texts
 from tests.properties.messages import dt

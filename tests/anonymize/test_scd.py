@@ -16,14 +16,14 @@ from dissect.anonymize.scd import ScdRules, bindings_of
 from dissect.bindings import load_bindings, load_carrier
 from dissect.bindings.contents import decode
 from dissect.bindings.engine import ScdCarrier
+from dissect.engine.transactions.payloads import ScdMessage
+from dissect.engine.transactions.transaction import Transaction
 from dissect.packets.source.files import open_capture
 from dissect.scd.codec import Codec
 from dissect.scd.loading import load
 from dissect.scd.messages import Message
 from dissect.scd.packing import LIMITS, Flags
 from dissect.scd.values import NetTime
-from dissect.transactions.payloads import ScdMessage
-from dissect.transactions.transaction import Transaction
 from tests.anonymize.support import KEY, anonymized
 from tests.packets.source.craft import Frame, drain
 from tests.properties.packets import MS, Flow, Packet, Talk

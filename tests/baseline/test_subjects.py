@@ -7,10 +7,10 @@ import pytest
 from dissect.baseline import subjects
 from dissect.baseline.subjects import Pair, Pairs, Subject, Subjects, area_names
 from dissect.engine.observer import Observer
+from dissect.engine.transactions.connection import Connection
+from dissect.engine.transactions.transaction import Transaction
 from dissect.protocols.s7.items import parse_item
 from dissect.session import Run
-from dissect.transactions.connection import Connection
-from dissect.transactions.transaction import Transaction
 from tests.baseline.wire import Client, Wire
 from tests.report.support import ROOT
 

@@ -7,9 +7,9 @@ import pytest
 from dissect.baseline import Baseline, BaselineWatch, PairNorm
 from dissect.baseline.subjects import Pairs
 from dissect.engine.observer import Observer
+from dissect.engine.transactions.connection import Connection
+from dissect.engine.transactions.transaction import Transaction
 from dissect.session import Run
-from dissect.transactions.connection import Connection
-from dissect.transactions.transaction import Transaction
 from tests.baseline.wire import Client, Wire
 from tests.report.support import ROOT
 

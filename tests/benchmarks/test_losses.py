@@ -13,8 +13,8 @@ from benchmarks.blame import BLAMELESS, BLAMELESS_REASONS, BLAMES, NOT_ANSWERED,
 from benchmarks.losses import Table, judge, kept, made, main
 from benchmarks.told import Capture, Key, Packet, Pair, Statement, Told, Unanswered, read
 from benchmarks.verdict import OPEN, RIGHT, WRONG, Truth, Verdict, blaming, compare
-from dissect.findings.catalogue import CATALOGUE
-from dissect.transactions.transaction import (
+from dissect.engine.findings.catalogue import CATALOGUE
+from dissect.engine.transactions.transaction import (
     CAPTURE_ENDED,
     CONNECTION_CLOSED,
     HOLE,

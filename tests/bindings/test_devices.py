@@ -12,7 +12,7 @@ from dissect.bindings.engine import ScdCarrier
 from dissect.packets.tcp.stream import Endpoint
 from dissect.scd.errors import Error
 from tests.bindings import plant
-from tests.transactions.talk import CLIENT, SERVER, Talk
+from tests.engine.transactions.talk import CLIENT, SERVER, Talk
 
 T1: Final = 0x1A00
 MODE: Final = plant.entry("Режим 1", 8, 0)

@@ -14,13 +14,11 @@ from dissect import scd
 from dissect.bindings.binding import Binding, Bindings
 from dissect.bindings.bindings_file import find_content
 from dissect.bindings.engine import MAX_JOINERS, ScdCarrier
+from dissect.engine.transactions.transaction import Transaction
 from dissect.scd.codec import Codec
 from dissect.scd.records import CrcRecord, EnvelopeField, EnvelopeRecord
-from dissect.transactions.transaction import Transaction
 from tests.bindings import plant
-from tests.scd.making import dictionary as made
-from tests.scd.making import variable
-from tests.transactions.talk import (
+from tests.engine.transactions.talk import (
     CLIENT,
     SERVER,
     Talk,
@@ -35,6 +33,8 @@ from tests.transactions.talk import (
     write,
     written,
 )
+from tests.scd.making import dictionary as made
+from tests.scd.making import variable
 
 PUMP: Final = bytes.fromhex("01C805")  # runs, no fault, 1480
 STATE: Final = bytes.fromhex("370218FCFFFF08")  # 0237h, -1000, 8: the worked TPDU 1 of the profile
@@ -141,7 +141,7 @@ def test_both_ends_may_ask_with_the_same_number() -> None:
 
 
 def test_the_same_request_again_waits_too_another_one_is_answered_by_its_object() -> None:
-    """dissect.transactions.pairing: the same octets within a second are a repetition, both may be answered."""
+    """dissect.engine.transactions.pairing: the same octets within a second are a repetition, both may be answered."""
     talk = listening()
     talk.datagram(CLIENT, plant.ask("Расход 1"))
     talk.datagram(CLIENT, plant.ask("Расход 1"))

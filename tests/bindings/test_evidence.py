@@ -8,7 +8,7 @@ from dissect.bindings.evidence import Evidence
 from dissect.scd.messages import Message
 from dissect.scd.types import Value
 from tests.bindings import plant
-from tests.transactions.talk import CLIENT, SERVER, Talk
+from tests.engine.transactions.talk import CLIENT, SERVER, Talk
 
 EVIDENCE = Evidence(plant.dictionary())
 

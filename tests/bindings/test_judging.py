@@ -1,4 +1,4 @@
-"""What SCD in traffic is judged by; that each rule speaks and keeps silent is in tests/findings/scd_scenarios.py."""
+"""What SCD in traffic is judged by; that each rule speaks and keeps silent is in tests/engine/findings/scd_scenarios.py."""
 
 from __future__ import annotations
 
@@ -6,11 +6,11 @@ import pytest
 
 from dissect.bindings.engine import ScdCarrier
 from dissect.bindings.judging import MAX_COUNTERS, MAX_COUNTERS_ALL, ScdJudge
-from dissect.transactions.results import ALIKE, GAPS
-from dissect.transactions.transaction import ANSWERED, Transaction
+from dissect.engine.transactions.results import ALIKE, GAPS
+from dissect.engine.transactions.transaction import ANSWERED, Transaction
 from tests.bindings import plant
-from tests.findings.scd_scenarios import remap
-from tests.transactions.talk import CLIENT, SERVER, Talk, ack_data, good, item, read, write, written
+from tests.engine.findings.scd_scenarios import remap
+from tests.engine.transactions.talk import CLIENT, SERVER, Talk, ack_data, good, item, read, write, written
 
 
 def listening() -> Talk:

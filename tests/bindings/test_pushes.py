@@ -13,8 +13,8 @@ from dissect.bindings.binding import Binding, Bindings
 from dissect.bindings.engine import ScdCarrier
 from dissect.scd.packing import Packing
 from tests.bindings import plant
+from tests.engine.transactions.talk import CLIENT, SERVER, Talk
 from tests.scd.making import FLOAT32, pdo
-from tests.transactions.talk import CLIENT, SERVER, Talk
 
 #: Somebody switches T1 off.
 REWRITE: Final = plant.ask("0x1a00:0", 0, tid=10)

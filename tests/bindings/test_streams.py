@@ -10,12 +10,12 @@ from hypothesis import strategies as st
 
 from dissect.bindings.binding import Binding
 from dissect.bindings.streams import MAX_PENDING, cut_stream, skip_hole
+from dissect.engine.transactions.connection import Connection
+from dissect.engine.transactions.payloads import Backlog
+from dissect.engine.transactions.protocol import Protocol
+from dissect.engine.transactions.side import Side
 from dissect.packets.tcp.connection import TcpConnection
 from dissect.packets.tcp.stream import Endpoint
-from dissect.transactions.connection import Connection
-from dissect.transactions.payloads import Backlog
-from dissect.transactions.protocol import Protocol
-from dissect.transactions.side import Side
 from tests.bindings import plant
 
 MESSAGES = Binding("x", "tcp", "messages", port=5601)

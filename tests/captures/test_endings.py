@@ -14,7 +14,7 @@ from typing import Final
 import pytest
 
 import dissect
-from dissect.transactions.ending import FIN, RESET
+from dissect.engine.transactions.ending import FIN, RESET
 from tests.golden.tshark_view import ports_of
 from tests.tshark import ask
 

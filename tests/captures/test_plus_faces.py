@@ -9,9 +9,9 @@ from typing import Final
 import pytest
 
 import dissect
+from dissect.engine.transactions.transaction import Transaction
 from dissect.monitor.details import entry_lines
 from dissect.monitor.entries import Entry
-from dissect.transactions.transaction import Transaction
 from tests.conftest import Command
 
 CAPTURES: Final = Path(__file__).resolve().parents[2] / "captures"

@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 import dissect
+from dissect.engine.transactions.results import UNCHANGED
 from dissect.protocols.s7.tables import SUCCESS
-from dissect.transactions.results import UNCHANGED
 
 
 def test_every_push_has_its_items(corpus: Path) -> None:

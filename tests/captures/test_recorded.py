@@ -12,7 +12,7 @@ import pytest
 import dissect
 from captures.record.expect import count_expected
 from captures.record.sessions import SESSIONS
-from dissect.transactions.transaction import Transaction
+from dissect.engine.transactions.transaction import Transaction
 from tests.tshark import ask
 
 ROOT = Path(__file__).resolve().parents[2]

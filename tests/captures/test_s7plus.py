@@ -9,7 +9,7 @@ from typing import Any, Final
 import pytest
 
 import dissect
-from dissect.transactions.transaction import Transaction
+from dissect.engine.transactions.transaction import Transaction
 
 FOLDER: Final = Path(__file__).resolve().parents[2] / "captures" / "s7plus"
 NAMES: Final = ("s7commplus", "s7commplus-tls")

@@ -14,8 +14,8 @@ from captures.craft.container import write_pcapng
 from captures.craft.scd import FOLDER, plant
 from dissect import scd
 from dissect.cli.main import main
-from dissect.findings.reporter import Finding
-from dissect.transactions.transaction import Transaction
+from dissect.engine.findings.reporter import Finding
+from dissect.engine.transactions.transaction import Transaction
 from tests.report.schemas import complaints
 
 FILES: Final = [str(FOLDER / name) for name in ("plant.toml", "plant.bind.toml", "plant.pcapng")]

@@ -8,11 +8,11 @@ import dissect
 from captures.craft.mc7 import DB2, OB1, OB1_CHANGED, Network, code_block
 from dissect.carve.code import CodeListing, References, details_of
 from dissect.carve.contents import block_values, tag_names
-from dissect.program.carved import CarvedBlock, block_of
-from dissect.program.compare import compare
+from dissect.engine.program.carved import CarvedBlock, block_of
+from dissect.engine.program.compare import compare
+from dissect.engine.transactions.naming import Naming
 from dissect.report.words import Places
 from dissect.tags.loading import load_tags
-from dissect.transactions.naming import Naming
 from dissect.wire.text import Clock
 from tests.report.schemas import ROOT, complaints
 

@@ -15,7 +15,7 @@ import dissect
 from captures.craft.mc7 import DB2, OB1
 from dissect.carve.folder import MANIFEST, FolderError, Plan, file_name, occupied, read_block, read_folder, write_folder
 from dissect.carve.listing import BlockList
-from dissect.program.carved import CarvedBlock, block_of, plus_block
+from dissect.engine.program.carved import CarvedBlock, block_of, plus_block
 from dissect.protocols.s7plus.objects import Attribute, PlusObject, build_object
 from dissect.protocols.s7plus.value_tables import BLOB, SPARSE_ARRAY
 from dissect.protocols.s7plus.values import Blob, Value

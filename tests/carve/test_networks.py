@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 
 from dissect.carve.code import CodeListing, References, details_of
 from dissect.carve.networks import PlusNetwork, compare_networks, interface, networks
-from dissect.program.carved import CarvedBlock, plus_block
-from dissect.program.compare import compare
+from dissect.engine.program.carved import CarvedBlock, plus_block
+from dissect.engine.program.compare import compare
 from dissect.protocols.s7plus.objects import Attribute, PlusObject, build_object
 from dissect.protocols.s7plus.value_tables import BLOB, SPARSE_ARRAY
 from dissect.protocols.s7plus.values import Blob, Value

@@ -13,8 +13,8 @@ from pathlib import Path
 import pytest
 
 import dissect
+from dissect.engine.transactions.transaction import Transaction
 from dissect.packets.source.files import open_capture
-from dissect.transactions.transaction import Transaction
 from tests.cli.support import Ran, run, simple
 from tests.packets.source.craft import Frame, Pcapng, drain
 from tests.properties import messages

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from dissect.findings.catalogue import CATALOGUE, ERROR, SEVERITIES
+from dissect.engine.findings.catalogue import CATALOGUE, ERROR, SEVERITIES
 from dissect.report.slugs import slugs_of
 from tests.cli.support import run, simple
 from tests.properties.packets import MS

@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 
 import dissect
-from dissect.transactions.naming import named_values
-from dissect.transactions.transaction import Transaction
+from dissect.engine.transactions.naming import named_values
+from dissect.engine.transactions.transaction import Transaction
 from tests.cli.support import run
 from tests.report import schemas
 from tests.tags.support import tank_capture, tank_file, write_captures

@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 import dissect
+from dissect.engine.transactions.transaction import Transaction
 from dissect.packets.source.files import open_capture
 from dissect.packets.source.packet import PacketSink
 from dissect.protocols.s7plus.contents import Address
@@ -17,16 +18,15 @@ from dissect.protocols.s7plus.value_tables import INT
 from dissect.protocols.s7plus.values import Value
 from dissect.protocols.tls import aead
 from dissect.session import KeyLogError, Run
-from dissect.transactions.transaction import Transaction
 from tests.anonymize.support import anonymized
 from tests.cli.support import run
 from tests.cli.test_outputs import commands
+from tests.engine.transactions.talk import dbw, read
 from tests.protocols.s7plus.bodies import get_multi, multi_got
 from tests.protocols.s7plus.pdus import asked, framed, told
 from tests.protocols.tls.files import filmed
 from tests.protocols.tls.talks import Wire, wire
 from tests.report.schemas import complaints
-from tests.transactions.talk import dbw, read
 
 Capture = pytest.CaptureFixture[bytes]
 QUESTION, ANSWER = framed(asked(5, body=b"what")), framed(told(5))

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from dissect.engine.bare import BY_CLIENT, BY_SERVER, MAX_ENDS, MAX_PORTS, BareConnections
+from dissect.engine.transactions.table import ConnectionTable
 from dissect.packets.tcp.stream import MASK
-from dissect.transactions.table import ConnectionTable
 from tests.cases import each
-from tests.transactions.talk import ACK, CLIENT, FIN, RST, SERVER, Talk, dbw, read, words
+from tests.engine.transactions.talk import ACK, CLIENT, FIN, RST, SERVER, Talk, dbw, read, words
 
 
 def closed(talk: Talk) -> None:

@@ -7,15 +7,14 @@ from collections.abc import Callable
 
 import pytest
 
+from dissect.engine.transactions.aside import MAX_ASIDE, MAX_OCTETS
+from dissect.engine.transactions.transaction import Transaction
 from dissect.protocols.s7plus.tables import SET_VARIABLE
 from dissect.protocols.s7plus.value_tables import DINT
 from dissect.protocols.s7plus.values import Value
-from dissect.transactions.aside import MAX_ASIDE, MAX_OCTETS
-from dissect.transactions.transaction import Transaction
 from tests import build
 from tests.cases import each
-from tests.protocols.s7plus import bodies, pdus
-from tests.transactions.talk import (
+from tests.engine.transactions.talk import (
     ACK,
     CLIENT,
     MS,
@@ -35,6 +34,7 @@ from tests.transactions.talk import (
     write,
     written,
 )
+from tests.protocols.s7plus import bodies, pdus
 
 STOP = b"\x29" + bytes(5) + b"\x09P_PROGRAM"
 #: Headers that cannot hold a DT of class 0, and one that reaches beyond any TPKT here.

@@ -8,8 +8,8 @@ import pytest
 
 from dissect.engine.observer import Observer
 from dissect.engine.pipeline import Options, Pipeline
-from dissect.transactions.connection import Connection
-from dissect.transactions.side import Side
+from dissect.engine.transactions.connection import Connection
+from dissect.engine.transactions.side import Side
 from tests.properties.books import Result, check_books
 from tests.properties.messages import (
     ACK,

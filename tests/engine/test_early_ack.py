@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import pytest
 
-from dissect.transactions.connection import MAX_EARLY
+from dissect.engine.transactions.connection import MAX_EARLY
 from tests import build
 from tests.cases import each
-from tests.transactions.talk import CLIENT, MS, SECOND, SERVER, Talk, dbw, dt, read, words
+from tests.engine.transactions.talk import CLIENT, MS, SECOND, SERVER, Talk, dbw, dt, read, words
 
 EMPTY = build.dt(b"", eot=False)
 SLUG = "cotp.empty_dt"

@@ -6,10 +6,9 @@ from typing import Final
 
 import pytest
 
-from dissect.transactions.table import DOUBT_NS, LINGER_NS
+from dissect.engine.transactions.table import DOUBT_NS, LINGER_NS
 from tests.cases import each
-from tests.growth import assert_growth
-from tests.transactions.talk import (
+from tests.engine.transactions.talk import (
     ACK,
     CLIENT,
     FIN,
@@ -24,6 +23,7 @@ from tests.transactions.talk import (
     read,
     words,
 )
+from tests.growth import assert_growth
 
 IGNORED: Final = "stream.reset_ignored"
 #: An Ethernet address for each side, and one of somebody else.

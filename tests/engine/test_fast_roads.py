@@ -19,8 +19,8 @@ import pytest
 import dissect
 from benchmarks.generate import generate
 from dissect.engine import iso
+from dissect.engine.transactions import checks, pairing
 from dissect.protocols.s7 import parameters
-from dissect.transactions import checks, pairing
 from dissect.wire import octets
 from dissect.wire.build import COMPILED
 from tests.growth import UNCOUNTED

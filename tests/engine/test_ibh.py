@@ -6,13 +6,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from dissect.engine.transactions.connection import FOLLOWED, FOREIGN, ISO
+from dissect.engine.transactions.side import Side
 from dissect.protocols.ibh.tables import IBH_NETLINK, KINDS
-from dissect.transactions.connection import FOLLOWED, FOREIGN, ISO
-from dissect.transactions.side import Side
 from tests.cases import each
+from tests.engine.transactions.talk import ACK as ACK_FLAG
+from tests.engine.transactions.talk import CLIENT, RST, SERVER, Talk, dbw, dt, granted, read, setup, words
 from tests.protocols.ibh.packets import ACK, ASK, CLAIM, CLAIMED, DISCONNECT, RECEIPT, TELL, long, short
-from tests.transactions.talk import ACK as ACK_FLAG
-from tests.transactions.talk import CLIENT, RST, SERVER, Talk, dbw, dt, granted, read, setup, words
 
 CONNECT = short(0xE0, bytes.fromhex("00800002000201000100"))
 

@@ -7,7 +7,7 @@ from random import Random
 from typing import Final
 
 from dissect.engine.pipeline import Options
-from dissect.transactions.side import Side
+from dissect.engine.transactions.side import Side
 from tests.cases import each
 from tests.properties.books import Record, Result, check_books, facts
 from tests.properties.messages import JOB, Item, connect, dt, read_answer, read_job, setup, write_answer, write_job

@@ -19,7 +19,7 @@ from benchmarks.readers import read_capture
 from benchmarks.writers import ETHERNET, CaptureWriter
 from dissect import analyze
 from dissect import open as events
-from dissect.transactions.transaction import Transaction
+from dissect.engine.transactions.transaction import Transaction
 from tests.properties.books import Result, facts
 from tests.properties.packets import LINUX_SLL, LINUX_SLL2, NULL, RAW, Flow, Packet, captured
 from tests.properties.traffic import conversation, segments

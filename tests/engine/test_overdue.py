@@ -7,7 +7,7 @@ from typing import Final
 import pytest
 
 from dissect.engine import timers
-from tests.transactions.talk import CLIENT, MS, SECOND, SERVER, Talk, ack_data, dbw, read, words
+from tests.engine.transactions.talk import CLIENT, MS, SECOND, SERVER, Talk, ack_data, dbw, read, words
 
 LIMIT: Final = 2 * SECOND
 

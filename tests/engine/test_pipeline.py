@@ -8,14 +8,15 @@ from typing import Final
 
 import pytest
 
+from dissect.engine.findings.reporter import MAX_DETAILED
 from dissect.engine.pipeline import Options
 from dissect.engine.timers import _MANY_WAITING
-from dissect.findings.reporter import MAX_DETAILED
+from dissect.engine.transactions.connection import Connection
+from dissect.engine.transactions.table import MAX_CONNECTIONS, MAX_HALF_OPEN, MAX_LINGERING
+from dissect.engine.transactions.transaction import Transaction
 from dissect.packets.tcp.ip import MAX_DATAGRAMS
-from dissect.transactions.connection import Connection
-from dissect.transactions.table import MAX_CONNECTIONS, MAX_HALF_OPEN, MAX_LINGERING
-from dissect.transactions.transaction import Transaction
 from tests.cases import each
+from tests.engine.transactions import talk as lines
 from tests.properties.books import Record, Result, check_books, facts, told, true
 from tests.properties.messages import (
     EMPTY_DT,
@@ -51,7 +52,6 @@ from tests.properties.packets import (
     cut_to,
 )
 from tests.properties.traffic import Conversation, conversation, merged, segments
-from tests.transactions import talk as lines
 
 SECOND: Final = 1_000_000_000
 WORD: Final = Item(0x04, 1, 10, 0x84, 4 * 8)

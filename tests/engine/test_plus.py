@@ -14,6 +14,7 @@ from dissect.protocols.s7plus.objects import PlusObject
 from dissect.protocols.s7plus.tables import SET_VAR_SUBSTREAMED
 from dissect.protocols.s7plus.value_tables import INT, UDINT
 from dissect.protocols.s7plus.values import Value, build_value
+from tests.engine.transactions.talk import ACK, CLIENT, FIN, MS, RST, SECOND, SERVER, Talk, dt, read, words
 from tests.protocols.s7plus import bodies
 from tests.protocols.s7plus.bodies import end, get_stream, number
 from tests.protocols.s7plus.pdus import (
@@ -29,7 +30,6 @@ from tests.protocols.s7plus.pdus import (
     notified,
     told,
 )
-from tests.transactions.talk import ACK, CLIENT, FIN, MS, RST, SECOND, SERVER, Talk, dt, read, words
 
 HELLO = bytes.fromhex("1603010005010000010a")
 

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from dissect.engine.counters import Counters
+from dissect.engine.findings.reporter import Reporter
 from dissect.engine.silent import MAX_SILENT, SilentConnections
-from dissect.findings.reporter import Reporter
-from dissect.transactions.table import reverse_key
+from dissect.engine.transactions.table import reverse_key
 from tests.cases import each
-from tests.transactions.talk import ACK, CLIENT, FIN, MS, RST, SECOND, SERVER, SYN, Talk, dbw, dt, read
+from tests.engine.transactions.talk import ACK, CLIENT, FIN, MS, RST, SECOND, SERVER, SYN, Talk, dbw, dt, read
 
 PAUSE = 30 * SECOND
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from tests.transactions.talk import ACK, CLIENT, FIN, MS, SECOND, SERVER, Talk, dbw, read, words
+from tests.engine.transactions.talk import ACK, CLIENT, FIN, MS, SECOND, SERVER, Talk, dbw, read, words
 
 
 def test_a_hole_is_given_up() -> None:

@@ -8,15 +8,15 @@ from typing import Any
 
 import pytest
 
+from dissect.engine.transactions.connection import Connection
 from dissect.protocols.iso.upper import TLS
-from dissect.transactions.connection import Connection
-from tests.findings.plus_scenarios import MODERN, opened, set_up
-from tests.findings.plus_scenarios import read as read_plus
+from tests.engine.findings.plus_scenarios import MODERN, opened, set_up
+from tests.engine.findings.plus_scenarios import read as read_plus
+from tests.engine.transactions.talk import MS, Talk, dt, item, read
 from tests.protocols.s7plus.pdus import INIT_SSL, asked, framed, notified, told
 from tests.protocols.tls import sealing
 from tests.protocols.tls.sealing import FINISHED, HANDSHAKE, Pair
 from tests.protocols.tls.talks import Wire, wire
-from tests.transactions.talk import MS, Talk, dt, item, read
 
 ASK, TELL, PUSH = framed(asked(5, body=b"what")), framed(told(5)), framed(notified())
 

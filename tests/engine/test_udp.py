@@ -9,12 +9,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dissect.engine.exchange import PayloadDecoder
+from dissect.engine.transactions.side import Side
+from dissect.engine.transactions.table import MAX_CONNECTIONS, ConnectionTable
 from dissect.page.rows import Rows
-from dissect.transactions.side import Side
-from dissect.transactions.table import MAX_CONNECTIONS, ConnectionTable
 from dissect.wire.text import Clock
 from tests.bindings import plant
-from tests.transactions.talk import CLIENT, MS, SERVER, Talk
+from tests.engine.transactions.talk import CLIENT, MS, SERVER, Talk
 
 
 class Heard(PayloadDecoder):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from tests import build
-from tests.transactions.talk import CLIENT, SECOND, SERVER, Talk, dbw, dt, read, words
+from tests.engine.transactions.talk import CLIENT, SECOND, SERVER, Talk, dbw, dt, read, words
 
 
 def too_long(pdu: bytes, by: int = 1) -> bytes:

@@ -8,12 +8,12 @@ from random import Random
 import pytest
 
 from dissect.engine.pipeline import Options, Pipeline
-from dissect.transactions.table import MAX_ALSO, MAX_CONNECTIONS, MAX_TAGS, ConnectionTable
+from dissect.engine.transactions.table import MAX_ALSO, MAX_CONNECTIONS, MAX_TAGS, ConnectionTable
 from tests.engine.test_pipeline import poll, ready
+from tests.engine.transactions import talk as talks
 from tests.properties.books import Record, Result, check_books, told, true
 from tests.properties.packets import ACK, FIN, MS, PSH, RST, SYN, Flow, Packet, Segment, Talk, captured
 from tests.properties.traffic import conversation, merged, segments
-from tests.transactions import talk as talks
 
 #: Tags of a packet, in the order in which it is captured with them, by the side that sends it.
 Tags = Callable[[int], list[tuple[int, ...]]]

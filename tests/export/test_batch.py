@@ -11,6 +11,7 @@ import pytest
 
 from dissect.engine.observer import Observer
 from dissect.engine.pipeline import Options
+from dissect.engine.transactions.transaction import Transaction
 from dissect.export import feed as feeding
 from dissect.export.arrow import Batches
 from dissect.export.batch import Batch, Part
@@ -19,7 +20,6 @@ from dissect.export.parquet import by_days
 from dissect.export.tables import INT, ITEMS, TRANSACTIONS, WORD, Column, Table
 from dissect.export.transaction_rows import MOST_KNOWN, Row, Shared
 from dissect.session import Run
-from dissect.transactions.transaction import Transaction
 from tests.export.support import rows_of
 from tests.report.support import ROOT
 

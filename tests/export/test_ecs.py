@@ -10,10 +10,10 @@ from typing import Any, Final
 import pytest
 
 from dissect import analyze
+from dissect.engine.findings.catalogue import CATALOGUE
 from dissect.export.attack_tables import TACTICS, TECHNIQUES
 from dissect.export.ecs import ecs_export, index_template
 from dissect.export.forms import Request
-from dissect.findings.catalogue import CATALOGUE
 from dissect.session import Run
 from tests.cli.support import run
 from tests.promises import hostile

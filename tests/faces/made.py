@@ -5,11 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 
 from tests.build import data_item, userdata_head
+from tests.engine.stations.answers import listed
 from tests.properties import messages
 from tests.properties.messages import Item, dt, tpkt
 from tests.properties.packets import EPOCH_NS, Flow, Packet, Talk
 from tests.report.support import WORD, read, saved
-from tests.stations.answers import listed
 
 _SECOND = 1_000_000_000
 #: A TPDU header that cannot hold data.

@@ -15,13 +15,15 @@ from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 from dissect.bindings import load_carrier
+from dissect.engine.findings.reporter import Finding
 from dissect.engine.observer import Observer
 from dissect.engine.pipeline import Options
+from dissect.engine.transactions.connection import Connection
+from dissect.engine.transactions.transaction import OUTCOMES
 from dissect.export.feed import Sink, TableFeed
 from dissect.export.forms import FORMS, Export, Request
 from dissect.export.tables import TABLES, Table
 from dissect.export.transaction_rows import Row
-from dissect.findings.reporter import Finding
 from dissect.golden.model import GoldenError
 from dissect.golden.reading import read_session
 from dissect.inventory.collector import Inventory
@@ -44,8 +46,6 @@ from dissect.select.columns import FieldsWriter
 from dissect.select.fields import FIELDS
 from dissect.select.things import CONNECTION, FINDING, MESSAGE, OPERATION, TRANSACTION, Context, Found
 from dissect.session import Run
-from dissect.transactions.connection import Connection
-from dissect.transactions.transaction import OUTCOMES
 from dissect.variables.collector import Collector
 from dissect.variables.writers import ValueWriter
 

@@ -10,16 +10,16 @@ from typing import Any, Final
 
 import pytest
 
+from dissect.engine.findings.reporter import Finding
 from dissect.engine.observer import Observer
-from dissect.findings.reporter import Finding
+from dissect.engine.transactions.connection import Connection
+from dissect.engine.transactions.operation import Operation
+from dissect.engine.transactions.transaction import Transaction
 from dissect.select import SelectError, Where
 from dissect.select.fields import FIELDS, Field
 from dissect.select.literals import AnyValue, Code, Duration, Host, Number, Octets, S7Address, Text, Time, Truth
 from dissect.select.things import CONNECTION, FINDING, OPERATION, TRANSACTION, Context, Found
 from dissect.session import Run
-from dissect.transactions.connection import Connection
-from dissect.transactions.operation import Operation
-from dissect.transactions.transaction import Transaction
 from tests.faces.reading import CAPTURES, names_of_fields, options_of
 
 #: Captures that together have something in nearly every field.

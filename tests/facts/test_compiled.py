@@ -10,6 +10,7 @@ from typing import Any, Final
 import pytest
 
 from dissect.engine.observer import Observer
+from dissect.engine.transactions.transaction import Transaction
 from dissect.export.feed import Sink, TableFeed
 from dissect.export.rows import Rows
 from dissect.export.tables import ITEMS, PDUS, TRANSACTIONS, VALUES, Table
@@ -25,7 +26,6 @@ from dissect.report.writer import PduFeed
 from dissect.report.writers.jsonl import JsonlWriter, TransactionLines
 from dissect.select.items import ItemReader
 from dissect.session import Run
-from dissect.transactions.transaction import Transaction
 from dissect.variables.collector import Collector
 from dissect.variables.model import ValueRow
 from dissect.variables.writers import ValueJsonl

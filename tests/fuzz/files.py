@@ -25,6 +25,7 @@ from dissect.bindings.engine import ScdCarrier
 from dissect.cli.baseline import _usual_rules
 from dissect.engine.observer import Observer
 from dissect.engine.pipeline import Options, Pipeline
+from dissect.engine.transactions.transaction import Transaction
 from dissect.golden.comparison import diff_sessions
 from dissect.golden.model import GoldenError
 from dissect.golden.parsing import parse_golden
@@ -49,7 +50,6 @@ from dissect.report.writers.text import TextWriter
 from dissect.select.selection import Selection, Wanted
 from dissect.session import analyze
 from dissect.session import open as events_of
-from dissect.transactions.transaction import Transaction
 from tests.anonymize.support import anonymized
 from tests.fuzz.checks import check_json, check_line, check_lines
 from tests.fuzz.containers import MOST_STEPS, Packets, read

@@ -9,6 +9,7 @@ import json
 from functools import cache
 from typing import Final
 
+from dissect.engine.transactions.connection import Connection
 from dissect.playback.client.permissions import Permissions
 from dissect.protocols.ibh.packet import parse_packet
 from dissect.protocols.iso.tpkt import HEADER, MAX_LENGTH
@@ -31,7 +32,6 @@ from dissect.report.plus import item_text
 from dissect.report.tree import netlink_tree_lines, plus_tree_lines, tree_lines
 from dissect.report.words import Places, message_name
 from dissect.report.writers.text import pdu_line, plus_line
-from dissect.transactions.connection import Connection
 from dissect.wire.malformed import Malformed
 from dissect.wire.part import Part
 from dissect.wire.text import Clock

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Final
 
+from dissect.engine.transactions.side import Side
 from dissect.golden.model import Session
 from dissect.golden.reading import SessionReader
 from dissect.playback.client.permissions import Permissions, kind_of
@@ -15,7 +16,6 @@ from dissect.playback.server.session import ClientSession
 from dissect.protocols.iso.cotp import parse_tpdu
 from dissect.protocols.iso.tpkt import Framer
 from dissect.protocols.s7.tables import READ
-from dissect.transactions.side import Side
 from tests.fuzz.checks import check_line, check_lines
 from tests.properties.messages import connect, dt
 

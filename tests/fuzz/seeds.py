@@ -10,9 +10,9 @@ from typing import Final
 
 from dissect.engine.observer import Observer
 from dissect.engine.pipeline import Options, Pipeline
+from dissect.engine.transactions.side import Side
 from dissect.packets.source.files import find_reader
 from dissect.scd.dump import dump_json
-from dissect.transactions.side import Side
 from tests.fuzz import files, frames, inputs, pdus, scripts, streams
 from tests.fuzz.blocks import block_seeds
 from tests.fuzz.containers import Packets

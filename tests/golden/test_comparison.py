@@ -8,9 +8,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from dissect.engine.transactions.transaction import HOLE, PERHAPS_ANSWERED, REASON_TEXTS
 from dissect.golden import DiffOptions, Session, diff_sessions, golden_text, parse_golden, read_session
 from dissect.protocols.s7.errors import ERROR_CODES
-from dissect.transactions.transaction import HOLE, PERHAPS_ANSWERED, REASON_TEXTS
 from tests.cases import each
 from tests.golden.support import RECORDED, ROOT, WRITTEN, edited, place, reads, session, told
 from tests.properties import messages

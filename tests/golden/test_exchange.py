@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dissect.golden import exchange as module
 from dissect.golden.exchange import S7, Exchange
-from tests.transactions.talk import dbw, read, words
+from tests.engine.transactions.talk import dbw, read, words
 
 
 def exchange(number: int) -> Exchange:

@@ -6,7 +6,7 @@ import pytest
 
 from dissect.golden.exchange import S7, Exchange
 from dissect.golden.item_changes import item_changes
-from tests.transactions.talk import dbw, item, read, write, written
+from tests.engine.transactions.talk import dbw, item, read, write, written
 
 A, B, C, D = (dbw(10, octet) for octet in (0, 2, 4, 6))
 CHARS = item(0x84, 10, 0, 3)

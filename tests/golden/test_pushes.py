@@ -8,8 +8,8 @@ from dissect.golden.model import GoldenError, Session
 from dissect.golden.parsing import parse_golden
 from dissect.golden.reading import SessionReader
 from dissect.golden.writing import golden_text
-from tests.transactions.talk import Talk, head, userdata
-from tests.transactions.test_results import AREAS, CYCLIC, ON_CHANGE, PUSH, RESPONSE, content, sent, subscribe
+from tests.engine.transactions.talk import Talk, head, userdata
+from tests.engine.transactions.test_results import AREAS, CYCLIC, ON_CHANGE, PUSH, RESPONSE, content, sent, subscribe
 
 
 def talk(*pushes: str) -> Session:

@@ -10,15 +10,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from dissect.engine.findings.reporter import Finding
 from dissect.engine.observer import Observer
-from dissect.findings.reporter import Finding
+from dissect.engine.transactions.connection import Connection
+from dissect.engine.transactions.operation import Operation
+from dissect.engine.transactions.transaction import Transaction
 from dissect.index.facts import FileFacts, filled, watched
 from dissect.index.possible import Possible
 from dissect.select import SelectError, Where
 from dissect.session import Run
-from dissect.transactions.connection import Connection
-from dissect.transactions.operation import Operation
-from dissect.transactions.transaction import Transaction
 from tests.cases import each
 
 CAPTURES: Final = Path(__file__).resolve().parents[2] / "captures"

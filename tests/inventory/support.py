@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from dissect.engine.pipeline import Options, Pipeline
+from dissect.engine.transactions.naming import Naming
 from dissect.inventory.collector import Inventory
 from dissect.packets.source.packet import SourceFile
-from dissect.transactions.naming import Naming
-from tests.transactions.talk import Talk
+from tests.engine.transactions.talk import Talk
 
 
 def inventory_of(*scenes: Callable[[Talk], None], naming: Naming | None = None) -> Inventory:

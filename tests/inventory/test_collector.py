@@ -12,22 +12,22 @@ from hypothesis import strategies as st
 
 import dissect
 from dissect.engine.pipeline import Options, Pipeline
+from dissect.engine.stations import facts
 from dissect.inventory import collector
 from dissect.inventory.collector import Inventory
 from dissect.inventory.contract import inventory_as_dict
 from dissect.inventory.model import MAX_AREAS, MAX_BEYOND, MAX_NAMES, MAX_PIECES, MAX_TAGS, Device, Names, Use
 from dissect.inventory.model import Talk as Both
 from dissect.session import Run
-from dissect.stations import facts
 from dissect.tags import load_tags
 from dissect.wire.build import COMPILED
-from tests.findings.operation_scenarios import load, read_out
+from tests.engine.findings.operation_scenarios import load, read_out
+from tests.engine.stations.answers import components, identification, szl
+from tests.engine.transactions.talk import MS, Talk, ack_data, dbw, item, read, refused, words, write, written
 from tests.inventory.support import inventory_of
 from tests.properties.packets import Packet, captured
 from tests.properties.traffic import conversations, merged, segments
 from tests.report.schemas import ROOT, complaints
-from tests.stations.answers import components, identification, szl
-from tests.transactions.talk import MS, Talk, ack_data, dbw, item, read, refused, words, write, written
 
 PLUS = ROOT / "captures" / "crafted" / "plus-plant.pcapng"
 

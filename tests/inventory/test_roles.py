@@ -7,19 +7,19 @@ from typing import Final
 
 import pytest
 
+from dissect.engine.stations import facts
+from dissect.engine.stations.facts import Fact
+from dissect.engine.transactions.connection import Connection
 from dissect.inventory.model import BEHAVIOUR, CPU, ENGINEERING, OPC, PANEL, SERVER, STATED, TSAP, Device
 from dissect.inventory.roles import Deeds, judge_client, judge_server
 from dissect.protocols.iso.tsap import Tsap
 from dissect.protocols.s7plus.program import Program
 from dissect.protocols.s7plus.session import Identity, PlusSession
-from dissect.stations import facts
-from dissect.stations.facts import Fact
-from dissect.transactions.connection import Connection
-from tests.findings import events
-from tests.findings.operation_scenarios import load
+from tests.engine.findings import events
+from tests.engine.findings.operation_scenarios import load
+from tests.engine.stations.answers import answered, identification, mode, protection, szl
+from tests.engine.transactions.talk import CLIENT, Talk, ack_data, dbw, dt, read, tpkt, words
 from tests.inventory.support import inventory_of
-from tests.stations.answers import answered, identification, mode, protection, szl
-from tests.transactions.talk import CLIENT, Talk, ack_data, dbw, dt, read, tpkt, words
 
 CONFIRM: Final = tpkt(bytes.fromhex("11d00001000200c1020100c2020102c0010a"))
 

@@ -15,10 +15,10 @@ from dissect.inventory.outcome import Devices
 from dissect.inventory.rows import COLUMNS, device_row
 from dissect.report.outcome import csv_outcome
 from dissect.session import Run
+from tests.engine.stations.answers import answered, components, identification, mode, szl
+from tests.engine.transactions.talk import Talk, ack_data, dbw, head, item, read, userdata, words, write, written
 from tests.inventory.support import inventory_of
 from tests.report.support import ROOT, UNSAFE
-from tests.stations.answers import answered, components, identification, mode, szl
-from tests.transactions.talk import Talk, ack_data, dbw, head, item, read, userdata, words, write, written
 
 #: Answer of list 0x37: one Ethernet interface.
 ETHERNET = bytes.fromhex("0037 0000 0030 0001 07ff c0a80001 ffffff00 c0a80001 001b1b000001 01 00") + bytes(26)

@@ -13,8 +13,8 @@ import pytest
 import snap7
 
 import dissect
+from dissect.engine.stations import facts
 from dissect.inventory.model import Device
-from dissect.stations import facts
 from tests.cli.test_proxy import proxy
 from tests.live.support import client, plc
 from tests.report.schemas import ROOT

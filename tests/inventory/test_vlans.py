@@ -9,18 +9,18 @@ from typing import Any
 import pytest
 
 from dissect.engine.pipeline import Options, Pipeline
+from dissect.engine.stations import facts
 from dissect.inventory.collector import Inventory
 from dissect.inventory.contract import inventory_as_dict
 from dissect.inventory.outcome import Devices
 from dissect.packets.source.packet import SourceFile
-from dissect.stations import facts
+from tests.engine.stations.answers import components, szl
 from tests.engine.test_pipeline import poll, ready
 from tests.engine.test_vlans import ASYMMETRIC, TWICE, Tags, tagged
+from tests.engine.transactions.talk import Talk
 from tests.inventory.support import inventory_of
 from tests.properties.packets import Flow, Packet
 from tests.report.schemas import complaints
-from tests.stations.answers import components, szl
-from tests.transactions.talk import Talk
 
 
 def in_vlan(vlan: int, serial: str) -> Callable[[Talk], None]:

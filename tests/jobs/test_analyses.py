@@ -13,10 +13,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import dissect
+from dissect.engine.findings.catalogue import CATALOGUE
+from dissect.engine.findings.reporter import Finding
 from dissect.engine.options import Options
 from dissect.engine.pipeline import Pipeline
-from dissect.findings.catalogue import CATALOGUE
-from dissect.findings.reporter import Finding
+from dissect.engine.stations.facts import CLOCK, FIRMWARE, MAX_STRETCHES, ORDER_NUMBER, Book, Fact
 from dissect.jobs.analyses import Analyses
 from dissect.jobs.numbers import Offsets
 from dissect.jobs.sending import Sent, receive, send
@@ -28,7 +29,6 @@ from dissect.report.json_page import JsonPage
 from dissect.report.latencies import EXACT
 from dissect.report.summary import Summary
 from dissect.session import Run
-from dissect.stations.facts import CLOCK, FIRMWARE, MAX_STRETCHES, ORDER_NUMBER, Book, Fact
 from tests.report.schemas import ROOT
 
 CAPTURES: Final = ROOT / "captures"

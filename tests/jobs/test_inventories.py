@@ -10,6 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dissect.engine.options import Options
+from dissect.engine.stations.facts import MAC, Fact
 from dissect.inventory import collector, model
 from dissect.inventory.collector import Inventory
 from dissect.inventory.contract import inventory_as_dict
@@ -20,7 +21,6 @@ from dissect.jobs.numbers import Offsets
 from dissect.jobs.sending import receive, send
 from dissect.jobs.sums import FilePart, part_of, unread
 from dissect.session import Run
-from dissect.stations.facts import MAC, Fact
 from dissect.wire.build import COMPILED
 from tests.jobs.test_analyses import APART, CAPTURES
 

@@ -27,9 +27,9 @@ from dissect.layers import (
     at,
 )
 from dissect.layers.ibh import CHAIN_LIMIT
+from tests.engine.transactions.talk import dt
 from tests.layers.support import forget, shown, survives
 from tests.protocols.ibh.packets import ACK, ASK, DISCONNECT, RECEIPT, SEEN, TELL, long, short
-from tests.transactions.talk import dt
 
 CRAFTED = Path(__file__).resolve().parents[2] / "captures" / "crafted"
 KNOWN = [bytes.fromhex(octets) for octets, *_ in SEEN]

@@ -8,9 +8,9 @@ from typing import Final
 
 import pytest
 
+from dissect.engine.findings.catalogue import CATALOGUE
+from dissect.engine.findings.reporter import Finding
 from dissect.engine.observer import Observer
-from dissect.findings.catalogue import CATALOGUE
-from dissect.findings.reporter import Finding
 from dissect.live.commented import CommentedStream
 from dissect.live.run import LiveRun
 from dissect.packets.source.files import open_capture

@@ -2,8 +2,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from dissect.findings.catalogue import CATALOGUE
-from dissect.findings.reporter import Finding
+from dissect.engine.findings.catalogue import CATALOGUE
+from dissect.engine.findings.reporter import Finding
 from dissect.live.evidence import KeeperCompanion, RingCompanion
 from dissect.packets.source.files import open_capture
 from dissect.packets.source.live.reader import Drops

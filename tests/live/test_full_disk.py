@@ -116,8 +116,8 @@ print(json.dumps([least, ring.lost, said, len(list(FOLDER.glob("*.pcapng")))]))
 
 
 KEEPER = """
-from dissect.findings.catalogue import CATALOGUE
-from dissect.findings.reporter import Finding
+from dissect.engine.findings.catalogue import CATALOGUE
+from dissect.engine.findings.reporter import Finding
 from dissect.live.evidence import KeeperCompanion
 from dissect.recording.event_capture import EventCapture
 S = 1_000_000_000

@@ -3,9 +3,9 @@ from __future__ import annotations
 import json
 from typing import Any
 
-from dissect.findings.bounds import COUNTED
-from dissect.findings.catalogue import CATALOGUE
-from dissect.findings.reporter import Finding
+from dissect.engine.findings.bounds import COUNTED
+from dissect.engine.findings.catalogue import CATALOGUE
+from dissect.engine.findings.reporter import Finding
 from dissect.live.events import PROBLEM, TRANSACTION, Collector, Event
 from dissect.live.json_lines import JsonLines
 from dissect.live.lines import PlainLines, kinds_of

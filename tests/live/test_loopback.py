@@ -12,9 +12,11 @@ from pathlib import Path
 import pytest
 import snap7.error
 
+from dissect.engine.findings.reporter import Finding
 from dissect.engine.observer import Observer
 from dissect.engine.pipeline import Options
-from dissect.findings.reporter import Finding
+from dissect.engine.transactions.connection import Connection
+from dissect.engine.transactions.transaction import Transaction
 from dissect.live.events import CLOSED, Event
 from dissect.live.run import Companion
 from dissect.live.session import Session
@@ -22,11 +24,9 @@ from dissect.packets.source.live.opening import open_live
 from dissect.packets.source.pcapng_writer import PcapngWriter
 from dissect.report.writers.jsonl import TransactionLines
 from dissect.session import Run
-from dissect.transactions.connection import Connection
-from dissect.transactions.transaction import Transaction
+from tests.engine.transactions.talk import CONFIRM, CONNECT, dbw, dt, granted, read, setup, write, written
 from tests.live.support import SECOND, client, never, plc, program, taken
 from tests.packets.source.live_support import ENGINES
-from tests.transactions.talk import CONFIRM, CONNECT, dbw, dt, granted, read, setup, write, written
 
 FOREVER_NS = 3600 * SECOND
 

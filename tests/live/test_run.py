@@ -7,14 +7,14 @@ from pathlib import Path
 
 import pytest
 
+from dissect.engine.findings.reporter import Finding
 from dissect.engine.observer import Observer
 from dissect.engine.pipeline import Options
-from dissect.findings.reporter import Finding
+from dissect.engine.transactions.connection import Connection
+from dissect.engine.transactions.transaction import Transaction
 from dissect.live.run import Companion, Limits, LiveRun
 from dissect.packets.source.files import open_capture
 from dissect.packets.source.live.reader import Drops
-from dissect.transactions.connection import Connection
-from dissect.transactions.transaction import Transaction
 from tests.live.support import SECOND, Clock, Line
 from tests.properties import messages
 from tests.properties.messages import dt

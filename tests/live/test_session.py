@@ -8,13 +8,13 @@ from pathlib import Path
 import pytest
 
 from dissect.engine.pipeline import Options
+from dissect.engine.transactions.transaction import Transaction
 from dissect.live.events import CLOSED, FINDING, OPENED, OPERATION, PROBLEM, TRANSACTION, Event
 from dissect.live.run import Companion, Limits
 from dissect.live.session import Session
 from dissect.packets.source.files import open_capture
 from dissect.packets.source.live.reader import Drops
 from dissect.packets.source.packet import CaptureError, PacketSink, Reader
-from dissect.transactions.transaction import Transaction
 from tests.live.support import Clock, Line, never, taken
 from tests.properties.packets import Packet
 from tests.report.support import begun, read, saved

@@ -9,8 +9,8 @@ from random import Random
 
 import pytest
 
+from dissect.engine.findings.reporter import Finding
 from dissect.engine.observer import Observer
-from dissect.findings.reporter import Finding
 from dissect.live.run import LiveRun
 from dissect.packets.source.live.reader import Drops, LiveReader
 from dissect.packets.source.live.several import HOLD_NS, MAX_HELD, SeveralReader

@@ -10,6 +10,9 @@ from typing import Final
 import pytest
 
 from dissect import scd
+from dissect.engine.transactions.connection import Connection
+from dissect.engine.transactions.payloads import ScdMessage, ScdParameters
+from dissect.engine.transactions.transaction import ANSWERED, ORPHAN, PUSH, UNANSWERED, Transaction
 from dissect.live.run import Fanout, LiveRun
 from dissect.metrics.counters import SEPARATOR, Metrics
 from dissect.metrics.functions import BOUNDS_NS, MAX_SCD, OTHER, FunctionCounts, Functions
@@ -24,9 +27,6 @@ from dissect.protocols.s7plus.parameters import PlusParameters
 from dissect.protocols.s7plus.tables import FUNCTIONS as PLUS_FUNCTIONS
 from dissect.report.analysis import Analysis
 from dissect.session import Run
-from dissect.transactions.connection import Connection
-from dissect.transactions.payloads import ScdMessage, ScdParameters
-from dissect.transactions.transaction import ANSWERED, ORPHAN, PUSH, UNANSWERED, Transaction
 from tests.bindings import plant
 from tests.cases import each
 from tests.conftest import ROOT

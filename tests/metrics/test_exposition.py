@@ -10,15 +10,15 @@ from prometheus_client import Metric
 from prometheus_client.parser import text_string_to_metric_families
 
 from dissect import __version__
+from dissect.engine.findings.catalogue import CATALOGUE
 from dissect.engine.pipeline import Pipeline
-from dissect.findings.catalogue import CATALOGUE
+from dissect.engine.transactions.accounts import CATEGORIES
 from dissect.metrics.counters import Metrics
 from dissect.metrics.exposition import COUNTER, FAMILIES, HISTOGRAM, PREFIX, Exposition
 from dissect.metrics.functions import BOUNDS_NS
 from dissect.packets.source.live.reader import Drops
 from dissect.report.analysis import Analysis
 from dissect.report.contract import analysis_as_dict
-from dissect.transactions.accounts import CATEGORIES
 from tests.cases import each
 from tests.conftest import ROOT
 from tests.metrics.test_counters import CAPTURES, counted

@@ -17,13 +17,13 @@ from textual.filter import NoColor
 from textual.pilot import Pilot
 
 from dissect.alerts.problems import STOPPED
-from dissect.findings.catalogue import CATALOGUE
+from dissect.engine.findings.catalogue import CATALOGUE
+from dissect.engine.transactions.transaction import Transaction
 from dissect.live.events import ALERT
 from dissect.live.session import Session
 from dissect.monitor.app import MonitorApp
 from dissect.monitor.lists import FindingFacts
 from dissect.monitor.screens import PageScreen
-from dissect.transactions.transaction import Transaction
 from dissect.wire.text import Clock
 from tests.monitor.support import CAPTURES, SIZES, hostile, live, of_capture, of_packets, screen
 from tests.report.support import UNSAFE, begun, read

@@ -3,8 +3,8 @@ from __future__ import annotations
 from pathlib import Path
 
 import dissect
+from dissect.engine.transactions.transaction import Transaction
 from dissect.monitor.entries import Entry, Ring, detached
-from dissect.transactions.transaction import Transaction
 from tests.cases import each
 from tests.monitor.support import CAPTURES, events_of, of_packets
 from tests.properties.messages import fragments, pdu

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import pytest
 
+from dissect.engine.transactions.connection import Connection
+from dissect.engine.transactions.operation import Operation
+from dissect.engine.transactions.transaction import Transaction
 from dissect.live.events import ALERT, PROBLEM, TRANSACTION, Event
 from dissect.monitor import filter as wanted_module
 from dissect.monitor.entries import Entry
 from dissect.monitor.filter import Wanted
 from dissect.monitor.lists import ConnectionList
 from dissect.monitor.model import Model
-from dissect.transactions.connection import Connection
-from dissect.transactions.operation import Operation
-from dissect.transactions.transaction import Transaction
 from tests.monitor.support import events_of, model_of, of_capture, of_packets
 from tests.report.support import begun, read
 

@@ -5,13 +5,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rich.cells import cell_len
 
+from dissect.engine.transactions.transaction import Transaction
 from dissect.monitor import details, rows
 from dissect.monitor.app import save
 from dissect.monitor.lists import ConnectionFacts
 from dissect.protocols.s7plus.tables import GET_VAR_SUBSTREAMED
 from dissect.protocols.s7plus.value_tables import BLOB
 from dissect.protocols.s7plus.values import Blob, Value, build_value
-from dissect.transactions.transaction import Transaction
 from dissect.wire.text import Clock
 from tests.monitor.support import hostile, model_of, of_capture, of_packets
 from tests.properties.messages import dt

@@ -11,6 +11,7 @@ from typing import Final
 from textual.pilot import Pilot
 
 from dissect.engine.pipeline import Options
+from dissect.engine.transactions.naming import Naming
 from dissect.live.session import Session
 from dissect.monitor.app import MonitorApp
 from dissect.monitor.details import watched_details
@@ -20,7 +21,6 @@ from dissect.monitor.watched import LATEST, SECONDS, Watched
 from dissect.packets.source.files import open_capture
 from dissect.report.words import Places
 from dissect.tags import load_tags
-from dissect.transactions.naming import Naming
 from dissect.variables.choosing import Known, choose
 from tests.monitor.support import SIZES, ended, screen
 from tests.monitor.test_app import SCREENS, Act, files, press

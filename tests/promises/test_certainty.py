@@ -21,6 +21,14 @@ import dissect
 from dissect.baseline import Learner
 from dissect.engine.observer import Observer
 from dissect.engine.pipeline import Options
+from dissect.engine.transactions.transaction import (
+    CERTAINTIES,
+    DOUBT_TEXTS,
+    HOLE,
+    PERHAPS_ANSWERED,
+    REASON_TEXTS,
+    Transaction,
+)
 from dissect.export.forms import FORMS
 from dissect.golden import diff_sessions, golden_text, read_session
 from dissect.golden.parsing import parse_golden
@@ -33,7 +41,6 @@ from dissect.page.data import Data
 from dissect.report.certainty import SHORT, left_out, values_left_out
 from dissect.report.formats import FORMATS, TRANSACTIONS, VALUES
 from dissect.session import Run
-from dissect.transactions.transaction import CERTAINTIES, DOUBT_TEXTS, HOLE, PERHAPS_ANSWERED, REASON_TEXTS, Transaction
 from dissect.wire.text import Clock
 from tests.cli.support import run
 from tests.live.support import never, taken

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 
+from dissect.engine.findings.reporter import Finding
 from dissect.engine.observer import Observer
 from dissect.engine.pipeline import Options, Pipeline
-from dissect.findings.reporter import Finding
-from dissect.transactions.connection import Connection
-from dissect.transactions.transaction import Transaction
+from dissect.engine.transactions.connection import Connection
+from dissect.engine.transactions.transaction import Transaction
 from tests.properties.packets import Packet
 from tests.properties.traffic import Conversation
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+from dissect.engine.findings.reporter import MAX_DETAILED, MAX_DETAILED_ALL
 from dissect.engine.pipeline import Options, Pipeline
-from dissect.findings.reporter import MAX_DETAILED, MAX_DETAILED_ALL
 from tests.growth import assert_growth
 from tests.properties.books import Record, check_books
 from tests.properties.messages import ACK_DATA, JOB, connect, dt, pdu, setup, tpkt

@@ -20,8 +20,8 @@ from hypothesis import strategies as st
 from benchmarks.blame import BLAMES, REASONS
 from benchmarks.told import Capture, Key, Packet, Pair, Told
 from benchmarks.verdict import Truth, compare
-from dissect.findings.catalogue import CATALOGUE
-from dissect.transactions.transaction import LIKELY, SURE
+from dissect.engine.findings.catalogue import CATALOGUE
+from dissect.engine.transactions.transaction import LIKELY, SURE
 from tests.cases import each
 from tests.properties.clients import (
     NEVER,

@@ -12,11 +12,11 @@ from hypothesis import strategies as st
 
 from dissect.engine.observer import Observer
 from dissect.engine.pipeline import Options, Pipeline
+from dissect.engine.transactions.connection import Connection
 from dissect.packets.source.pcapng_writer import PcapngWriter
 from dissect.packets.tcp.link import ETHERNET
 from dissect.packets.tcp.stream import Endpoint
 from dissect.proxy.packets import ACKNOWLEDGE_AFTER, MAX_SEGMENT, Conversation, endpoint_of
-from dissect.transactions.connection import Connection
 from tests.proxy.support import WRONG, tshark
 
 CLIENT = Endpoint(bytes((10, 0, 0, 1)), 49152)

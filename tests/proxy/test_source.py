@@ -11,8 +11,10 @@ import pytest
 import snap7
 import snap7.error
 
+from dissect.engine.findings.reporter import Finding
 from dissect.engine.pipeline import Options
-from dissect.findings.reporter import Finding
+from dissect.engine.transactions.connection import Connection
+from dissect.engine.transactions.transaction import Transaction
 from dissect.live.events import CLOSED, Event
 from dissect.live.session import Session
 from dissect.packets.source.packet import PacketSink
@@ -24,8 +26,6 @@ from dissect.proxy.source import RelayReader
 from dissect.proxy.tap import REFUSED, UNANSWERED, Tap
 from dissect.report.writers.jsonl import TransactionLines
 from dissect.session import Run
-from dissect.transactions.connection import Connection
-from dissect.transactions.transaction import Transaction
 from tests.live.support import client, never, plc, taken
 from tests.live.test_loopback import Offline, said
 from tests.proxy.support import WRONG, Frames, at, eventually, frames_of, pair, port_of_nobody, relaying, reset, tshark

@@ -11,12 +11,12 @@ import pytest
 
 import dissect
 from dissect.engine.pipeline import Options
+from dissect.engine.transactions.transaction import ANSWERED, PUSH, Transaction
 from dissect.packets.source.files import open_capture
 from dissect.packets.source.pcapng_writer import PcapngWriter
 from dissect.recording.cutter import Cutter
 from dissect.select.selection import Selection, Wanted
 from dissect.session import Run
-from dissect.transactions.transaction import ANSWERED, PUSH, Transaction
 from tests.packets.source.craft import Frame, drain
 from tests.report.support import OWN, ROOT
 

@@ -11,8 +11,8 @@ from pathlib import Path
 
 import pytest
 
-from dissect.findings.catalogue import CATALOGUE
-from dissect.findings.reporter import Finding
+from dissect.engine.findings.catalogue import CATALOGUE
+from dissect.engine.findings.reporter import Finding
 from dissect.packets.source.files import open_capture
 from dissect.recording import event_capture as keeper_module
 from dissect.recording.event_capture import EventCapture

@@ -6,9 +6,9 @@ from pathlib import Path
 
 from mypy_extensions import i64
 
+from dissect.engine.findings.reporter import Finding
 from dissect.engine.observer import Observer
 from dissect.engine.pipeline import Pipeline
-from dissect.findings.reporter import Finding
 from dissect.packets.source.files import open_capture
 from dissect.packets.source.packet import PacketSink
 from dissect.recording.event_capture import EventCapture

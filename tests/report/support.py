@@ -9,11 +9,11 @@ from typing import Final
 
 from dissect.engine.observer import Observer
 from dissect.engine.pipeline import Options, Pipeline
+from dissect.engine.transactions.transaction import Transaction
 from dissect.packets.source.packet import SourceFile
 from dissect.report.analysis import Analysis
 from dissect.report.text import analysis_lines
 from dissect.session import Run
-from dissect.transactions.transaction import Transaction
 from tests.packets.source.craft import Pcapng
 from tests.properties import messages
 from tests.properties.messages import Item, dt

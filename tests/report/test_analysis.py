@@ -4,23 +4,22 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from dissect.engine.findings.catalogue import CATALOGUE
+from dissect.engine.findings.reporter import Finding
 from dissect.engine.observer import Observer
 from dissect.engine.options import Options
-from dissect.findings.catalogue import CATALOGUE
-from dissect.findings.reporter import Finding
+from dissect.engine.stations.facts import Book, Fact
+from dissect.engine.transactions.connection import Connection
+from dissect.engine.transactions.transaction import Transaction
 from dissect.packets.source.packet import SourceFile
 from dissect.packets.tcp.connection import TcpConnection
 from dissect.packets.tcp.stream import Endpoint
 from dissect.report.analysis import MAX_CONNECTIONS, MAX_FAILED, MAX_SLOWEST, Analysis
 from dissect.session import Run
-from dissect.stations.facts import Book, Fact
-from dissect.transactions.connection import Connection
-from dissect.transactions.transaction import Transaction
 from tests.build import payload
-from tests.findings.events import start_upload
-from tests.findings.operation_scenarios import read_out
-from tests.report.support import ROOT
-from tests.transactions.talk import (
+from tests.engine.findings.events import start_upload
+from tests.engine.findings.operation_scenarios import read_out
+from tests.engine.transactions.talk import (
     MS,
     SECOND,
     Talk,
@@ -34,6 +33,7 @@ from tests.transactions.talk import (
     userdata,
     words,
 )
+from tests.report.support import ROOT
 
 
 def fold(talk: Talk) -> Analysis:

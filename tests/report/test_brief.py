@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 
+from dissect.engine.findings.catalogue import CATALOGUE
+from dissect.engine.findings.reporter import MAX_DETAILED, Finding
 from dissect.engine.pipeline import Options, Pipeline
-from dissect.findings.catalogue import CATALOGUE
-from dissect.findings.reporter import MAX_DETAILED, Finding
 from dissect.packets.source.packet import SourceFile
 from dissect.report.analysis import Analysis
 from dissect.report.brief import MOST, brief_lines
@@ -19,11 +19,11 @@ from dissect.report.text import analysis_lines
 from dissect.session import Run
 from tests.cases import each
 from tests.cli.support import run
+from tests.engine.stations.answers import components, identification, mode, szl
+from tests.engine.transactions.talk import Talk, dbw, read
 from tests.report.schemas import ROOT
 from tests.report.support import OWN, UNSAFE, WORD, begun, saved
 from tests.report.support import read as read_item
-from tests.stations.answers import components, identification, mode, szl
-from tests.transactions.talk import Talk, dbw, read
 
 Capture = pytest.CaptureFixture[bytes]
 CAPTURES = ROOT / "captures"

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from dissect.engine.transactions.transaction import CONNECTION_EVICTED, HOLE
 from dissect.report.certainty import not_captured
-from dissect.transactions.transaction import CONNECTION_EVICTED, HOLE
 
 
 def test_of_a_connection_that_was_dropped_nothing_is_said_of_the_capture() -> None:

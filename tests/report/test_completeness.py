@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from dissect.findings.scan_rules import MAX_PAIRS
+from dissect.engine.findings.scan_rules import MAX_PAIRS
+from dissect.engine.transactions.operation import MAX_OPEN
 from dissect.report.analysis import Analysis
-from dissect.transactions.operation import MAX_OPEN
-from tests.findings import events
+from tests.engine.findings import events
 from tests.properties import messages
 from tests.properties.messages import dt
 from tests.properties.packets import Flow, Packet, Talk

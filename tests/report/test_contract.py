@@ -8,15 +8,15 @@ from typing import Any
 import pytest
 from jsonschema import Draft202012Validator
 
-from dissect.findings.catalogue import CATALOGUE
+from dissect.engine.findings.catalogue import CATALOGUE
+from dissect.engine.transactions.accounts import CATEGORIES, FIRST_IGNORED
+from dissect.engine.transactions.transaction import OUTCOMES, REASON_TEXTS
 from dissect.protocols.ibh.tables import IBH_NETLINK, KINDS
 from dissect.protocols.iso.upper import UPPER_NAMES
 from dissect.report.analysis import Analysis
 from dissect.report.contract import analysis_as_dict
 from dissect.report.text import analysis_lines
 from dissect.session import Run
-from dissect.transactions.accounts import CATEGORIES, FIRST_IGNORED
-from dissect.transactions.transaction import OUTCOMES, REASON_TEXTS
 from dissect.wire.malformed import LIMITS, REASONS
 from tests.cases import each
 from tests.properties import messages

@@ -13,13 +13,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dissect.engine.observer import Observer
+from dissect.engine.transactions.transaction import Transaction
 from dissect.packets.source.packet import SourceFile
 from dissect.protocols.s7.singles import real
 from dissect.report.words import Places
 from dissect.report.writer import TransactionFeed
 from dissect.report.writers.csv import CSV_COLUMNS, CsvRows, CsvWriter, quoted
 from dissect.session import Run
-from dissect.transactions.transaction import Transaction
 from tests.cli.support import run
 from tests.properties import messages
 from tests.properties.messages import Item, dt

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import pytest
 
+from dissect.engine.transactions.connection import Connection
 from dissect.packets.source.packet import SourceFile
 from dissect.report.endings import ending_as_dict, phrase, short
 from dissect.report.words import Places
-from dissect.transactions.connection import Connection
-from tests.transactions.talk import (
+from tests.engine.transactions.talk import (
     ACK,
     CLIENT,
     CONNECT,

@@ -10,15 +10,15 @@ from dissect.alerts import states
 from dissect.alerts.rules import WHENS
 from dissect.anonymize import account
 from dissect.baseline.watch import KINDS as NEW
-from dissect.findings.catalogue import KINDS as FINDINGS
-from dissect.findings.catalogue import SEVERITIES
+from dissect.engine.findings.catalogue import KINDS as FINDINGS
+from dissect.engine.findings.catalogue import SEVERITIES
+from dissect.engine.transactions import ending, operation
 from dissect.golden.difference import KINDS as DIFFERENCES
 from dissect.live import events
 from dissect.oracle import facts, known
 from dissect.packets.source.live.opening import ENGINES
 from dissect.scd.difference import Level
 from dissect.scd.records import Role
-from dissect.transactions import ending, operation
 from tests.cases import each
 from tests.report.schemas import ROOT, load
 

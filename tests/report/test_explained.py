@@ -11,15 +11,15 @@ import pytest
 import dissect
 from dissect.alerts.engine import AlertEngine
 from dissect.alerts.loading import parse_rules
+from dissect.engine.findings.bounds import KEPT
+from dissect.engine.findings.catalogue import CATALOGUE
+from dissect.engine.findings.reporter import MAX_DETAILED_ALL, Finding, Reporter
 from dissect.engine.options import Options
 from dissect.export.ecs import ecs_export
 from dissect.export.feed import TableFeed
 from dissect.export.forms import Request
 from dissect.export.stix import stix_export
 from dissect.export.tables import FINDINGS
-from dissect.findings.bounds import KEPT
-from dissect.findings.catalogue import CATALOGUE
-from dissect.findings.reporter import MAX_DETAILED_ALL, Finding, Reporter
 from dissect.jobs.analyses import Analyses
 from dissect.jobs.sums import part_of
 from dissect.live.events import FINDING, Event

@@ -10,11 +10,11 @@ from typing import Any, Final
 import pytest
 
 import dissect
+from dissect.engine.findings.catalogue import CATALOGUE
+from dissect.engine.findings.ledger import Ledger
 from dissect.export.ecs import ecs_export
 from dissect.export.forms import Request, sqlite_export
 from dissect.export.stix import stix_export
-from dissect.findings.catalogue import CATALOGUE
-from dissect.findings.ledger import Ledger
 from dissect.page.findings import findings_of
 from dissect.page.verdict import verdict
 from dissect.report.analysis import Analysis

@@ -12,6 +12,9 @@ from librt.strings import BytesWriter
 from mypy_extensions import i64
 
 from dissect.engine.pipeline import Options
+from dissect.engine.transactions.results import ALIKE, GAPS
+from dissect.engine.transactions.side import Side
+from dissect.engine.transactions.transaction import HOLE, Transaction
 from dissect.protocols.s7.items import parse_item
 from dissect.protocols.s7.message import parse_pdu
 from dissect.protocols.s7.tables import SUCCESS
@@ -21,9 +24,6 @@ from dissect.report.pdu_json import PduLines
 from dissect.report.writer import TransactionFeed
 from dissect.report.writers.jsonl import JsonlWriter, TransactionLines
 from dissect.session import Run
-from dissect.transactions.results import ALIKE, GAPS
-from dissect.transactions.side import Side
-from dissect.transactions.transaction import HOLE, Transaction
 from dissect.wire.text import Clock
 from tests.cases import each
 from tests.properties import messages

@@ -2,8 +2,8 @@ from __future__ import annotations
 
 import pytest
 
-from dissect.findings.catalogue import CATALOGUE
-from dissect.findings.reporter import Finding
+from dissect.engine.findings.catalogue import CATALOGUE
+from dissect.engine.findings.reporter import Finding
 from dissect.report.kept import BLOCK, FIRST, Findings
 
 SLUGS = ("transaction.refused", "security.write", "stream.hole")

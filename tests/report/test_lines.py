@@ -8,15 +8,15 @@ import pytest
 from mypy_extensions import i64
 
 from dissect.engine.observer import Observer
+from dissect.engine.transactions.results import went_wrong
+from dissect.engine.transactions.side import Side
+from dissect.engine.transactions.transaction import Transaction
 from dissect.packets.source.packet import SourceFile
 from dissect.protocols.iso.cotp import parse_tpdu
 from dissect.protocols.s7.message import parse_pdu
 from dissect.report.words import Places, carried
 from dissect.report.writers.text import TextWriter, comment_line, pdu_line, tpdu_line, transaction_line
 from dissect.session import Run
-from dissect.transactions.results import went_wrong
-from dissect.transactions.side import Side
-from dissect.transactions.transaction import Transaction
 from dissect.wire.text import Clock
 from tests.properties import messages
 from tests.properties.messages import Item, dt

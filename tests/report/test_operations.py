@@ -4,18 +4,18 @@ from __future__ import annotations
 
 import json
 
+from dissect.engine.transactions.operation import Operation
+from dissect.engine.transactions.results import GAPS, HEADER, TransactionError
 from dissect.packets.source.packet import SourceFile
 from dissect.report.analysis import Analysis
 from dissect.report.operations import operation_json, operation_line
 from dissect.report.text import results_of
 from dissect.report.words import Places
 from dissect.report.writers.text import transaction_line
-from dissect.transactions.operation import Operation
-from dissect.transactions.results import GAPS, HEADER, TransactionError
 from dissect.wire.text import Clock
-from tests.findings import events
+from tests.engine.findings import events
+from tests.engine.transactions.talk import Talk
 from tests.report.schemas import complaints
-from tests.transactions.talk import Talk
 
 PLACES = Places([SourceFile("a.pcap", 1)], False)
 

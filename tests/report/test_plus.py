@@ -12,6 +12,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dissect.engine.observer import Observer
+from dissect.engine.transactions.connection import Connection
+from dissect.engine.transactions.side import Side
 from dissect.packets.tcp.connection import TcpConnection
 from dissect.packets.tcp.stream import Endpoint
 from dissect.protocols.s7plus.hiding import shown_contents
@@ -26,9 +28,9 @@ from dissect.report.writers.csv import CSV_COLUMNS, CsvRows
 from dissect.report.writers.jsonl import TransactionLines
 from dissect.report.writers.text import plus_line, transaction_line
 from dissect.session import Run
-from dissect.transactions.connection import Connection
-from dissect.transactions.side import Side
 from dissect.wire.text import Clock
+from tests.engine.transactions.talk import SECOND
+from tests.engine.transactions.talk import Talk as Conversation
 from tests.properties.messages import dt
 from tests.properties.packets import Talk
 from tests.protocols.s7plus import bodies
@@ -50,8 +52,6 @@ from tests.protocols.s7plus.test_bodies import FIVE, LEVEL, LOST, WORD
 from tests.protocols.s7plus.test_objects import TYPE
 from tests.report.schemas import complaints
 from tests.report.support import UNSAFE, analysed, begun, observed, read, report, section
-from tests.transactions.talk import SECOND
-from tests.transactions.talk import Talk as Conversation
 
 PLACES = Places([], False)
 

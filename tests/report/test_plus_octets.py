@@ -11,6 +11,8 @@ from hypothesis import strategies as st
 from librt.strings import BytesWriter
 
 from dissect.engine.observer import Observer
+from dissect.engine.transactions.side import Side
+from dissect.engine.transactions.transaction import Transaction
 from dissect.protocols.s7plus.alarms import ALARM, Alarm
 from dissect.protocols.s7plus.contents import Address
 from dissect.protocols.s7plus.hiding import reads_secret
@@ -37,8 +39,6 @@ from dissect.report.plus_items import write_item
 from dissect.report.tree_fields import meaning
 from dissect.report.writers.jsonl import TransactionLines
 from dissect.session import Run
-from dissect.transactions.side import Side
-from dissect.transactions.transaction import Transaction
 from dissect.wire.part import Part
 from tests.properties.messages import dt
 from tests.protocols.s7plus import bodies

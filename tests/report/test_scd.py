@@ -13,6 +13,8 @@ from hypothesis import strategies as st
 from dissect.bindings.binding import Binding, Bindings
 from dissect.bindings.engine import ScdCarrier
 from dissect.engine.pipeline import Options, Pipeline
+from dissect.engine.transactions.payloads import ScdMessage
+from dissect.engine.transactions.transaction import Transaction
 from dissect.packets.source.packet import SourceFile
 from dissect.report.analysis import Analysis
 from dissect.report.pdu_json import PduLines
@@ -22,13 +24,11 @@ from dissect.report.text import analysis_lines
 from dissect.report.words import Places
 from dissect.report.writers.csv import CSV_COLUMNS, CsvRows
 from dissect.report.writers.text import scd_line, transaction_line
-from dissect.transactions.payloads import ScdMessage
-from dissect.transactions.transaction import Transaction
 from dissect.wire.text import Clock
 from tests.bindings import plant
+from tests.engine.transactions.talk import CLIENT, SERVER, Talk, ack_data, good, item, read
 from tests.report.schemas import complaints
 from tests.report.support import UNSAFE
-from tests.transactions.talk import CLIENT, SERVER, Talk, ack_data, good, item, read
 
 ALONE: Final = Places([], False)
 

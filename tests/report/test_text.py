@@ -4,8 +4,9 @@ from pathlib import Path
 
 import pytest
 
-from dissect.findings.catalogue import CATALOGUE
-from dissect.findings.reporter import Finding
+from dissect.engine.findings.catalogue import CATALOGUE
+from dissect.engine.findings.reporter import Finding
+from dissect.engine.transactions.accounts import KEEP_ALIVE
 from dissect.packets.source.packet import SourceFile
 from dissect.report import words
 from dissect.report.analysis import Analysis
@@ -14,7 +15,6 @@ from dissect.report.finding_lines import finding_lines
 from dissect.report.styled import Line
 from dissect.report.text import analysis_lines, table
 from dissect.report.words import Places
-from dissect.transactions.accounts import KEEP_ALIVE
 from dissect.wire.text import Clock
 from tests.cases import each
 from tests.properties import messages

@@ -4,13 +4,13 @@ from itertools import product
 
 import pytest
 
+from dissect.engine.transactions.naming import item_subject
+from dissect.engine.transactions.transaction import CONNECTION_EVICTED
 from dissect.packets.source.packet import SourceFile
 from dissect.protocols.iso.tsap import Tsap
 from dissect.protocols.s7.message import parse_pdu
 from dissect.protocols.s7.values import Value
 from dissect.report import facets, words
-from dissect.transactions.naming import item_subject
-from dissect.transactions.transaction import CONNECTION_EVICTED
 from tests import build
 from tests.cases import each
 from tests.properties import messages

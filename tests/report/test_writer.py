@@ -6,13 +6,13 @@ import pytest
 
 from dissect.engine.observer import Observer
 from dissect.engine.pipeline import Options, Pipeline
+from dissect.engine.transactions.transaction import Transaction
 from dissect.packets.source.packet import SourceFile
 from dissect.report.formats import FORMATS, TRANSACTIONS
 from dissect.report.styled import Line, Written
 from dissect.report.words import Places
 from dissect.report.writer import TransactionFeed, Writer
-from dissect.transactions.transaction import Transaction
-from tests.transactions.talk import CLIENT, Talk, dbw, read, words
+from tests.engine.transactions.talk import CLIENT, Talk, dbw, read, words
 
 
 class Frames(Writer):

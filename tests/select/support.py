@@ -7,16 +7,16 @@ from pathlib import Path
 from typing import Any, Final
 
 from dissect.bindings import load_carrier
+from dissect.engine.findings.reporter import Finding
 from dissect.engine.observer import Observer
 from dissect.engine.pipeline import Options
-from dissect.findings.reporter import Finding
+from dissect.engine.transactions.connection import Connection
+from dissect.engine.transactions.operation import Operation
+from dissect.engine.transactions.payloads import ScdMessage
+from dissect.engine.transactions.side import Side
+from dissect.engine.transactions.transaction import Transaction
 from dissect.select.things import CONNECTION, FINDING, MESSAGE, OPERATION, TRANSACTION, Context, Found, Message
 from dissect.session import Run
-from dissect.transactions.connection import Connection
-from dissect.transactions.operation import Operation
-from dissect.transactions.payloads import ScdMessage
-from dissect.transactions.side import Side
-from dissect.transactions.transaction import Transaction
 
 CAPTURES: Final = Path(__file__).resolve().parents[2] / "captures"
 ERRORS: Final = str(CAPTURES / "item-errors.pcapng")

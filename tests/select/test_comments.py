@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from dissect.findings.catalogue import CATALOGUE
-from dissect.findings.reporter import Finding
+from dissect.engine.findings.catalogue import CATALOGUE
+from dissect.engine.findings.reporter import Finding
 from dissect.select.comments import finding_comment, frames_in_words
 from tests.report.support import UNSAFE
 

@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 from mypy_extensions import i64
 
 from dissect.engine.observer import Observer
+from dissect.engine.transactions.side import Side
 from dissect.select import spans
 from dissect.select.spans import Span, SpanBook, SpanIndex, TimedSpan
-from dissect.transactions.side import Side
 from tests.properties import messages
 from tests.properties.messages import dt
 from tests.properties.packets import Talk

@@ -11,16 +11,16 @@ import pytest
 import dissect
 from dissect.engine.observer import Observer
 from dissect.engine.pipeline import Options, Pipeline
+from dissect.engine.transactions.transaction import Transaction
 from dissect.select import subscriptions
 from dissect.select.subscriptions import SubscriptionBook
-from dissect.transactions.transaction import Transaction
 from tests.cli.support import run
+from tests.engine.transactions.talk import dbw
+from tests.engine.transactions.test_results import MODIFY, ON_CHANGE, PUSH, RESPONSE, TRANSFER, sent, subscribe
 from tests.properties import messages
 from tests.properties.messages import dt
 from tests.properties.packets import Talk
 from tests.report.support import begun, read, saved
-from tests.transactions.talk import dbw
-from tests.transactions.test_results import MODIFY, ON_CHANGE, PUSH, RESPONSE, TRANSFER, sent, subscribe
 
 Capfd = pytest.CaptureFixture[bytes]
 

@@ -10,13 +10,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from dissect.engine.transactions.naming import NamedValue
 from dissect.protocols.s7.items import Item, ItemResult, parse_item
 from dissect.tags.index import TagIndex
 from dissect.tags.loading import load_tags
 from dissect.tags.model import Tag
 from dissect.tags.naming import TagNaming
 from dissect.tags.values import decode_typed
-from dissect.transactions.naming import NamedValue
 from tests.cases import each
 
 TANK: Final = """address,type,name,unit,scale,comment

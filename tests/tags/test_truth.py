@@ -11,11 +11,11 @@ from typing import Any, Final
 from snap7 import util
 
 import dissect
+from dissect.engine.transactions.naming import NamedValue, named_values
+from dissect.engine.transactions.transaction import Transaction
 from dissect.live.events import CLOSED
 from dissect.protocols.s7.tables import READ_VAR, WRITE_VAR
 from dissect.tags import load_tags
-from dissect.transactions.naming import NamedValue, named_values
-from dissect.transactions.transaction import Transaction
 from tests.live.support import client, plc, taken
 from tests.proxy.test_source import dissected
 

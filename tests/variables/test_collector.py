@@ -15,6 +15,8 @@ from hypothesis import strategies as st
 
 import dissect
 from dissect.engine.pipeline import Options, Pipeline
+from dissect.engine.transactions.results import ALIKE, GAPS
+from dissect.engine.transactions.transaction import ANSWERED, Transaction
 from dissect.packets.tcp.stream import Endpoint
 from dissect.protocols.s7plus.contents import Address
 from dissect.protocols.s7plus.objects import build_object
@@ -25,23 +27,21 @@ from dissect.protocols.s7plus.value_tables import INT as PLUS_INT
 from dissect.protocols.s7plus.value_tables import REAL as PLUS_REAL
 from dissect.protocols.s7plus.values import Struct, Value
 from dissect.tags import load_tags
-from dissect.transactions.results import ALIKE, GAPS
-from dissect.transactions.transaction import ANSWERED, Transaction
 from dissect.variables.choosing import Known, choose
 from dissect.variables.collector import Collector, item_type
 from dissect.variables.model import Variable
 from dissect.variables.summary import Summary, csv_rows, mean_text, variable_json
 from dissect.variables.writers import line_end, shown
 from dissect.wire.text import Clock
+from tests.engine.transactions import talk as line
+from tests.engine.transactions.test_results import PUSH as PUSHED
+from tests.engine.transactions.test_results import RESPONSE, TRANSFER, sent, subscribe
 from tests.properties.messages import Item, dt
 from tests.protocols.s7plus import bodies
 from tests.protocols.s7plus.pdus import asked, framed, told
 from tests.protocols.s7plus.test_program import type_of, variable
 from tests.report.schemas import complaints
 from tests.report.support import ROOT, Kept, begun, observed
-from tests.transactions import talk as line
-from tests.transactions.test_results import PUSH as PUSHED
-from tests.transactions.test_results import RESPONSE, TRANSFER, sent, subscribe
 from tests.variables.support import BIT, BYTE, INT, REAL, WORD, collected, db, reads, real, rows_of, said, writes
 
 CRAFTED: Final = ROOT / "captures" / "crafted"

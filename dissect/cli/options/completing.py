@@ -36,7 +36,7 @@ def from_table(table: Callable[[], Mapping[str, str]], several: bool = False) ->
 
 
 def _findings() -> Mapping[str, str]:
-    from dissect.findings.catalogue import CATALOGUE, SEVERITIES
+    from dissect.engine.findings.catalogue import CATALOGUE, SEVERITIES
 
     severities = dict.fromkeys(SEVERITIES, "findings of this severity, or a worse one")
     return {**severities, **{slug: rule.sentence for slug, rule in CATALOGUE.items()}}

@@ -11,9 +11,9 @@ import click
 from dissect.cli.options.given import was_given
 
 if TYPE_CHECKING:
+    from dissect.engine.transactions.naming import Naming
     from dissect.tags import TagSet
     from dissect.tags.problems import Problem
-    from dissect.transactions.naming import Naming
 
 #: Problems of tags that are listed in full; of more their number.
 MAX_LISTED: Final = 50

@@ -9,7 +9,7 @@ import click
 
 if TYPE_CHECKING:
     from dissect.engine.exchange import PayloadDecoder
-    from dissect.transactions.naming import Naming
+    from dissect.engine.transactions.naming import Naming
     from dissect.variables.wanted import WantedSet
 
 

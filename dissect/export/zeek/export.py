@@ -10,9 +10,13 @@ from collections import OrderedDict
 from collections.abc import Mapping
 from typing import Any, Final
 
-from dissect.acts.act import Act
+from dissect.engine.acts.act import Act
 from dissect.engine.observer import Observer
 from dissect.engine.pipeline import Pipeline
+from dissect.engine.transactions.connection import Connection
+from dissect.engine.transactions.operation import LONG_ANSWER, Operation
+from dissect.engine.transactions.side import Side
+from dissect.engine.transactions.transaction import Transaction
 from dissect.export.forms import Export, Request
 from dissect.export.mapping import told
 from dissect.export.rows import Rows
@@ -23,10 +27,6 @@ from dissect.export.zeek.rows import IDENTIFICATION, S7, cotp_row, identificatio
 from dissect.facts.keys import connection_community_id, connection_uid
 from dissect.protocols.s7plus.message import parse_plus
 from dissect.session import Run
-from dissect.transactions.connection import Connection
-from dissect.transactions.operation import LONG_ANSWER, Operation
-from dissect.transactions.side import Side
-from dissect.transactions.transaction import Transaction
 
 #: This many connections are remembered with their uid, device and unfinished answers.
 _MOST_KNOWN: Final = 16_384

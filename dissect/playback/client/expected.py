@@ -8,12 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
+from dissect.engine.transactions.ending import FIN
+from dissect.engine.transactions.transaction import CONNECTION_CLOSED
 from dissect.golden.model import Link, Session, Transaction
 from dissect.playback.client.permissions import NO_ANSWER
 from dissect.playback.client.plan import ASK, SERVER_ASKED
 from dissect.playback.client.player import Player
-from dissect.transactions.ending import FIN
-from dissect.transactions.transaction import CONNECTION_CLOSED
 
 
 def expected_session(

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Final, NamedTuple
 
+from dissect.engine.transactions.ending import DISCONNECT, ERROR_TPDU, FIN, RESET
+from dissect.engine.transactions.transaction import CAPTURE_ENDED, CONNECTION_CLOSED, HOLE, REFERENCE_REUSED
 from dissect.golden.exchange import PLUS, S7
 from dissect.golden.keys import subject
 from dissect.golden.model import Link, Session, Transaction
@@ -20,8 +22,6 @@ from dissect.protocols.iso.tables import CR, DR_REASONS
 from dissect.protocols.s7.build import build_setup
 from dissect.protocols.s7.parameters import Setup
 from dissect.protocols.s7.tables import JOB, SETUP_COMMUNICATION
-from dissect.transactions.ending import DISCONNECT, ERROR_TPDU, FIN, RESET
-from dissect.transactions.transaction import CAPTURE_ENDED, CONNECTION_CLOSED, HOLE, REFERENCE_REUSED
 
 # What is done with a transaction.
 ASK: Final = "ask"

@@ -6,6 +6,7 @@ import time
 from collections.abc import Sequence
 from typing import Final
 
+from dissect.engine.transactions.ending import DISCONNECT, FIN, RESET
 from dissect.golden.model import Transaction
 from dissect.net.addresses import Place
 from dissect.playback.client.channel import Channel, UnreachableError, connect
@@ -25,7 +26,6 @@ from dissect.protocols.s7.tables import ACK, ACK_DATA, CONTROL, JOB, SETUP_COMMU
 from dissect.protocols.s7plus.assembly import PlusAssembler
 from dissect.protocols.s7plus.message import parse_plus
 from dissect.protocols.s7plus.tables import RESPONSE as PLUS_RESPONSE
-from dissect.transactions.ending import DISCONNECT, FIN, RESET
 
 #: How long to wait for the server's end after ours, in seconds.
 _END_S: Final = 1.0

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Final, NamedTuple
 
+from dissect.engine.transactions.ending import DISCONNECT, ERROR_TPDU
 from dissect.protocols.iso.build import (
     LARGEST_TPDU,
     MAX_HEADER,
@@ -29,7 +30,6 @@ from dissect.protocols.s7.layouts import PDU_REF
 from dissect.protocols.s7.message import Pdu, parse_pdu
 from dissect.protocols.s7.parameters import RESPONSE, Setup
 from dissect.protocols.s7.tables import ACK, ACK_DATA, OBJECT_DOES_NOT_EXIST, USERDATA, WRITE_VAR
-from dissect.transactions.ending import DISCONNECT, ERROR_TPDU
 
 #: "Function not available": a CPU's answer to an unknown job (reference 3.3).
 NOT_AVAILABLE: Final = 0x8104

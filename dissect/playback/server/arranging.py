@@ -6,10 +6,10 @@ from bisect import bisect_left
 from collections.abc import Sequence
 from typing import Final
 
+from dissect.engine.transactions.transaction import BEHIND_MALFORMED, HOLE, OUTCOMES, PUSH, UNANSWERED
 from dissect.golden.model import Transaction
 from dissect.playback.server.model import Recording, Script, ServerMessage, Step
 from dissect.report import words
-from dissect.transactions.transaction import BEHIND_MALFORMED, HOLE, OUTCOMES, PUSH, UNANSWERED
 
 #: The beginning of an S7comm-plus message.
 _PLUS: Final = b"\x72"

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Final
 
+from dissect.engine.transactions.ending import DISCONNECT, ERROR_TPDU, FIN, RESET
 from dissect.report.words import PROTOCOLS
-from dissect.transactions.ending import DISCONNECT, ERROR_TPDU, FIN, RESET
 
 MAX_NOTES: Final = 100
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from typing import Final
 
+from dissect.engine.transactions.ending import DISCONNECT, ERROR_TPDU
 from dissect.golden.exchange import PLUS, S7
 from dissect.golden.model import GoldenError, Link, Session, Transaction
 from dissect.golden.reading import read_session
@@ -15,7 +16,6 @@ from dissect.playback.server.arranging import Seen, arrange
 from dissect.playback.server.model import ENDS, Recording, Script
 from dissect.protocols.iso.cotp import parse_tpdu
 from dissect.protocols.iso.tables import CC
-from dissect.transactions.ending import DISCONNECT, ERROR_TPDU
 
 #: Maximum number of requests in a recording; a test is never longer.
 MAX_STEPS: Final = 200_000

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import deque
 from typing import Final, NamedTuple
 
+from dissect.engine.transactions.ending import RESET
 from dissect.golden.masking import SEQUENCE
 from dissect.playback.bsend import is_bsend, next_piece
 from dissect.playback.plus_octets import PROTOCOL_ID as PLUS_ID
@@ -27,7 +28,6 @@ from dissect.protocols.s7.parameters import HEADER_SIZE, PROTOCOL_ID, RESPONSE
 from dissect.protocols.s7.tables import ACK, ACK_DATA, JOB, USERDATA
 from dissect.protocols.s7plus.assembly import PlusAssembler
 from dissect.protocols.s7plus.message import PlusPdu, parse_plus
-from dissect.transactions.ending import RESET
 
 #: Maximum number of server messages that wait for their turn; references of the client that stand for recorded ones.
 _MAX_WAITING: Final = 1_000

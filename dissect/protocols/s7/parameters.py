@@ -229,7 +229,8 @@ class Parameters:
         self.answer_size: i64 = (
             0  # of a read: octets of the smallest PDU that answers all items, as far as that is known
         )
-        # Of a read: `item_heads` of a good answer, to compare the next answers with (`dissect.transactions.transaction`). It is
+        # Of a read: `item_heads` of a good answer, to compare the next answers with
+        # (`dissect.engine.transactions.transaction`). It is
         # one bytes object, because the items themselves are spread over the memory.
         self.good_answer: bytes = b""
         # The same for the interpreted code, where calls are slow: a struct that reads a whole answer, and what it read.
@@ -314,7 +315,7 @@ class Parameters:
     def like_good(self, buf: bytes, at: i64, size: i64, data_at: i64) -> bool:
         """Return whether an Ack_Data that answers a read is good, because its fixed octets equal those of the last good answer.
 
-        The interpreted code uses this, as calls are slow there, in place of `dissect.transactions.checks.check_answer`.
+        The interpreted code uses this, as calls are slow there, in place of `dissect.engine.transactions.checks.check_answer`.
         """
         layout = self.good_layout
         return (

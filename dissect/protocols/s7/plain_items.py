@@ -1,7 +1,8 @@
 """Blocks of plain request items, which nearly all are: what they ask for, without an object for any item.
 
 An item is plain if it is S7ANY, its codes are known, nothing is odd about its address (`odd_address` in
-`dissect.findings.transaction_rules`), and the octets of a good answer follow from its type and count. A block is plain if it is
+`dissect.engine.findings.transaction_rules`), and the octets of a good answer follow from its type and count. A block is plain
+if it is
 nothing but plain items, so that there is nothing to judge in it. All items of such a block have the same size, so that each
 is found by its index (reference 3.5).
 """

@@ -1,7 +1,8 @@
 """Read SZL (userdata group 4, subfunction 1): system status lists, requested by id and index (reference section 4.5).
 
 An answer is a head and records, which all have the length that the head states. A list longer than a PDU comes in several
-answers, split at any octet; only the first one has the head. `dissect.transactions.multipart` joins them; what a single one
+answers, split at any octet; only the first one has the head. `dissect.engine.transactions.multipart` joins them; what a single
+one
 shows is up to `starts_list`.
 """
 

@@ -9,6 +9,11 @@ from typing import Final
 from librt.strings import BytesWriter
 from mypy_extensions import i64
 
+from dissect.engine.transactions.connection import Connection
+from dissect.engine.transactions.good_items import GoodItems, good_octets
+from dissect.engine.transactions.naming import NamedValue
+from dissect.engine.transactions.results import TransactionError
+from dissect.engine.transactions.transaction import ANSWERED, OUTCOMES, SURE, Transaction
 from dissect.protocols.s7.items import Item, ItemResult
 from dissect.protocols.s7.tables import BYTE, JOB, REAL, RETURN_CODES, SUCCESS, USERDATA
 from dissect.protocols.s7.values import Value, decode_value, number_texts, spelled
@@ -19,11 +24,6 @@ from dissect.report.item_octets import is_usual, step_of, write_elements, write_
 from dissect.report.words import Places
 from dissect.report.writer import Writer
 from dissect.scd.wording import json_value
-from dissect.transactions.connection import Connection
-from dissect.transactions.good_items import GoodItems, good_octets
-from dissect.transactions.naming import NamedValue
-from dissect.transactions.results import TransactionError
-from dissect.transactions.transaction import ANSWERED, OUTCOMES, SURE, Transaction
 from dissect.wire.build import COMPILED
 from dissect.wire.digits import Times, write_decimal, write_hexadecimal
 from dissect.wire.text import SHORT, Clock, cell, decimal, hexadecimal

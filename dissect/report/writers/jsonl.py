@@ -12,6 +12,13 @@ from librt.strings import BytesWriter
 from mypy_extensions import i64
 
 from dissect.engine.observer import Observer
+from dissect.engine.transactions.connection import Connection
+from dissect.engine.transactions.good_items import GoodItems, good_octets
+from dissect.engine.transactions.operation import Operation
+from dissect.engine.transactions.payloads import ScdMessage
+from dissect.engine.transactions.results import DOUBTS, FUNCTION_MISMATCH
+from dissect.engine.transactions.side import Side
+from dissect.engine.transactions.transaction import ANSWERED, OUTCOMES, Transaction
 from dissect.protocols.iso.cotp import parse_tpdu
 from dissect.protocols.s7.message import parse_pdu
 from dissect.protocols.s7.parameters import ACK_HEADER_SIZE, Parameters
@@ -43,13 +50,6 @@ from dissect.report.scd import scd_json
 from dissect.report.tpdu_json import tpdu_json_line
 from dissect.report.words import Places
 from dissect.report.writer import Writer
-from dissect.transactions.connection import Connection
-from dissect.transactions.good_items import GoodItems, good_octets
-from dissect.transactions.operation import Operation
-from dissect.transactions.payloads import ScdMessage
-from dissect.transactions.results import DOUBTS, FUNCTION_MISMATCH
-from dissect.transactions.side import Side
-from dissect.transactions.transaction import ANSWERED, OUTCOMES, Transaction
 from dissect.wire.build import COMPILED
 from dissect.wire.digits import Times, write_decimal
 from dissect.wire.text import THREE, Clock, JsonTexts, decimal, json_text

@@ -6,6 +6,13 @@ from typing import Final
 
 from mypy_extensions import i64
 
+from dissect.engine.transactions.connection import Connection
+from dissect.engine.transactions.naming import Naming
+from dissect.engine.transactions.operation import Operation
+from dissect.engine.transactions.payloads import ScdMessage
+from dissect.engine.transactions.results import went_wrong
+from dissect.engine.transactions.side import Side
+from dissect.engine.transactions.transaction import Transaction
 from dissect.protocols.ibh.packet import IbhPacket, parse_packet
 from dissect.protocols.ibh.tables import IBH_NETLINK
 from dissect.protocols.iso.cotp import Tpdu, parse_tpdu
@@ -29,13 +36,6 @@ from dissect.report.scd import scd_summary
 from dissect.report.styled import FAILED, HANG, PLAIN, TREE_HANG, Line
 from dissect.report.words import FRAMES_WIDTH, LATENCY_WIDTH, NUMBER_WIDTH, Places
 from dissect.report.writer import Writer
-from dissect.transactions.connection import Connection
-from dissect.transactions.naming import Naming
-from dissect.transactions.operation import Operation
-from dissect.transactions.payloads import ScdMessage
-from dissect.transactions.results import went_wrong
-from dissect.transactions.side import Side
-from dissect.transactions.transaction import Transaction
 from dissect.wire.build import COMPILED
 from dissect.wire.malformed import Malformed
 from dissect.wire.text import Clock, decimal, hex_number, shortened, some

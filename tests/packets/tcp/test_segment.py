@@ -7,10 +7,10 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
+from dissect.engine.transactions.accounts import CATEGORIES
 from dissect.packets.tcp import link
 from dissect.packets.tcp.ip import FragmentStore
 from dissect.packets.tcp.segment import Segment, find_segment
-from dissect.transactions.accounts import CATEGORIES
 from tests.cases import each
 from tests.packets.tcp.craft import DST, DST6, SRC, SRC6, TCP, UDP, extension, fragment_header, v4, v6
 

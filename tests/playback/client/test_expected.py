@@ -6,10 +6,10 @@ from pathlib import Path
 
 import pytest
 
+from dissect.engine.transactions.transaction import CAPTURE_ENDED
 from dissect.golden import DiffOptions
 from dissect.playback.client import Permissions, Settings, load_recorded
 from dissect.playback.server.service import Server
-from dissect.transactions.transaction import CAPTURE_ENDED
 from tests.playback.client.support import CAPTURES, mixed, play, texts
 
 

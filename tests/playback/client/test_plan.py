@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from dissect.engine.transactions.transaction import CONNECTION_CLOSED, HOLE, MALFORMED_HEADER
 from dissect.golden.exchange import PLUS, S7, SCD, Exchange
 from dissect.golden.model import Link, Session, Span, Transaction
 from dissect.playback.client import ReplayError, load_recorded, make_plan
@@ -24,7 +25,6 @@ from dissect.playback.client.plan import (
 )
 from dissect.protocols.iso.cotp import CALLED_TSAP, CALLING_TSAP, parse_tpdu
 from dissect.protocols.iso.tables import CR, DR
-from dissect.transactions.transaction import CONNECTION_CLOSED, HOLE, MALFORMED_HEADER
 from tests.playback.client.support import CAPTURES
 from tests.properties import messages
 from tests.report.support import WORD

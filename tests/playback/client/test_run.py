@@ -8,6 +8,7 @@ from typing import Final
 
 import pytest
 
+from dissect.engine.transactions.transaction import HOLE
 from dissect.golden import golden_text, parse_golden, read_session
 from dissect.golden.exchange import S7, Exchange
 from dissect.golden.masking import mask_s7
@@ -20,7 +21,6 @@ from dissect.playback.server.recording import load_recording
 from dissect.playback.server.service import Server
 from dissect.protocols.s7.message import parse_pdu
 from dissect.protocols.s7.tables import JOB, READ_VAR, SETUP_COMMUNICATION, WRITE_VAR
-from dissect.transactions.transaction import HOLE
 from tests.cases import each
 from tests.playback.client.support import ALL, CAPTURES, HASTY, NAMES, changed, mixed, play, real_server, texts
 

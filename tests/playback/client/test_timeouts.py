@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import pytest
 
+from dissect.engine.transactions.transaction import CAPTURE_ENDED, CONNECTION_CLOSED, HOLE, REFERENCE_REUSED
 from dissect.golden.exchange import S7, Exchange
 from dissect.golden.model import Link, Transaction
 from dissect.playback.client.plan import ASK, Step
 from dissect.playback.client.timeouts import SHORTEST_S, SILENCE_S, Timeouts
-from dissect.transactions.transaction import CAPTURE_ENDED, CONNECTION_CLOSED, HOLE, REFERENCE_REUSED
 
 
 def step(reason: str, gap_ns: int | None = None, heard: bool = True) -> Step:

@@ -11,6 +11,8 @@ from typing import Final, Self
 
 from dissect.engine.observer import Observer
 from dissect.engine.pipeline import Options
+from dissect.engine.transactions.ending import RESET
+from dissect.engine.transactions.side import Side
 from dissect.playback.server import Recording, Server
 from dissect.protocols.iso.cotp import Assembler, parse_tpdu
 from dissect.protocols.iso.tables import DT
@@ -21,8 +23,6 @@ from dissect.protocols.s7.tables import ACK, ACK_DATA, USERDATA
 from dissect.session import Run
 from dissect.testing.talk import Ask, Talk, done, items, read, refused, setup, szl, words, write
 from dissect.testing.talk import data as answered
-from dissect.transactions.ending import RESET
-from dissect.transactions.side import Side
 
 PATIENCE_S: Final = 60.0
 CONNECT: Final = bytes.fromhex("0300001611e00000000100c0010ac1020100c2020102")

@@ -13,8 +13,8 @@ from dissect.playback.client.permissions import NO_ANSWER
 from dissect.playback.client.plan import plan_lines
 from dissect.playback.server import Server
 from dissect.testing.talk import Talk, answer, data, pdu, read, refused, szl, userdata, words
-from tests.findings.events import bsend
-from tests.transactions.talk import userdata as userdata_pdu
+from tests.engine.findings.events import bsend
+from tests.engine.transactions.talk import userdata as userdata_pdu
 
 FOLDER = Path(__file__).resolve().parent.parent.parent.parent / "captures"
 ALL = Permissions(write=True, control=True)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import struct
 from typing import Final
 
-from tests.transactions.talk import dbw, read, words
+from tests.engine.transactions.talk import dbw, read, words
 
 REQUEST: Final = 0x82
 INDICATION: Final = 0x2C2

@@ -8,8 +8,8 @@ from dissect.protocols.ibh.layouts import MPI_LONG, MPI_SHORT
 from dissect.protocols.ibh.packet import parse_packet
 from dissect.protocols.ibh.tables import KINDS
 from dissect.wire.malformed import LIMITS, REASONS
+from tests.engine.transactions.talk import dbw, read, words
 from tests.protocols.ibh.packets import ACK, ASK, DISCONNECT, SEEN, TELL, long, packet, short
-from tests.transactions.talk import dbw, read, words
 
 
 @pytest.mark.parametrize(("octets", "kind", "function", "name"), SEEN)

@@ -9,8 +9,8 @@ from dissect.protocols.iso.irregular import holds_data, is_odd, odd_place
 from dissect.protocols.iso.tables import DT
 from dissect.protocols.iso.upper import is_sound
 from tests.cases import each
+from tests.engine.transactions.talk import dbw, read, words
 from tests.protocols.s7plus.pdus import asked, framed
-from tests.transactions.talk import dbw, read, words
 
 PDUS = (read(1, dbw(1, 0)), words(1, 7), framed(asked(1)), framed(asked(1), 3))
 

@@ -19,7 +19,7 @@ from dissect.protocols.s7.layouts import DATA_ITEM, S7ANY_ITEM
 from dissect.protocols.s7.tables import LENGTH_IN_BITS, SYNTAX_IDS, TRANSPORT_SIZES
 from dissect.wire.malformed import Malformed
 from tests.cases import each
-from tests.transactions.talk import dbw, good, item, refused, written
+from tests.engine.transactions.talk import dbw, good, item, refused, written
 
 Fault = tuple[str, str, int, int, int, str]
 

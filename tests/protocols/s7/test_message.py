@@ -13,8 +13,21 @@ from dissect.protocols.s7.parameters import header_size, read_header
 from dissect.protocols.s7.tables import ROSCTR
 from dissect.wire.malformed import LIMITS, REASONS, Malformed
 from tests.cases import each
+from tests.engine.transactions.talk import (
+    ack,
+    ack_data,
+    dbw,
+    good,
+    head,
+    job,
+    read,
+    refused,
+    userdata,
+    words,
+    write,
+    written,
+)
 from tests.layers.examples import BY_NUMBER
-from tests.transactions.talk import ack, ack_data, dbw, good, head, job, read, refused, userdata, words, write, written
 
 #: The worked examples: number, ROSCTR, reference, octets of parameters and data, header error (-1: has none), function.
 HEADERS = [

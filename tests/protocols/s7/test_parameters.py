@@ -12,7 +12,7 @@ from dissect.protocols.s7.parameters import PUSH, REQUEST, RESPONSE, ParameterCa
 from dissect.protocols.s7.tables import ACK, ACK_DATA, FUNCTIONS, JOB, USERDATA, USERDATA_GROUPS, USERDATA_SUBFUNCTIONS
 from dissect.wire.layout import Layout
 from tests.build import userdata_head
-from tests.transactions.talk import dbw, head
+from tests.engine.transactions.talk import dbw, head
 
 KINDS = [JOB, ACK, ACK_DATA, USERDATA]
 

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from dissect.findings.transaction_rules import odd_address
+from dissect.engine.findings.transaction_rules import odd_address
 from dissect.protocols.s7.items import WRITTEN_ELSEWHERE, WRITTEN_IO, Item, parse_data_items, parse_items, written_areas
 from dissect.protocols.s7.parameters import Parameters, parse_parameters
 from dissect.protocols.s7.plain_items import plain_answered_as, plain_area, plain_octets, plain_size, plainly_answered
@@ -25,7 +25,7 @@ from dissect.protocols.s7.tables import (
 )
 from dissect.wire.malformed import Malformed
 from tests import build
-from tests.transactions.talk import dbw, item
+from tests.engine.transactions.talk import dbw, item
 
 READ = b"\x04"
 WRITE = b"\x05"

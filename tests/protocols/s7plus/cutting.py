@@ -7,17 +7,17 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Final, NamedTuple
 
+from dissect.engine.findings.reporter import Finding
 from dissect.engine.observer import Observer
-from dissect.findings.reporter import Finding
+from dissect.engine.transactions.operation import Operation
+from dissect.engine.transactions.side import Side
+from dissect.engine.transactions.transaction import Transaction
 from dissect.protocols.s7plus.message import PlusPdu, parse_plus
 from dissect.protocols.s7plus.tables import KEEP_ALIVE, REQUEST, SET_VAR_SUBSTREAMED, SYSTEM_EVENT, V3
 from dissect.report.plus import plus_subject
 from dissect.session import Run
-from dissect.transactions.operation import Operation
-from dissect.transactions.side import Side
-from dissect.transactions.transaction import Transaction
 from tests import build
-from tests.transactions.talk import ACK, CLIENT, FIN, MS, SERVER, Talk
+from tests.engine.transactions.talk import ACK, CLIENT, FIN, MS, SERVER, Talk
 
 #: Findings about how bytes are framed, not about what they say.
 ABOUT_FRAMING: Final = frozenset(("cotp.empty_dt", "cotp.size_exceeded"))

@@ -9,6 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import dissect
+from dissect.engine.transactions.plus_operations import addresses_in
+from dissect.engine.transactions.transaction import Transaction
 from dissect.protocols.s7plus.bodies import parse_contents
 from dissect.protocols.s7plus.check import check
 from dissect.protocols.s7plus.contents import Address
@@ -39,13 +41,11 @@ from dissect.protocols.s7plus.value_tables import BLOB, DINT, INT, STRUCT, UDINT
 from dissect.protocols.s7plus.values import Blob, Packed, Rows, Struct, Value, build_value
 from dissect.report.plus import plus_subject
 from dissect.report.tree import plus_tree_lines
-from dissect.transactions.plus_operations import addresses_in
-from dissect.transactions.transaction import Transaction
+from tests.engine.transactions.talk import Talk
 from tests.protocols.s7plus import bodies
 from tests.protocols.s7plus.bodies import end, number, rid
 from tests.protocols.s7plus.pdus import asked, framed, notified, told
 from tests.protocols.s7plus.strategies import OBJECTS, VALUES
-from tests.transactions.talk import Talk
 
 _MARKS: Final = marks(frozenset((2533,)), frozenset((TYPE_INFO,)))
 _WORD: Final = Address(0, 82, 3736, [3, 100, 2])

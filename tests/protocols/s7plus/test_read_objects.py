@@ -9,6 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import dissect
+from dissect.engine.transactions.transaction import Transaction
 from dissect.protocols.s7plus.bodies import parse_contents
 from dissect.protocols.s7plus.check import check
 from dissect.protocols.s7plus.cursor import marks
@@ -19,7 +20,6 @@ from dissect.protocols.s7plus.tables import CREATE_OBJECT, EXPLORE, REQUEST, RES
 from dissect.protocols.s7plus.value_tables import INT, STRUCT, UDINT, WSTRING
 from dissect.protocols.s7plus.values import Struct, Value, build_value
 from dissect.protocols.s7plus.variables import NameList, VariableList
-from dissect.transactions.transaction import Transaction
 from tests.protocols.s7plus import bodies
 from tests.protocols.s7plus.bodies import end, number, rid
 from tests.protocols.s7plus.pdus import asked, framed, told

@@ -6,9 +6,9 @@ from pathlib import Path
 from typing import Any
 
 from dissect.packets.source.pcapng_writer import PcapngWriter
+from tests.engine.transactions.talk import Talk, dt
 from tests.protocols.s7plus.pdus import INIT_SSL, asked, framed, told
 from tests.protocols.tls.talks import Wire
-from tests.transactions.talk import Talk, dt
 
 
 class Film:

@@ -16,12 +16,12 @@ from cryptography.hazmat.primitives import hashes, serialization
 from cryptography.hazmat.primitives.asymmetric import ec, rsa
 from cryptography.x509.oid import NameOID
 
-from tests.transactions.talk import Talk, dt
+from tests.engine.transactions.talk import Talk, dt
 
 CLIENT: Final = 0
 SERVER: Final = 1
 
-#: When the packets of a `tests.transactions.talk.Talk` are captured (2020-09-13), when certificates are valid.
+#: When the packets of a `tests.engine.transactions.talk.Talk` are captured (2020-09-13), when certificates are valid.
 THEN: Final = datetime.datetime(2020, 9, 13, tzinfo=datetime.UTC)
 YEAR: Final = datetime.timedelta(days=365)
 

@@ -11,11 +11,11 @@ from typing import Any
 import pytest
 
 from dissect.protocols.tls.session import TlsSession
+from tests.engine.transactions.talk import Talk
 from tests.protocols.tls.files import Film
 from tests.protocols.tls.sealing import HANDSHAKE, KEY_UPDATE, Pair
 from tests.protocols.tls.talks import Wire, ec_key, rsa_key, wire
 from tests.protocols.tls.test_session import ring
-from tests.transactions.talk import Talk
 
 SAID = [(0, b"one"), (1, b"two" * 6000), (0, b"three"), (1, bytes(range(200)))]
 V2, V3 = ssl.TLSVersion.TLSv1_2, ssl.TLSVersion.TLSv1_3

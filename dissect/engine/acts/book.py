@@ -1,0 +1,115 @@
+"""`ActBook`: the list of acts. It takes what may be an act, makes the operations that are one command, and numbers acts."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from dissect.engine.acts import tables as kinds
+from dissect.engine.acts.act import Act, act_of, act_of_operation
+from dissect.engine.acts.classic import recognise
+from dissect.engine.acts.plus import act_of_event
+from dissect.engine.acts.tables import ACCEPTED
+from dissect.engine.acts.tables import REFUSED as REFUSED_ACT
+from dissect.engine.transactions.operation import (
+    DELETE,
+    DONE,
+    MAX_SUBJECT,
+    PASSWORD,
+    REFUSED,
+    TRANSFERS,
+    Operation,
+    OperationBook,
+)
+from dissect.engine.transactions.transaction import Transaction
+from dissect.protocols.s7.services import BLOCK_SERVICES
+from dissect.protocols.s7.tables import PI_SERVICE, REQUEST_DOWNLOAD, START_UPLOAD
+from dissect.protocols.s7plus.event import Event
+
+#: Jobs that begin a transfer, which is an operation and becomes one act when it is over.
+_BEGINNINGS: Final = frozenset((REQUEST_DOWNLOAD, START_UPLOAD))
+_BLOCK: Final = "block "
+
+
+class ActBook:
+    """Collects acts. ``fresh`` are those that are over and not yet reported; ``count`` is how many there were."""
+
+    def __init__(self, operations: OperationBook) -> None:
+        self.fresh: list[Act] = []
+        self.count = 0
+        self._operations = operations
+
+    def take(self, transaction: Transaction, alone: bool = False) -> Act | None:
+        """Return the act of a transaction of S7comm, or the act that it begins; make the operation of a command.
+
+        ``alone``: it is part of no operation, because it followed a malformed header.
+        """
+        if transaction.function == PI_SERVICE and not alone:
+            self._follow_blocks(transaction)
+        act = recognise(transaction)
+        if act is None:
+            return None
+        if act.command and not alone:
+            self._operate(act, transaction)
+        if alone or not (act.row.lasts and transaction.function in _BEGINNINGS):
+            self.add(act)
+        return act
+
+    def event(self, event: Event, transaction: Transaction, code: int, alone: bool = False) -> Act | None:
+        """Return the act of an event of S7comm-plus, None if there is none; ``code`` is its error, 0 for none.
+
+        ``alone`` as for `take`. Operations of such events are made elsewhere (`dissect.engine.transactions.plus_operations`),
+        and
+        writes to outputs become acts where they are reported (`wrote`).
+        """
+        act = act_of_event(event, transaction, code)
+        if act is not None and (alone or not act.row.lasts):
+            self.add(act)
+        return act
+
+    def wrote(self, transaction: Transaction, what: str, code: int, refused: bool = False) -> None:
+        """Take a write to outputs that is the first of its connection, or the first that is ``refused``.
+
+        ``code`` as for `dissect.engine.acts.act.act_of`. The device may refuse items of a request that it answers without an
+        error.
+        """
+        act = act_of(kinds.OUTPUTS, transaction, what, code)
+        if refused and act.outcome == ACCEPTED:
+            act.outcome = REFUSED_ACT
+        self.add(act)
+
+    def over(self, operation: Operation) -> Act | None:
+        """Return the act that an operation was, which is over; None for all but transfers of blocks."""
+        if operation.kind not in TRANSFERS:
+            return None
+        act = act_of_operation(operation.kind, operation)
+        self.add(act)
+        return act
+
+    def add(self, act: Act) -> None:
+        """Number an act that is over."""
+        self.count += 1
+        act.number = self.count
+        self.fresh.append(act)
+
+    def _follow_blocks(self, transaction: Transaction) -> None:
+        """Note at the blocks that were loaded that a service activates or deletes them."""
+        body = transaction.request_body
+        if body is not None and body.text("service") in BLOCK_SERVICES:
+            from dissect.engine.transactions.transfers import follow_blocks  # late, because few captures have transfers
+
+            follow_blocks(transaction, body)
+
+    def _operate(self, act: Act, transaction: Transaction) -> None:
+        """Make the operation of an act that one transaction is."""
+        subject = act.subject
+        if act.command == PASSWORD:
+            if not transaction.request_frame:
+                return
+            subject = ""
+        body = transaction.request_body
+        if act.command == DELETE and body is not None:
+            blocks = [note.removeprefix(_BLOCK) for note in body.notes if note.startswith(_BLOCK)]
+            subject = ", ".join(blocks)[:MAX_SUBJECT] or subject
+        act.subject = subject or act.subject
+        operation = self._operations.begin(act.command, "", transaction, subject)
+        self._operations.settle(operation, transaction, DONE, REFUSED)

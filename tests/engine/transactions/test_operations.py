@@ -1,0 +1,364 @@
+"""Operations: which transactions belong together, and what came of them."""
+
+from __future__ import annotations
+
+import pytest
+
+from dissect.engine.transactions.operation import MAX_OPEN, Operation
+from dissect.engine.transactions.operations import ENDLESS
+from tests.engine.findings import events
+from tests.engine.transactions.talk import ACK, CLIENT, FIN, MS, RST, SERVER, SYN, Talk, ack, granted, setup, tpkt
+
+
+@pytest.fixture
+def talk() -> Talk:
+    """Return a talk whose connection is open and whose set-up was told."""
+    talk = Talk()
+    talk.open()
+    assert [one.kind for one in talk.operations] == ["connect"]
+    talk.operations.clear()
+    return talk
+
+
+def only(talk: Talk) -> Operation:
+    (operation,) = talk.operations
+    return operation
+
+
+# ---- connections ----------------------------------------------------------------------------------------------------
+
+
+def test_a_connection_from_its_first_packet_to_the_setup() -> None:
+    talk = Talk()
+    talk.open(2, 3, 240)
+    talk.close()
+    told = only(talk)
+    assert (told.kind, told.result, told.subject) == ("connect", "done", "PDU 240, AmQ 2/3")
+    assert (told.first_frame, told.last_frame, told.duration_ns) == (1, 7, 6 * MS)
+    assert (told.parts, told.transactions, told.number) == (1, [1], 1)
+
+
+def test_without_a_handshake_it_begins_with_the_setup() -> None:
+    talk = Talk()
+    talk.ask(setup(1))
+    talk.tell(granted(1))
+    assert (only(talk).first_frame, only(talk).last_frame) == (1, 2)
+
+
+def test_a_later_setup_is_no_other_connection(talk: Talk) -> None:
+    talk.ask(setup(1))
+    talk.tell(granted(1))
+    talk.close()
+    assert talk.operations == []
+
+
+def test_a_setup_that_is_refused() -> None:
+    talk = Talk()
+    talk.hello()
+    talk.connect()
+    talk.ask(setup(1))
+    talk.tell(ack(1, 0x8104))
+    talk.close()
+    assert (only(talk).result, only(talk).error_code, only(talk).subject) == ("refused", 0x8104, "asks PDU 480")
+
+
+def test_a_connection_that_is_refused() -> None:
+    talk = Talk()
+    talk.hello()
+    talk.packet(CLIENT, tpkt(bytes.fromhex("11e00000000100c1020100c2020102c0010a")))
+    talk.packet(SERVER, tpkt(bytes.fromhex("06800001000003")))
+    talk.close()
+    told = only(talk)
+    assert (told.kind, told.result, told.parts) == ("connect", "refused", 0)
+    assert told.subject == talk.connections[0].refused != ""
+
+
+def test_a_connection_that_is_never_set_up() -> None:
+    talk = Talk()
+    talk.hello()
+    talk.connect()
+    talk.packet(CLIENT, flags=RST | ACK)
+    talk.finish()
+    assert (only(talk).result, only(talk).reason) == ("unfinished", "connection_closed")
+
+
+def test_what_never_asked_to_connect_is_no_operation() -> None:
+    talk = Talk()
+    talk.packet(CLIENT, flags=SYN)
+    talk.packet(SERVER, flags=RST | ACK)
+    talk.finish()
+    assert talk.operations == []
+
+
+# ---- answers in parts -----------------------------------------------------------------------------------------------
+
+
+def list_of(size: int) -> bytes:
+    """An SZL answer of ``size`` octets: the head and records of two octets."""
+    return bytes.fromhex("000000000002") + ((size - 8) // 2).to_bytes(2, "big") + bytes(size - 8)
+
+
+def test_an_answer_in_three_parts(talk: Talk) -> None:
+    whole = list_of(100)
+    talk.ask(events.szl(1, 0))
+    talk.tell(events.tells(1, 4, 1, whole[:40], sequence=3, part=9))
+    talk.ask(events.asks(2, 4, 1, sequence=3))
+    talk.tell(events.tells(2, 4, 1, whole[40:80], sequence=3, part=9))
+    talk.ask(events.asks(3, 4, 1, sequence=3))
+    talk.tell(events.tells(3, 4, 1, whole[80:], sequence=3, part=-9))
+    told = only(talk)
+    assert (told.kind, told.result, told.octets, told.parts) == ("long_answer", "done", 100, 3)
+    assert told.subject.startswith("SZL 0x0000 ")
+    assert told.content == whole
+    assert [part.layout.name for part in told.content_parts()] == ["SZL head", *["SZL id of the module"] * 46]
+    assert (told.first_frame, told.last_frame) == (8, 13)
+
+
+def test_a_part_that_is_refused(talk: Talk) -> None:
+    talk.ask(events.szl(1, 0))
+    talk.tell(events.tells(1, 4, 1, list_of(40), sequence=3, part=9))
+    talk.ask(events.asks(2, 4, 1, sequence=3))
+    talk.tell(events.tells(2, 4, 1, sequence=3, code=0xD405))
+    assert (only(talk).result, only(talk).error_code) == ("failed", 0xD405)
+    assert (only(talk).content, only(talk).content_parts()) == (b"", [])
+
+
+def test_parts_that_are_not_fetched(talk: Talk) -> None:
+    talk.ask(events.szl(1, 0))
+    talk.tell(events.tells(1, 4, 1, list_of(40), sequence=3, part=9))
+    talk.ask(events.szl(2, 0))
+    talk.tell(events.tells(2, 4, 1, list_of(40), sequence=3, part=9))
+    talk.close()
+    assert [(one.result, one.reason) for one in talk.operations] == [
+        ("unfinished", "restarted"),
+        ("unfinished", "connection_closed"),
+    ]
+
+
+def test_a_whole_answer_is_no_operation(talk: Talk) -> None:
+    talk.ask(events.szl(1, 0))
+    talk.tell(events.tells(1, 4, 1, list_of(40), sequence=3))
+    talk.close()
+    assert talk.operations == []
+
+
+# ---- BSEND ----------------------------------------------------------------------------------------------------------
+
+
+def send(talk: Talk, pdu: bytes, pdu_ref: int, code: int = 0) -> None:
+    talk.ask(pdu)
+    talk.tell(events.tells(pdu_ref, 6, 1, sequence=2, code=code))
+
+
+def test_a_bsend_in_three_pieces(talk: Talk) -> None:
+    send(talk, events.bsend(1, b"abc", 8, part=5), 1)
+    send(talk, events.bsend(2, b"\xff\xffd", sequence=2, part=6), 2)
+    send(talk, events.bsend(3, b"ef", sequence=2, part=-7), 3)
+    told = only(talk)
+    assert (told.kind, told.result, told.subject, told.complete) == ("bsend", "done", "R_ID 0x00000001", True)
+    assert (told.octets, told.announced, told.parts, told.oddities) == (8, 8, 3, [])
+    assert told.content == bytes.fromhex("1206130000000001 0008") + b"abc\xff\xffdef"
+    assert [part.layout.name for part in told.content_parts()] == ["R_ID", "BSEND length", "BSEND data"]
+    assert told.content_parts()[2].octets("bsend_data") == b"abc\xff\xffdef"
+    assert (told.first_frame, told.last_frame) == (8, 13)
+
+
+def test_two_bsends_at_once_are_told_apart(talk: Talk) -> None:
+    send(talk, events.bsend(1, b"ab", 4, part=5), 1)
+    send(talk, events.bsend(2, b"cd", 4, part=6, r_id=2), 2)
+    talk.tell(events.bsend(9, b"ef", 4, part=6))  # the partner sends with the same R_ID
+    talk.ask(events.tells(9, 6, 1, sequence=2))
+    send(talk, events.bsend(3, b"CD", sequence=2, part=-7, r_id=2), 3)
+    send(talk, events.bsend(4, b"AB", sequence=2, part=-8), 4)
+    talk.close()
+    assert [(one.asked_by, one.content[10:], one.result) for one in talk.operations] == [
+        (0, b"cdCD", "done"),
+        (0, b"abAB", "done"),
+        (1, b"", "unfinished"),
+    ]
+
+
+def test_a_bsend_that_is_refused_begun_again_or_of_another_size(talk: Talk) -> None:
+    send(talk, events.bsend(1, b"ab", 4, part=5), 1)
+    send(talk, events.bsend(2, b"ab", 4, part=6), 2)
+    send(talk, events.bsend(3, b"cd", sequence=2, part=7), 3, code=0xD209)
+    send(talk, events.bsend(4, b"ab", 4, part=8), 4)
+    send(talk, events.bsend(5, b"cde", sequence=2, part=-9), 5)
+    assert [(one.result, one.reason, one.error_code) for one in talk.operations] == [
+        ("unfinished", "restarted", 0),
+        ("failed", "", 0xD209),
+        ("done", "", 0),
+    ]
+    assert talk.operations[1].content == b""
+    assert [(odd.name, odd.detail) for odd in talk.operations[2].oddities] == [("wrong_size", "5 bytes, 4 announced")]
+
+
+def test_a_bsend_alone_or_without_its_beginning_is_no_operation(talk: Talk) -> None:
+    send(talk, events.bsend(1, b"ab", 2), 1)
+    send(talk, events.bsend(2, b"cd", sequence=2, part=-7), 2)
+    talk.tell(events.tells(3, 6, 1, sequence=2))
+    talk.close()
+    assert talk.operations == []
+
+
+# ---- subscriptions --------------------------------------------------------------------------------------------------
+
+
+def subscribe(talk: Talk, job: int, pdu_ref: int = 1, code: int = 0) -> None:
+    talk.ask(events.asks(pdu_ref, 2, 1, events.CYCLIC))
+    talk.tell(events.tells(pdu_ref, 2, 1, b"" if code else events.CYCLIC_VALUES, sequence=job, code=code))
+
+
+def test_a_cyclic_subscription_with_its_pushes_and_its_end(talk: Talk) -> None:
+    subscribe(talk, 5)
+    for _ in range(3):
+        talk.tell(events.pushes(2, 1, events.CYCLIC_VALUES, sequence=5))
+    talk.ask(events.asks(2, 2, 4, bytes((5, 5))))
+    talk.tell(events.tells(2, 2, 4))
+    told = only(talk)
+    assert (told.kind, told.result, told.parts, told.pushes) == ("cyclic", "done", 5, 3)
+    assert told.octets == 4 * len(events.CYCLIC_VALUES)
+    assert told.subject == "every 1 s, DB10.DBW4"
+
+
+def test_the_interval_of_pushes_is_theirs(talk: Talk) -> None:
+    """How long it takes until the first push, and from the last one to the end of the subscription, is no interval."""
+    subscribe(talk, 5)
+    for _ in range(3):
+        talk.wait(500 * MS)
+        talk.tell(events.pushes(2, 1, events.CYCLIC_VALUES, sequence=5), after_ns=0)
+    talk.wait(60_000 * MS)
+    talk.ask(events.asks(2, 2, 4, bytes((5, 5))))
+    talk.tell(events.tells(2, 2, 4))
+    assert only(talk).push_interval_ns == 500 * MS
+
+
+def test_one_push_has_no_interval(talk: Talk) -> None:
+    subscribe(talk, 5)
+    talk.tell(events.pushes(2, 1, events.CYCLIC_VALUES, sequence=5))
+    talk.close()
+    assert only(talk).push_interval_ns == 0
+
+
+def test_two_subscriptions_are_told_apart(talk: Talk) -> None:
+    subscribe(talk, 5, 1)
+    subscribe(talk, 6, 2)
+    talk.tell(events.pushes(2, 1, events.CYCLIC_VALUES, sequence=6))
+    talk.close()
+    assert [(one.pushes, one.result, one.reason) for one in talk.operations] == [
+        (0, "running", "connection_closed"),
+        (1, "running", "connection_closed"),
+    ]
+
+
+def test_a_subscription_that_is_refused(talk: Talk) -> None:
+    subscribe(talk, 0, code=0xD805)
+    assert (only(talk).result, only(talk).error_code) == ("refused", 0xD805)
+
+
+def test_a_subscription_that_is_changed(talk: Talk) -> None:
+    subscribe(talk, 5)
+    talk.ask(events.asks(2, 2, 7, events.CYCLIC, sequence=5))
+    talk.tell(events.tells(2, 2, 7, events.CYCLIC_VALUES, sequence=5))
+    talk.close()
+    assert only(talk).parts == 2
+
+
+def test_messages_until_they_are_cancelled(talk: Talk) -> None:
+    talk.ask(events.asks(1, 4, 2, events.SUBSCRIBE))
+    talk.tell(events.tells(1, 4, 2, b"\x02\x00", sequence=1))
+    talk.tell(events.mode(2))
+    talk.ask(events.asks(2, 4, 2, events.UNSUBSCRIBE))
+    talk.tell(events.tells(2, 4, 2, b"\x02\x00", sequence=1))
+    told = only(talk)
+    assert (told.kind, told.result, told.parts, told.pushes) == ("messages", "done", 3, 1)
+
+
+def test_messages_that_are_asked_for_again(talk: Talk) -> None:
+    """What a subscription is about is all that it was asked for, as pushes may be of each; what is refused does not count."""
+    talk.ask(events.asks(1, 4, 2, events.SUBSCRIBE))
+    talk.tell(events.tells(1, 4, 2, b"\x02\x00"))
+    alarms = bytes.fromhex("8100") + b"ABCDEFGH" + bytes.fromhex("0500")
+    talk.ask(events.asks(2, 4, 2, alarms))
+    talk.tell(events.tells(2, 4, 2, b"\x02\x00\x05\x01\x00"))
+    talk.ask(events.asks(3, 4, 2, bytes.fromhex("0300") + b"ABCDEFGH"))
+    talk.tell(events.tells(3, 4, 2, code=0x8104))
+    talk.finish()
+    told = only(talk)
+    assert (told.subject, told.parts) == ("events: mode transitions, alarms, ALARM initiate", 3)
+
+
+def test_cancelling_what_was_not_subscribed_to_is_no_operation(talk: Talk) -> None:
+    talk.ask(events.asks(2, 4, 2, events.UNSUBSCRIBE))
+    talk.tell(events.tells(2, 4, 2, b"\x02\x00", sequence=1))
+    talk.close()
+    assert talk.operations == []
+
+
+def test_a_test_job_that_is_enabled_pushes_and_is_deleted(talk: Talk) -> None:
+    talk.ask(events.asks(1, 1, 2, events.TEST_JOB))
+    talk.tell(events.tells(1, 1, 2, sequence=4))
+    named = bytes.fromhex("00000002") + bytes((2, 4))
+    talk.ask(events.asks(2, 1, 0x0E, named))
+    talk.tell(events.tells(2, 1, 0x0E, sequence=5))
+    talk.tell(
+        events.pushes(1, 2, bytes.fromhex("0004000800000000") + bytes.fromhex("0001ff0400101234"[:16]), sequence=4)
+    )
+    talk.ask(events.asks(3, 1, 0x0F, bytes.fromhex("00000004") + b"\0\0" + bytes((2, 4))))
+    talk.tell(events.tells(3, 1, 0x0F, sequence=6))
+    told = only(talk)
+    assert (told.kind, told.result, told.parts, told.pushes) == ("test_job", "done", 4, 1)
+    assert told.subject == "variable status: MW0"
+
+
+def test_a_job_with_the_number_of_another_ends_it(talk: Talk) -> None:
+    """Pushes and steps belong to the later one; a job that is refused has no number."""
+    for reference, code in ((1, 0), (2, 0), (3, 0xD805)):
+        talk.ask(events.asks(reference, 1, 2, events.TEST_JOB))
+        talk.tell(events.tells(reference, 1, 2, sequence=4, code=code))
+        talk.tell(events.pushes(1, 2, bytes(8), sequence=4))
+    talk.close()
+    told = [(one.first_frame, one.parts, one.pushes, one.result, one.reason) for one in talk.operations]
+    first = talk.operations[0].first_frame
+    assert told == [
+        (first, 2, 1, "done", "number reused"),
+        (first + 6, 1, 0, "refused", ""),
+        (first + 3, 3, 2, "running", "connection_closed"),
+    ]
+
+
+def test_a_cyclic_job_with_the_number_of_another_ends_it(talk: Talk) -> None:
+    subscribe(talk, 5, 1)
+    subscribe(talk, 5, 2)
+    talk.tell(events.pushes(2, 1, events.CYCLIC_VALUES, sequence=5))
+    talk.close()
+    assert [(one.pushes, one.result) for one in talk.operations] == [(0, "done"), (1, "running")]
+
+
+def test_a_password_is_an_operation_of_its_own(talk: Talk) -> None:
+    talk.ask(events.asks(1, 5, 1, events.PASSWORD))
+    talk.tell(events.tells(1, 5, 1, code=0xD602))
+    told = only(talk)
+    assert (told.kind, told.result, told.error_code, told.subject) == ("password", "refused", 0xD602, "")
+
+
+# ---- bounds ---------------------------------------------------------------------------------------------------------
+
+
+def test_the_oldest_of_too_many_gives_way(talk: Talk) -> None:
+    for number in range(MAX_OPEN + 1):
+        subscribe(talk, number, number + 1)
+    assert (only(talk).result, only(talk).reason) == ("unfinished", "too many at once")
+    assert talk.pipeline.exchange.watch.operations.evicted == 1
+    assert len(talk.pipeline.table.all_open()[0].connection.operations.these) == MAX_OPEN
+
+
+def test_the_numbers_of_endless_transactions_are_bounded(talk: Talk) -> None:
+    subscribe(talk, 5)
+    for _ in range(1500):
+        talk.tell(events.pushes(2, 1, events.CYCLIC_VALUES, sequence=5))
+    talk.packet(CLIENT, flags=FIN | ACK)
+    talk.close()
+    told = only(talk)
+    assert (told.parts, told.pushes, len(told.transactions)) == (1501, 1500, 1000)
+    assert told.kind in ENDLESS

@@ -1,0 +1,273 @@
+from __future__ import annotations
+
+import pytest
+
+from dissect.engine.transactions.side import Side
+from dissect.engine.transactions.table import (
+    LINGER_NS,
+    LOOK_AT_ONCE,
+    MAX_CONNECTIONS,
+    MAX_HALF_OPEN,
+    MAX_LINGERING,
+    RESERVE,
+    ConnectionTable,
+    endpoints,
+    reverse_key,
+)
+from tests.engine.transactions.talk import ACK, CLIENT, CONFIRM, CONNECT, SERVER, SYN, Talk, dbw, read, words
+
+V4 = bytes((10, 0, 0, 1, 10, 0, 0, 2)) + (50000).to_bytes(2, "big") + (102).to_bytes(2, "big")
+V6 = bytes(15) + b"\1" + bytes(15) + b"\2" + (50000).to_bytes(2, "big") + (102).to_bytes(2, "big")
+TAG = (7).to_bytes(8, "big")
+
+
+def key(number: int) -> bytes:
+    return V4[:1] + number.to_bytes(3, "big") + V4[4:]
+
+
+@pytest.mark.parametrize("one", [V4, V6, V4 + TAG, V6 + TAG])
+def test_keys_of_both_directions(one: bytes) -> None:
+    other = reverse_key(one)
+    assert other != one
+    assert reverse_key(other) == one
+    sender, receiver = endpoints(one)
+    assert (sender.port, receiver.port) == (50000, 102)
+    assert [str(end) for end in endpoints(other)] == [str(receiver), str(sender)]
+    assert other[-8:] == TAG or not one.endswith(TAG)
+
+
+def test_an_address_of_every_kind() -> None:
+    assert [str(end) for end in endpoints(V4)] == ["10.0.0.1:50000", "10.0.0.2:102"]
+    assert [str(end) for end in endpoints(V6)] == ["[::1]:50000", "[::2]:102"]
+
+
+def test_a_connection_has_two_sides() -> None:
+    table = ConnectionTable()
+    side = table.open(V4, 0, 3, 99)
+    assert side.peer is not None
+    assert (side.index, side.peer.index, side.peer.peer) == (0, 1, side)
+    assert side.connection is side.peer.connection
+    assert (table.sides[V4], table.sides[reverse_key(V4)]) == (side, side.peer)
+    assert (side.tcp.first_frame, side.tcp.first_ns, side.tcp.known_start) == (3, 99, False)
+    assert (side.captured, side.peer.captured) == (False, False)
+    assert table.all_open() == [side]
+    table.remove(side.peer)
+    assert (table.sides, table.all_open()) == ({}, [])
+
+
+def test_a_side_is_found_as_long_as_its_connection_is_open() -> None:
+    table = ConnectionTable()
+    keys = [key(number) for number in range(3000)]
+    for turn in range(2):
+        for number, one in enumerate(keys):
+            assert table.find(b"??" + one + b"?", 2, 0) is None
+            side = table.open(one, 0, number, turn)
+            for _ in range(2):
+                assert table.find(b"??" + one + b"?", 2, 0) is side
+                assert table.find(reverse_key(one), 0, 0) is side.peer
+            if number % 2:
+                table.remove(side)
+                assert table.find(one, 0, 0) is None
+        for one in keys:
+            assert table.find(one, 0, 0) is table.sides.get(one)
+        for side in table.all_open():
+            table.remove(side)
+
+
+@pytest.mark.parametrize("vlan", [0, 5, 7 << 12 | 5, 1 << 24 | 5, 5 << 36])
+@pytest.mark.parametrize("base", [V4, V6])
+def test_a_side_is_found_in_its_vlan_only(base: bytes, vlan: int) -> None:
+    table = ConnectionTable()
+    tag = vlan.to_bytes(8, "big") if vlan else b""
+    others = [other for other in (0, 5, 6, 7 << 12 | 5, 1 << 24 | 5, 2 << 24 | 5, 5 << 36) if other != vlan]
+    find = table.find if base is V4 else table.find6
+    side = table.open(base + tag, vlan, 1, 1)
+    for _ in range(2):
+        assert find(b"?" + base, 1, vlan) is side
+        assert find(reverse_key(base), 0, vlan) is side.peer
+        assert [find(base, 0, other) for other in others] == [None] * len(others)
+    beside = [table.open(base + (other.to_bytes(8, "big") if other else b""), other, 2, 2) for other in others]
+    for _ in range(2):
+        assert [find(base, 0, other) for other in others] == beside
+        assert find(base, 0, vlan) is side
+    table.remove(side)
+    assert find(base, 0, vlan) is None
+    assert [find(base, 0, other) for other in others] == beside
+
+
+def test_who_takes_the_addresses_of_another_is_found_in_its_place() -> None:
+    table = ConnectionTable()
+    first = table.open(V4, 0, 1, 1)
+    assert table.find(V4, 0, 0) is first
+    second = table.open(V4, 0, 2, 2)
+    assert table.find(V4, 0, 0) is second
+    table.remove(first)
+    assert table.find(V4, 0, 0) is second
+
+
+def test_a_connection_of_an_address_with_itself_can_be_told_and_leave() -> None:
+    table = ConnectionTable()
+    one = V4[:4] * 2 + V4[8:10] * 2
+    side = table.open(one, 0, 1, 0)
+    assert table.all_open() == [side]
+    for number in range(2 * MAX_CONNECTIONS):
+        assert table.overflow() == []
+        host = (number + 1).to_bytes(4, "big")
+        table.open(host * 2 + V4[8:10] * 2, 0, 1, number + 1)
+    assert table.overflow() == [side]
+    table.remove(side)
+    assert one not in table.sides
+
+
+def test_a_connection_that_took_another_s_place_stays() -> None:
+    table = ConnectionTable()
+    old = table.open(V4, 0, 1, 0)
+    new = table.open(V4, 0, 2, 0)
+    table.remove(old)
+    assert table.sides[V4] is new
+
+
+def test_a_vlan_is_another_connection() -> None:
+    table = ConnectionTable()
+    assert table.open(V4, 0, 1, 0).tcp is not table.open(V4 + TAG, 7, 2, 0).tcp
+    assert len(table.all_open()) == 2
+
+
+@pytest.mark.parametrize("answering", [False, True])
+def test_a_syn_says_who_began(answering: bool) -> None:
+    table = ConnectionTable()
+    table.note_syn(V4, 1000, 1, 5)
+    side = table.open(reverse_key(V4) if answering else V4, 0, 2, 6)
+    assert side.index == (1 if answering else 0)
+    assert side.tcp.initiator == 0
+    assert [str(end) for end in side.tcp.ends] == ["10.0.0.1:50000", "10.0.0.2:102"]
+    assert (side.tcp.first_frame, side.tcp.first_ns, side.tcp.streams[0].next_seq) == (1, 5, 1001)
+
+
+def test_a_syn_sent_again_counts_from_the_first() -> None:
+    table = ConnectionTable()
+    table.note_syn(V4, 1000, 1, 5)
+    table.note_syn(V4, 1000, 2, 6)
+    assert table.open(V4, 0, 3, 7).tcp.first_frame == 1
+
+
+def test_a_new_attempt_from_the_same_port_counts_from_its_own_number() -> None:
+    table = ConnectionTable()
+    table.note_syn(V4, 1000, 1, 5)
+    table.note_syn(V4, 777_000, 9, 50)
+    side = table.open(reverse_key(V4), 0, 10, 51)
+    assert side.tcp.streams[0].next_seq == 777_001
+    assert side.tcp.first_frame == 9
+
+
+def test_a_new_attempt_from_the_same_port_loses_nothing() -> None:
+    talk = Talk()
+    talk.packet(CLIENT, flags=SYN)
+    talk.seq = [500_000, 90_000]
+    talk.hello()
+    talk.connect()
+    asked = talk.ask(read(1, dbw(1, 0)))
+    answered = talk.tell(words(1, 1))
+    talk.close()
+    assert talk.pairs() == [(asked, answered)]
+    assert "stream.hole" not in talk.slugs()
+
+
+def test_both_ends_may_begin() -> None:
+    """A simultaneous open leaves no half-open attempt behind."""
+    table = ConnectionTable()
+    table.note_syn(V4, 1000, 1, 0)
+    table.note_syn(reverse_key(V4), 2000, 2, 0)
+    side = table.open(V4, 0, 3, 0)
+    assert (side.index, side.tcp.initiator, side.tcp.streams[0].next_seq) == (0, 0, 1001)
+    table.remove(side)
+    assert table.open(reverse_key(V4), 0, 4, 0).tcp.initiator == -1
+
+
+def test_attempts_are_bounded_and_counted() -> None:
+    table = ConnectionTable()
+    for number in range(MAX_HALF_OPEN + 5):
+        table.note_syn(key(number), 1, number + 1, 0)
+    assert table.half_open_evicted == 5
+    assert not table.open(key(4), 0, 9, 0).tcp.known_start
+    assert table.open(key(5), 0, 9, 0).tcp.known_start
+    assert table.open(key(MAX_HALF_OPEN + 4), 0, 9, 0).tcp.known_start
+
+
+def test_the_longest_idle_leave_when_the_table_is_full() -> None:
+    table = ConnectionTable()
+    sides: list[Side] = []
+    for number in range(MAX_CONNECTIONS):
+        assert table.overflow() == []
+        side = table.open(key(number), 0, number + 1, number)
+        side.tcp.last_ns = (number * 7919) % MAX_CONNECTIONS
+        sides.append(side)
+    sides[5].tcp.last_ns = 1 << 40  # busy again
+    known = sorted([int(side.tcp.last_ns) for side in sides[: MAX_CONNECTIONS - RESERVE + 1]])
+    left: list[int] = []
+    for number in range(2000):
+        looks = table._idle.looks
+        gone = table.overflow()
+        assert table._idle.looks - looks <= LOOK_AT_ONCE
+        for side in gone:
+            left.append(int(side.tcp.last_ns))
+            table.remove(side)
+        table.open(key(MAX_CONNECTIONS + number), 0, 1, 1 << 41)
+    assert len(table.all_open()) == MAX_CONNECTIONS + 1
+    assert table.evicted == len(left) == 1999
+    assert left[:256] == known[:256]  # the first round
+    assert max(left) < 1 << 40
+
+
+def test_where_all_are_busy_the_table_is_bounded_all_the_same() -> None:
+    table = ConnectionTable()
+    for number in range(MAX_CONNECTIONS + 4000):
+        for side in table.overflow():
+            table.remove(side)
+        table.open(key(number), 0, number + 1, number)
+        if number >= MAX_CONNECTIONS - RESERVE and number % 64 == 0:
+            for side in table.all_open():
+                side.tcp.last_ns += 1
+    assert len(table.all_open()) <= MAX_CONNECTIONS + RESERVE + 1
+
+
+def test_closed_connections_linger_for_a_moment() -> None:
+    table = ConnectionTable()
+    first, second = table.open(key(1), 0, 1, 0), table.open(key(2), 0, 1, 0)
+    assert not table.lingering
+    second.tcp.last_ns = 500
+    table.linger(first)
+    table.linger(second)
+    assert table.lingering
+    assert table.closed(LINGER_NS) == []
+    assert table.closed(LINGER_NS + 1) == [first]
+    assert table.closed(LINGER_NS + 500) == []
+    assert table.closed(0, everything=True) == [second]
+    assert not table.lingering
+
+
+def test_lingering_connections_are_bounded() -> None:
+    table = ConnectionTable()
+    sides = [table.open(key(number), 0, 1, 0) for number in range(MAX_LINGERING + 3)]
+    for side in sides:
+        table.linger(side)
+    assert table.closed(0) == sides[:3]
+
+
+@pytest.mark.parametrize(
+    ("packets", "captured"),
+    [
+        ([(CLIENT, SYN, b""), (SERVER, SYN | ACK, b"")], (True, True)),
+        ([(CLIENT, SYN, b""), (CLIENT, ACK, CONNECT)], (True, False)),
+        ([(CLIENT, ACK, CONNECT), (SERVER, ACK, b"")], (True, True)),
+        ([(SERVER, ACK, CONFIRM), (SERVER, ACK, b"")], (False, True)),
+    ],
+)
+def test_which_sides_were_captured(packets: list[tuple[int, int, bytes]], captured: tuple[bool, bool]) -> None:
+    talk = Talk()
+    for side, flags, payload in packets:
+        talk.packet(side, payload, flags)
+    found = talk.pipeline.table.all_open()[0]
+    assert found.peer is not None
+    ports = {end.tcp.ends[end.index].port: end.captured for end in (found, found.peer)}
+    assert (ports[50000], ports[102]) == captured
