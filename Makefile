@@ -28,7 +28,7 @@ BIN := $(VENV)/bin
 PYTEST := $(BIN)/pytest
 # The tests of the engine itself, which run on both builds.
 ENGINE := $(wildcard tests/wire tests/packets/source tests/packets/tcp tests/protocols/iso tests/protocols/s7 tests/engine \
-	tests/test_session.py tests/test_leaving.py tests/test_sources.py tests/test_examples.py tests/report tests/properties)
+	tests/test_session.py tests/test_leaving.py tests/test_sources.py tests/test_examples.py tests/meaning/report tests/properties)
 # What these test is interpreted in the wheel as well: they would try the same code twice (tests/test_setup.py holds that).
 ONCE := $(wildcard tests/packets/source/test_live_*.py tests/packets/source/test_growing.py tests/packets/source/test_pcapng_writer.py tests/packets/source/test_remote.py)
 
@@ -46,8 +46,8 @@ installed-program := tests/benchmarks $(wildcard tests/test_*.py)
 installed-rest := tests $(foreach part,$(filter-out rest,$(INSTALLED)),$(installed-$(part):%=--ignore=%))
 
 # What nothing can trace, count or give other bounds when it is compiled.
-UNCOMPILED := tests/test_architecture.py tests/benchmarks/test_work.py tests/golden/test_reading.py tests/inventory/test_code.py \
-	tests/inventory/test_collector.py tests/jobs/test_inventories.py tests/page/test_gathered.py tests/page/test_samples.py \
+UNCOMPILED := tests/test_architecture.py tests/benchmarks/test_work.py tests/golden/test_reading.py tests/meaning/inventory/test_code.py \
+	tests/meaning/inventory/test_collector.py tests/jobs/test_inventories.py tests/page/test_gathered.py tests/page/test_samples.py \
 	tests/page/test_use.py tests/playback/server/test_recording.py tests/engine/program/test_carved.py tests/promises/test_growth.py
 
 INTERPRETED := source rest

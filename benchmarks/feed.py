@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING
 
 from benchmarks.streams import NAMES, SMALL, stream
 from dissect.engine.pipeline import Pipeline
-from dissect.report.analysis import Analysis
+from dissect.meaning.report.analysis import Analysis
 from dissect.wire.build import COMPILED
 
 if TYPE_CHECKING:

@@ -17,7 +17,7 @@ from benchmarks.generate import parse_count
 from benchmarks.streams import MTU, NAMES, SMALL, stream
 from benchmarks.tables import columns, piped
 from dissect.engine.pipeline import Pipeline
-from dissect.report.analysis import Analysis
+from dissect.meaning.report.analysis import Analysis
 from dissect.wire.build import COMPILED
 
 if TYPE_CHECKING:

@@ -20,26 +20,26 @@ _PUBLIC: Final = {
     "Act": "dissect.engine.acts.act",
     "CaptureError": "dissect.wire.errors",
     "Connection": "dissect.engine.transactions.connection",
-    "Device": "dissect.inventory.model",
+    "Device": "dissect.meaning.inventory.model",
     "Error": "dissect.wire.errors",
     "KeyLogError": "dissect.session",
     "Finding": "dissect.engine.findings.reporter",
     "Observer": "dissect.engine.observer",
     "Operation": "dissect.engine.transactions.operation",
     "Options": "dissect.engine.pipeline",
-    "Analysis": "dissect.report.analysis",
+    "Analysis": "dissect.meaning.report.analysis",
     "CarvedBlock": "dissect.engine.program.carved",
     "Pdu": "dissect.protocols.s7.message",
     "Pipeline": "dissect.engine.pipeline",
     "PlusPdu": "dissect.protocols.s7plus.message",
     "Run": "dissect.session",
-    "SelectError": "dissect.select.errors",
+    "SelectError": "dissect.meaning.select.errors",
     "ScdMessage": "dissect.engine.transactions.payloads",
-    "TagError": "dissect.tags.loading",
+    "TagError": "dissect.meaning.tags.loading",
     "Transaction": "dissect.engine.transactions.transaction",
     "TransactionItem": "dissect.engine.transactions.items",
     "TransactionError": "dissect.engine.transactions.results",
-    "Where": "dissect.select.where",
+    "Where": "dissect.meaning.select.where",
     "ValueRow": "dissect.variables.model",
     "analyze": "dissect.session",
     "frames": "dissect.export.frames",
@@ -67,20 +67,20 @@ if TYPE_CHECKING:
     from dissect.engine.transactions.results import TransactionError as TransactionError
     from dissect.engine.transactions.transaction import Transaction as Transaction
     from dissect.export.frames import frames as frames
-    from dissect.inventory.model import Device as Device
     from dissect.live.iterating import live as live
+    from dissect.meaning.inventory.model import Device as Device
+    from dissect.meaning.report.analysis import Analysis as Analysis
+    from dissect.meaning.select.errors import SelectError as SelectError
+    from dissect.meaning.select.where import Where as Where
+    from dissect.meaning.tags.loading import TagError as TagError
     from dissect.protocols.s7.message import Pdu as Pdu
     from dissect.protocols.s7plus.message import PlusPdu as PlusPdu
     from dissect.proxy.stream import stream as stream
-    from dissect.report.analysis import Analysis as Analysis
-    from dissect.select.errors import SelectError as SelectError
-    from dissect.select.where import Where as Where
     from dissect.session import KeyLogError as KeyLogError
     from dissect.session import Run as Run
     from dissect.session import analyze as analyze
     from dissect.session import devices as devices
     from dissect.session import open as open
-    from dissect.tags.loading import TagError as TagError
     from dissect.variables.model import ValueRow as ValueRow
     from dissect.variables.reading import value_tables as value_tables
     from dissect.variables.reading import values as values

@@ -23,27 +23,27 @@ from dissect.engine.transactions.operation import Operation
 from dissect.engine.transactions.payloads import ScdMessage
 from dissect.engine.transactions.side import Side
 from dissect.engine.transactions.transaction import AS_DICT, Transaction
+from dissect.meaning.report.analysis import Analysis, Part
 from dissect.packets.source.given import Source, given_one, open_source
 from dissect.packets.source.packet import CONTINUES_NS, CaptureError, PacketSink, Reader, SourceFile
 from dissect.packets.source.remote import shown
 from dissect.protocols.s7.message import Pdu, parse_pdu
 from dissect.protocols.s7plus.message import PlusPdu, parse_plus
-from dissect.report.analysis import Analysis, Part
 from dissect.wire.copies import refuse
 from dissect.wire.errors import Error, of_family
 from dissect.wire.text import printable
 
 if TYPE_CHECKING:
-    from dissect.inventory.collector import Inventory
-    from dissect.inventory.model import Device
+    from dissect.meaning.inventory.collector import Inventory
+    from dissect.meaning.inventory.model import Device
+    from dissect.meaning.select import Where
+    from dissect.meaning.select.sieve import Sieve
+    from dissect.meaning.select.things import Context
+    from dissect.meaning.tags import TagSet
     from dissect.protocols.tls.key_log import KeyLog
     from dissect.scd.dictionary import Dictionary
-    from dissect.select import Where
-    from dissect.select.sieve import Sieve
-    from dissect.select.things import Context
-    from dissect.tags import TagSet
 
-#: Files of tags: one, several, or what `dissect.tags.load_tags` made of them.
+#: Files of tags: one, several, or what `dissect.meaning.tags.load_tags` made of them.
 Tags: TypeAlias = "str | os.PathLike[str] | Sequence[str | os.PathLike[str]] | TagSet | None"
 
 #: Files with session keys of TLS: one or several.
@@ -55,7 +55,7 @@ Event = Connection | Pdu | PlusPdu | ScdMessage | Transaction | Operation | Act 
 
 def _line(transaction: Transaction) -> dict[str, object]:
     """Return what the JSON line of a transaction says."""
-    from dissect.report.contract import transaction_as_dict
+    from dissect.meaning.report.contract import transaction_as_dict
 
     return transaction_as_dict(transaction)
 
@@ -254,10 +254,10 @@ class EventQueue(Observer):
 
 
 def naming_of(tags: Tags) -> Naming | None:
-    """Return a `Naming` that names values by the tags of files, None for no tags. Raises `dissect.tags.TagError`."""
+    """Return a `Naming` that names values by the tags of files, None for no tags. Raises `dissect.meaning.tags.TagError`."""
     if tags is None:
         return None
-    from dissect.tags import TagSet, load_tags
+    from dissect.meaning.tags import TagSet, load_tags
 
     if isinstance(tags, TagSet):
         return tags.naming()
@@ -270,14 +270,15 @@ def decoder_of(
 ) -> PayloadDecoder | None:
     """Return a decoder for SCD, None where neither a dictionary nor bindings are given.
 
-    Raises ValueError when only one of the two is given, and `scd.DictionaryError` or `dissect.bindings.BindingError` for a
+    Raises ValueError when only one of the two is given, and `scd.DictionaryError` or `dissect.meaning.bindings.BindingError`
+    for a
     file that is wrong.
     """
     if scd is None and bind is None:
         return None
     if scd is None or bind is None:
         raise ValueError("decoding SCD needs both a dictionary (scd) and a file of bindings (bind)")
-    from dissect.bindings import load_carrier
+    from dissect.meaning.bindings import load_carrier
 
     with of_family():
         return load_carrier(scd, bind)
@@ -290,7 +291,7 @@ def where_of(where: str | Where | None, options: Options) -> Where | None:
     """
     if where is None:
         return None
-    from dissect.select import Where
+    from dissect.meaning.select import Where
 
     chosen = Where(where) if isinstance(where, str) else where
     if chosen.narrows:
@@ -323,7 +324,7 @@ class Reading:
         """Return what tells ``observer`` of what is selected only; itself where that is everything."""
         if self.where is None:
             return observer
-        from dissect.select.sieve import Sieve
+        from dissect.meaning.select.sieve import Sieve
 
         self.sieve = Sieve(observer, self.where)
         return self.sieve
@@ -331,7 +332,7 @@ class Reading:
     def begin(self, pipeline: Pipeline, files: Sequence[SourceFile], several: bool) -> None:
         """Tell fields of a run that begins; packets of ``several`` files are numbered in each."""
         if self._context is not None:
-            from dissect.report.words import Places
+            from dissect.meaning.report.words import Places
 
             self._context.begin(pipeline, Places(files, several).number if several else None)
 
@@ -426,14 +427,16 @@ def open(
     outcome. ``pdus=False`` leaves the single PDUs out, which is faster. ``slow_ns``: an answer that takes longer is a finding
     (nanoseconds). With the dictionary ``scd`` and the bindings file ``bind`` SCD is decoded (docs/scd-traffic.md).
     ``checksums`` leaves packets out whose TCP or UDP checksum is wrong. ``tls_keys`` names files with the session keys of TLS
-    (docs/tls.md). ``tags`` are files of tags, or what `dissect.tags.load_tags` made of them:
+    (docs/tls.md). ``tags`` are files of tags, or what `dissect.meaning.tags.load_tags` made of them:
     `dissect.engine.transactions.naming.named_values` names the values of a transaction by them. ``where`` selects, as option -Y
     does
     (docs/select.md): only events come that match, or belong to a transaction that does. A PDU matches only if it has all the
     fields that the expression names.
 
-    Wrong arguments raise at once: `SelectError` for the expression, `scd.DictionaryError` or `dissect.bindings.BindingError`
-    for a dictionary or a bindings file, `dissect.tags.TagError` for files of tags, and what `read_tls_keys` raises for keys. A
+    Wrong arguments raise at once: `SelectError` for the expression, `scd.DictionaryError` or
+    `dissect.meaning.bindings.BindingError`
+    for a dictionary or a bindings file, `dissect.meaning.tags.TagError` for files of tags, and what `read_tls_keys` raises for
+    keys. A
     capture is opened only when the iteration reaches it: a file that cannot be read at all raises `CaptureError` then; damage
     inside a file is a finding. No file stays open when the iteration is broken off.
     """
@@ -489,11 +492,12 @@ def devices(
 ) -> Iterator[Device]:
     """Iterate the devices of one capture or several, the CPUs first: what each is, and which packets show it (docs/devices.md).
 
-    The first device comes when everything was read. `dissect.inventory.collector.Inventory` is an observer that does the same
+    The first device comes when everything was read. `dissect.meaning.inventory.collector.Inventory` is an observer that does
+    the same
     in your own run; it also records who talked to whom. ``checksums``, ``tls_keys``, ``tags`` and ``where`` as for `open`.
     Raises `CaptureError` when a file cannot be read at all; damage inside a file ends the reading of that file.
     """
-    from dissect.inventory.collector import Inventory
+    from dissect.meaning.inventory.collector import Inventory
 
     inventory = Inventory()
     reading = reading_of([path, *more], Options(checksums=checksums), where, tags, tls_keys)

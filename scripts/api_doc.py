@@ -16,7 +16,7 @@ ROOT: Final = Path(dissect.__file__).parent
 INTRO: Final = """# Python API
 
 Made from the source (`scripts/api_doc.py`); a test keeps it so, and runs the examples. `help(dissect.Transaction)` shows the
-same. Names that are not on this page or in `dissect.scd`, `dissect.layers` ([layers.md](layers.md)), `dissect.tags`
+same. Names that are not on this page or in `dissect.scd`, `dissect.layers` ([layers.md](layers.md)), `dissect.meaning.tags`
 ([tags.md](tags.md)) and the modules that other pages name are internal.
 
 ## What is promised

@@ -23,7 +23,7 @@ OUTER = {
 #: The parts of the API: title and module. Its public names are those of its `__all__` or `_PUBLIC`, or else what it defines.
 API = (
     ("Captures in Python", "dissect"),
-    ("Tags", "dissect.tags"),
+    ("Tags", "dissect.meaning.tags"),
     ("Goldens and diffs", "dissect.golden"),
     ("Baselines", "dissect.baseline"),
     ("Alerts", "dissect.alerts"),
@@ -31,7 +31,7 @@ API = (
     ("Recordings played as a server", "dissect.playback.server"),
     ("Recordings played as a client", "dissect.playback.client"),
     ("SCD", "dissect.scd"),
-    ("SCD in traffic", "dissect.bindings"),
+    ("SCD in traffic", "dissect.meaning.bindings"),
     ("Conversations by hand", "dissect.testing.talk"),
     ("pytest fixtures", "dissect.testing.plugin"),
     ("Scapy layers", "dissect.layers"),

@@ -5,8 +5,8 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-from dissect.select.fields import FIELDS
-from dissect.select.where import PLURALS
+from dissect.meaning.select.fields import FIELDS
+from dissect.meaning.select.where import PLURALS
 
 PAGE = Path(__file__).resolve().parent.parent / "docs" / "select.md"
 MARKS = re.compile(r"(<!-- fields -->\n).*?(<!-- end -->)", re.DOTALL)

@@ -10,7 +10,7 @@ HEAD = """\
 
 What `s7dissect export` writes, `s7dissect sql` queries and `dissect.frames` returns ([export.md](export.md)): the same tables
 with the same columns in every form. This page is made by `scripts/tables_doc.py` from
-`dissect/export/tables.py` and `dissect/facts`; `from` is the fact or the attribute.
+`dissect/export/tables.py` and `dissect/meaning/facts`; `from` is the fact or the attribute.
 
 Tables join by `connection` and `transaction`, numbers that count within one run of the tool; `uid` and `community_id` of a
 connection are the same in every run. Packets (`frame` and what ends in `_frame`) are counted within their `file`. A cell

@@ -437,8 +437,8 @@ WRITER: Final = '''"""Transactions as a Markdown table."""
 
 from __future__ import annotations
 
-from dissect.report.words import Places
-from dissect.report.writer import Writer
+from dissect.meaning.report.words import Places
+from dissect.meaning.report.writer import Writer
 from dissect.engine.transactions.transaction import Transaction
 
 
@@ -454,10 +454,10 @@ class MarkdownWriter(Writer):
         """Add a row."""
         self.lines.append(f"| {transaction.number} | {transaction.function_name} | {transaction.outcome} |")
 '''
-LAST_ROW: Final = """        _row("junit", "JUnit XML", ("dissect.report.writers.junit:junit_outcome", (DIFFERENCES,))),
+LAST_ROW: Final = """        _row("junit", "JUnit XML", ("dissect.meaning.report.writers.junit:junit_outcome", (DIFFERENCES,))),
 """
 MARKDOWN_ROW: Final = """        _row(
-            "markdown", "a Markdown table", ("dissect.report.writers.markdown:MarkdownWriter", (TRANSACTIONS,))
+            "markdown", "a Markdown table", ("dissect.meaning.report.writers.markdown:MarkdownWriter", (TRANSACTIONS,))
         ),
 """
 #: The output of a capture, and the help that names the format.
@@ -470,8 +470,8 @@ print(json.dumps([made, run("dissect", "-", "transactions", "--help")]))
 
 
 def test_to_add_an_output(tree: Tree) -> None:
-    tree.write("dissect/report/writers/markdown.py", WRITER)
-    tree.replace("dissect/report/formats.py", LAST_ROW, LAST_ROW + MARKDOWN_ROW)
+    tree.write("dissect/meaning/report/writers/markdown.py", WRITER)
+    tree.replace("dissect/meaning/report/formats.py", LAST_ROW, LAST_ROW + MARKDOWN_ROW)
     assert {name.replace("markdown", "NAME") for name in tree.touched()} == listed("To add an output")
     told, helped = json.loads(tree.python("-c", OUTPUT_TRIED))
     expected = [
@@ -587,11 +587,11 @@ def tally_capture() -> bytes:
 PROTOCOL_TRIED: Final = f"""
 {RUNNING}
 import ast, json
-run("tests.report.schemas")
+run("tests.meaning.report.schemas")
 from click.testing import CliRunner
 from dissect.cli import analyze
 from tests import test_architecture, test_house
-from tests.report import schemas
+from tests.meaning.report import schemas
 modules = {{test_house.module_name(path): path for path in test_house.PACKAGE.rglob("*.py")}}
 trees = {{module: ast.parse(path.read_bytes()) for module, path in modules.items() if "tally" in module}}
 assert len(trees) == 3
@@ -624,9 +624,9 @@ def test_to_add_a_protocol(tree: Tree, tmp_path: Path) -> None:
     tree.replace("docs/architecture.md", row, f"| `tally` | tally messages |\n{row}")
     section = '    "s7": {\n      "type": "object",'
     made = '    "tally": {"$ref": "#/$defs/counts", "description": "Tally messages: `messages`."},\n'
-    schema = "dissect/schema/analysis.schema.json"
+    schema = "dissect/meaning/schema/analysis.schema.json"
     tree.replace(schema, section, made + section)
-    tree.replace("dissect/facts/connection.py", '"ibh_netlink", "scd")', '"ibh_netlink", "tally", "scd")')
+    tree.replace("dissect/meaning/facts/connection.py", '"ibh_netlink", "scd")', '"ibh_netlink", "tally", "scd")')
     capture = tmp_path / "tally.pcap"
     capture.write_bytes(tally_capture())
     told, line, others = json.loads(tree.python("-c", PROTOCOL_TRIED, str(capture), "captures/crafted/netlink.pcapng"))

@@ -16,15 +16,15 @@ FIRST: Final = """    Fact("open_at_end", COUNT, "Requests without answer"""
 TRIED: Final = f"""
 {RUNNING}
 import json
-run("tests/report/schemas.py")
+run("tests/meaning/report/schemas.py")
 run("scripts/tables_doc.py", "docs/tables.md")
 run("scripts/select_doc.py")
 import dissect
-from dissect.facts.connection import CONNECTION
+from dissect.meaning.facts.connection import CONNECTION
 from dissect.export.tables import CONNECTIONS
-from dissect.select import Where
+from dissect.meaning.select import Where
 from tests.export.support import rows_of
-from tests.report.schemas import complaints, load
+from tests.meaning.report.schemas import complaints, load
 told = dissect.analyze(sys.argv[1]).as_dict()
 assert complaints("analysis", told, exact=True) == []
 made = load("analysis")["properties"]["connections"]["items"]["properties"]["payload"]
@@ -43,10 +43,10 @@ def tree(tmp_path: Path) -> Tree:
 
 
 def test_to_add_a_field(tree: Tree) -> None:
-    tree.replace("dissect/facts/connection.py", FIRST, ROW + FIRST)
+    tree.replace("dissect/meaning/facts/connection.py", FIRST, ROW + FIRST)
     tree.replace("dissect/export/tables.py", '"ended_role", "open_at_end",', '"ended_role", "payload", "open_at_end",')
     field = '    _fact("pdus", "pdus > 1000", (CONNECTION,)),\n'
-    tree.replace("dissect/select/fields.py", field, field + '    _fact("payload", "payload > 3"),\n')
+    tree.replace("dissect/meaning/select/fields.py", field, field + '    _fact("payload", "payload > 3"),\n')
     faces = '_connection("open_requests", '
     shared = '_connection("payload", COUNT, json="payload", tables="payload", where="payload")\n'
     tree.replace("tests/faces/connection_facts.py", faces, shared + faces)

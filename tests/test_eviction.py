@@ -16,8 +16,8 @@ import pytest
 from dissect.alerts.alert import Alert
 from dissect.alerts.cooldown import MAX_REMEMBERED, Cooldown
 from dissect.alerts.rules import PROBLEM, Rule
+from dissect.meaning.select.selection import MAX_CONNECTIONS, ContextBook
 from dissect.packets.tcp.ip import MAX_DATAGRAMS, FragmentStore
-from dissect.select.selection import MAX_CONNECTIONS, ContextBook
 from tests.conftest import ROOT
 
 #: Dicts that hold so few that stepping over all of them costs nothing to speak of: at most 512 entries.
@@ -36,7 +36,7 @@ SMALL: Final = frozenset(
         ("protocols/s7plus/session.py", "subscriptions"),
         ("packets/source/live/dumpcap.py", "statistics"),
         ("engine/stations/evidence.py", "_answers"),
-        ("tags/loading.py", "programs"),
+        ("meaning/tags/loading.py", "programs"),
         ("engine/transactions/multipart.py", "_chains"),
         ("engine/transactions/plus_operations.py", "polls"),
         ("cluster/executor.py", "refused"),

@@ -142,7 +142,7 @@ LOCKED: Final = {
 }
 
 #: What is data only, in the one module that reads it: Wireshark's list of vendors, as Scapy ships it.
-DATA_ONLY: Final = {"dissect.facts.vendors": "scapy.libs.manuf"}
+DATA_ONLY: Final = {"dissect.meaning.facts.vendors": "scapy.libs.manuf"}
 
 #: They run what they read.
 DANGEROUS_IMPORTS: Final = frozenset(("cPickle", "dill", "jsonpickle", "marshal", "pickle", "shelve", "yaml"))
@@ -320,8 +320,8 @@ def nothing_runs_what_it_reads(module: str, tree: ast.Module) -> list[str]:
 OWN_CONTENT: Final = {
     "dissect.wire.config.hostile": "reads it for everybody",
     "dissect.golden.values": "a text that our parser cut out, within its quotes",
-    "dissect.report.contract": "lines that our writer made a moment ago",
-    "dissect.report.kept": "what the same process packed",
+    "dissect.meaning.report.contract": "lines that our writer made a moment ago",
+    "dissect.meaning.report.kept": "what the same process packed",
     "dissect.variables.summary": "lines that our writer made a moment ago",
     "dissect.cli.separate_export": "rows that our own processes sent",
     "dissect.browser.parts": "our own list of packages",
@@ -329,7 +329,7 @@ OWN_CONTENT: Final = {
     "dissect.export.sqlite": "only writes a new file",
     "dissect.index.store": "catches DATABASE_ERRORS",
     "dissect.protocols.s7.values": "only the decoder of UTF-16",
-    "dissect.tags.decoding": "only names of byte order marks",
+    "dissect.meaning.tags.decoding": "only names of byte order marks",
 }
 HOSTILE_CALLS: Final = frozenset(("json.loads", "json.load", "tomllib.loads", "tomllib.load", "codecs.lookup"))
 
@@ -445,7 +445,7 @@ def test_rule_holds(rule: Rule, modules: dict[str, ast.Module]) -> None:
     [
         (imports_only_point_down, "dissect.packets.tcp.stream", "from dissect.protocols.s7.tables import JOB"),
         (imports_only_point_down, "dissect.packets.tcp.stream", "from dissect import cli"),
-        (imports_only_point_down, "dissect.packets.tcp.stream", "def late():\n    import dissect.report.text"),
+        (imports_only_point_down, "dissect.packets.tcp.stream", "def late():\n    import dissect.meaning.report.text"),
         (imports_only_point_down, "dissect.packets.tcp.stream", "from dissect import __version__"),
         (imports_only_point_down, "dissect.packets.tcp.stream", "from .ip import Packet"),
         (imports_only_point_down, "dissect.cli.show", "from dissect.nowhere import thing"),
@@ -469,7 +469,7 @@ def test_rule_holds(rule: Rule, modules: dict[str, ast.Module]) -> None:
             "dissect.protocols.s7.message",
             "LATEST = 0\ndef keep(one):\n    global LATEST\n    LATEST = one",
         ),
-        (nothing_runs_what_it_reads, "dissect.report.json", "import pickle"),
+        (nothing_runs_what_it_reads, "dissect.meaning.report.json", "import pickle"),
         (nothing_runs_what_it_reads, "dissect.cli.show", "eval('1')"),
         (nothing_runs_what_it_reads, "dissect.cli.show", "import subprocess\nsubprocess.run('ls', shell=True)"),
         (nothing_runs_what_it_reads, "dissect.cli.show", "import os\nos.system('ls')"),

@@ -9,9 +9,6 @@ from typing import Final
 import pytest
 
 from dissect.engine.transactions.side import Side
-from tests.bindings import plant
-from tests.bindings.test_streams import a_side
-from tests.bindings.test_streams import cut as cut_messages
 from tests.cases import each
 from tests.cli.support import run
 from tests.engine.test_ibh import Link
@@ -28,9 +25,12 @@ from tests.engine.transactions.talk import (
     write,
     written,
 )
+from tests.meaning.bindings import plant
+from tests.meaning.bindings.test_streams import a_side
+from tests.meaning.bindings.test_streams import cut as cut_messages
+from tests.meaning.report.support import begun, saved
 from tests.protocols.ibh import packets as ibh
 from tests.protocols.s7plus import pdus as plus
-from tests.report.support import begun, saved
 
 FIRST: Final = read(1, dbw(1, 0))
 STOP: Final = job(2, b"\x29" + bytes(5) + b"\x09P_PROGRAM")

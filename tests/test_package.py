@@ -144,7 +144,7 @@ def test_wheel_holds_the_package_and_nothing_else(wheel: Path) -> None:
     names = contents(wheel)
     assert {name for name in names if name.endswith(".py")} == sources()
     assert "dissect/py.typed" in names
-    schemas = {path.relative_to(ROOT).as_posix() for path in (ROOT / "dissect" / "schema").iterdir()}
+    schemas = {path.relative_to(ROOT).as_posix() for path in (ROOT / "dissect" / "meaning" / "schema").iterdir()}
     assert {name for name in names if name.endswith(".json")} == schemas | {"dissect/browser/lock.json"}
     assert {name for name in names if name.startswith("dissect/browser/")} == {
         path.relative_to(ROOT).as_posix() for path in (ROOT / "dissect" / "browser").glob("*.*")
@@ -186,7 +186,8 @@ def test_every_hot_module_is_compiled_and_keeps_its_source(wheel: Path) -> None:
     assert compiled == {name for name in hot - cold if not name.endswith("__init__.py")}
     # Every packet passes through these.
     assert {
-        f"dissect/{name}.py" for name in ("wire/build", "engine/pipeline", "protocols/iso/tpkt", "report/writers/jsonl")
+        f"dissect/{name}.py"
+        for name in ("wire/build", "engine/pipeline", "protocols/iso/tpkt", "meaning/report/writers/jsonl")
     } <= compiled
 
 

@@ -14,12 +14,12 @@ import pytest
 
 import dissect
 from dissect import scd
-from dissect.bindings import BindingError
 from dissect.engine.findings.reporter import Finding
 from dissect.engine.pipeline import Options
 from dissect.engine.transactions.connection import Connection
 from dissect.engine.transactions.payloads import ScdMessage
 from dissect.engine.transactions.transaction import Transaction
+from dissect.meaning.bindings import BindingError
 from dissect.packets.source.packet import CONTINUES_NS, CaptureError
 from dissect.protocols.s7.message import Pdu
 from dissect.session import Run

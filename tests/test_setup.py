@@ -225,7 +225,7 @@ def test_what_a_packet_passes_through_is_optimized_and_the_rest_is_not(
 ) -> None:
     compiled = setup.hot_modules()
     kinds = {name: setup.kind(f"build/__native_{name.removesuffix('.py').replace('/', '___')}.c") for name in compiled}
-    for name in ("wire/octets", "engine/pipeline", "engine/transactions/transaction", "report/writers/jsonl"):
+    for name in ("wire/octets", "engine/pipeline", "engine/transactions/transaction", "meaning/report/writers/jsonl"):
         assert kinds[f"dissect/{name}.py"] == "busiest"
     assert setup.kind("/lib-rt/str_ops.c") == "busiest"
     assert setup.kind("build/__native_s7dissect.c") == "busiest"

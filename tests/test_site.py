@@ -163,10 +163,11 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The site with one part of the API: the whole takes six times as long and shows no more."""
     folder = tmp_path_factory.mktemp("site")
     sources = folder / "sources"
-    shutil.copytree(ROOT / "dissect" / "tags", sources / "dissect" / "tags")
+    shutil.copytree(ROOT / "dissect" / "meaning" / "tags", sources / "dissect" / "meaning" / "tags")
     shutil.copy(ROOT / "dissect" / "__init__.py", sources / "dissect")
+    shutil.copy(ROOT / "dissect" / "meaning" / "__init__.py", sources / "dissect" / "meaning")
     environment = {
-        **os.environ, "PYTHONPATH": "", "NO_MKDOCS_2_WARNING": "1", "DOCS_MODULES": "dissect.tags",
+        **os.environ, "PYTHONPATH": "", "NO_MKDOCS_2_WARNING": "1", "DOCS_MODULES": "dissect.meaning.tags",
         "DOCS_SOURCES": str(sources),
     }  # fmt: skip
     ran = subprocess.run(
@@ -180,8 +181,8 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_the_site_builds_without_warnings_and_without_network(site: Path) -> None:
     for topic in manual.pages():
         assert (site / f"{topic}.html").is_file(), topic
-    api = (site / "api" / "dissect.tags.html").read_text(encoding="utf-8")
-    assert 'id="dissect.tags.load_tags"' in api
+    api = (site / "api" / "dissect.meaning.tags.html").read_text(encoding="utf-8")
+    assert 'id="dissect.meaning.tags.load_tags"' in api
     assert "Raises <code>TagError</code>" in api
     for page in site.rglob("*.html"):
         text = page.read_text(encoding="utf-8")

@@ -110,7 +110,7 @@ def test_pages() -> None:
 
 def test_schemas() -> None:
     found = []
-    for path in sorted((ROOT / "dissect" / "schema").glob("*.json")):
+    for path in sorted((ROOT / "dissect" / "meaning" / "schema").glob("*.json")):
         texts = list(descriptions(json.loads(path.read_text("utf-8"))))
         assert texts, path
         found += [(path.name, phrase) for text in texts for phrase in wrong(path.name, re.sub(r"`[^`]*`", "", text))]
@@ -133,7 +133,7 @@ def test_schemas() -> None:
     ],
 )
 def test_a_banned_phrase_is_found(text: str) -> None:
-    assert wrong("dissect/report/text.py", text)
+    assert wrong("dissect/meaning/report/text.py", text)
 
 
 # ---- docstrings and comments ----------------------------------------------------------------------------------------

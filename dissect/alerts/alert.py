@@ -7,7 +7,7 @@ from typing import Final
 
 from dissect.alerts.rules import Rule
 from dissect.baseline.subjects import Pair
-from dissect.report import words
+from dissect.meaning.report import words
 from dissect.wire.text import Clock, encodable, printable, shortened
 
 SCHEMA: Final = "s7dissect.alert/1"

@@ -12,7 +12,7 @@ from typing import Final
 
 from dissect.alerts.alert import Alert
 from dissect.alerts.rules import FINDING, Rule
-from dissect.report import words
+from dissect.meaning.report import words
 from dissect.wire.text import Clock
 
 #: Greatest number of different things that are remembered; a new one replaces the oldest.

@@ -17,7 +17,7 @@ from dissect.alerts.lane import Counts, Lane
 from dissect.alerts.rules import STDERR
 from dissect.alerts.spool import Spool, default_folder
 from dissect.alerts.waiting import RANKS, Complaints, Waiting
-from dissect.report import words
+from dissect.meaning.report import words
 
 #: Seconds until a receiver that is down is tried again: at first, and at most.
 FIRST_S: Final = 1.0

@@ -22,8 +22,8 @@ from dissect.engine.findings.reporter import Finding
 from dissect.engine.observer import Observer
 from dissect.engine.transactions.connection import Connection
 from dissect.engine.transactions.transaction import Transaction
-from dissect.report.contract import finding_as_dict
-from dissect.report.words import Places
+from dissect.meaning.report.contract import finding_as_dict
+from dissect.meaning.report.words import Places
 
 #: Interval (capture time) of the checks of states; it grows with every this many connections and measures.
 LOOK_NS: Final = 200_000_000

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from dissect.alerts.actions import Action, DeliveryError
 from dissect.alerts.alert import Alert
 from dissect.alerts.waiting import RANKS, Complaints, Waiting
-from dissect.report import words
+from dissect.meaning.report import words
 
 
 class Counts:

@@ -21,8 +21,8 @@ from dissect.engine.transactions.transaction import (
     UNANSWERED,
     Transaction,
 )
+from dissect.meaning.report import words
 from dissect.packets.tcp.stream import address_text
-from dissect.report import words
 
 #: Greatest number of pairs or connections that one rule measures; a new one replaces the one that was silent for longest.
 MAX_MEASURED: Final = 4096

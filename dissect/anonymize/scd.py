@@ -16,8 +16,8 @@ from dissect.anonymize.account import KEEP, MASK, SCRAMBLE, Account, Choices
 from dissect.anonymize.addresses import AddressMap
 from dissect.anonymize.key import Key
 from dissect.anonymize.texts import replace_octets, replace_text, replace_tsap
-from dissect.bindings.evidence import CONF_ID
 from dissect.engine.transactions.payloads import ScdMessage
+from dissect.meaning.bindings.evidence import CONF_ID
 from dissect.protocols.iso.tsap import Tsap
 from dissect.scd.envelope import Envelope
 from dissect.scd.errors import E_CRC, E_LENGTH, E_PROTOCOL, E_SHORT, Error
@@ -28,8 +28,8 @@ from dissect.scd.types import SIZED, Kind, SimpleType
 from dissect.wire.text import encodable
 
 if TYPE_CHECKING:
-    from dissect.bindings.binding import Bindings
-    from dissect.bindings.engine import ScdCarrier
+    from dissect.meaning.bindings.binding import Bindings
+    from dissect.meaning.bindings.engine import ScdCarrier
     from dissect.scd.dictionary import Dictionary
 
 #: Sub-index that requests class and type of an object: a fact of the dictionary.

@@ -32,7 +32,7 @@ from dissect.protocols.s7plus.tables import KEEP_ALIVE, SYSTEM_EVENT
 from dissect.wire.octets import u16
 
 if TYPE_CHECKING:
-    from dissect.bindings.engine import ScdCarrier
+    from dissect.meaning.bindings.engine import ScdCarrier
 
 #: Maximum number of directions that are followed; packets of later ones are written with zeroed contents.
 MAX_TRACKS: Final = 65_536

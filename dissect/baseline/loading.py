@@ -113,7 +113,7 @@ def _norm(table: Table) -> PairNorm:
 @cache
 def _functions() -> dict[str, list[str]]:
     """Return the names of functions by their letters alone: some are written in two ways, those of S7comm first."""
-    from dissect.select.getters import function_names  # late, because few commands load a baseline
+    from dissect.meaning.select.getters import function_names  # late, because few commands load a baseline
 
     found: dict[str, list[str]] = {}
     for name in function_names():
@@ -136,7 +136,7 @@ def _function_meant(name: str) -> str:
 
 def _area_meant(name: str) -> str:
     """Return the area of an address, or as areas are written; empty where it is one, or may be."""
-    from dissect.select.literals import place_of
+    from dissect.meaning.select.literals import place_of
 
     plain = name.replace(" ", "").upper()
     place = place_of(plain)

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Final
 
 from dissect.browser.parts import Part, Parts, engine, wheels
-from dissect.facts.vendors import listed
+from dissect.meaning.facts.vendors import listed
 
 _PACKAGE: Final = Path(__file__).resolve().parent.parent
 #: Files of the package, and rooms without use in a browser: no line to listen on, no Wireshark, no Scapy, no processes.

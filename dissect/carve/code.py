@@ -12,17 +12,17 @@ from dissect.carve.records import digest
 from dissect.engine.program.carved import CarvedBlock
 from dissect.engine.program.compare import CHANGED, BlockChange, versions
 from dissect.engine.transactions.naming import Naming
+from dissect.meaning.report.outcome import WIDE_PAGE, Outcome
+from dissect.meaning.report.plus_blobs import dictionaries
+from dissect.meaning.report.styled import FAILED, HANG, HEADING, PLAIN, Line
+from dissect.meaning.report.words import Places
+from dissect.meaning.tags.model import place_text
 from dissect.protocols.mc7.block import Block, parse_block
 from dissect.protocols.mc7.changes import Change, compare_blocks
 from dissect.protocols.mc7.listing import STL, Lister, block_lines, block_values
 from dissect.protocols.mc7.usage import cross_reference_lines, cross_reference_values
 from dissect.protocols.mc7.values import Value, block_data
 from dissect.protocols.s7.tables import DB
-from dissect.report.outcome import WIDE_PAGE, Outcome
-from dissect.report.plus_blobs import dictionaries
-from dissect.report.styled import FAILED, HANG, HEADING, PLAIN, Line
-from dissect.report.words import Places
-from dissect.tags.model import place_text
 from dissect.wire.text import Clock, cell, encodable, printable, shortened
 
 CODE_SCHEMA: Final = "s7dissect.blocks-code/1"

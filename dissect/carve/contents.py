@@ -35,7 +35,7 @@ def block_values(block: CarvedBlock) -> list[NamedValue]:
 
 def tag_names(naming: Naming | None) -> Callable[[int, int, int, int], str]:
     """Return a function that names an address (area, data block, first bit, bits) by tags; an empty text for none."""
-    from dissect.tags.naming import TagNaming, part_name
+    from dissect.meaning.tags.naming import TagNaming, part_name
 
     if not isinstance(naming, TagNaming):
         return no_names

@@ -9,11 +9,11 @@ from dissect.carve.contents import block_values
 from dissect.carve.records import BLOCKS_SCHEMA, COLUMNS, digest, record, row, value_record
 from dissect.engine.program.carved import CarvedBlock
 from dissect.engine.program.compare import CHANGED, GONE, MOVED, NEW, BlockChange
+from dissect.meaning.report import facets, words
+from dissect.meaning.report.outcome import WIDE_PAGE, Outcome
+from dissect.meaning.report.styled import FAILED, HANG, PLAIN, Line
+from dissect.meaning.report.words import Places
 from dissect.protocols.mc7.changes import Change, change_lines, change_values
-from dissect.report import facets, words
-from dissect.report.outcome import WIDE_PAGE, Outcome
-from dissect.report.styled import FAILED, HANG, PLAIN, Line
-from dissect.report.words import Places
 from dissect.wire.text import Clock, shortened
 
 CHANGES_SCHEMA: Final = "s7dissect.block-changes/1"

@@ -10,9 +10,9 @@ from typing import Final
 
 from dissect.carve.listing import BlockChanges, change_line
 from dissect.engine.program.compare import BlockChange
+from dissect.meaning.report.outcome import Outcome
+from dissect.meaning.report.styled import Line
 from dissect.protocols.mc7.changes import NETWORK, Change
-from dissect.report.outcome import Outcome
-from dissect.report.styled import Line
 from dissect.wire.text import printable
 
 _STYLE: Final = (

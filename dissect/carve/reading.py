@@ -13,7 +13,7 @@ from dissect.packets.source.given import Source
 from dissect.session import KeyLogFiles, Tags, reading_of
 
 if TYPE_CHECKING:
-    from dissect.select import Where
+    from dissect.meaning.select import Where
 
 #: Bounds: octets of all blocks, and number of blocks. A program has some thousand blocks of some KiB.
 MAX_OCTETS: Final = 256 * 1024 * 1024
@@ -74,7 +74,7 @@ def blocks(
     Incomplete blocks are included; their ``missing`` says what they lack. ``where`` selects operations. ``tls_keys``,
     ``checksums`` and ``tags`` are as for `dissect.open`; with tags, `dissect.carve.contents.block_values` names the values of a
     data block. Raises `CaptureError` if a file cannot be read at all, `SelectError` for a wrong expression,
-    `dissect.tags.TagError` for files of tags, and what `read_tls_keys` raises.
+    `dissect.meaning.tags.TagError` for files of tags, and what `read_tls_keys` raises.
     """
     reading = reading_of([path, *more], Options(checksums=checksums), where, tags, tls_keys)
     collector = Collector(reading.where.predicate("operation") if reading.where is not None else None)

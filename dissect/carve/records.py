@@ -7,7 +7,7 @@ from typing import Final
 
 from dissect.carve.contents import NamedValue
 from dissect.engine.program.carved import CODE, INTERFACE, VALUES, CarvedBlock
-from dissect.report.words import Places
+from dissect.meaning.report.words import Places
 from dissect.wire.text import Clock, cell, encodable
 
 BLOCKS_SCHEMA: Final = "s7dissect.blocks/1"

@@ -15,8 +15,8 @@ from dissect.cli.options.given import was_given
 from dissect.cli.options.reading import reading_options
 from dissect.cli.reading import Reading
 from dissect.cli.run import EXIT_CODES
-from dissect.report.formats import ANALYSIS, Format, formats_for
-from dissect.report.styled import Line
+from dissect.meaning.report.formats import ANALYSIS, Format, formats_for
+from dissect.meaning.report.styled import Line
 
 if TYPE_CHECKING:
     from dissect.engine.options import Options
@@ -42,8 +42,8 @@ def command(reading: Reading, format_: Format, brief: bool, per_file: bool) -> i
     reads each file on its own. Each file of a folder is read separately, in the order
     of their times, and gets a row.
     """
-    from dissect.report.analysis import Analysis
-    from dissect.report.summary import Summary
+    from dissect.meaning.report.analysis import Analysis
+    from dissect.meaning.report.summary import Summary
 
     if (brief or per_file) and format_ is not formats_for(ANALYSIS)[0]:
         raise click.UsageError(f"{'--brief' if brief else '--per-file'} is for text, not for -T {format_.name}.")
@@ -69,8 +69,8 @@ def _analyses(options: Options) -> Analyses:
 def _rows(reading: Reading) -> Iterable[Line]:
     """Return a row for each file."""
     from dissect.jobs.analyses import AnalysesByFile
-    from dissect.report.analysis import Analysis
-    from dissect.report.per_file import PerFile
+    from dissect.meaning.report.analysis import Analysis
+    from dissect.meaning.report.per_file import PerFile
 
     rows = PerFile()
     if reading.separate:

@@ -11,8 +11,8 @@ from dissect.cli.main import EXIT_INTERRUPTED
 from dissect.cli.options.scd import scd_options
 from dissect.cli.run import complain, drive
 from dissect.cli.second_pass import check_files, name_of, written_whole
-from dissect.report.formats import OUTCOME, Format
-from dissect.report.outcome import WIDE_PAGE, Outcome
+from dissect.meaning.report.formats import OUTCOME, Format
+from dissect.meaning.report.outcome import WIDE_PAGE, Outcome
 
 if TYPE_CHECKING:
     from dissect.anonymize.account import Account, Choices
@@ -99,8 +99,8 @@ def command(
     from dissect.anonymize.rules import Rules
     from dissect.anonymize.scd import ScdRules, bindings_of
     from dissect.anonymize.survey import Survey
-    from dissect.bindings.engine import ScdCarrier
     from dissect.engine.pipeline import Options
+    from dissect.meaning.bindings.engine import ScdCarrier
     from dissect.session import Run
 
     check_files((file,), output, force)

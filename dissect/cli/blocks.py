@@ -15,8 +15,8 @@ from dissect.cli.nothing import nothing
 from dissect.cli.options.reading import reading_options
 from dissect.cli.reading import Reading
 from dissect.cli.run import places_of
+from dissect.meaning.report.formats import BLOCKS, Format
 from dissect.packets.source.remote import shown
-from dissect.report.formats import BLOCKS, Format
 from dissect.wire.text import count, printable
 
 if TYPE_CHECKING:
@@ -24,8 +24,8 @@ if TYPE_CHECKING:
     from dissect.cli.options.select import Chosen
     from dissect.engine.program.carved import CarvedBlock
     from dissect.engine.transactions.naming import Naming
-    from dissect.report.outcome import Outcome
-    from dissect.report.words import Places
+    from dissect.meaning.report.outcome import Outcome
+    from dissect.meaning.report.words import Places
 
 _EXIT_CODES = (
     "Exit code: 0 success, with --diff no differences, 1 --diff found differences, 2 wrong use or an unreadable file (with "
@@ -133,7 +133,7 @@ def _read(reading: Reading, files: tuple[str, ...]) -> tuple[Sequence[CarvedBloc
     """Return the blocks of files, how many were too many to keep, and what names packets."""
     from dissect.carve.folder import FolderError, read_block, read_folder
     from dissect.carve.reading import Collector
-    from dissect.report.words import Places
+    from dissect.meaning.report.words import Places
 
     try:
         if len(files) == 1 and Path(files[0]).is_dir():
@@ -182,7 +182,7 @@ def _check_folder(output: str, names: Sequence[str], force: bool) -> None:
 
 def _write(output: str, told: BlockList, force: bool) -> None:
     from dissect.carve.folder import Plan, write_folder
-    from dissect.report.plus_blobs import dictionaries
+    from dissect.meaning.report.plus_blobs import dictionaries
 
     plan = Plan(told.blocks, dictionaries())
     _check_folder(output, list(plan.files), force)

@@ -10,10 +10,10 @@ import click
 from dissect.cli.formats import format_option, write_outcome
 from dissect.cli.main import EXIT_GATE, EXIT_OK
 from dissect.cli.options.jobs import cluster_address
-from dissect.report import words
-from dissect.report.formats import OUTCOME, Format
-from dissect.report.outcome import Outcome
-from dissect.report.styled import FAILED, HEADING, PLAIN, Line
+from dissect.meaning.report import words
+from dissect.meaning.report.formats import OUTCOME, Format
+from dissect.meaning.report.outcome import Outcome
+from dissect.meaning.report.styled import FAILED, HEADING, PLAIN, Line
 from dissect.wire.text import encodable, printable
 
 if TYPE_CHECKING:

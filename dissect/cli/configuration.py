@@ -95,7 +95,7 @@ def _apply(ctx: click.Context, _param: click.Parameter, value: str | None) -> No
         files = [Path(value), *[path for path in files if path.parent == user]]
     if not files:
         return
-    from dissect.report.formats import FORMATS
+    from dissect.meaning.report.formats import FORMATS
     from dissect.wire.config.settings import ConfigError, load_settings
 
     try:
@@ -121,6 +121,6 @@ def _takes(key: str, parameter: click.Parameter, setting: object) -> bool:
         return parameter.default is not None  # elsewhere it chooses transactions
     if key != "format":
         return True
-    from dissect.report.formats import FORMATS
+    from dissect.meaning.report.formats import FORMATS
 
     return getattr(parameter.type, "kind", "") in FORMATS[str(setting)].writers

@@ -14,11 +14,11 @@ from dissect.cli.options.select import read_time, time_option, where_option
 from dissect.cli.reading import Reading
 from dissect.cli.run import complain
 from dissect.cli.second_pass import around_option, check_files, name_of, read_again, read_first, tell_cut, written_whole
-from dissect.report.slugs import slugs_of
+from dissect.meaning.report.slugs import slugs_of
 
 if TYPE_CHECKING:
+    from dissect.meaning.select.selection import Choice
     from dissect.recording.cutter import Around
-    from dissect.select.selection import Choice
 
 _EXIT_CODES = (
     "Exit code: 0 success, 2 wrong use, an unreadable or unwritable file, or nothing to write, 3 a damaged or truncated file "
@@ -112,7 +112,7 @@ def command(
     FILE is a pcap or pcapng file, plain or compressed with gzip or zstd. It is read twice, so it cannot be standard input.
     Several files are read as one capture and written to one OUT.
     """
-    from dissect.select.selection import Selection, Wanted
+    from dissect.meaning.select.selection import Selection, Wanted
 
     times = read_time(window)
     files = reading.files

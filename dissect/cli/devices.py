@@ -12,7 +12,7 @@ from dissect.cli.look import clock
 from dissect.cli.options.reading import reading_options
 from dissect.cli.reading import Reading
 from dissect.cli.run import EXIT_CODES
-from dissect.report.formats import DEVICES, Format
+from dissect.meaning.report.formats import DEVICES, Format
 
 if TYPE_CHECKING:
     from dissect.engine.options import Options
@@ -32,8 +32,8 @@ def command(reading: Reading, format_: Format) -> int:
     FILE is a pcap or pcapng file, plain or compressed with gzip or zstd; - is standard input. Several files are one inventory;
     --separate reads each of them on its own.
     """
-    from dissect.inventory.collector import Inventory
-    from dissect.inventory.outcome import Devices
+    from dissect.meaning.inventory.collector import Inventory
+    from dissect.meaning.inventory.outcome import Devices
 
     inventory = reading.sum(Inventory, _inventories)
     write_outcome(format_, DEVICES, Devices(inventory, reading.interrupted, clock(), hosts()))

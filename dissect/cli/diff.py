@@ -17,10 +17,10 @@ from dissect.cli.reading import Reading
 from dissect.golden.comparison import differences
 from dissect.golden.difference import KINDS, Difference, DiffOptions
 from dissect.golden.model import GoldenError, Session
-from dissect.report import words
-from dissect.report.formats import DIFFERENCES, Format
-from dissect.report.outcome import WIDE_PAGE, Case, Outcome, plain
-from dissect.report.styled import Line
+from dissect.meaning.report import words
+from dissect.meaning.report.formats import DIFFERENCES, Format
+from dissect.meaning.report.outcome import WIDE_PAGE, Case, Outcome, plain
+from dissect.meaning.report.styled import Line
 from dissect.wire.text import encodable, printable
 
 DIFF_SCHEMA = "s7dissect.diff/1"

@@ -126,7 +126,7 @@ def _exported(
     from dissect.cli.remote_export import export_separately_remotely, remote_export
     from dissect.cli.separate_export import export_separately
     from dissect.export.forms import Request
-    from dissect.report.happened import findings_in
+    from dissect.meaning.report.happened import findings_in
 
     remote = is_remote(target.path)
     if reading.separate and (remote or len(reading.files) > 1):

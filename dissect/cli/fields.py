@@ -9,11 +9,11 @@ import click
 
 from dissect.cli.formats import format_option, write_outcome
 from dissect.cli.main import EXIT_OK
-from dissect.report.formats import OUTCOME, Format
-from dissect.report.outcome import Outcome
-from dissect.report.styled import DIM, PLAIN, Line
-from dissect.select.fields import FIELDS, NAMES, Field
-from dissect.select.literals import Code
+from dissect.meaning.report.formats import OUTCOME, Format
+from dissect.meaning.report.outcome import Outcome
+from dissect.meaning.report.styled import DIM, PLAIN, Line
+from dissect.meaning.select.fields import FIELDS, NAMES, Field
+from dissect.meaning.select.literals import Code
 from dissect.wire.config.hints import close_names
 from dissect.wire.text import some
 

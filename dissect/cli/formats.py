@@ -10,14 +10,14 @@ import click
 
 from dissect.cli.look import write_lines
 from dissect.cli.run import write, write_octets
-from dissect.report.formats import FORMATS, Format, formats_for
+from dissect.meaning.report.formats import FORMATS, Format, formats_for
 from dissect.wire.config.hints import close_names
 
 if TYPE_CHECKING:
     from click.shell_completion import CompletionItem
 
-    from dissect.report.outcome import Outcome
-    from dissect.report.styled import Line, Written
+    from dissect.meaning.report.outcome import Outcome
+    from dissect.meaning.report.styled import Line, Written
 
     _ParamType = click.ParamType[Format]
 else:

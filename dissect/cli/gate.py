@@ -10,7 +10,7 @@ import click
 from dissect.cli.main import EXIT_DAMAGED, EXIT_GATE, EXIT_OK
 from dissect.cli.options.completing import findings
 from dissect.engine.findings.catalogue import CATALOGUE, SEVERITIES
-from dissect.report.slugs import slugs_of
+from dissect.meaning.report.slugs import slugs_of
 
 if TYPE_CHECKING:
     from dissect.live.run import LiveRun

@@ -16,11 +16,11 @@ from dissect.cli.look import clock
 from dissect.cli.main import EXIT_DAMAGED, EXIT_INTERRUPTED, EXIT_OK
 from dissect.cli.options.select import where_option
 from dissect.cli.run import drive
+from dissect.meaning.report import words
+from dissect.meaning.report.formats import OUTCOME, Format
+from dissect.meaning.report.outcome import Outcome
+from dissect.meaning.report.styled import DIM, FAILED, HEADING, PLAIN, Line
 from dissect.packets.source.packet import CaptureError
-from dissect.report import words
-from dissect.report.formats import OUTCOME, Format
-from dissect.report.outcome import Outcome
-from dissect.report.styled import DIM, FAILED, HEADING, PLAIN, Line
 from dissect.wire.text import Clock, duration_text, encodable, printable, some
 
 if TYPE_CHECKING:
@@ -109,7 +109,7 @@ def _possible(where: str | None) -> Possible | None:
     if where is None:
         return None
     from dissect.index.possible import Possible
-    from dissect.select import SelectError
+    from dissect.meaning.select import SelectError
 
     try:
         return Possible(where, clock().local)

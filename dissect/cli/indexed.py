@@ -9,7 +9,7 @@ import click
 from dissect.cli.folders import indexes
 from dissect.cli.look import clock
 from dissect.cli.options.jobs import indexed_meant
-from dissect.report import words
+from dissect.meaning.report import words
 from dissect.wire.text import printable
 
 if TYPE_CHECKING:

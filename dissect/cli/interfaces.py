@@ -9,9 +9,9 @@ import click
 
 from dissect.cli.formats import format_option, write_outcome
 from dissect.cli.main import EXIT_OK
-from dissect.report.formats import OUTCOME, Format
-from dissect.report.outcome import Outcome, plain
-from dissect.report.styled import Line
+from dissect.meaning.report.formats import OUTCOME, Format
+from dissect.meaning.report.outcome import Outcome, plain
+from dissect.meaning.report.styled import Line
 from dissect.wire.text import encodable, printable
 
 if TYPE_CHECKING:

@@ -17,7 +17,7 @@ from dissect.cli.run import write
 from dissect.wire.text import Clock
 
 if TYPE_CHECKING:
-    from dissect.report.styled import Line
+    from dissect.meaning.report.styled import Line
 
 AUTO: Final = "auto"
 ALWAYS: Final = "always"
@@ -100,7 +100,7 @@ def _columns() -> int:
 
 def write_text(lines: Iterable[str], hang: int = 4) -> None:
     """Write lines without a style; on a terminal they are wrapped, with continuations indented to column ``hang``."""
-    from dissect.report.styled import PLAIN, Line
+    from dissect.meaning.report.styled import PLAIN, Line
 
     write_lines([Line(line, PLAIN, hang) for line in lines])
 

@@ -36,8 +36,8 @@ from dissect.cli.watching import (
     overdue_option,
     write_events,
 )
+from dissect.meaning.report.formats import EVENTS, Format, formats_for
 from dissect.packets.source.live import BUFFER_MIB, MAX_BUFFER_MIB
-from dissect.report.formats import EVENTS, Format, formats_for
 from dissect.wire.text import printable, shortened
 
 if TYPE_CHECKING:
@@ -340,8 +340,8 @@ def _screens_will_do() -> bool:
 
 def _on_screens(session: Session, slow_ns: int, chosen: Chosen, wanted: WantedSet | None, beside: Beside) -> int:
     """Show the screens until they are left; return the exit code."""
+    from dissect.meaning.report.words import Places
     from dissect.monitor.terminal import NoKeyboardError, keyboard
-    from dissect.report.words import Places
 
     if not coloured(True):
         os.environ["NO_COLOR"] = "1"  # the library for the screens reads it when it is imported

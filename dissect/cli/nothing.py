@@ -11,7 +11,7 @@ import click
 from dissect.cli.formats import write_out
 from dissect.cli.look import clock
 from dissect.cli.options.select import Chosen
-from dissect.report.styled import Written
+from dissect.meaning.report.styled import Written
 from dissect.wire.text import duration_text, shortened
 
 if TYPE_CHECKING:
@@ -63,7 +63,7 @@ def _unknown(run: Run, chosen: Chosen) -> list[str]:
     """Return an error about unknown variables in the brackets of a selection, because a misspelt one matches nothing."""
     if chosen.where is None or not chosen.where.variables:
         return []
-    from dissect.select.literals import place_of
+    from dissect.meaning.select.literals import place_of
     from dissect.variables.choosing import Known, WantedError, one_of, scd_names
 
     exchange = run.pipeline.exchange

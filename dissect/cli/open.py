@@ -25,8 +25,8 @@ from dissect.wire.text import printable
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
+    from dissect.meaning.select.selection import Choice
     from dissect.recording.cutter import Around, Cutter
-    from dissect.select.selection import Choice
 
 _EXIT_CODES: Final = (
     "Exit code: 0 success, 2 wrong use, an unreadable or unwritable file, nothing to show, or no Wireshark, 3 a damaged or "
@@ -74,7 +74,7 @@ def command(
 
     Without Wireshark on this machine, -o OUT writes the file and says how to open it elsewhere.
     """
-    from dissect.select.selection import Selection, Wanted
+    from dissect.meaning.select.selection import Selection, Wanted
 
     if output == "-":
         raise click.UsageError("-o -: Wireshark opens a file; `s7dissect cut FILE -o -` writes to standard output.")

@@ -12,8 +12,8 @@ from dissect.cli.reading import Reading
 from dissect.cli.rows import Rows
 from dissect.cli.run import EXIT_CODES
 from dissect.engine.transactions.operation import KINDS
-from dissect.report.formats import OPERATIONS, Format
-from dissect.report.writer import OperationChoice, OperationFeed
+from dissect.meaning.report.formats import OPERATIONS, Format
+from dissect.meaning.report.writer import OperationChoice, OperationFeed
 
 
 @click.command("operations", epilog=EXIT_CODES)

@@ -29,7 +29,7 @@ from dissect.cli.watching import (
     overdue_option,
     write_events,
 )
-from dissect.report.formats import EVENTS, Format, formats_for
+from dissect.meaning.report.formats import EVENTS, Format, formats_for
 from dissect.wire.text import printable
 
 if TYPE_CHECKING:
@@ -189,7 +189,7 @@ class _Lines:
     def summarise(self) -> None:
         """Write the summary."""
         from dissect.live.lines import summary_lines
-        from dissect.report import words
+        from dissect.meaning.report import words
 
         status, relay = self._session.status(), self._relay
         if self._shower is not None and (lines := self._shower.end(status)):

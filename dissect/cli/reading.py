@@ -27,13 +27,13 @@ if TYPE_CHECKING:
     from dissect.engine.observer import Observer
     from dissect.engine.options import Options
     from dissect.engine.transactions.naming import Naming
-    from dissect.inventory.collector import Inventory
     from dissect.jobs.sums import FilePart
     from dissect.jobs.tasks import About, Done
+    from dissect.meaning.inventory.collector import Inventory
+    from dissect.meaning.report.analysis import Analysis, Part
+    from dissect.meaning.report.styled import Written
     from dissect.packets.source.packet import SourceFile
     from dissect.protocols.tls.key_log import KeyLog
-    from dissect.report.analysis import Analysis, Part
-    from dissect.report.styled import Written
     from dissect.session import Run
 
 F = TypeVar("F", "Analysis", "Inventory")

@@ -17,8 +17,8 @@ from dissect.cli.second_pass import check_out
 from dissect.cli.watching import Interruption
 from dissect.golden.difference import DiffOptions
 from dissect.golden.model import GoldenError, Session
-from dissect.report import words
-from dissect.report.formats import DIFFERENCES, Format, formats_for
+from dissect.meaning.report import words
+from dissect.meaning.report.formats import DIFFERENCES, Format, formats_for
 from dissect.wire.text import printable
 
 if TYPE_CHECKING:

@@ -27,7 +27,7 @@ from dissect.wire.text import printable
 if TYPE_CHECKING:
     from rich.progress import Progress, TaskID
 
-    from dissect.report.words import Places
+    from dissect.meaning.report.words import Places
     from dissect.session import Run
 
 #: Files smaller than this are read faster than a progress bar appears.
@@ -161,7 +161,7 @@ def write_pieces(pieces: list[bytes]) -> None:
 def places_of(run: Run, files: Sequence[str]) -> Places:
     """Return how packets of ``run`` over ``files`` are named; may be called during the run."""
     from dissect.cli.configuration import hosts
-    from dissect.report.words import Places
+    from dissect.meaning.report.words import Places
 
     return Places(run.files, len(files) > 1, hosts())
 

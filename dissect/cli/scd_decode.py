@@ -12,9 +12,9 @@ import click
 from dissect.cli.formats import format_option, write_outcome
 from dissect.cli.main import EXIT_DAMAGED, EXIT_OK
 from dissect.cli.scd_files import columns, node_option, open_dictionary
-from dissect.report.formats import OUTCOME, Format
-from dissect.report.outcome import LINE, Outcome, plain
-from dissect.report.styled import Line
+from dissect.meaning.report.formats import OUTCOME, Format
+from dissect.meaning.report.outcome import LINE, Outcome, plain
+from dissect.meaning.report.styled import Line
 from dissect.wire.text import count, encodable, printable
 
 if TYPE_CHECKING:

@@ -13,9 +13,9 @@ from dissect.cli.formats import format_option, write_outcome
 from dissect.cli.look import write_text
 from dissect.cli.main import EXIT_GATE, EXIT_OK
 from dissect.cli.run import write
-from dissect.report.formats import OUTCOME, Format
-from dissect.report.outcome import LINE, Outcome, plain
-from dissect.report.styled import FAILED, Line
+from dissect.meaning.report.formats import OUTCOME, Format
+from dissect.meaning.report.outcome import LINE, Outcome, plain
+from dissect.meaning.report.styled import FAILED, Line
 from dissect.wire.config.saving import save
 from dissect.wire.text import count, encodable, printable
 

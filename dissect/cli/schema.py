@@ -14,7 +14,7 @@ from dissect.cli.run import write
 from dissect.wire.config.hints import close_names
 
 #: Where the schemas are, in the package: `NAME.schema.json`.
-FOLDER: Final = Path(__file__).resolve().parent.parent / "schema"
+FOLDER: Final = Path(__file__).resolve().parent.parent / "meaning" / "schema"
 _SUFFIX: Final = ".schema.json"
 _URN: Final = "urn:s7dissect:schema:"
 
@@ -66,7 +66,7 @@ def bundled(name: str) -> _Schema:
 
 
 def _load(name: str) -> _Schema:
-    from dissect.facts.schema import filled
+    from dissect.meaning.facts.schema import filled
 
     schema: _Schema = filled(json.loads((FOLDER / f"{name}{_SUFFIX}").read_text(encoding="utf-8")))
     return schema

@@ -19,10 +19,10 @@ from dissect.wire.text import printable
 if TYPE_CHECKING:
     from dissect.engine.observer import Observer
     from dissect.engine.pipeline import Options
+    from dissect.meaning.select.packets import PacketSelection
+    from dissect.meaning.select.selection import Selection
     from dissect.packets.source.pcapng_writer import PcapngWriter
     from dissect.recording.cutter import Around, Cutter
-    from dissect.select.packets import PacketSelection
-    from dissect.select.selection import Selection
     from dissect.session import Run
 
 _AROUND: Final = re.compile(r"([0-9]{1,9})(ms|s)?")
@@ -82,7 +82,7 @@ def read_first(
 ) -> tuple[Run, int, PacketSelection | None]:
     """Read a capture for the first time, watched by ``selection``; give the run, its exit code and what ``where`` selects."""
     from dissect.live.run import Fanout
-    from dissect.select.packets import PacketSelection
+    from dissect.meaning.select.packets import PacketSelection
     from dissect.session import Run
 
     chosen = read_where(where, kinds=("packet", "transaction", "finding"))

@@ -19,8 +19,8 @@ from dissect.jobs.numbers import Marks, Offsets, count_from
 from dissect.jobs.spool import Spool, Spooled, indexed, opened, whole_lines
 from dissect.jobs.spots import pieces
 from dissect.jobs.tasks import About, Done, FileError
-from dissect.report.styled import Line, Written
-from dissect.report.words import Places
+from dissect.meaning.report.styled import Line, Written
+from dissect.meaning.report.words import Places
 
 if TYPE_CHECKING:
     from dissect.cli.reading import Reading

@@ -150,7 +150,7 @@ def _writer(output: str, force: bool) -> PcapngWriter:
 
 def _serve(server: Server) -> int:
     """Serve until a signal; return the exit code."""
-    from dissect.report.words import count
+    from dissect.meaning.report.words import count
 
     with Interruption(server.stop):
         server.start()

@@ -12,8 +12,8 @@ from dissect.cli.options.reading import reading_options
 from dissect.cli.reading import Reading
 from dissect.cli.rows import Rows
 from dissect.cli.run import EXIT_CODES
-from dissect.report.formats import PDUS, Format, formats_for
-from dissect.report.writer import PduFeed
+from dissect.meaning.report.formats import PDUS, Format, formats_for
+from dissect.meaning.report.writer import PduFeed
 
 
 @click.command("show", epilog=EXIT_CODES)

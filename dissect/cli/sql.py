@@ -13,7 +13,7 @@ from dissect.cli.options.completing import from_table
 from dissect.cli.options.reading import reading_options
 from dissect.cli.reading import Reading
 from dissect.cli.run import files_if_any, write
-from dissect.report.formats import ROWS, Format
+from dissect.meaning.report.formats import ROWS, Format
 
 if TYPE_CHECKING:
     from dissect.export.sql import Query

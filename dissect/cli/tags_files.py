@@ -11,20 +11,20 @@ from dissect.cli.formats import format_option, write_outcome
 from dissect.cli.main import EXIT_GATE, EXIT_OK
 from dissect.cli.options.tags import guarded, load, tag_reading_options
 from dissect.cli.run import complain, drive, write
-from dissect.report import words
-from dissect.report.formats import OUTCOME, Format
-from dissect.report.outcome import Outcome
-from dissect.report.styled import FAILED, HEADING, PLAIN, Line
+from dissect.meaning.report import words
+from dissect.meaning.report.formats import OUTCOME, Format
+from dissect.meaning.report.outcome import Outcome
+from dissect.meaning.report.styled import FAILED, HEADING, PLAIN, Line
 from dissect.wire.config.saving import save
 from dissect.wire.text import encodable, printable, shortened
 
 if TYPE_CHECKING:
+    from dissect.meaning.tags.coverage import Coverage
+    from dissect.meaning.tags.loading import TagSet
+    from dissect.meaning.tags.model import Tag
+    from dissect.meaning.tags.problems import Problem
+    from dissect.meaning.tags.tag_file import TagFile
     from dissect.protocols.s7plus.program import Symbol
-    from dissect.tags.coverage import Coverage
-    from dissect.tags.loading import TagSet
-    from dissect.tags.model import Tag
-    from dissect.tags.problems import Problem
-    from dissect.tags.tag_file import TagFile
 
 _CHECK_SCHEMA: Final = "s7dissect.tags-check/1"
 _LIST_SCHEMA: Final = "s7dissect.tags-list/1"
@@ -63,7 +63,7 @@ def check_command(
 
     Files are joined: a source takes the number of its block from a symbol table, a block its types from other files.
     """
-    from dissect.tags.loading import TagError, read_tags
+    from dissect.meaning.tags.loading import TagError, read_tags
 
     found: TagSet = guarded(lambda: read_tags(files, encoding, numbers), TagError)
     coverage = _covered(found, captures) if captures else None
@@ -73,8 +73,8 @@ def check_command(
 
 
 def _covered(found: TagSet, captures: tuple[str, ...]) -> Coverage:
+    from dissect.meaning.tags.coverage import Coverage
     from dissect.session import Run
-    from dissect.tags.coverage import Coverage
 
     coverage = Coverage(found)
     run = Run(captures, coverage)
@@ -86,7 +86,7 @@ class _Checked(Outcome):
     """The results of checking files of tags."""
 
     def __init__(self, found: TagSet, coverage: Coverage | None) -> None:
-        from dissect.tags.checks import overlaps
+        from dissect.meaning.tags.checks import overlaps
 
         self._found = found
         self._coverage = coverage
@@ -304,7 +304,7 @@ def _tag_json(tag: Tag) -> dict[str, Any]:
 def convert_command(files: tuple[str, ...], output: str, force: bool, encoding: str, numbers: dict[str, int]) -> int:
     """Write the tags of all files as one CSV table (address, type, name, unit, scale, comment) that every command reads."""
     from dissect.cli.second_pass import check_out
-    from dissect.tags.converting import table_lines
+    from dissect.meaning.tags.converting import table_lines
 
     check_out(files, output, force)
     found = load(files, encoding, numbers)

@@ -15,12 +15,12 @@ from dissect.cli.rows import Left, Rows, Total
 from dissect.cli.run import EXIT_CODES, nanoseconds
 from dissect.engine.transactions.results import went_wrong
 from dissect.engine.transactions.transaction import Transaction
-from dissect.report.formats import TRANSACTIONS, Format
-from dissect.report.words import PROTOCOLS
-from dissect.report.writer import Choice, TransactionFeed
+from dissect.meaning.report.formats import TRANSACTIONS, Format
+from dissect.meaning.report.words import PROTOCOLS
+from dissect.meaning.report.writer import Choice, TransactionFeed
 
 if TYPE_CHECKING:
-    from dissect.report.styled import Written
+    from dissect.meaning.report.styled import Written
     from dissect.session import Run
 
 

@@ -17,15 +17,15 @@ from dissect.cli.options.variables import wanted_of
 from dissect.cli.reading import Reading
 from dissect.cli.rows import Left, Rows
 from dissect.cli.run import EXIT_CODES, files_meant
-from dissect.report.certainty import values_left_out
-from dissect.report.formats import VALUES, Format
+from dissect.meaning.report.certainty import values_left_out
+from dissect.meaning.report.formats import VALUES, Format
 from dissect.variables.collector import Collector
 from dissect.variables.summary import Summary, limits_text
 from dissect.wire.text import printable, some
 
 if TYPE_CHECKING:
-    from dissect.report.styled import Written
-    from dissect.report.words import Places
+    from dissect.meaning.report.styled import Written
+    from dissect.meaning.report.words import Places
     from dissect.session import Run
     from dissect.variables.wanted import WantedSet
     from dissect.variables.writers import ValueWriter
@@ -40,9 +40,9 @@ def _interval(ctx: click.Context, param: click.Parameter, value: str | None) -> 
     """Return a stretch of time in nanoseconds, 0 for none."""
     if value is None:
         return 0
-    from dissect.select.errors import SelectError
-    from dissect.select.grammar import Literal
-    from dissect.select.literals import Duration
+    from dissect.meaning.select.errors import SelectError
+    from dissect.meaning.select.grammar import Literal
+    from dissect.meaning.select.literals import Duration
 
     try:
         ns = Duration().nanoseconds(Literal(value, False, 0, len(value)))

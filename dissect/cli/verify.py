@@ -15,10 +15,10 @@ from dissect.cli.reading import Reading
 from dissect.cli.separate import Interrupted
 from dissect.cli.task import Task
 from dissect.jobs.tasks import About
+from dissect.meaning.report.formats import OUTCOME, Format
+from dissect.meaning.report.outcome import Outcome, plain
+from dissect.meaning.report.styled import Line
 from dissect.packets.source.remote import is_remote
-from dissect.report.formats import OUTCOME, Format
-from dissect.report.outcome import Outcome, plain
-from dissect.report.styled import Line
 from dissect.wire.text import printable
 
 if TYPE_CHECKING:

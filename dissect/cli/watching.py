@@ -11,7 +11,7 @@ import click
 from dissect.cli.formats import write_out
 from dissect.cli.look import clock
 from dissect.cli.run import Signals, nanoseconds
-from dissect.report.formats import EVENTS, Format
+from dissect.meaning.report.formats import EVENTS, Format
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from dissect.engine.exchange import PayloadDecoder
     from dissect.live.events import Event
     from dissect.live.session import Session, Status
-    from dissect.report.styled import Line
+    from dissect.meaning.report.styled import Line
 
 _SCD: Final = "scd"
 _TOPICS: Final = ("connections", "transactions", "operations", "findings", "devices", _SCD)

@@ -5,7 +5,7 @@ notified, then `Watch` sees it, which knows operations, security and stations. F
 object, so that they are counted and bounded in one place, whatever protocol they are about. A read without an error is only
 paired and reported to the observer.
 
-`PayloadDecoder` looks for another protocol inside what passes (`dissect.bindings`: SCD). It hands what it finds back to
+`PayloadDecoder` looks for another protocol inside what passes (`dissect.meaning.bindings`: SCD). It hands what it finds back to
 `Exchange`, like any protocol.
 """
 

@@ -39,9 +39,9 @@ from dissect.export.tables import (
     WORDS,
     Table,
 )
-from dissect.facts.keys import connection_community_id
+from dissect.meaning.facts.keys import connection_community_id
+from dissect.meaning.select.things import Context
 from dissect.packets.tcp.stream import Endpoint
-from dissect.select.things import Context
 from dissect.session import Run
 from dissect.wire.text import Clock, encodable
 

@@ -37,9 +37,9 @@ from dissect.export.tables import (
 )
 from dissect.export.transaction_rows import ENDS, FILE, FUNCTION, OWN, STATE, Row, TransactionColumns
 from dissect.export.value_columns import ValueColumns
-from dissect.inventory.collector import Inventory
+from dissect.meaning.inventory.collector import Inventory
+from dissect.meaning.select.things import Context
 from dissect.packets.source.packet import SourceFile
-from dissect.select.things import Context
 from dissect.variables.collector import Collector
 
 #: This many rows of a table are passed on together; items earlier, when their PDUs have this many bytes.

@@ -16,7 +16,7 @@ from dissect.wire.config.hints import close_names
 from dissect.wire.text import encodable
 
 if TYPE_CHECKING:
-    from dissect.select import Where
+    from dissect.meaning.select import Where
 
 #: The libraries whose frames can be made.
 LIBRARIES: Final = ("pandas", "polars", "arrow")

@@ -17,6 +17,7 @@ from dissect.engine.transactions.good_items import good_octets
 from dissect.engine.transactions.naming import Naming
 from dissect.engine.transactions.transaction import ANSWERED, CERTAINTIES, PUSH, Transaction
 from dissect.export.transaction_rows import MOST_KNOWN, Row, Shared, TransactionColumns, TransactionRows, directed
+from dissect.meaning.report.item_json import value_text
 from dissect.protocols.s7.items import Item, ItemResult
 from dissect.protocols.s7.parameters import Parameters
 from dissect.protocols.s7.singles import real
@@ -37,7 +38,6 @@ from dissect.protocols.s7.tables import (
 from dissect.protocols.s7.values import Value, decode_value, number_texts, spelled
 from dissect.protocols.s7plus.items import WRITES
 from dissect.protocols.s7plus.parameters import PLUS, PlusParameters
-from dissect.report.item_json import value_text
 from dissect.wire.octets import u16
 from dissect.wire.text import encodable
 

@@ -8,8 +8,8 @@ from datetime import UTC, datetime
 from typing import Final, NamedTuple
 from zoneinfo import ZoneInfo
 
+from dissect.meaning.select.literals import place_of
 from dissect.protocols.s7.tables import AREA_LETTERS, BIT, ELEMENT_OCTETS, TRANSPORT_SIZES
-from dissect.select.literals import place_of
 
 
 class Parameter(NamedTuple):

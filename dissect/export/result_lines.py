@@ -10,7 +10,7 @@ from io import StringIO
 from typing import Any, Final
 
 from dissect.export.sql import Result
-from dissect.report.outcome import Outcome
+from dissect.meaning.report.outcome import Outcome
 from dissect.wire.text import cell, printable, shortened
 
 #: At most this many characters of a text are shown in a table.

@@ -15,13 +15,13 @@ from dissect.engine.transactions.transaction import Transaction
 from dissect.export.tables import ACTS, CONNECTIONS, DEVICES, FINDING_COUNTS, FINDINGS, ITEMS, OPERATIONS, Table
 from dissect.export.transaction_rows import Row, TransactionRows
 from dissect.export.value_columns import shown
-from dissect.facts import fact as kinds
-from dissect.facts.counted import counted
-from dissect.facts.transaction import ITEM
-from dissect.inventory.model import Device
+from dissect.meaning.facts import fact as kinds
+from dissect.meaning.facts.counted import counted
+from dissect.meaning.facts.transaction import ITEM
+from dissect.meaning.inventory.model import Device
+from dissect.meaning.select.items import ItemFacts, plus_facts, scd_facts
 from dissect.packets.source.packet import SourceFile
 from dissect.protocols.s7plus.items import PlusItem
-from dissect.select.items import ItemFacts, plus_facts, scd_facts
 from dissect.wire.text import encodable
 
 _NOTHING: Final[Mapping[str, Any]] = {}

@@ -10,16 +10,16 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, Final, NamedTuple
 
-from dissect.facts import fact as kinds
-from dissect.facts.connection import CONNECTION
-from dissect.facts.counted import COUNTED
-from dissect.facts.device import DEVICE
-from dissect.facts.fact import Fact
-from dissect.facts.finding import FINDING
-from dissect.facts.operation import ACT, OPERATION
-from dissect.facts.pdu import PDU
-from dissect.facts.transaction import ITEM, TRANSACTION
-from dissect.facts.value import VALUE
+from dissect.meaning.facts import fact as kinds
+from dissect.meaning.facts.connection import CONNECTION
+from dissect.meaning.facts.counted import COUNTED
+from dissect.meaning.facts.device import DEVICE
+from dissect.meaning.facts.fact import Fact
+from dissect.meaning.facts.finding import FINDING
+from dissect.meaning.facts.operation import ACT, OPERATION
+from dissect.meaning.facts.pdu import PDU
+from dissect.meaning.facts.transaction import ITEM, TRANSACTION
+from dissect.meaning.facts.value import VALUE
 from dissect.wire.config.hints import close_names
 from dissect.wire.errors import Error
 

@@ -14,10 +14,10 @@ from mypy_extensions import i64
 from dissect.engine.transactions.connection import Connection
 from dissect.engine.transactions.results import TransactionError
 from dissect.engine.transactions.transaction import OUTCOMES, Transaction
+from dissect.meaning.report.facets import facet_of
 from dissect.packets.source.packet import SourceFile
 from dissect.protocols.iso.upper import S7COMM, S7COMM_PLUS, SCD, UPPER_NAMES
 from dissect.protocols.s7.tables import ROSCTR, SETUP_COMMUNICATION
-from dissect.report.facets import facet_of
 from dissect.wire.text import encodable
 
 Row = tuple[Any, ...]

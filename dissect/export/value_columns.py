@@ -7,7 +7,7 @@ from typing import Final
 
 from dissect.export.item_columns import rounded
 from dissect.export.transaction_rows import MOST_KNOWN, Packets, Shared, TransactionRows
-from dissect.report.item_json import value_text
+from dissect.meaning.report.item_json import value_text
 from dissect.variables.model import HOWS, ValueRow, Variable
 from dissect.wire.text import encodable
 

@@ -12,9 +12,9 @@ from dissect.golden.model import Link, Session, Transaction
 from dissect.golden.pairing import Match, pair_links, pair_transactions
 from dissect.golden.phrases import Change, outcome
 from dissect.golden.plus_objects import Named, Objects, same_objects, with_objects
+from dissect.meaning.report import words
+from dissect.meaning.report.certainty import doubt_mark
 from dissect.protocols.iso.tsap import Tsap
-from dissect.report import words
-from dissect.report.certainty import doubt_mark
 from dissect.wire.text import printable
 
 

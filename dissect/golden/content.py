@@ -13,11 +13,11 @@ from dissect.golden.model import Transaction
 from dissect.golden.phrases import Change, code_text, item_state, octets_change, outcome, short, value_change
 from dissect.golden.plus import plus_differences, plus_subject
 from dissect.golden.plus_objects import Named
+from dissect.meaning.report import facets, words
 from dissect.protocols.s7.blocks import BLOCK_COUNT, LISTED_BLOCK
 from dissect.protocols.s7.message import Pdu
 from dissect.protocols.s7.parameters import Setup
 from dissect.protocols.s7.tables import DATA_TRANSPORT_SIZES, READ_VAR, SETUP_COMMUNICATION, WRITE_VAR
-from dissect.report import facets, words
 from dissect.wire.layout import HOLDS_TIME, FieldValue
 from dissect.wire.part import Part
 

@@ -10,6 +10,7 @@ from dissect.golden.model import Transaction
 from dissect.golden.plus import plus_notes, plus_subject
 from dissect.golden.plus_objects import Objects
 from dissect.golden.writing import FORMS
+from dissect.meaning.report import words
 from dissect.protocols.s7.layouts import DATA_HEAD
 from dissect.protocols.s7.parameters import REQUEST
 from dissect.protocols.s7.tables import (
@@ -20,7 +21,6 @@ from dissect.protocols.s7.tables import (
     USERDATA,
     WRITE_VAR,
 )
-from dissect.report import words
 from dissect.wire.text import printable, shortened, some, titled
 
 #: Maximum number of items that a subject names, and of its characters.

@@ -15,9 +15,9 @@ from dissect.engine.transactions.transaction import (
 )
 from dissect.golden.exchange import ItemRecord
 from dissect.golden.model import Transaction
+from dissect.meaning.report import words
 from dissect.protocols.s7.message import NOT_REFUSED
 from dissect.protocols.s7.tables import BYTE, RETURN_CODES
-from dissect.report import words
 from dissect.wire.text import printable, shortened
 
 #: Maximum number of array elements that are named, and of octets shown around a change.

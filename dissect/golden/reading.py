@@ -29,8 +29,8 @@ from dissect.session import Reading
 
 if TYPE_CHECKING:
     from dissect.engine.transactions.side import Side
+    from dissect.meaning.select import Where
     from dissect.protocols.iso.tsap import Tsap
-    from dissect.select import Where
 
 #: Maximum size of a golden; a larger one is refused.
 MAX_SIZE: Final = 1 << 30
@@ -272,7 +272,7 @@ def read_session(
 ) -> Session:
     """Return the session of a capture (or of several, as `dissect.open` reads them) or of a golden; the content decides.
 
-    ``decoder`` decodes SCD (`dissect.bindings.load_carrier`); ``messages`` as for `SessionReader`. ``where`` selects
+    ``decoder`` decodes SCD (`dissect.meaning.bindings.load_carrier`); ``messages`` as for `SessionReader`. ``where`` selects
     transactions of a capture (docs/select.md).
 
     Raises `CaptureError` for a file that is no capture, GoldenError for a wrong golden or a session that is too long,

@@ -20,12 +20,12 @@ from dissect.golden.forms import ItemLine, build_request, form_lines
 from dissect.golden.model import Link, Session, Transaction
 from dissect.golden.plus import plus_notes
 from dissect.golden.values import hex_text, quoted
+from dissect.meaning.report import facets, words
 from dissect.protocols.iso.tsap import Tsap
 from dissect.protocols.s7.build import build_setup
 from dissect.protocols.s7.errors import errors_of
 from dissect.protocols.s7.message import NOT_REFUSED, Pdu
 from dissect.protocols.s7.tables import ACK_DATA, JOB, READ_VAR, RETURN_CODES, SETUP_COMMUNICATION, USERDATA, WRITE_VAR
-from dissect.report import facets, words
 from dissect.wire.text import Clock, printable
 
 FORMAT: Final = "s7dissect golden 1"

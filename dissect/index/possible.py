@@ -13,13 +13,13 @@ from dissect.engine.findings.catalogue import CATALOGUE
 from dissect.engine.findings.reporter import Finding
 from dissect.engine.findings.transaction_rules import DISORDER_NS
 from dissect.index.facts import FileFacts, Pair
+from dissect.meaning.select.fields import FIELDS, NAMES
+from dissect.meaning.select.grammar import Comparison, Literal, Presence
+from dissect.meaning.select.literals import IN, Time
+from dissect.meaning.select.things import FINDING, PACKET, Context, Found, Packet
+from dissect.meaning.select.where import Judge, Where, comparison_test, predicate_of
+from dissect.meaning.select.window import parse_window
 from dissect.packets.tcp.stream import Endpoint
-from dissect.select.fields import FIELDS, NAMES
-from dissect.select.grammar import Comparison, Literal, Presence
-from dissect.select.literals import IN, Time
-from dissect.select.things import FINDING, PACKET, Context, Found, Packet
-from dissect.select.where import Judge, Where, comparison_test, predicate_of
-from dissect.select.window import parse_window
 
 #: Fields whose values the ends of a connection decide, for everything on it.
 _ENDS: Final = frozenset(("host", "port"))

@@ -12,8 +12,8 @@ from dissect.engine.findings.reporter import Finding
 from dissect.engine.options import Options
 from dissect.engine.transactions.naming import Naming
 from dissect.jobs.sums import FilePart, Sum
-from dissect.report.analysis import Analysis
-from dissect.report.per_file import PerFile
+from dissect.meaning.report.analysis import Analysis
+from dissect.meaning.report.per_file import PerFile
 
 
 class Analyses:

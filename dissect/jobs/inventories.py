@@ -6,8 +6,8 @@ Parts are added in the order of the files, as in `dissect.jobs.analyses`.
 from __future__ import annotations
 
 from dissect.engine.options import Options
-from dissect.inventory.collector import Inventory
 from dissect.jobs.sums import FilePart, Sum
+from dissect.meaning.inventory.collector import Inventory
 
 
 class Inventories:

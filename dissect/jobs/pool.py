@@ -22,7 +22,7 @@ from contextlib import contextmanager
 from typing import Any, TypeVar
 
 from dissect.jobs.tasks import FileError
-from dissect.report import words
+from dissect.meaning.report import words
 
 T = TypeVar("T")
 

@@ -31,10 +31,10 @@ from dissect.engine.transactions.connection import Connection
 from dissect.engine.transactions.ending import Ending
 from dissect.engine.transactions.transaction import Transaction
 from dissect.jobs.numbers import Offsets
+from dissect.meaning.report.kept import Findings
 from dissect.packets.tcp.connection import TcpConnection
 from dissect.packets.tcp.stream import Endpoint
 from dissect.protocols.s7.parameters import UserdataHead
-from dissect.report.kept import Findings
 
 _OURS: Final = "dissect."
 

@@ -18,9 +18,9 @@ from dissect.wire.copies import refuse
 
 if TYPE_CHECKING:
     from dissect.engine.observer import Observer
+    from dissect.meaning.select import Where
     from dissect.packets.source.packet import Reader
     from dissect.scd.dictionary import Dictionary
-    from dissect.select import Where
 
 _SECOND: Final = 10**9
 

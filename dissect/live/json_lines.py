@@ -17,13 +17,13 @@ from dissect.engine.transactions.operation import Operation
 from dissect.engine.transactions.transaction import Transaction
 from dissect.live.events import Event
 from dissect.live.session import Status
+from dissect.meaning.report.contract import connection_as_dict, finding_as_dict
+from dissect.meaning.report.operations import operation_json
+from dissect.meaning.report.pdu_json import PduLines
+from dissect.meaning.report.styled import Line
+from dissect.meaning.report.words import Places
+from dissect.meaning.report.writers.jsonl import TransactionLines
 from dissect.packets.tcp.link import vlan_ids
-from dissect.report.contract import connection_as_dict, finding_as_dict
-from dissect.report.operations import operation_json
-from dissect.report.pdu_json import PduLines
-from dissect.report.styled import Line
-from dissect.report.words import Places
-from dissect.report.writers.jsonl import TransactionLines
 from dissect.wire.text import Clock, encodable
 
 EVENT_SCHEMA: Final = "s7dissect.event/1"

@@ -12,12 +12,12 @@ from dissect.engine.transactions.operation import NO_FAILURES, Operation
 from dissect.engine.transactions.transaction import Transaction
 from dissect.live.events import CLOSED, DEVICE, FINDING, OPENED, OPERATION, PROBLEM, SCD, TRANSACTION, Event
 from dissect.live.session import Status
+from dissect.meaning.report import endings, words
+from dissect.meaning.report.operations import operation_line
+from dissect.meaning.report.styled import DIM, FAILED, HANG, PLAIN, Line
+from dissect.meaning.report.words import Places, named
+from dissect.meaning.report.writers.text import scd_line, transaction_line
 from dissect.packets.tcp.link import within
-from dissect.report import endings, words
-from dissect.report.operations import operation_line
-from dissect.report.styled import DIM, FAILED, HANG, PLAIN, Line
-from dissect.report.words import Places, named
-from dissect.report.writers.text import scd_line, transaction_line
 from dissect.wire.text import Clock, printable, shortened
 
 #: Topics that a user can choose, and the kinds of events that each means.

@@ -16,11 +16,11 @@ from dissect.engine.transactions.connection import Connection
 from dissect.engine.transactions.operation import Operation
 from dissect.engine.transactions.transaction import Transaction
 from dissect.live.writing import WritingCompanion
+from dissect.meaning.report.analysis import Part
 from dissect.packets.source.live.reader import Drops
 from dissect.page.gathered import Gathered, span_of
 from dissect.page.rendering import Side, prepare, render
 from dissect.page.rows import Rows, time_of
-from dissect.report.analysis import Part
 from dissect.wire.config.saving import save
 from dissect.wire.text import Clock
 

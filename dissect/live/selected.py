@@ -11,9 +11,9 @@ from dissect.engine.transactions.connection import Connection
 from dissect.engine.transactions.operation import Operation
 from dissect.engine.transactions.transaction import Transaction
 from dissect.live.events import CLOSED, Event
-from dissect.select import Where
-from dissect.select.sieve import Sieve
-from dissect.select.things import MESSAGE, Message
+from dissect.meaning.select import Where
+from dissect.meaning.select.sieve import Sieve
+from dissect.meaning.select.things import MESSAGE, Message
 
 
 class _Told(Observer):

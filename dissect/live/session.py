@@ -22,10 +22,10 @@ from typing import Final, NamedTuple
 from dissect.engine.pipeline import Options
 from dissect.live.events import KINDS, PROBLEM, TRANSACTION, Collector, Event
 from dissect.live.run import Companion, Limits, LiveRun
+from dissect.meaning.report.contract import connection_as_dict
+from dissect.meaning.report.words import Places
 from dissect.packets.source.live.reader import Drops, LiveReader
 from dissect.packets.source.packet import Reader
-from dissect.report.contract import connection_as_dict
-from dissect.report.words import Places
 
 #: This many events may wait to be taken, and this many more that are not transactions.
 MAX_EVENTS: Final = 20_000

@@ -10,7 +10,7 @@ from pathlib import Path
 from dissect.alerts.problems import EVIDENCE
 from dissect.live.problems import Recovery, WriterState
 from dissect.live.run import Companion
-from dissect.report import words
+from dissect.meaning.report import words
 from dissect.wire.text import reason
 
 

@@ -19,12 +19,12 @@ from dissect.engine.transactions.operation import Operation
 from dissect.engine.transactions.results import MESSAGE, RETURN_VALUE, SHORT_CODES, TransactionError
 from dissect.engine.transactions.transaction import ANSWERED, HOLE, UNANSWERED, Transaction
 from dissect.live.run import Companion
+from dissect.meaning.report.certainty import add_doubt
 from dissect.metrics.functions import OTHER, Functions
 from dissect.packets.source.live.reader import Drops
 from dissect.protocols.s7.errors import ERROR_CLASSES, ERROR_CODES
 from dissect.protocols.s7.tables import RETURN_CODES
 from dissect.protocols.s7plus.tables import RETURN_CODES as PLUS_CODES
-from dissect.report.certainty import add_doubt
 
 #: Separates several labels in one key.
 SEPARATOR: Final = "\0"

@@ -9,10 +9,10 @@ from typing import Final
 from dissect.alerts.problems import METRICS
 from dissect.live.problems import Recovery
 from dissect.live.run import Companion
+from dissect.meaning.report import words
 from dissect.metrics.server import Door, Server
 from dissect.net.addresses import AddressError
 from dissect.packets.source.live.reader import Drops
-from dissect.report import words
 
 _ENDED: Final = "its thread ended"
 

@@ -21,6 +21,14 @@ from textual.widgets import Input
 
 from dissect.engine.findings.catalogue import SEVERITIES
 from dissect.live.session import Session, Status
+from dissect.meaning.report import words
+from dissect.meaning.report.finding_lines import finding_lines
+from dissect.meaning.report.happened import Told, times_of
+from dissect.meaning.report.styled import HEADING, Line
+from dissect.meaning.report.text import connection_lines
+from dissect.meaning.report.words import Places
+from dissect.meaning.select import SelectError, Where
+from dissect.meaning.select.things import Context
 from dissect.monitor import details
 from dissect.monitor.filter import FAILED, SLOW
 from dissect.monitor.lists import FindingFacts
@@ -29,14 +37,6 @@ from dissect.monitor.panes import ConnectionsPane, EntriesPane, FindingsPane, Pa
 from dissect.monitor.rows import PLACES, entry_line
 from dissect.monitor.screens import HELP, Bar, PageScreen, ValuesScreen
 from dissect.recording.names import time_word
-from dissect.report import words
-from dissect.report.finding_lines import finding_lines
-from dissect.report.happened import Told, times_of
-from dissect.report.styled import HEADING, Line
-from dissect.report.text import connection_lines
-from dissect.report.words import Places
-from dissect.select import SelectError, Where
-from dissect.select.things import Context
 from dissect.variables.wanted import WantedSet
 from dissect.variables.writers import value_line
 from dissect.wire.text import Clock, printable, shortened

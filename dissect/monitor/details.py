@@ -9,22 +9,22 @@ from typing import Final
 from dissect.engine.transactions.connection import Connection
 from dissect.engine.transactions.operation import Operation
 from dissect.engine.transactions.transaction import DOUBT_TEXTS, PUSH, Transaction
+from dissect.meaning.report import facets, words
+from dissect.meaning.report.certainty import left_out
+from dissect.meaning.report.finding_lines import finding_lines
+from dissect.meaning.report.plus import item_text
+from dissect.meaning.report.scd_tree import scd_tree_lines
+from dissect.meaning.report.styled import DIM, HEADING, PLAIN, Line
+from dissect.meaning.report.text import connection_lines
+from dissect.meaning.report.tree import plus_tree_lines, tree_lines
+from dissect.meaning.report.words import Places
+from dissect.meaning.report.writers.text import pdu_line, plus_line
 from dissect.monitor.entries import Entry
 from dissect.monitor.lists import ConnectionFacts, FindingFacts
 from dissect.monitor.rows import PLACES, entry_line
 from dissect.monitor.watched import WatchedFacts
 from dissect.protocols.ibh.tables import IBH_NETLINK
 from dissect.protocols.s7plus.hiding import shown_answer
-from dissect.report import facets, words
-from dissect.report.certainty import left_out
-from dissect.report.finding_lines import finding_lines
-from dissect.report.plus import item_text
-from dissect.report.scd_tree import scd_tree_lines
-from dissect.report.styled import DIM, HEADING, PLAIN, Line
-from dissect.report.text import connection_lines
-from dissect.report.tree import plus_tree_lines, tree_lines
-from dissect.report.words import Places
-from dissect.report.writers.text import pdu_line, plus_line
 from dissect.variables.writers import place_text, shown, value_line
 from dissect.wire.text import Clock, printable, shortened
 

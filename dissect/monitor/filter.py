@@ -13,13 +13,13 @@ from typing import Final
 from dissect.engine.transactions.connection import Connection
 from dissect.engine.transactions.operation import Operation
 from dissect.engine.transactions.transaction import Transaction
+from dissect.meaning.report import facets
+from dissect.meaning.report.certainty import mark
+from dissect.meaning.report.operations import NAMES, result
+from dissect.meaning.select import Where
+from dissect.meaning.select.things import Message
 from dissect.monitor.entries import What
 from dissect.protocols.s7.parameters import Parameters
-from dissect.report import facets
-from dissect.report.certainty import mark
-from dissect.report.operations import NAMES, result
-from dissect.select import Where
-from dissect.select.things import Message
 
 FAILED: Final = "failed"
 SLOW: Final = "slow"

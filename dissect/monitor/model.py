@@ -10,11 +10,11 @@ from dissect.engine.stations.facts import Fact
 from dissect.engine.transactions.connection import Connection
 from dissect.engine.transactions.transaction import Transaction
 from dissect.live.events import ALERT, CLOSED, Event
+from dissect.meaning.select import Where
 from dissect.monitor.entries import Entry, Ring, What, detached
 from dissect.monitor.filter import Wanted, is_slow
 from dissect.monitor.lists import ConnectionFacts, ConnectionList, FindingFacts, FindingList
 from dissect.monitor.watched import Watched
-from dissect.select import Where
 from dissect.variables.wanted import WantedSet
 
 #: Greatest number of entries in each list, and of the octets of their PDUs.

@@ -14,13 +14,13 @@ from textual.message import Message
 from textual.widget import Widget
 
 from dissect.engine.findings.catalogue import ERROR
+from dissect.meaning.report.styled import Line
+from dissect.meaning.report.words import Places
 from dissect.monitor import rows
 from dissect.monitor.entries import Entry
 from dissect.monitor.lists import ConnectionFacts, FindingFacts
 from dissect.monitor.rows import Piece
 from dissect.monitor.watched import WatchedFacts
-from dissect.report.styled import Line
-from dissect.report.words import Places
 from dissect.wire.text import Clock
 
 Row = TypeVar("Row")

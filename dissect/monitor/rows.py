@@ -14,16 +14,16 @@ from dissect.engine.findings.reporter import Finding
 from dissect.engine.transactions.connection import Connection
 from dissect.engine.transactions.operation import NO_FAILURES, Operation
 from dissect.engine.transactions.transaction import Transaction
+from dissect.meaning.report import facets, words
+from dissect.meaning.report.certainty import mark
+from dissect.meaning.report.operations import NAMES, operation_line, result
+from dissect.meaning.report.scd import scd_summary
+from dissect.meaning.report.words import Places
+from dissect.meaning.report.writers.text import sender, transaction_line
 from dissect.monitor.entries import Entry
 from dissect.monitor.lists import ConnectionFacts, FindingFacts
 from dissect.monitor.rate_history import SECONDS, level
 from dissect.monitor.watched import WatchedFacts
-from dissect.report import facets, words
-from dissect.report.certainty import mark
-from dissect.report.operations import NAMES, operation_line, result
-from dissect.report.scd import scd_summary
-from dissect.report.words import Places
-from dissect.report.writers.text import sender, transaction_line
 from dissect.variables.summary import sparkline
 from dissect.variables.writers import place_text, shown
 from dissect.wire.text import Clock, printable, shortened

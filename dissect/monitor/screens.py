@@ -12,9 +12,9 @@ from textual.events import Resize
 from textual.screen import Screen
 from textual.widget import Widget
 
+from dissect.meaning.report.styled import HEADING, Line
 from dissect.monitor.panes import Page, ValuesPane
 from dissect.monitor.rows import LEGEND, fit
-from dissect.report.styled import HEADING, Line
 
 
 class Bar(Widget):

@@ -6,12 +6,12 @@ from collections import Counter
 from collections.abc import Iterator
 from typing import Final
 
+from dissect.meaning.report import words
 from dissect.oracle import facts
 from dissect.oracle.compare import Comparison, Difference
 from dissect.oracle.entry import Known
 from dissect.oracle.known import KNOWN
 from dissect.oracle.plus import PlusProof
-from dissect.report import words
 from dissect.wire.text import encodable, printable
 
 VERIFICATION_SCHEMA: Final = "s7dissect.verification/1"

@@ -7,16 +7,16 @@ from typing import Any, Final
 
 from dissect.engine.stations import facts
 from dissect.engine.transactions.operation import CONTROL, DELETE, DOWNLOAD, TEST_JOB, TRANSFER
-from dissect.inventory.model import Device, Talk
-from dissect.inventory.rows import device_row
+from dissect.meaning.inventory.model import Device, Talk
+from dissect.meaning.inventory.rows import device_row
+from dissect.meaning.report import words
+from dissect.meaning.report.operations import NAMES as KINDS
 from dissect.page.bins import cells_of
 from dissect.page.gathered import Gathered
 from dissect.page.ordered import Ordered
 from dissect.page.plcs import BAND, Plc
 from dissect.page.polls import Request, Variable
 from dissect.page.rows import Station, station_of
-from dissect.report import words
-from dissect.report.operations import NAMES as KINDS
 from dissect.wire.text import printable, shortened
 
 #: Greatest number of cards, and of lines in each list of a card.
@@ -26,7 +26,7 @@ _LINES: Final = 8
 _TEXT: Final = 120
 #: Operations that change the PLC or may.
 _CHANGING: Final = (CONTROL, DELETE, DOWNLOAD, TEST_JOB, TRANSFER)
-#: The labels for the identity of a PLC on a card, by key of a row of `dissect.inventory.rows`.
+#: The labels for the identity of a PLC on a card, by key of a row of `dissect.meaning.inventory.rows`.
 _IDENTITY: Final = {
     "role": "role",
     "order_number": "order number",

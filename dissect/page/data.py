@@ -8,6 +8,7 @@ from __future__ import annotations
 import time
 from typing import Any, Final
 
+from dissect.meaning.report.operations import NAMES as KINDS
 from dissect.page.bins import WIDTHS, cells_of, lower_end
 from dissect.page.cards import cards
 from dissect.page.gaps import Gap
@@ -17,7 +18,6 @@ from dissect.page.rows import OUTCOME_NAMES, Station, selecting, station_of
 from dissect.page.tables import Tables
 from dissect.page.tag_steps import TagSteps
 from dissect.page.verdict import by_weight
-from dissect.report.operations import NAMES as KINDS
 from dissect.wire.text import printable, shortened
 
 #: Bins of time in a plot.

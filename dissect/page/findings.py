@@ -6,11 +6,11 @@ from typing import Any, Final
 
 from dissect.engine.findings.catalogue import CATALOGUE
 from dissect.engine.findings.reporter import Finding
+from dissect.meaning.report import words
+from dissect.meaning.report.happened import facts_of, times_of
 from dissect.page.gathered import Gathered
 from dissect.page.numbers import how_often
 from dissect.page.verdict import by_weight
-from dissect.report import words
-from dissect.report.happened import facts_of, times_of
 from dissect.wire.text import cut_inside
 
 #: At most this many findings of a kind are shown one by one, with this many characters each.

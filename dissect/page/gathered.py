@@ -1,6 +1,7 @@
 """`Gathered`: an observer that collects everything that a report shows, in one pass and in bounded memory.
 
-It counts by time what `dissect.report.analysis` counts over the whole run, and has such an `analysis`, too. It counts what it
+It counts by time what `dissect.meaning.report.analysis` counts over the whole run, and has such an `analysis`, too. It counts
+what it
 leaves out, so that the report can state it.
 """
 
@@ -19,7 +20,9 @@ from dissect.engine.stations.facts import Fact
 from dissect.engine.transactions.connection import ISO_TSAP_PORT, Connection
 from dissect.engine.transactions.operation import CONNECT, Operation
 from dissect.engine.transactions.transaction import ORPHAN, PUSH, UNANSWERED, Transaction
-from dissect.inventory.collector import Inventory
+from dissect.meaning.inventory.collector import Inventory
+from dissect.meaning.report.analysis import Analysis
+from dissect.meaning.report.latencies import Latencies
 from dissect.packets.source.packet import SourceFile
 from dissect.page.bins import Bins, Spread, bucket
 from dissect.page.gaps import Gap, Heard, between, idle
@@ -31,8 +34,6 @@ from dissect.page.samples import Ranked, Samples, mixed
 from dissect.page.tag_steps import Tags
 from dissect.page.talks import Talks, worse
 from dissect.protocols.s7.tables import GROUP_MODE
-from dissect.report.analysis import Analysis
-from dissect.report.latencies import Latencies
 from dissect.variables.wanted import WantedSet
 
 #: Greatest number of rows of each table. Maximum number of the slowest transactions of all, and of further ones spread over the

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import Final
 
+from dissect.meaning.report import words
 from dissect.page.gathered import Gathered
 from dissect.page.numbers import counted
-from dissect.report import words
 
 #: This many gaps that are all between messages cannot be an accident: packet loss does not depend on content.
 _FILTERED: Final = 8

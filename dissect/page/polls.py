@@ -7,13 +7,13 @@ from typing import Final
 from dissect.engine.transactions.connection import Connection
 from dissect.engine.transactions.results import HEADER, NO_CODE, TransactionError
 from dissect.engine.transactions.transaction import PUSH, Transaction
+from dissect.meaning.report import facets
 from dissect.page.bins import Spread
 from dissect.page.rows import ERROR, MISSED, PUSHED, Station, outcome_of, station_of, time_of
 from dissect.protocols.s7.items import Item
 from dissect.protocols.s7.parameters import Parameters
 from dissect.protocols.s7.tables import GROUP_CPU, READ_VAR, WRITE_VAR
 from dissect.protocols.s7plus.parameters import PLUS
-from dissect.report import facets
 from dissect.wire.text import titled
 
 #: Greatest number of distinct requests that are followed; if there are more, those that came fewer than `REPEATED` times go.

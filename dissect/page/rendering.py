@@ -12,15 +12,15 @@ from importlib.resources import files
 from typing import Any, Final
 
 from dissect.engine.transactions.operation import CONNECT
+from dissect.meaning.report import words
+from dissect.meaning.report.certainty import left_out, not_captured
+from dissect.meaning.report.text import completeness
 from dissect.page.data import Data
 from dissect.page.findings import findings_of
 from dissect.page.gathered import Gathered
 from dissect.page.numbers import counted, grouped
 from dissect.page.rows import Rows, file_title
 from dissect.page.verdict import verdict
-from dissect.report import words
-from dissect.report.certainty import left_out, not_captured
-from dissect.report.text import completeness
 from dissect.wire.text import Clock, printable
 
 #: The message if the template engine is missing.

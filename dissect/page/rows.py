@@ -12,13 +12,13 @@ from dissect.engine.program.carved import CarvedBlock
 from dissect.engine.transactions.connection import Connection
 from dissect.engine.transactions.operation import Operation
 from dissect.engine.transactions.transaction import ANSWERED, PUSH, Transaction
+from dissect.meaning.report import endings, facets, words
+from dissect.meaning.report.certainty import mark
+from dissect.meaning.report.operations import NAMES as KINDS
+from dissect.meaning.report.operations import result as result_of
+from dissect.meaning.report.words import Places
 from dissect.packets.tcp.link import vlan_ids, within
 from dissect.packets.tcp.stream import Endpoint
-from dissect.report import endings, facets, words
-from dissect.report.certainty import mark
-from dissect.report.operations import NAMES as KINDS
-from dissect.report.operations import result as result_of
-from dissect.report.words import Places
 from dissect.wire.text import Clock, encodable, printable, shortened
 
 #: Greatest number of characters of a cell.

@@ -5,19 +5,19 @@ from __future__ import annotations
 from shlex import quote
 from typing import Any, Final
 
-from dissect.inventory.rows import device_row
+from dissect.meaning.inventory.rows import device_row
+from dissect.meaning.select.getters import function_names
 from dissect.page.bins import Bins
 from dissect.page.gathered import Gathered
 from dissect.page.ordered import Ordered
 from dissect.page.rows import Station, host_filter, selecting, station_of
-from dissect.select.getters import function_names
 from dissect.wire.text import printable, shortened, some
 
 #: Greatest number of rows.
 _VARIABLES: Final = 1000
 _REQUESTS: Final = 500
 _DEVICES: Final = 1000
-#: Columns of the table of devices, by key of a row of `dissect.inventory.rows`.
+#: Columns of the table of devices, by key of a row of `dissect.meaning.inventory.rows`.
 _DEVICE_TEXTS: Final = {
     "role": "role",
     "order_number": "order number",

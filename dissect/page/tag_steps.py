@@ -6,9 +6,9 @@ from typing import Final
 
 from dissect.engine.transactions.connection import Connection
 from dissect.engine.transactions.transaction import Transaction
+from dissect.meaning.report.certainty import values_left_out
 from dissect.page.bins import WIDTHS
 from dissect.page.rows import Station
-from dissect.report.certainty import values_left_out
 from dissect.variables.collector import Collector
 from dissect.variables.wanted import WantedSet
 

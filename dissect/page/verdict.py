@@ -19,13 +19,13 @@ from dissect.engine.findings.catalogue import (
 )
 from dissect.engine.findings.ledger import Pair
 from dissect.engine.findings.reporter import Finding
+from dissect.meaning.report import words
+from dissect.meaning.report.analysis import Analysis
+from dissect.meaning.report.happened import Told, by_gravity, facts_of, times_of
+from dissect.meaning.report.words import PROTOCOLS
 from dissect.page.gathered import Gathered
 from dissect.page.losses import gaps_in
 from dissect.page.numbers import counted, how_often
-from dissect.report import words
-from dissect.report.analysis import Analysis
-from dissect.report.happened import Told, by_gravity, facts_of, times_of
-from dissect.report.words import PROTOCOLS
 from dissect.wire.text import cut_inside, duration_text
 
 #: Kinds of findings in the order in which they are preferred among findings of equal severity.

@@ -16,8 +16,8 @@ from dissect.session import Event, EventQueue, KeyLogFiles, Reading, Tags, decod
 from dissect.wire.errors import Error
 
 if TYPE_CHECKING:
+    from dissect.meaning.select import Where
     from dissect.scd.dictionary import Dictionary
-    from dissect.select import Where
 
 #: An end of a connection: (host, port), as `socket.getpeername` gives it.
 Address: TypeAlias = "tuple[str, int] | tuple[str, int, int, int]"

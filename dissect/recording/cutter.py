@@ -11,8 +11,8 @@ from dissect.packets.source.packet_blocks import PacketBlocks
 from dissect.recording.recent import KeptPacket, RecentPackets
 
 if TYPE_CHECKING:  # interpreted
+    from dissect.meaning.select.selection import Choice
     from dissect.packets.source.pcapng_writer import PcapngWriter
-    from dissect.select.selection import Choice
 
 #: At most this many octets of packets are held, in case a later packet is wanted.
 MAX_HELD: Final = 64 * 1024 * 1024

@@ -18,11 +18,11 @@ from typing import Final
 from mypy_extensions import i64
 
 from dissect.engine.findings.reporter import Finding
+from dissect.meaning.select.comments import finding_comment, frames_in_words
 from dissect.packets.source.packet import PacketSink
 from dissect.packets.source.pcapng_writer import PcapngWriter
 from dissect.recording import names
 from dissect.recording.recent import MAX_COMMENTS, KeptPacket, RecentPackets
-from dissect.select.comments import finding_comment, frames_in_words
 from dissect.wire.text import Clock
 
 #: After this many octets a new file begins, if triggers keep coming.

@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Final
 
+from dissect.meaning.select.window import Window, parse_moment
 from dissect.recording.manifest import (
     BEGIN,
     ENDING,
@@ -24,7 +25,6 @@ from dissect.recording.manifest import (
     state_of,
 )
 from dissect.recording.names import PART, SUFFIX
-from dissect.select.window import Window, parse_moment
 
 _PIECE: Final = 1 << 20
 _MODE: Final = 0o640

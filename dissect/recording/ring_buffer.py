@@ -25,11 +25,11 @@ from typing import Final, NamedTuple
 
 from mypy_extensions import i64
 
+from dissect.meaning.select.comments import MARK
 from dissect.packets.source.packet import PacketSink
 from dissect.packets.source.pcapng_writer import PcapngWriter, section_mark
 from dissect.recording import names
 from dissect.recording.names import PART, SUFFIX
-from dissect.select.comments import MARK
 from dissect.wire import locks
 from dissect.wire.text import Clock
 

@@ -15,7 +15,7 @@ from dissect.golden.difference import DiffOptions
 from dissect.golden.model import GoldenError, Session
 from dissect.golden.reading import load_golden, read_session
 from dissect.golden.writing import golden_text
-from dissect.report import words
+from dissect.meaning.report import words
 from dissect.testing.captures import MISTAKES, CaptureFolder, near, path_of
 from dissect.testing.golden_files import ALL, NONE, GoldenFiles, folder_of, golden_of, stem_of
 from dissect.wire.config.saving import save

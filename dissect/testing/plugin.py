@@ -94,7 +94,7 @@ def _naming(config: pytest.Config) -> Naming | None:
     if not files:
         return None
     if _TAGS not in config.stash:
-        from dissect.tags import load_tags
+        from dissect.meaning.tags import load_tags
 
         root = config.inipath.parent if config.inipath is not None else config.invocation_params.dir
         config.stash[_TAGS] = load_tags([root / file for file in files]).naming()

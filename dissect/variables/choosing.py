@@ -6,16 +6,16 @@ import re
 from collections.abc import Iterable, Sequence
 from typing import Final
 
-from dissect.bindings.engine import ScdCarrier
 from dissect.engine.exchange import PayloadDecoder
 from dissect.engine.transactions.naming import Naming
+from dissect.meaning.bindings.engine import ScdCarrier
+from dissect.meaning.select.literals import place_of
+from dissect.meaning.tags.address import WIDTHS, AddressError, TagAddress, TypeNameError, parse_tag_address
+from dissect.meaning.tags.index import Part
+from dissect.meaning.tags.model import NUMBERED_BITS, Tag
+from dissect.meaning.tags.naming import HostNaming, TagNaming
+from dissect.meaning.tags.types import DataType
 from dissect.protocols.s7.tables import NUMBERED_AREAS
-from dissect.select.literals import place_of
-from dissect.tags.address import WIDTHS, AddressError, TagAddress, TypeNameError, parse_tag_address
-from dissect.tags.index import Part
-from dissect.tags.model import NUMBERED_BITS, Tag
-from dissect.tags.naming import HostNaming, TagNaming
-from dissect.tags.types import DataType
 from dissect.variables.wanted import Wanted, WantedSet, of_tag, whole
 from dissect.wire.config.hints import close_names
 from dissect.wire.errors import Error

@@ -19,6 +19,8 @@ from dissect.engine.transactions.payloads import ScdMessage
 from dissect.engine.transactions.results import DOUBTS, TEST_WRITES, has_items
 from dissect.engine.transactions.transaction import ANSWERED, Transaction
 from dissect.engine.transactions.transaction import PUSH as OUTCOME_PUSH
+from dissect.meaning.tags.model import NUMBERED_BITS
+from dissect.meaning.tags.naming import TagNaming
 from dissect.protocols.s7.items import Item, ItemResult
 from dissect.protocols.s7.tables import (
     BIT,
@@ -39,8 +41,6 @@ from dissect.protocols.s7plus.items import WRITES, PlusItem
 from dissect.protocols.s7plus.parameters import PlusParameters
 from dissect.protocols.s7plus.tables import NOTIFICATION as PLUS_NOTIFICATION
 from dissect.scd.wording import json_value
-from dissect.tags.model import NUMBERED_BITS
-from dissect.tags.naming import TagNaming
 from dissect.variables.model import FORCE, MODIFY, NOTIFICATION, PDO, PUSH, READ, WRITE, Told, ValueRow, Variable
 from dissect.variables.tracker import MAX_VARIABLES, NO_ANSWER, Plan, Plc, Tracker
 from dissect.variables.wanted import Image, WantedSet

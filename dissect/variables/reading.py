@@ -17,8 +17,8 @@ from dissect.variables.model import ValueRow, Variable
 if TYPE_CHECKING:
     import pyarrow
 
+    from dissect.meaning.select import Where
     from dissect.scd.dictionary import Dictionary
-    from dissect.select import Where
 
 _NEEDS: Final = "value_tables needs pyarrow: pip install 's7dissect[data]'"
 _LARGEST: Final = 2**63 - 1

@@ -7,12 +7,12 @@ import math
 from collections.abc import Iterable, Sequence
 from typing import Any, Final
 
-from dissect.facts.value import VARIABLE
-from dissect.facts.written import written
+from dissect.meaning.facts.value import VARIABLE
+from dissect.meaning.facts.written import written
+from dissect.meaning.report import words
+from dissect.meaning.report.styled import DIM, HEADING, PLAIN, Line
+from dissect.meaning.report.words import Places
 from dissect.packets.tcp.link import within
-from dissect.report import words
-from dissect.report.styled import DIM, HEADING, PLAIN, Line
-from dissect.report.words import Places
 from dissect.variables.collector import Collector
 from dissect.variables.model import Variable
 from dissect.variables.statistics import MAX_DISTINCT, Pace, Statistics

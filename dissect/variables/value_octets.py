@@ -11,6 +11,8 @@ from typing import Final
 from librt.strings import BytesWriter
 from mypy_extensions import i64
 
+from dissect.meaning.report import words
+from dissect.meaning.report.item_octets import NOT_FINITE, is_harmless
 from dissect.protocols.s7.singles import write_real_repr
 from dissect.protocols.s7.tables import BIT, CHAR, REAL
 from dissect.protocols.s7.values import (
@@ -23,8 +25,6 @@ from dissect.protocols.s7.values import (
     write_time,
     write_times,
 )
-from dissect.report import words
-from dissect.report.item_octets import NOT_FINITE, is_harmless
 from dissect.variables.model import Told
 from dissect.wire.digits import write_decimal
 from dissect.wire.octets import u16

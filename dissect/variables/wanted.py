@@ -6,12 +6,12 @@ from typing import Final
 
 from mypy_extensions import i64
 
+from dissect.meaning.tags.index import Part
+from dissect.meaning.tags.model import NUMBERED_BITS, UNLETTERED, Tag, place_text
+from dissect.meaning.tags.naming import TagNaming, part_name
+from dissect.meaning.tags.values import decode_part
 from dissect.protocols.s7.tables import BYTE, DB_AREAS, NUMBERED_AREAS, TRANSPORT_SIZES
 from dissect.protocols.s7.values import decode_value
-from dissect.tags.index import Part
-from dissect.tags.model import NUMBERED_BITS, UNLETTERED, Tag, place_text
-from dissect.tags.naming import TagNaming, part_name
-from dissect.tags.values import decode_part
 from dissect.variables.model import Variable
 
 #: Transport sizes by bits, for a place of unknown type.
@@ -31,7 +31,7 @@ def place_key(area: i64, db: i64) -> i64:
 
 
 class Wanted:
-    """Something wanted: ``bits`` bits from bit ``start`` of a place (`dissect.tags.model.Tag.start`), or a ``word``.
+    """Something wanted: ``bits`` bits from bit ``start`` of a place (`dissect.meaning.tags.model.Tag.start`), or a ``word``.
 
     ``part`` says how the place is decoded, None if its type is unknown. ``naming`` are the tags of its CPUs, None for every
     CPU. ``word``, in lower case, is the address or name of a value that has no place in memory (S7comm-plus, SCD).

@@ -11,15 +11,15 @@ from mypy_extensions import i64
 
 from dissect.engine.transactions.connection import Connection
 from dissect.engine.transactions.transaction import SURE
+from dissect.meaning.report import words
+from dissect.meaning.report.certainty import doubt_mark
+from dissect.meaning.report.item_json import value_text
+from dissect.meaning.report.line_octets import ERRORS
+from dissect.meaning.report.styled import HANG, PLAIN, Line
+from dissect.meaning.report.words import Places
+from dissect.meaning.report.writer import Writer
+from dissect.meaning.report.writers.csv import json_cell, quoted
 from dissect.protocols.s7plus.value_showing import members_said
-from dissect.report import words
-from dissect.report.certainty import doubt_mark
-from dissect.report.item_json import value_text
-from dissect.report.line_octets import ERRORS
-from dissect.report.styled import HANG, PLAIN, Line
-from dissect.report.words import Places
-from dissect.report.writer import Writer
-from dissect.report.writers.csv import json_cell, quoted
 from dissect.variables.model import UNTOLD, Told, ValueRow, Variable
 from dissect.variables.value_octets import write_cell, write_hex, write_json, write_shown
 from dissect.wire.digits import Moments, Times, write_aligned, write_decimal, write_hexadecimal

@@ -145,6 +145,6 @@ def _numbers(found: list[int]) -> Any:
     return vec[i64](found)
 
 
-# What answer times are kept in (`dissect.report.latencies`).
+# What answer times are kept in (`dissect.meaning.report.latencies`).
 copyreg.pickle(BytesWriter, lambda writer: (_writer, (writer.getvalue(),)))
 copyreg.pickle(vec[i64], lambda numbers: (_numbers, (list(numbers),)))

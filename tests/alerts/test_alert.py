@@ -7,7 +7,7 @@ import json
 import pytest
 
 from tests.alerts.rules_of import alert
-from tests.report.support import UNSAFE
+from tests.meaning.report.support import UNSAFE
 
 ODD = "TSAP \x1b[2J\u202egnp\nnext \x7f \udcff é"
 

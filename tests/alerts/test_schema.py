@@ -13,7 +13,7 @@ from dissect.alerts.rules import WHENS
 from dissect.baseline import Baseline
 from tests.alerts.rules_of import Kept
 from tests.baseline.wire import Client
-from tests.report.schemas import load, strict
+from tests.meaning.report.schemas import load, strict
 
 RULES = {
     "finding": 'finding = "note"',

@@ -16,9 +16,9 @@ from dissect.anonymize.rewriter import Rewriter
 from dissect.anonymize.rules import Rules
 from dissect.anonymize.scd import ScdRules
 from dissect.anonymize.survey import Survey
-from dissect.bindings.engine import ScdCarrier
 from dissect.engine.pipeline import Options
 from dissect.engine.transactions.transaction import Transaction
+from dissect.meaning.bindings.engine import ScdCarrier
 from dissect.packets.source.files import open_capture
 from dissect.packets.source.pcapng_writer import PcapngWriter
 from dissect.protocols.s7plus.assembly import MAX_PDU

@@ -24,8 +24,8 @@ from dissect.engine.transactions.transaction import Transaction
 from dissect.packets.source.files import open_capture
 from dissect.packets.source.pcapng_writer import PcapngWriter
 from tests.anonymize.support import BLANKED, KEY, anonymized, told
+from tests.meaning.report.support import OWN, ROOT
 from tests.packets.source.craft import Frame, drain
-from tests.report.support import OWN, ROOT
 
 #: What analyses differ in, by capture: findings that lean on octets which nobody knows the meaning of, and which are zeros now.
 DIFFER: Final = {

@@ -23,9 +23,9 @@ from dissect.session import Run
 from tests.anonymize.support import BLANKED, KEY, anonymized, told
 from tests.build import ACK_DATA, JOB, READ, USERDATA, data_item, dt, payload, pdu, userdata_head
 from tests.cases import each
+from tests.meaning.report.support import OWN, ROOT, begun, read, saved
 from tests.packets.source.craft import drain
 from tests.properties.packets import Flow, captured
-from tests.report.support import OWN, ROOT, begun, read, saved
 from tests.tshark import join
 
 #: Octets between IBH-NetLink packets become zeros, which may begin one: a packet behind them is found later than before.

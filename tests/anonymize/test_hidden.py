@@ -10,9 +10,9 @@ import pytest
 from dissect.anonymize.account import Choices
 from dissect.packets.source.files import open_capture
 from tests.anonymize.support import anonymized, told
+from tests.meaning.report.support import begun, read
 from tests.packets.source.craft import Pcapng, drain
 from tests.properties.packets import EPOCH_NS, Flow, Packet
-from tests.report.support import begun, read
 
 FLOW = Flow("192.168.77.13", "192.168.77.94")
 MAC = bytes.fromhex("001b1ba7c5d3")

@@ -14,12 +14,12 @@ from dissect.anonymize.account import Choices
 from dissect.packets.source.files import open_capture
 from dissect.packets.tcp import ip, link
 from tests.anonymize.support import anonymized, told
+from tests.meaning.report.support import ROOT, begun, read, saved
 from tests.packets.source.craft import drain
 from tests.properties import messages
 from tests.properties.messages import dt
 from tests.properties.packets import ACK, EPOCH_NS, MS, PSH, Flow, Packet, Segment, Talk
 from tests.protocols.ibh.packets import CLAIM, CLAIMED, RECEIPT, long, short
-from tests.report.support import ROOT, begun, read, saved
 
 TSAP = b"PLANT-NORTH-7"
 FLOW = Flow()

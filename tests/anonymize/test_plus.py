@@ -45,6 +45,7 @@ from dissect.protocols.s7plus.variables import NameList, TagDescription
 from dissect.protocols.s7plus.walk import Walk
 from tests.anonymize.support import anonymized, told
 from tests.anonymize.test_all import surviving_texts
+from tests.meaning.report.support import begun, saved
 from tests.properties.messages import dt
 from tests.properties.packets import Talk
 from tests.protocols.s7plus import bodies
@@ -53,7 +54,6 @@ from tests.protocols.s7plus.pdus import told as answered
 from tests.protocols.s7plus.strategies import OBJECTS, VALUES
 from tests.protocols.s7plus.test_program import type_of, variable
 from tests.protocols.s7plus.test_shared_captures import broken_integrity_ids, pdus
-from tests.report.support import begun, saved
 
 #: Texts that all plants have in common.
 COMMON: Final = {b"LOGOUT", b"SIMATIC-ROOT-ES"}

@@ -13,11 +13,11 @@ from dissect.anonymize import account
 from dissect.anonymize.account import KEEP, MASK, SCRAMBLE, Account, Choices
 from dissect.anonymize.addresses import AddressMap
 from dissect.anonymize.scd import ScdRules, bindings_of
-from dissect.bindings import load_bindings, load_carrier
-from dissect.bindings.contents import decode
-from dissect.bindings.engine import ScdCarrier
 from dissect.engine.transactions.payloads import ScdMessage
 from dissect.engine.transactions.transaction import Transaction
+from dissect.meaning.bindings import load_bindings, load_carrier
+from dissect.meaning.bindings.contents import decode
+from dissect.meaning.bindings.engine import ScdCarrier
 from dissect.packets.source.files import open_capture
 from dissect.scd.codec import Codec
 from dissect.scd.loading import load
@@ -25,9 +25,9 @@ from dissect.scd.messages import Message
 from dissect.scd.packing import LIMITS, Flags
 from dissect.scd.values import NetTime
 from tests.anonymize.support import KEY, anonymized
+from tests.meaning.report.support import ROOT, saved
 from tests.packets.source.craft import Frame, drain
 from tests.properties.packets import MS, Flow, Packet, Talk
-from tests.report.support import ROOT, saved
 
 PLANT = ROOT / "captures/scd/plant.pcapng"
 DICTIONARY = ROOT / "captures/scd/plant.toml"

@@ -20,8 +20,8 @@ from dissect.packets.tcp import ip, link
 from dissect.session import Run
 from tests.anonymize.support import KEY
 from tests.cases import each
+from tests.meaning.report.support import ROOT
 from tests.packets.source.craft import drain
-from tests.report.support import ROOT
 
 
 class Way:

@@ -6,7 +6,7 @@ import pytest
 
 from dissect.baseline import Baseline, Comparison, Learner, comparing
 from dissect.session import Run
-from tests.report.support import ROOT
+from tests.meaning.report.support import ROOT
 
 
 def learned(name: str) -> Baseline:

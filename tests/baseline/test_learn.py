@@ -12,10 +12,10 @@ from dissect.baseline import Learner, baseline_toml, learn
 from dissect.baseline.loading import parse_baseline
 from dissect.session import Run
 from tests.baseline.wire import Client, Wire, learned
+from tests.meaning.report.support import WORD
 from tests.properties import messages
 from tests.properties.messages import dt
 from tests.properties.packets import Flow, Talk
-from tests.report.support import WORD
 
 CRAFTED = Path(__file__).parents[2] / "captures" / "crafted"
 

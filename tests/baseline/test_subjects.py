@@ -12,7 +12,7 @@ from dissect.engine.transactions.transaction import Transaction
 from dissect.protocols.s7.items import parse_item
 from dissect.session import Run
 from tests.baseline.wire import Client, Wire
-from tests.report.support import ROOT
+from tests.meaning.report.support import ROOT
 
 
 class Seen(Observer):

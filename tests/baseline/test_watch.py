@@ -11,7 +11,7 @@ from dissect.engine.transactions.connection import Connection
 from dissect.engine.transactions.transaction import Transaction
 from dissect.session import Run
 from tests.baseline.wire import Client, Wire
-from tests.report.support import ROOT
+from tests.meaning.report.support import ROOT
 
 NORMAL = {
     "server_ports": frozenset((102,)),

@@ -5,10 +5,10 @@ from __future__ import annotations
 from dissect.baseline import Learner
 from dissect.engine.observer import Observer
 from dissect.engine.pipeline import Options, Pipeline
+from tests.meaning.report.support import WORD
 from tests.properties import messages
 from tests.properties.messages import Item, dt
 from tests.properties.packets import EPOCH_NS, Flow, Talk
-from tests.report.support import WORD
 
 
 def at_ns(seconds: float) -> int:

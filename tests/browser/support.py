@@ -15,8 +15,8 @@ from dissect import __version__
 from dissect.browser.contents import Contents
 from dissect.browser.page import made
 from dissect.browser.parts import Parts, PartsError
+from tests.meaning.report.schemas import ROOT
 from tests.page.browser import Driven
-from tests.report.schemas import ROOT
 
 if TYPE_CHECKING:
     from selenium.webdriver.chrome.webdriver import WebDriver

@@ -15,9 +15,9 @@ import pytest
 from dissect.cli.main import run as run_here
 from dissect.wire.text import duration_text
 from tests.browser.support import OWN, Opened, captures
+from tests.meaning.report.support import saved
 from tests.page.support import NAUGHTY, naughty_packets
 from tests.promises import hostile
-from tests.report.support import saved
 
 PLANT = OWN / "crafted" / "plus-plant.pcapng"
 
@@ -254,8 +254,8 @@ def test_an_expression_selects_and_its_errors_are_those_of_the_command_line(open
 
 
 def test_rows_are_read_in_pages(opened: Opened, tmp_path: Path) -> None:
+    from tests.meaning.report.support import WORD, begun, read
     from tests.properties.packets import MS
-    from tests.report.support import WORD, begun, read
 
     talk = begun()
     for ref in range(1, 350):

@@ -20,7 +20,7 @@ from dissect.browser.parts import Part, Parts, PartsError, engine, wheels
 from dissect.cli.main import COMMANDS, group, run
 from tests.browser.support import OWN, PACKAGES
 from tests.cli.support import run as run_command
-from tests.report.schemas import ROOT
+from tests.meaning.report.schemas import ROOT
 
 
 def test_the_page_is_small_and_the_same_each_time(page: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from dissect.browser.page import SCRIPTS, SHARED
+from tests.meaning.report.schemas import ROOT
 from tests.page.test_script import checked
-from tests.report.schemas import ROOT
 
 FOLDER = ROOT / "dissect" / "browser"
 

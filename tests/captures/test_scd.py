@@ -16,7 +16,7 @@ from dissect import scd
 from dissect.cli.main import main
 from dissect.engine.findings.reporter import Finding
 from dissect.engine.transactions.transaction import Transaction
-from tests.report.schemas import complaints
+from tests.meaning.report.schemas import complaints
 
 FILES: Final = [str(FOLDER / name) for name in ("plant.toml", "plant.bind.toml", "plant.pcapng")]
 DICT, BIND, CAPTURE = FILES

@@ -11,10 +11,10 @@ from dissect.carve.contents import block_values, tag_names
 from dissect.engine.program.carved import CarvedBlock, block_of
 from dissect.engine.program.compare import compare
 from dissect.engine.transactions.naming import Naming
-from dissect.report.words import Places
-from dissect.tags.loading import load_tags
+from dissect.meaning.report.words import Places
+from dissect.meaning.tags.loading import load_tags
 from dissect.wire.text import Clock
-from tests.report.schemas import ROOT, complaints
+from tests.meaning.report.schemas import ROOT, complaints
 
 VALVE = ROOT / "captures" / "tags" / "valve.csv"
 #: An FC with an IN of INT, and a call of it that hands MW 4 on.

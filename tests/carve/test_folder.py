@@ -16,10 +16,10 @@ from captures.craft.mc7 import DB2, OB1
 from dissect.carve.folder import MANIFEST, FolderError, Plan, file_name, occupied, read_block, read_folder, write_folder
 from dissect.carve.listing import BlockList
 from dissect.engine.program.carved import CarvedBlock, block_of, plus_block
+from dissect.meaning.report.words import Places
 from dissect.protocols.s7plus.objects import Attribute, PlusObject, build_object
 from dissect.protocols.s7plus.value_tables import BLOB, SPARSE_ARRAY
 from dissect.protocols.s7plus.values import Blob, Value
-from dissect.report.words import Places
 from dissect.wire.text import Clock
 
 PLUS = Path(__file__).parents[2] / "captures" / "crafted" / "plus-plant.pcapng"

@@ -12,12 +12,12 @@ from dissect.carve.code import CodeListing, References, details_of
 from dissect.carve.networks import PlusNetwork, compare_networks, interface, networks
 from dissect.engine.program.carved import CarvedBlock, plus_block
 from dissect.engine.program.compare import compare
+from dissect.meaning.report.words import Places
 from dissect.protocols.s7plus.objects import Attribute, PlusObject, build_object
 from dissect.protocols.s7plus.value_tables import BLOB, SPARSE_ARRAY
 from dissect.protocols.s7plus.values import Blob, Value
-from dissect.report.words import Places
 from dissect.wire.text import Clock
-from tests.report.schemas import complaints
+from tests.meaning.report.schemas import complaints
 
 pytest.importorskip("defusedxml")
 

@@ -18,10 +18,10 @@ import pytest
 
 from dissect.cli.main import main
 from tests.forked import Forked
+from tests.meaning.report.support import WORD, begun, read, saved
 from tests.properties import messages
 from tests.properties.messages import dt
 from tests.properties.packets import Flow, Packet
-from tests.report.support import WORD, begun, read, saved
 
 #: The environment of a process that may not write large files: it must not leave half a compiled module in the source tree.
 WITHOUT_CACHE: Final = {**os.environ, "PYTHONDONTWRITEBYTECODE": "1"}

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING
 import pytest
 
 from tests.cli.support import run, simple
+from tests.meaning.report.schemas import complaints
+from tests.meaning.report.support import begun, of_files, read, report, saved
 from tests.properties.packets import MS
-from tests.report.schemas import complaints
-from tests.report.support import begun, of_files, read, report, saved
 
 if TYPE_CHECKING:
     from tests.conftest import Command

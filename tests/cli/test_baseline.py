@@ -11,7 +11,7 @@ import pytest
 
 from dissect.alerts.loading import RuleError, load_rules
 from tests.cli.support import halves, run, simple
-from tests.report.support import OWN, ROOT
+from tests.meaning.report.support import OWN, ROOT
 
 Capture = pytest.CaptureFixture[bytes]
 

@@ -12,10 +12,10 @@ from pathlib import Path
 import pytest
 
 from tests.cli.support import run
+from tests.meaning.report.schemas import complaints
+from tests.meaning.report.support import WORD, begun, read, saved
 from tests.properties import messages
 from tests.properties.messages import dt, tpkt
-from tests.report.schemas import complaints
-from tests.report.support import WORD, begun, read, saved
 
 Capture = pytest.CaptureFixture[bytes]
 

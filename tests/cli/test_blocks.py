@@ -13,7 +13,7 @@ import pytest
 import dissect
 from captures.craft.mc7 import DB2, OB1, OB1_CHANGED
 from tests.cli.support import run, simple
-from tests.report.schemas import ROOT
+from tests.meaning.report.schemas import ROOT
 
 Capture = pytest.CaptureFixture[bytes]
 PROGRAM: Final = ROOT / "captures" / "crafted" / "program.pcapng"

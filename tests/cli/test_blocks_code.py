@@ -10,8 +10,8 @@ import pytest
 
 from tests.cases import each
 from tests.cli.support import run
+from tests.meaning.report.schemas import ROOT
 from tests.protocols.mc7.samples import TIME_2, fb7, fc5, ob1
-from tests.report.schemas import ROOT
 
 Capture = pytest.CaptureFixture[bytes]
 PROGRAM: Final = ROOT / "captures" / "crafted" / "program.pcapng"

@@ -9,7 +9,7 @@ import pytest
 
 from dissect.wire.config.finding import NAME
 from tests.cli.support import run
-from tests.tags.support import tank_capture, tank_file
+from tests.meaning.tags.support import tank_capture, tank_file
 
 Capture = pytest.CaptureFixture[bytes]
 

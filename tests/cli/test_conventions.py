@@ -17,7 +17,7 @@ import pytest
 from tests.cases import each
 from tests.cli.support import run, simple
 from tests.cli.test_outputs import commands, lines_of, object_of
-from tests.report.schemas import ROOT
+from tests.meaning.report.schemas import ROOT
 
 Capture = pytest.CaptureFixture[bytes]
 TRANSFER: Final = str(ROOT / "captures" / "transfer.pcapng")
@@ -122,7 +122,7 @@ def calls(text: str) -> list[list[str]]:
 RUNNER: Final = """
 import json, os, sys, tempfile
 import dissect.alerts, dissect.anonymize.rewriter, dissect.anonymize.survey, dissect.baseline, dissect.golden.reading
-import dissect.live.lines, dissect.live.session, dissect.recording.cutter, dissect.playback.client, dissect.report.tree
+import dissect.live.lines, dissect.live.session, dissect.recording.cutter, dissect.playback.client, dissect.meaning.report.tree
 import dissect.scd.codec, dissect.scd.loading, dissect.packets.source.live.opening
 from dissect.cli.main import COMMANDS, group, main
 for name in COMMANDS:

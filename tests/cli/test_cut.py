@@ -16,11 +16,11 @@ import dissect
 from dissect.engine.transactions.transaction import Transaction
 from dissect.packets.source.files import open_capture
 from tests.cli.support import Ran, run, simple
+from tests.meaning.report.support import WORD, begun, read, saved
 from tests.packets.source.craft import Frame, Pcapng, drain
 from tests.properties import messages
 from tests.properties.messages import dt
 from tests.properties.packets import EPOCH_NS, MS, Flow, Packet, Talk, captured
-from tests.report.support import WORD, begun, read, saved
 
 ROOT = Path(__file__).resolve().parents[2]
 Capfd = pytest.CaptureFixture[bytes]

@@ -10,22 +10,22 @@ from random import Random
 import pytest
 from mypy_extensions import i64
 
+from dissect.meaning.report.analysis import Analysis
+from dissect.meaning.report.contract import analysis_as_dict
+from dissect.meaning.report.json_page import JsonPage
+from dissect.meaning.report.styled import Line
+from dissect.meaning.report.text import analysis_lines
+from dissect.meaning.report.words import Places
+from dissect.meaning.report.writer import PduFeed, TransactionFeed
+from dissect.meaning.report.writers.csv import CsvWriter
+from dissect.meaning.report.writers.jsonl import JsonlWriter, TransactionLines
+from dissect.meaning.report.writers.text import TextWriter
 from dissect.packets.source.files import open_capture
 from dissect.packets.source.packet import PacketSink, SourceFile
-from dissect.report.analysis import Analysis
-from dissect.report.contract import analysis_as_dict
-from dissect.report.json_page import JsonPage
-from dissect.report.styled import Line
-from dissect.report.text import analysis_lines
-from dissect.report.words import Places
-from dissect.report.writer import PduFeed, TransactionFeed
-from dissect.report.writers.csv import CsvWriter
-from dissect.report.writers.jsonl import JsonlWriter, TransactionLines
-from dissect.report.writers.text import TextWriter
 from tests.cli.support import run, simple
+from tests.meaning.report.schemas import complaints
+from tests.meaning.report.support import OWN, UNSAFE, observed, tree_lines
 from tests.properties.packets import Packet
-from tests.report.schemas import complaints
-from tests.report.support import OWN, UNSAFE, observed, tree_lines
 
 Capture = pytest.CaptureFixture[bytes]
 FILES = [SourceFile("damaged.pcap", 1)]

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from tests.cli.support import run
-from tests.report.schemas import ROOT
+from tests.meaning.report.schemas import ROOT
 
 Capture = pytest.CaptureFixture[bytes]
 PLANT = ROOT / "captures" / "crafted" / "plus-plant.pcapng"

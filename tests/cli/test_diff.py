@@ -9,7 +9,7 @@ import pytest
 from dissect.golden.difference import KINDS
 from tests.cli.support import run, simple
 from tests.golden.support import WRITTEN, reads
-from tests.report.support import saved
+from tests.meaning.report.support import saved
 
 Capture = pytest.CaptureFixture[bytes]
 

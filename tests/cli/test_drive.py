@@ -27,15 +27,15 @@ import pytest
 from dissect.cli.look import write_lines
 from dissect.cli.main import EXIT_DAMAGED, EXIT_GATE, EXIT_INTERRUPTED, EXIT_OK, EXIT_OUTPUT, EXIT_USAGE, group
 from dissect.cli.run import Bar
-from dissect.report.styled import Line
+from dissect.meaning.report.styled import Line
 from tests.cli.support import halves, large, on_terminal, run, simple, started
 from tests.cli.test_outputs import commands
 from tests.forked import Forked
+from tests.meaning.report.schemas import complaints
+from tests.meaning.report.support import ROOT, UNSAFE, read, saved
 from tests.properties import messages
 from tests.properties.messages import Item, dt
 from tests.properties.packets import Flow, Packet, Talk
-from tests.report.schemas import complaints
-from tests.report.support import ROOT, UNSAFE, read, saved
 
 if TYPE_CHECKING:
     from tests.conftest import Command

@@ -24,8 +24,8 @@ from dissect.playback.server import Server
 from dissect.recording.ring_buffer import RingBuffer, RingLimits
 from tests.cli.support import Ran, run
 from tests.cli.test_outputs import commands
-from tests.report.schemas import ROOT
-from tests.tags.support import example_files
+from tests.meaning.report.schemas import ROOT
+from tests.meaning.tags.support import example_files
 
 CAPTURE: Final = ROOT / "captures" / "transfer.pcapng"
 #: Their examples need a cluster, or packages of npm and PyPI: tests/cluster/test_cluster.py and tests/browser have them.

@@ -14,7 +14,7 @@ from typing import Final
 import pytest
 
 from tests.cli.support import WITHOUT_CACHE, run
-from tests.report.support import ROOT, WORD, begun, read, saved
+from tests.meaning.report.support import ROOT, WORD, begun, read, saved
 
 Capture = pytest.CaptureFixture[bytes]
 ERRORS: Final = ROOT / "captures" / "item-errors.pcapng"

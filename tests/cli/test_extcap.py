@@ -21,7 +21,7 @@ from dissect.packets.source.live.opening import engine_states
 from tests.cli.support import run
 from tests.engine.transactions.talk import CONFIRM, CONNECT, ack_data, dbw, dt, granted, setup
 from tests.engine.transactions.talk import read as read_job
-from tests.report.support import WORD, begun, read, saved
+from tests.meaning.report.support import WORD, begun, read, saved
 
 Capture = pytest.CaptureFixture[bytes]
 MARK: Final = "s7dissect: warning transaction.item_error: An item of a read, write or subscription was refused."

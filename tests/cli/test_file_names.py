@@ -9,7 +9,7 @@ import pytest
 
 from dissect.cli.main import COMMANDS
 from tests.cli.support import run, simple
-from tests.report.schemas import ROOT
+from tests.meaning.report.schemas import ROOT
 
 Capture = pytest.CaptureFixture[bytes]
 #: Sets the title of a window, colours, goes to the next line, and turns the direction of writing.

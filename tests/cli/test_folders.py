@@ -11,7 +11,7 @@ import pytest
 
 from dissect.packets.source.order import first_ns
 from tests.cli.support import halves, run, simple
-from tests.report.schemas import ROOT
+from tests.meaning.report.schemas import ROOT
 
 Capture = pytest.CaptureFixture[bytes]
 CAPTURES: Final = ROOT / "captures"

@@ -7,10 +7,10 @@ from pathlib import Path
 import pytest
 
 from dissect.engine.findings.catalogue import CATALOGUE, ERROR, SEVERITIES
-from dissect.report.slugs import slugs_of
+from dissect.meaning.report.slugs import slugs_of
 from tests.cli.support import run, simple
+from tests.meaning.report.support import begun, read, saved
 from tests.properties.packets import MS
-from tests.report.support import begun, read, saved
 
 Capture = pytest.CaptureFixture[bytes]
 

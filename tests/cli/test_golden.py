@@ -7,7 +7,7 @@ import pytest
 
 from tests.cli.support import halves, run, simple
 from tests.golden.support import WRITTEN
-from tests.report.support import ROOT
+from tests.meaning.report.support import ROOT
 
 Capture = pytest.CaptureFixture[bytes]
 PLANT = ROOT / "captures" / "scd"

@@ -13,7 +13,7 @@ from dissect.cli.help import formatted, groups, page, pages, unfolded
 from dissect.cli.main import COMMANDS
 from tests.cli.support import on_terminal, run, simple
 from tests.cli.test_outputs import commands
-from tests.report.schemas import ROOT
+from tests.meaning.report.schemas import ROOT
 
 if TYPE_CHECKING:
     from tests.conftest import Command

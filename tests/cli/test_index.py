@@ -20,7 +20,7 @@ from dissect.index.place import cached
 from dissect.index.store import NAME
 from dissect.session import Run
 from tests.cli.support import run
-from tests.report import schemas
+from tests.meaning.report import schemas
 
 CAPTURES = Path(__file__).resolve().parents[2] / "captures"
 Capture = pytest.CaptureFixture[bytes]

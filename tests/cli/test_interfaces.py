@@ -16,7 +16,7 @@ from dissect.packets.source.live import ring
 from tests.cli.support import run
 from tests.conftest import ROOT
 
-SCHEMA = json.loads((ROOT / "dissect" / "schema" / "interfaces.schema.json").read_text(encoding="utf-8"))
+SCHEMA = json.loads((ROOT / "dissect" / "meaning" / "schema" / "interfaces.schema.json").read_text(encoding="utf-8"))
 
 
 def without_rights(*arguments: str) -> subprocess.CompletedProcess[str]:

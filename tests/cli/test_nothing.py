@@ -13,7 +13,7 @@ import pytest
 from dissect.cli.main import COMMANDS, EXIT_OK, EXIT_USAGE, group
 from tests.cases import each
 from tests.cli.support import Ran, run
-from tests.report.schemas import ROOT
+from tests.meaning.report.schemas import ROOT
 
 Capture = pytest.CaptureFixture[bytes]
 

@@ -16,8 +16,8 @@ import pytest
 from dissect.cli.main import main
 from dissect.packets.source.files import open_capture
 from tests.cli.support import run
+from tests.meaning.report.support import WORD, begun, read, saved
 from tests.packets.source.craft import Recorder, drain
-from tests.report.support import WORD, begun, read, saved
 
 Capture = pytest.CaptureFixture[bytes]
 #: Takes the place of Wireshark: keeps its arguments and the file, and ends as told.

@@ -10,7 +10,7 @@ import pytest
 
 from tests.cases import each
 from tests.cli.support import run
-from tests.report.schemas import ROOT, complaints
+from tests.meaning.report.schemas import ROOT, complaints
 
 Capture = pytest.CaptureFixture[bytes]
 

@@ -19,13 +19,13 @@ import pytest
 from dissect import scd
 from dissect.cli.formats import FormatType
 from dissect.cli.main import COMMANDS, group
+from dissect.meaning.report.formats import formats_for
 from dissect.oracle.tshark import version
 from dissect.playback.server import Server
-from dissect.report.formats import formats_for
 from tests.cli.support import Ran, run, simple
+from tests.meaning.report.schemas import NAMES, ROOT, SCHEMAS, complaints, load
+from tests.meaning.report.support import OWN
 from tests.playback.client.support import changed
-from tests.report.schemas import NAMES, ROOT, SCHEMAS, complaints, load
-from tests.report.support import OWN
 
 Capture = pytest.CaptureFixture[bytes]
 PLANT: Final = ROOT / "captures" / "scd" / "plant.toml"

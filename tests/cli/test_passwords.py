@@ -9,8 +9,8 @@ import pytest
 
 from dissect.protocols.s7.security import encode_password
 from tests.cli.support import run
+from tests.meaning.report.support import begun, saved
 from tests.properties.messages import JOB, dt, pdu, userdata
-from tests.report.support import begun, saved
 
 Capture = pytest.CaptureFixture[bytes]
 

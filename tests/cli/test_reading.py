@@ -12,7 +12,7 @@ import dissect
 from dissect.cli.main import COMMANDS
 from tests.cases import each
 from tests.cli.support import run
-from tests.report.schemas import ROOT
+from tests.meaning.report.schemas import ROOT
 
 Capture = pytest.CaptureFixture[bytes]
 

@@ -12,9 +12,9 @@ from typing import Any, Final
 import pytest
 
 from tests.cli.support import run
+from tests.meaning.report.support import WORD, begun, saved
 from tests.properties.messages import Item, dt, read_answer, read_job, write_answer, write_job
 from tests.properties.packets import EPOCH_NS, Flow, Packet
-from tests.report.support import WORD, begun, saved
 from tests.selections_recounted import Line, answered_ns, nanoseconds, recount
 
 MS: Final = 1_000_000

@@ -11,9 +11,9 @@ from scapy.utils import rdpcap
 
 from dissect.layers import S7
 from tests.cli.support import run
+from tests.meaning.report.support import WORD, begun, saved
 from tests.properties import messages
 from tests.properties.messages import dt
-from tests.report.support import WORD, begun, saved
 
 Capture = pytest.CaptureFixture[bytes]
 

@@ -10,10 +10,10 @@ from typing import IO, Any
 from dissect.packets.source.files import open_capture
 from tests.cli.support import started
 from tests.forked import Forked
+from tests.meaning.report.support import WORD, begun, read, saved
 from tests.packets.source.craft import drain
 from tests.properties import messages
 from tests.properties.messages import dt
-from tests.report.support import WORD, begun, read, saved
 
 RULE = '[[rule]]\nname = "{}"\nwhen = "finding"\nfinding = "transaction.item_error"\ncooldown = 0\n'
 

@@ -16,9 +16,9 @@ import pytest
 
 from dissect.page import rendering
 from tests.cli.support import WITHOUT_CACHE, run, simple
+from tests.meaning.report.schemas import ROOT
+from tests.meaning.report.support import saved
 from tests.page.support import command_of, data_of, session_of
-from tests.report.schemas import ROOT
-from tests.report.support import saved
 
 Capture = pytest.CaptureFixture[bytes]
 OWN = ROOT / "captures"

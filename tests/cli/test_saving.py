@@ -14,7 +14,7 @@ from typing import Final
 import pytest
 
 from tests.cli.support import WITHOUT_CACHE, run, simple
-from tests.report.schemas import ROOT
+from tests.meaning.report.schemas import ROOT
 
 Capture = pytest.CaptureFixture[bytes]
 PLANT: Final = str(ROOT / "captures" / "scd" / "plant.toml")

@@ -9,7 +9,7 @@ from jsonschema import Draft202012Validator
 from dissect.cli.schema import FOLDER, bundled
 from tests.cases import each
 from tests.cli.support import run, simple
-from tests.report.schemas import NAMES, load
+from tests.meaning.report.schemas import NAMES, load
 
 Capture = pytest.CaptureFixture[bytes]
 

@@ -13,7 +13,7 @@ import pytest
 
 from dissect.session import analyze
 from tests.cli.support import Ran, run
-from tests.report.schemas import ROOT, validator
+from tests.meaning.report.schemas import ROOT, validator
 
 Capture = pytest.CaptureFixture[bytes]
 ERRORS: Final = str(ROOT / "captures" / "item-errors.pcapng")

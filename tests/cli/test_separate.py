@@ -14,7 +14,7 @@ import pytest
 from dissect.cli import separate
 from tests.cases import each
 from tests.cli.support import Ran, run
-from tests.report.schemas import ROOT
+from tests.meaning.report.schemas import ROOT
 
 Capture = pytest.CaptureFixture[bytes]
 

@@ -21,7 +21,7 @@ from dissect.cli import separate
 from tests.cases import each
 from tests.cli.support import Ran, run
 from tests.cli.test_separate import CUT, FILES, SZL, Dying
-from tests.report.schemas import ROOT
+from tests.meaning.report.schemas import ROOT
 
 Capture = pytest.CaptureFixture[bytes]
 

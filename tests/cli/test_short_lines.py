@@ -10,9 +10,9 @@ import pytest
 
 from tests.cases import each
 from tests.cli.support import on_terminal, run
+from tests.meaning.report.support import begun, saved
 from tests.properties import messages
 from tests.properties.messages import Item, dt
-from tests.report.support import begun, saved
 
 
 @pytest.mark.parametrize(("count", "more"), [(12, 0), (13, 1), (19, 7)])

@@ -9,11 +9,11 @@ import pytest
 from dissect.protocols.iso.tables import DR_REASONS
 from tests.cases import each
 from tests.cli.support import halves, run, simple
+from tests.meaning.report.schemas import complaints
+from tests.meaning.report.support import OWN, WORD, begun, read, saved
 from tests.properties import messages
 from tests.properties.messages import EMPTY_DT, Item, dt, fragments
 from tests.properties.packets import Talk, cut_to
-from tests.report.schemas import complaints
-from tests.report.support import OWN, WORD, begun, read, saved
 
 Capture = pytest.CaptureFixture[bytes]
 

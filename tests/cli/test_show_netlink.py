@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from tests.cli.support import run
-from tests.report.schemas import complaints
+from tests.meaning.report.schemas import complaints
 
 Capture = pytest.CaptureFixture[bytes]
 

@@ -13,8 +13,8 @@ import dissect
 from dissect.engine.transactions.naming import named_values
 from dissect.engine.transactions.transaction import Transaction
 from tests.cli.support import run
-from tests.report import schemas
-from tests.tags.support import tank_capture, tank_file, write_captures
+from tests.meaning.report import schemas
+from tests.meaning.tags.support import tank_capture, tank_file, write_captures
 
 Capture = pytest.CaptureFixture[bytes]
 

@@ -22,11 +22,11 @@ from tests.anonymize.support import anonymized
 from tests.cli.support import run
 from tests.cli.test_outputs import commands
 from tests.engine.transactions.talk import dbw, read
+from tests.meaning.report.schemas import complaints
 from tests.protocols.s7plus.bodies import get_multi, multi_got
 from tests.protocols.s7plus.pdus import asked, framed, told
 from tests.protocols.tls.files import filmed
 from tests.protocols.tls.talks import Wire, wire
-from tests.report.schemas import complaints
 
 Capture = pytest.CaptureFixture[bytes]
 QUESTION, ANSWER = framed(asked(5, body=b"what")), framed(told(5))
@@ -293,7 +293,7 @@ def test_blocks_of_editcap(tmp_path: Path, trace: Path, keys: Path) -> None:
 def test_a_key_log_that_grows_while_it_is_read(trace: Path, keys: Path, spoken: Wire) -> None:
     """What a program writes into the file once the line is watched is taken when it is needed."""
     from dissect.engine.pipeline import Options
-    from dissect.report.analysis import Analysis
+    from dissect.meaning.report.analysis import Analysis
     from dissect.session import read_tls_keys
 
     keys.write_bytes(b"# nothing yet\n")

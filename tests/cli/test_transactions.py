@@ -7,14 +7,14 @@ from pathlib import Path
 
 import pytest
 
-from dissect.report.writers.csv import CSV_COLUMNS
+from dissect.meaning.report.writers.csv import CSV_COLUMNS
 from tests.cli.support import halves, run, simple
+from tests.meaning.report.schemas import complaints
+from tests.meaning.report.support import WORD, begun, read, saved
 from tests.properties import messages
 from tests.properties.messages import dt
 from tests.properties.packets import MS, Flow, Talk
 from tests.properties.packets import capture as packets_of
-from tests.report.schemas import complaints
-from tests.report.support import WORD, begun, read, saved
 
 Capture = pytest.CaptureFixture[bytes]
 

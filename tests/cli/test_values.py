@@ -20,8 +20,8 @@ from dissect.variables.summary import Summary, limits_text, sparkline
 from tests.cases import each
 from tests.cli.support import on_terminal, run
 from tests.cli.test_outputs import lines_of
-from tests.report.support import ROOT, begun, saved
-from tests.tags.support import tank_file
+from tests.meaning.report.support import ROOT, begun, saved
+from tests.meaning.tags.support import tank_file
 from tests.variables.support import BIT, BYTE, INT, REAL, WORD, collected, db, reads, real, writes
 
 Capture = pytest.CaptureFixture[bytes]

@@ -48,7 +48,7 @@ def differing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 def held_to_the_schema(ran: Ran) -> dict[str, object]:
     told: dict[str, object] = json.loads(ran.out)
-    schema = json.loads((ROOT / "dissect/schema/verification.schema.json").read_text(encoding="utf-8"))
+    schema = json.loads((ROOT / "dissect/meaning/schema/verification.schema.json").read_text(encoding="utf-8"))
     Draft202012Validator.check_schema(schema)
     assert list(Draft202012Validator(schema).iter_errors(told)) == []
     assert ran.out.isascii()

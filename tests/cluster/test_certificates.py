@@ -11,8 +11,8 @@ import pytest
 
 from tests.cli.support import run
 from tests.cluster.support import cluster
+from tests.meaning.report.schemas import ROOT
 from tests.packets.source.servers import LOOPBACK
-from tests.report.schemas import ROOT
 
 pytest.importorskip("distributed", reason="no distributed: pip install 's7dissect[test]'")
 x509 = pytest.importorskip("cryptography.x509", reason="no cryptography: pip install 's7dissect[test]'")

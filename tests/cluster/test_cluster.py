@@ -25,9 +25,9 @@ from dissect.cluster import executor
 from dissect.packets.source.files import open_capture
 from tests.cli.support import Ran, run
 from tests.cluster.support import PATIENCE_S, Cluster, Pipes, cluster
+from tests.meaning.report.schemas import ROOT, load, strict
 from tests.packets.source.craft import Pcap, Recorder, step_to_the_end
 from tests.packets.source.servers import LOOPBACK, free_port, object_store, sftp_server, web_server
-from tests.report.schemas import ROOT, load, strict
 
 pytest.importorskip("distributed", reason="no distributed: pip install 's7dissect[test]'")
 

@@ -17,7 +17,7 @@ from dissect.cluster.reader import DEFECT, FOUND, REFUSED, Order, carried_out, d
 from dissect.cluster.workers import EXTRAS, Machine, Worker, here, lacks, obstacle
 from dissect.jobs.tasks import FileError
 from tests.cases import each
-from tests.report.schemas import ROOT
+from tests.meaning.report.schemas import ROOT
 
 OURS = Machine("desk", 1, "3.12.1", "2.0", True, "", ["remote", "tls", "zstd"])
 

@@ -13,8 +13,8 @@ from dissect.engine.transactions.side import Side
 from dissect.engine.transactions.table import MAX_CONNECTIONS, ConnectionTable
 from dissect.page.rows import Rows
 from dissect.wire.text import Clock
-from tests.bindings import plant
 from tests.engine.transactions.talk import CLIENT, MS, SERVER, Talk
+from tests.meaning.bindings import plant
 
 
 class Heard(PayloadDecoder):

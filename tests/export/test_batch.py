@@ -21,7 +21,7 @@ from dissect.export.tables import INT, ITEMS, TRANSACTIONS, WORD, Column, Table
 from dissect.export.transaction_rows import MOST_KNOWN, Row, Shared
 from dissect.session import Run
 from tests.export.support import rows_of
-from tests.report.support import ROOT
+from tests.meaning.report.support import ROOT
 
 FILES = sorted((ROOT / "captures").rglob("*.pcapng"))
 

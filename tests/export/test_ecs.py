@@ -16,8 +16,8 @@ from dissect.export.ecs import ecs_export, index_template
 from dissect.export.forms import Request
 from dissect.session import Run
 from tests.cli.support import run
+from tests.meaning.report.support import OWN, ROOT, begun, saved
 from tests.promises import hostile
-from tests.report.support import OWN, ROOT, begun, saved
 
 TRANSFER: Final = ROOT / "captures" / "transfer.pcapng"
 #: What `event.type` may be beside each category (ECS, "Using the categorization fields").

@@ -20,8 +20,8 @@ from dissect.export.forms import FORMS, Request, TableExport, UnknownFormError, 
 from dissect.export.tables import TABLES, TIME, UnknownTableError
 from tests.cli.support import run
 from tests.export.support import rows_of
+from tests.meaning.report.support import ROOT
 from tests.promises import hostile
-from tests.report.support import ROOT
 
 Capture = pytest.CaptureFixture[bytes]
 ERRORS: Final = ROOT / "captures" / "item-errors.pcapng"

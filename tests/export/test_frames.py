@@ -14,7 +14,7 @@ from dissect.export.packed import PackedTables
 from dissect.export.tables import TABLES
 from dissect.export.value_columns import shown
 from tests.export.support import rows_of
-from tests.report.support import ROOT
+from tests.meaning.report.support import ROOT
 
 ERRORS: Final = ROOT / "captures" / "item-errors.pcapng"
 WRITE: Final = ROOT / "captures" / "nodes7-write.pcapng"

@@ -15,7 +15,7 @@ import pytest
 
 from dissect.export.questions import QUESTIONS, named
 from tests.cli.support import run
-from tests.report.support import ROOT, begun, saved
+from tests.meaning.report.support import ROOT, begun, saved
 
 pytest.importorskip("duckdb")
 

@@ -14,9 +14,9 @@ import pytest
 
 from tests.cases import each
 from tests.export.test_questions import CAPTURES, NAMES, Capture, Row, ask, asked, host, is_refused, nanoseconds, told
+from tests.meaning.report.support import begun, saved
 from tests.properties import messages
 from tests.properties.messages import Item, dt
-from tests.report.support import begun, saved
 
 pytest.importorskip("duckdb")
 

@@ -13,7 +13,7 @@ from dissect.export.forms import Target, target_of
 from dissect.export.remote import UNFINISHED, RemoteFolder
 from dissect.jobs.tasks import FileError
 from tests.cli.support import run
-from tests.report.schemas import ROOT
+from tests.meaning.report.schemas import ROOT
 
 fsspec = pytest.importorskip("fsspec", reason="no fsspec: pip install 's7dissect[test]'")
 

@@ -17,11 +17,11 @@ from dissect.export.result_lines import QueryOutcome, csv_lines, json_lines
 from dissect.export.sql import MemorySink, Query, SqlError, named_tables
 from dissect.session import Run
 from tests.cli.support import run
+from tests.meaning.report.support import ROOT, UNSAFE, begun, saved
 from tests.promises import hostile
 from tests.properties import messages
 from tests.properties.messages import Item, dt
 from tests.properties.packets import Flow
-from tests.report.support import ROOT, UNSAFE, begun, saved
 
 Capture = pytest.CaptureFixture[bytes]
 ERRORS: Final = ROOT / "captures" / "item-errors.pcapng"

@@ -15,8 +15,8 @@ from dissect.export.forms import Request
 from dissect.export.stix import stix_export
 from dissect.session import Run
 from tests.cli.support import run
+from tests.meaning.report.support import ROOT
 from tests.promises import hostile
-from tests.report.support import ROOT
 
 TRANSFER: Final = ROOT / "captures" / "transfer.pcapng"
 

@@ -26,10 +26,10 @@ from dissect.export.tables import (
     UnknownTableError,
     chosen_tables,
 )
-from dissect.tags import load_tags
+from dissect.meaning.tags import load_tags
 from tests.export.support import rows_of
+from tests.meaning.report.support import OWN, ROOT, begun, read, saved
 from tests.properties.messages import Item
-from tests.report.support import OWN, ROOT, begun, read, saved
 
 _HOLDS: Final = {
     INT: int,

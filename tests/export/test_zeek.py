@@ -19,10 +19,10 @@ from dissect.export.zeek.rows import S7, cotp_row, identification
 from dissect.session import Run
 from tests.build import payload, userdata_head
 from tests.cli.support import run
+from tests.meaning.report.support import ROOT, WORD, begun, read, saved
 from tests.promises import hostile
 from tests.properties import messages
 from tests.properties.messages import dt
-from tests.report.support import ROOT, WORD, begun, read, saved
 
 Capture = pytest.CaptureFixture[bytes]
 TRANSFER: Final = ROOT / "captures" / "transfer.pcapng"

@@ -6,10 +6,10 @@ from pathlib import Path
 
 from tests.build import data_item, userdata_head
 from tests.engine.stations.answers import listed
+from tests.meaning.report.support import WORD, read, saved
 from tests.properties import messages
 from tests.properties.messages import Item, dt, tpkt
 from tests.properties.packets import EPOCH_NS, Flow, Packet, Talk
-from tests.report.support import WORD, read, saved
 
 _SECOND = 1_000_000_000
 #: A TPDU header that cannot hold data.

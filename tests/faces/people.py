@@ -10,9 +10,9 @@ from collections.abc import Iterator
 from typing import Any, Final
 
 from dissect.engine.transactions.transaction import HOLE, MALFORMED_HEADER, PERHAPS_ANSWERED, REASON_TEXTS
-from dissect.report.certainty import SHORT
-from dissect.report.facets import REASONS
-from dissect.report.operations import NAMES
+from dissect.meaning.report.certainty import SHORT
+from dissect.meaning.report.facets import REASONS
+from dissect.meaning.report.operations import NAMES
 from tests.faces.kinds import UNTOLD
 
 Record = dict[str, Any]

@@ -14,7 +14,6 @@ from decimal import Decimal
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
-from dissect.bindings import load_carrier
 from dissect.engine.findings.reporter import Finding
 from dissect.engine.observer import Observer
 from dissect.engine.pipeline import Options
@@ -26,25 +25,26 @@ from dissect.export.tables import TABLES, Table
 from dissect.export.transaction_rows import Row
 from dissect.golden.model import GoldenError
 from dissect.golden.reading import read_session
-from dissect.inventory.collector import Inventory
-from dissect.inventory.outcome import Devices
 from dissect.live.events import CLOSED, OPENED
 from dissect.live.events import TRANSACTION as LIVE_TRANSACTION
 from dissect.live.events import Collector as Live
 from dissect.live.run import Fanout
+from dissect.meaning.bindings import load_carrier
+from dissect.meaning.inventory.collector import Inventory
+from dissect.meaning.inventory.outcome import Devices
+from dissect.meaning.report.analysis import Analysis
+from dissect.meaning.report.contract import analysis_as_dict
+from dissect.meaning.report.formats import FORMATS, OPERATIONS, PDUS, TRANSACTIONS, VALUES
+from dissect.meaning.report.outcome import json_outcome
+from dissect.meaning.report.styled import Line
+from dissect.meaning.report.text import analysis_lines
+from dissect.meaning.report.words import Places
+from dissect.meaning.report.writer import OperationFeed, PduFeed, TransactionFeed, Writer
+from dissect.meaning.select.columns import FieldsWriter
+from dissect.meaning.select.fields import FIELDS
+from dissect.meaning.select.things import CONNECTION, FINDING, MESSAGE, OPERATION, TRANSACTION, Context, Found
 from dissect.monitor import rows
 from dissect.monitor.model import Model
-from dissect.report.analysis import Analysis
-from dissect.report.contract import analysis_as_dict
-from dissect.report.formats import FORMATS, OPERATIONS, PDUS, TRANSACTIONS, VALUES
-from dissect.report.outcome import json_outcome
-from dissect.report.styled import Line
-from dissect.report.text import analysis_lines
-from dissect.report.words import Places
-from dissect.report.writer import OperationFeed, PduFeed, TransactionFeed, Writer
-from dissect.select.columns import FieldsWriter
-from dissect.select.fields import FIELDS
-from dissect.select.things import CONNECTION, FINDING, MESSAGE, OPERATION, TRANSACTION, Context, Found
 from dissect.session import Run
 from dissect.variables.collector import Collector
 from dissect.variables.writers import ValueWriter

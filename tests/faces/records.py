@@ -10,7 +10,7 @@ from collections import Counter
 from collections.abc import Callable, Hashable, Iterable
 from typing import Any, Final, NamedTuple
 
-from dissect.select.things import CONNECTION, FINDING, MESSAGE, OPERATION, TRANSACTION
+from dissect.meaning.select.things import CONNECTION, FINDING, MESSAGE, OPERATION, TRANSACTION
 from tests.faces import people
 from tests.faces.reading import Told, names_of_fields
 

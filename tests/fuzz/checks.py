@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterable
 
-from tests.report.support import UNSAFE
+from tests.meaning.report.support import UNSAFE
 
 
 def check_line(line: str) -> None:

@@ -21,7 +21,6 @@ from dissect.anonymize.account import Choices
 from dissect.baseline.learn import Learner
 from dissect.baseline.loading import parse_baseline
 from dissect.baseline.writing import baseline_toml
-from dissect.bindings.engine import ScdCarrier
 from dissect.cli.baseline import _usual_rules
 from dissect.engine.observer import Observer
 from dissect.engine.pipeline import Options, Pipeline
@@ -31,23 +30,24 @@ from dissect.golden.model import GoldenError
 from dissect.golden.parsing import parse_golden
 from dissect.golden.reading import SessionReader
 from dissect.golden.writing import EXTRAS, golden_text
+from dissect.meaning.bindings.engine import ScdCarrier
+from dissect.meaning.report.analysis import Analysis
+from dissect.meaning.report.contract import analysis_as_dict
+from dissect.meaning.report.json_page import JsonPage
+from dissect.meaning.report.styled import Line
+from dissect.meaning.report.text import analysis_lines
+from dissect.meaning.report.words import Places
+from dissect.meaning.report.writer import PduFeed, TransactionFeed
+from dissect.meaning.report.writers.csv import CSV_COLUMNS, CsvWriter
+from dissect.meaning.report.writers.jsonl import JsonlWriter, TransactionLines
+from dissect.meaning.report.writers.text import TextWriter
+from dissect.meaning.select.selection import Selection, Wanted
 from dissect.metrics.counters import Metrics
 from dissect.packets.source.files import find_reader
 from dissect.packets.source.packet import CaptureError, SourceFile
 from dissect.packets.source.pcapng_writer import PcapngWriter
 from dissect.playback.server.recording import recording_of
 from dissect.recording.cutter import Around, Cutter
-from dissect.report.analysis import Analysis
-from dissect.report.contract import analysis_as_dict
-from dissect.report.json_page import JsonPage
-from dissect.report.styled import Line
-from dissect.report.text import analysis_lines
-from dissect.report.words import Places
-from dissect.report.writer import PduFeed, TransactionFeed
-from dissect.report.writers.csv import CSV_COLUMNS, CsvWriter
-from dissect.report.writers.jsonl import JsonlWriter, TransactionLines
-from dissect.report.writers.text import TextWriter
-from dissect.select.selection import Selection, Wanted
 from dissect.session import analyze
 from dissect.session import open as events_of
 from tests.anonymize.support import anonymized
@@ -57,10 +57,10 @@ from tests.fuzz.inputs import plant, plant_bindings
 from tests.fuzz.played import ServedReader, check_replayed, check_served
 from tests.fuzz.scripts import Script
 from tests.fuzz.watched import check_events, check_metrics, check_screens, new_watcher
+from tests.meaning.report.support import tree_lines
 from tests.properties.books import check_books
 from tests.properties.captures import Memory
 from tests.properties.packets import Packet
-from tests.report.support import tree_lines
 
 SCRIPT: Final = 0x80
 #: The other way of a face: with checksums verified, packets of other protocols dropped, one connection cut out.

@@ -15,19 +15,20 @@ from benchmarks.scd_damage import sealed
 from dissect.alerts.loading import parse_rules
 from dissect.baseline.loading import parse_baseline
 from dissect.baseline.writing import baseline_toml
-from dissect.bindings.binding import Bindings
-from dissect.bindings.bindings_file import _parse as parse_bindings
-from dissect.bindings.bindings_file import load_bindings
 from dissect.golden.comparison import diff_sessions
 from dissect.golden.model import GoldenError, Session
 from dissect.golden.parsing import parse_golden
 from dissect.golden.writing import EXTRAS, golden_text
+from dissect.meaning.bindings.binding import Bindings
+from dissect.meaning.bindings.bindings_file import _parse as parse_bindings
+from dissect.meaning.bindings.bindings_file import load_bindings
+from dissect.meaning.report.slugs import slugs_of
+from dissect.meaning.select.window import parse_window
 from dissect.packets.source.live.filter import NotBuiltInError, compile_filter
 from dissect.packets.source.live.reader import LiveError
 from dissect.packets.source.packet import CaptureError
 from dissect.playback.server.recording import recording_of
 from dissect.recording.ring_buffer import parse_limits
-from dissect.report.slugs import slugs_of
 from dissect.scd.codec import Codec, Decoded
 from dissect.scd.dictionary import Dictionary
 from dissect.scd.dump import dump_json, dump_toml
@@ -37,7 +38,6 @@ from dissect.scd.loading import load, load_octets
 from dissect.scd.source import parse_json, parse_toml
 from dissect.scd.toml_tables import source_text
 from dissect.scd.xdd import import_xdd
-from dissect.select.window import parse_window
 from tests.fuzz.checks import check_line, check_lines
 from tests.fuzz.played import check_replayed, check_served
 from tests.golden.support import WRITTEN

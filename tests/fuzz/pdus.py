@@ -10,6 +10,11 @@ from functools import cache
 from typing import Final
 
 from dissect.engine.transactions.connection import Connection
+from dissect.meaning.report.pdu_json import PduLines
+from dissect.meaning.report.plus import item_text
+from dissect.meaning.report.tree import netlink_tree_lines, plus_tree_lines, tree_lines
+from dissect.meaning.report.words import Places, message_name
+from dissect.meaning.report.writers.text import pdu_line, plus_line
 from dissect.playback.client.permissions import Permissions
 from dissect.protocols.ibh.packet import parse_packet
 from dissect.protocols.iso.tpkt import HEADER, MAX_LENGTH
@@ -27,20 +32,15 @@ from dissect.protocols.s7plus.message import parse_plus
 from dissect.protocols.s7plus.program import Program
 from dissect.protocols.s7plus.session import Identity, PlusSession
 from dissect.protocols.s7plus.tables import REQUEST, refuses
-from dissect.report.pdu_json import PduLines
-from dissect.report.plus import item_text
-from dissect.report.tree import netlink_tree_lines, plus_tree_lines, tree_lines
-from dissect.report.words import Places, message_name
-from dissect.report.writers.text import pdu_line, plus_line
 from dissect.wire.malformed import Malformed
 from dissect.wire.part import Part
 from dissect.wire.text import Clock
 from tests.fuzz.checks import check_json, check_line, check_lines
 from tests.fuzz.played import check_harmless
 from tests.fuzz.turns import TURNS
+from tests.meaning.report.support import begun
 from tests.properties.books import Result
 from tests.properties.messages import dt
-from tests.report.support import begun
 
 CUT: Final = 1
 PLUS: Final = 0x72

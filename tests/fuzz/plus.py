@@ -9,6 +9,8 @@ from __future__ import annotations
 import json
 from typing import Final
 
+from dissect.meaning.report.plus import item_text
+from dissect.meaning.report.tree import plus_tree_lines
 from dissect.oracle.plus import PlusProof
 from dissect.protocols.s7plus.bodies import parse_contents
 from dissect.protocols.s7plus.contents import Contents
@@ -24,8 +26,6 @@ from dissect.protocols.s7plus.tables import FUNCTIONS, NOTIFICATION, OPCODES, RE
 from dissect.protocols.s7plus.value_reading import read_value
 from dissect.protocols.s7plus.values import Value, build_value
 from dissect.protocols.s7plus.walk import MAX_DEPTH, Walk
-from dissect.report.plus import item_text
-from dissect.report.tree import plus_tree_lines
 from tests.fuzz.checks import check_line, check_lines
 from tests.fuzz.turns import TURNS
 

@@ -9,13 +9,13 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Final
 
+from dissect.meaning.report.tree import netlink_tree_lines, tpdu_tree_lines
 from dissect.protocols.ibh.framer import PacketFramer
 from dissect.protocols.ibh.packet import parse_packet
 from dissect.protocols.iso.cotp import Assembler, parse_tpdu
 from dissect.protocols.iso.tables import DT
 from dissect.protocols.iso.tpkt import Framer
 from dissect.protocols.iso.upper import classify
-from dissect.report.tree import netlink_tree_lines, tpdu_tree_lines
 from tests.fuzz.checks import check_lines
 from tests.fuzz.taking import Taker
 from tests.fuzz.turns import TURNS

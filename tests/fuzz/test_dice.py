@@ -13,7 +13,7 @@ from tests.fuzz import __main__ as runner
 from tests.fuzz import dice
 from tests.fuzz.dice import ROUND, Notes, Thrown, corpus_of, rounds, throw
 from tests.fuzz.turns import Turns
-from tests.report.support import ROOT
+from tests.meaning.report.support import ROOT
 
 
 def test_seeds_come_first_and_the_same_seed_does_the_same(tmp_path: Path) -> None:

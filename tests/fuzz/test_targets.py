@@ -17,12 +17,12 @@ from tests.fuzz.mutations import mutations
 from tests.fuzz.played import check_harmless
 from tests.fuzz.seeds import own
 from tests.fuzz.targets import TARGETS
+from tests.meaning.report.support import begun
+from tests.meaning.report.support import read as reads
 from tests.properties.books import Result, facts
 from tests.properties.captures import ROOT, Memory
 from tests.properties.messages import JOB, Item, dt, pdu, read_job, setup, userdata, write_job
 from tests.properties.packets import Packet
-from tests.report.support import begun
-from tests.report.support import read as reads
 
 #: How many damaged inputs of each target are tried.
 COUNT = 250

@@ -8,9 +8,9 @@ from typing import Final
 
 from dissect.golden import DiffOptions, Session, diff_sessions, parse_golden
 from dissect.golden.reading import SessionReader
+from tests.meaning.report.support import begun, observed, read
 from tests.properties.messages import Item
 from tests.properties.packets import Flow, Packet, Talk
-from tests.report.support import begun, observed, read
 
 ROOT: Final = Path(__file__).resolve().parents[2]
 RECORDED: Final = sorted(path.stem for path in (ROOT / "captures").glob("*.pcapng"))

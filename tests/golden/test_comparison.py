@@ -13,10 +13,10 @@ from dissect.golden import DiffOptions, Session, diff_sessions, golden_text, par
 from dissect.protocols.s7.errors import ERROR_CODES
 from tests.cases import each
 from tests.golden.support import RECORDED, ROOT, WRITTEN, edited, place, reads, session, told
+from tests.meaning.report.support import begun, read
 from tests.properties import messages
 from tests.properties.messages import dt
 from tests.properties.packets import Flow, Talk, captured
-from tests.report.support import begun, read
 
 BASE = parse_golden(WRITTEN, "base")
 SZL = "transaction 4, CPU functions: read SZL 0x0424 operating modes"

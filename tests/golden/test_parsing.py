@@ -11,7 +11,7 @@ from dissect.golden import GoldenError, Session, golden_text, parse_golden, read
 from dissect.golden.writing import EXTRAS
 from tests.cases import each
 from tests.golden.support import WRITTEN
-from tests.report.support import OWN, ROOT
+from tests.meaning.report.support import OWN, ROOT
 
 PLANT = ROOT / "captures" / "scd"
 
@@ -88,7 +88,7 @@ def test_answer_times_of_a_clock_that_jumps_read_back() -> None:
 
 
 def test_scd_reads_back_too() -> None:
-    from dissect.bindings import load_carrier
+    from dissect.meaning.bindings import load_carrier
 
     carrier = load_carrier(str(PLANT / "plant.toml"), str(PLANT / "plant.bind.toml"))
     session = read_session(PLANT / "plant.pcapng", decoder=carrier)

@@ -21,11 +21,11 @@ from dissect.protocols.s7plus.tables import (
 from dissect.protocols.s7plus.value_tables import BLOB, DINT, INT, UDINT, USINT, WSTRING
 from dissect.protocols.s7plus.values import Blob, Value, build_value
 from tests.golden import support
+from tests.meaning.report.support import begun
 from tests.properties.messages import dt
 from tests.properties.packets import Flow, Talk
 from tests.protocols.s7plus import bodies
 from tests.protocols.s7plus.pdus import asked, framed, told
-from tests.report.support import begun
 
 LEVEL = Address(0, 82, 3736, [3, 100, 2])
 SPEED = Address(0, 82, 3736, [3, 102, 2])

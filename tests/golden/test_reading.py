@@ -16,8 +16,8 @@ from dissect.golden.writing import link_lines
 from dissect.wire.build import COMPILED
 from tests.cases import each
 from tests.golden.support import WRITTEN, reads, session
+from tests.meaning.report.support import OWN, ROOT, begun, saved
 from tests.properties.packets import Flow, Packet, Segment, captured
-from tests.report.support import OWN, ROOT, begun, saved
 
 
 def merged(one: list[Segment], other: list[Segment], turns: list[bool]) -> list[Packet]:

@@ -17,7 +17,7 @@ from dissect.engine.transactions.operation import Operation
 from dissect.engine.transactions.transaction import Transaction
 from dissect.index.facts import FileFacts, filled, watched
 from dissect.index.possible import Possible
-from dissect.select import SelectError, Where
+from dissect.meaning.select import SelectError, Where
 from dissect.session import Run
 from tests.cases import each
 

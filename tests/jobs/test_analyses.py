@@ -22,14 +22,14 @@ from dissect.jobs.analyses import Analyses
 from dissect.jobs.numbers import Offsets
 from dissect.jobs.sending import Sent, receive, send
 from dissect.jobs.sums import FilePart, part_of, unread
+from dissect.meaning.report.analysis import MAX_FAILED, Analysis
+from dissect.meaning.report.contract import analysis_as_dict
+from dissect.meaning.report.json_page import JsonPage
+from dissect.meaning.report.latencies import EXACT
+from dissect.meaning.report.summary import Summary
 from dissect.packets.source.packet import SourceFile
-from dissect.report.analysis import MAX_FAILED, Analysis
-from dissect.report.contract import analysis_as_dict
-from dissect.report.json_page import JsonPage
-from dissect.report.latencies import EXACT
-from dissect.report.summary import Summary
 from dissect.session import Run
-from tests.report.schemas import ROOT
+from tests.meaning.report.schemas import ROOT
 
 CAPTURES: Final = ROOT / "captures"
 #: Of all kinds, no two of them within a minute, so that one run takes each for a capture of its own.

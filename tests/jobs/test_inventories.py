@@ -11,15 +11,15 @@ from hypothesis import strategies as st
 
 from dissect.engine.options import Options
 from dissect.engine.stations.facts import MAC, Fact
-from dissect.inventory import collector, model
-from dissect.inventory.collector import Inventory
-from dissect.inventory.contract import inventory_as_dict
-from dissect.inventory.model import Device, Talk
-from dissect.inventory.outcome import Devices
 from dissect.jobs.inventories import Inventories
 from dissect.jobs.numbers import Offsets
 from dissect.jobs.sending import receive, send
 from dissect.jobs.sums import FilePart, part_of, unread
+from dissect.meaning.inventory import collector, model
+from dissect.meaning.inventory.collector import Inventory
+from dissect.meaning.inventory.contract import inventory_as_dict
+from dissect.meaning.inventory.model import Device, Talk
+from dissect.meaning.inventory.outcome import Devices
 from dissect.session import Run
 from dissect.wire.build import COMPILED
 from tests.jobs.test_analyses import APART, CAPTURES

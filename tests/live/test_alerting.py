@@ -18,7 +18,7 @@ from dissect.live.run import LiveRun
 from dissect.live.session import Session
 from tests.live.support import Clock, Line, never, taken
 from tests.live.test_run import Told
-from tests.report.support import begun, read
+from tests.meaning.report.support import begun, read
 
 RULES = """
 [[rule]]

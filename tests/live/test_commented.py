@@ -18,8 +18,8 @@ from dissect.packets.source.live.reader import Drops
 from dissect.packets.source.pcapng_writer import PcapngWriter
 from dissect.recording.recent import MAX_COMMENTS
 from tests.live.support import Clock, Line
+from tests.meaning.report.support import WORD, begun, read
 from tests.packets.source.craft import drain
-from tests.report.support import WORD, begun, read
 
 MS: Final = 1_000_000
 NONE: Final = Drops(None, None)

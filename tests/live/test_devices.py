@@ -9,8 +9,8 @@ import pytest
 
 from dissect.monitor.model import Model
 from tests.cli.support import run
-from tests.report.schemas import ROOT, complaints
-from tests.report.support import UNSAFE
+from tests.meaning.report.schemas import ROOT, complaints
+from tests.meaning.report.support import UNSAFE
 
 Capture = pytest.CaptureFixture[bytes]
 PLANT = ROOT / "captures" / "crafted" / "plus-plant.pcapng"

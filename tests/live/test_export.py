@@ -21,7 +21,7 @@ from dissect.live.run import LiveRun
 from dissect.packets.source.files import open_capture
 from dissect.packets.source.live.reader import Drops
 from tests.cli.support import run
-from tests.report.support import ROOT
+from tests.meaning.report.support import ROOT
 
 Capture = pytest.CaptureFixture[bytes]
 TRANSFER: Final = ROOT / "captures" / "transfer.pcapng"

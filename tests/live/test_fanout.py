@@ -6,8 +6,8 @@ import pytest
 
 from dissect.engine.observer import Observer
 from dissect.live.run import Fanout
+from tests.meaning.report.support import begun, observed, read
 from tests.properties.packets import Packet
-from tests.report.support import begun, observed, read
 
 #: Every method of an observer; a new one must be handed on as well.
 METHODS = sorted(name for name, value in vars(Observer).items() if callable(value) and not name.startswith("_"))

@@ -12,8 +12,8 @@ from dissect.live.lines import PlainLines, kinds_of
 from dissect.monitor.lists import FindingList
 from dissect.packets.source.live.reader import Drops
 from tests.live.test_lines import conversation, events_of, status
+from tests.meaning.report.schemas import complaints
 from tests.properties.packets import EPOCH_NS
-from tests.report.schemas import complaints
 
 Told = dict[str, Any]
 

@@ -6,10 +6,10 @@ from dissect.live.lines import TOPICS, PlainLines, kinds_of, summary_lines
 from dissect.live.session import Session, Status
 from dissect.packets.source.live.reader import Drops
 from tests.live.support import Clock, Line, never, taken
+from tests.meaning.report.support import UNSAFE, WORD, begun, read
 from tests.properties import messages
 from tests.properties.messages import dt
 from tests.properties.packets import EPOCH_NS, Packet
-from tests.report.support import UNSAFE, WORD, begun, read
 
 
 def events_of(packets: list[Packet]) -> list[Event]:

@@ -20,9 +20,9 @@ from dissect.engine.transactions.transaction import Transaction
 from dissect.live.events import CLOSED, Event
 from dissect.live.run import Companion
 from dissect.live.session import Session
+from dissect.meaning.report.writers.jsonl import TransactionLines
 from dissect.packets.source.live.opening import open_live
 from dissect.packets.source.pcapng_writer import PcapngWriter
-from dissect.report.writers.jsonl import TransactionLines
 from dissect.session import Run
 from tests.engine.transactions.talk import CONFIRM, CONNECT, dbw, dt, granted, read, setup, write, written
 from tests.live.support import SECOND, client, never, plc, program, taken

@@ -8,9 +8,9 @@ from pathlib import Path
 import pytest
 
 from tests.cli.support import run, simple
+from tests.meaning.report.support import WORD, begun, read, saved
 from tests.page.support import session_of
 from tests.properties.packets import EPOCH_NS
-from tests.report.support import WORD, begun, read, saved
 
 Capture = pytest.CaptureFixture[bytes]
 MINUTE = 60_000_000_000

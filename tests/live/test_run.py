@@ -16,10 +16,10 @@ from dissect.live.run import Companion, Limits, LiveRun
 from dissect.packets.source.files import open_capture
 from dissect.packets.source.live.reader import Drops
 from tests.live.support import SECOND, Clock, Line
+from tests.meaning.report.support import WORD, begun, read, saved
 from tests.properties import messages
 from tests.properties.messages import dt
 from tests.properties.packets import Flow, Packet
-from tests.report.support import WORD, begun, read, saved
 
 
 class Told(Observer):

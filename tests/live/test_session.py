@@ -16,8 +16,8 @@ from dissect.packets.source.files import open_capture
 from dissect.packets.source.live.reader import Drops
 from dissect.packets.source.packet import CaptureError, PacketSink, Reader
 from tests.live.support import Clock, Line, never, taken
+from tests.meaning.report.support import begun, read, saved
 from tests.properties.packets import Packet
-from tests.report.support import begun, read, saved
 
 
 def packets(count: int = 2) -> list[Packet]:

@@ -15,9 +15,9 @@ import pytest
 from dissect.packets.source.files import open_capture
 from dissect.packets.source.live import privileges
 from tests.conftest import ROOT
+from tests.meaning.report.support import begun, read
 from tests.packets.source.live_support import Sink, in_namespace, needs_ring, sender
 from tests.properties.packets import Flow
-from tests.report.support import begun, read
 
 needs_root = pytest.mark.skipif(not privileges.is_root(), reason="only root can make interfaces")
 NAMES = ("vb", "vd")

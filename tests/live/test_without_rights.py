@@ -9,8 +9,8 @@ from typing import Final
 
 from dissect import analyze
 from tests.live.test_export import counted
+from tests.meaning.report.schemas import ROOT
 from tests.page.support import session_of
-from tests.report.schemas import ROOT
 
 TRANSFER: Final = ROOT / "captures" / "transfer.pcapng"
 #: Opens a report and an export, then makes every file of Python unreadable to itself, as one below /root is to nobody.

@@ -14,6 +14,7 @@ from dissect.engine.transactions.connection import Connection
 from dissect.engine.transactions.payloads import ScdMessage, ScdParameters
 from dissect.engine.transactions.transaction import ANSWERED, ORPHAN, PUSH, UNANSWERED, Transaction
 from dissect.live.run import Fanout, LiveRun
+from dissect.meaning.report.analysis import Analysis
 from dissect.metrics.counters import SEPARATOR, Metrics
 from dissect.metrics.functions import BOUNDS_NS, MAX_SCD, OTHER, FunctionCounts, Functions
 from dissect.packets.source.files import open_capture
@@ -25,11 +26,10 @@ from dissect.protocols.s7.parameters import Parameters, parse_parameters
 from dissect.protocols.s7.tables import FUNCTIONS, JOB, USERDATA, USERDATA_SUBFUNCTIONS
 from dissect.protocols.s7plus.parameters import PlusParameters
 from dissect.protocols.s7plus.tables import FUNCTIONS as PLUS_FUNCTIONS
-from dissect.report.analysis import Analysis
 from dissect.session import Run
-from tests.bindings import plant
 from tests.cases import each
 from tests.conftest import ROOT
+from tests.meaning.bindings import plant
 
 CAPTURES: Final = sorted((ROOT / "captures").glob("*.pcapng"))
 

@@ -13,12 +13,12 @@ from dissect import __version__
 from dissect.engine.findings.catalogue import CATALOGUE
 from dissect.engine.pipeline import Pipeline
 from dissect.engine.transactions.accounts import CATEGORIES
+from dissect.meaning.report.analysis import Analysis
+from dissect.meaning.report.contract import analysis_as_dict
 from dissect.metrics.counters import Metrics
 from dissect.metrics.exposition import COUNTER, FAMILIES, HISTOGRAM, PREFIX, Exposition
 from dissect.metrics.functions import BOUNDS_NS
 from dissect.packets.source.live.reader import Drops
-from dissect.report.analysis import Analysis
-from dissect.report.contract import analysis_as_dict
 from tests.cases import each
 from tests.conftest import ROOT
 from tests.metrics.test_counters import CAPTURES, counted

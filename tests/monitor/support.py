@@ -15,9 +15,9 @@ from dissect.monitor.model import Model
 from dissect.packets.source.files import open_capture
 from dissect.packets.source.packet import PacketSink
 from tests.live.support import Clock, Line
+from tests.meaning.report.support import begun
 from tests.properties.messages import dt, pdu
 from tests.properties.packets import Packet
-from tests.report.support import begun
 
 CAPTURES: Final = Path(__file__).resolve().parents[2] / "captures"
 

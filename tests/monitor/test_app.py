@@ -25,8 +25,8 @@ from dissect.monitor.app import MonitorApp
 from dissect.monitor.lists import FindingFacts
 from dissect.monitor.screens import PageScreen
 from dissect.wire.text import Clock
+from tests.meaning.report.support import UNSAFE, begun, read
 from tests.monitor.support import CAPTURES, SIZES, hostile, live, of_capture, of_packets, screen
-from tests.report.support import UNSAFE, begun, read
 
 Act = Callable[[MonitorApp, Pilot[bool]], Awaitable[None]]
 

@@ -6,9 +6,9 @@ import dissect
 from dissect.engine.transactions.transaction import Transaction
 from dissect.monitor.entries import Entry, Ring, detached
 from tests.cases import each
+from tests.meaning.report.support import begun
 from tests.monitor.support import CAPTURES, events_of, of_packets
 from tests.properties.messages import fragments, pdu
-from tests.report.support import begun
 
 NAMES = sorted([path.stem for path in CAPTURES.glob("*.pcapng")])
 

@@ -13,8 +13,8 @@ from dissect.monitor.entries import Entry
 from dissect.monitor.filter import Wanted
 from dissect.monitor.lists import ConnectionList
 from dissect.monitor.model import Model
+from tests.meaning.report.support import begun, read
 from tests.monitor.support import events_of, model_of, of_capture, of_packets
-from tests.report.support import begun, read
 
 S = 1_000_000_000
 

@@ -13,11 +13,11 @@ from dissect.protocols.s7plus.tables import GET_VAR_SUBSTREAMED
 from dissect.protocols.s7plus.value_tables import BLOB
 from dissect.protocols.s7plus.values import Blob, Value, build_value
 from dissect.wire.text import Clock
+from tests.meaning.report.support import UNSAFE, begun
 from tests.monitor.support import hostile, model_of, of_capture, of_packets
 from tests.properties.messages import dt
 from tests.protocols.s7plus import bodies
 from tests.protocols.s7plus.pdus import asked, framed, told
-from tests.report.support import UNSAFE, begun
 
 NAMES = ("bsend", "client-killed", "nodes7-poll-missing", "password", "refused-full", "szl", "transfer", "two-clients")
 

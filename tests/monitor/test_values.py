@@ -13,20 +13,20 @@ from textual.pilot import Pilot
 from dissect.engine.pipeline import Options
 from dissect.engine.transactions.naming import Naming
 from dissect.live.session import Session
+from dissect.meaning.report.words import Places
+from dissect.meaning.tags import load_tags
 from dissect.monitor.app import MonitorApp
 from dissect.monitor.details import watched_details
 from dissect.monitor.rows import watched_heads
 from dissect.monitor.screens import ValuesScreen
 from dissect.monitor.watched import LATEST, SECONDS, Watched
 from dissect.packets.source.files import open_capture
-from dissect.report.words import Places
-from dissect.tags import load_tags
 from dissect.variables.choosing import Known, choose
+from tests.meaning.report.support import ROOT, UNSAFE, begun, transactions
+from tests.meaning.tags.support import tank_file
 from tests.monitor.support import SIZES, ended, screen
 from tests.monitor.test_app import SCREENS, Act, files, press
 from tests.properties.packets import Packet
-from tests.report.support import ROOT, UNSAFE, begun, transactions
-from tests.tags.support import tank_file
 from tests.variables.support import BYTE, REAL, WORD, db, reads, real, writes
 
 LEVELS: Final = (1.0, 2.0, 2.0, 4.0, 3.0)

@@ -10,17 +10,17 @@ from types import MappingProxyType
 from typing import Any, Final
 
 from dissect.engine.pipeline import Options
+from dissect.meaning.report.words import Places
 from dissect.page.gathered import Gathered, span_of
 from dissect.page.rendering import Side, render
 from dissect.page.rows import Rows
-from dissect.report.words import Places
 from dissect.session import Run
 from dissect.variables.choosing import Known, choose
 from dissect.wire.text import Clock
+from tests.meaning.report.support import read
 from tests.properties import messages
 from tests.properties.messages import Item, dt
 from tests.properties.packets import Flow, Packet, Talk
-from tests.report.support import read
 
 #: What has broken pages, shells, spreadsheets and terminals before.
 NAUGHTY: Final = (

@@ -15,13 +15,13 @@ import pytest
 
 from dissect.page.rendering import Side, render, script
 from dissect.wire.text import duration_text
+from tests.meaning.report.schemas import ROOT
+from tests.meaning.report.support import UNSAFE, WORD, begun, read, saved
 from tests.page.browser import Browser, started
 from tests.page.support import NAUGHTY, data_of, gathered_of, naughty_packets, page_of
 from tests.promises import hostile
 from tests.properties.messages import Item
 from tests.properties.packets import EPOCH_NS, MS, Flow
-from tests.report.schemas import ROOT
-from tests.report.support import UNSAFE, WORD, begun, read, saved
 
 OWN: Final = ROOT / "captures"
 PLANT: Final = OWN / "crafted" / "plus-plant.pcapng"

@@ -12,12 +12,12 @@ from dissect.page import tag_steps
 from dissect.page.data import Data
 from dissect.page.verdict import verdict
 from dissect.wire.build import COMPILED
+from tests.meaning.report.schemas import ROOT
+from tests.meaning.report.support import WORD, begun, read, saved
 from tests.page.support import gathered_of
 from tests.properties import messages
 from tests.properties.messages import dt
 from tests.properties.packets import EPOCH_NS, MS, Flow, Packet, Talk
-from tests.report.schemas import ROOT
-from tests.report.support import WORD, begun, read, saved
 
 
 def polled(values: list[int], ports: int = 40000) -> Talk:

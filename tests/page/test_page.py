@@ -19,8 +19,8 @@ from dissect import analyze
 from dissect.page.data import Data
 from dissect.page.rendering import Side, embedded, render, script
 from tests.cli.support import run
+from tests.meaning.report.schemas import ROOT
 from tests.page.support import NAUGHTY, command_of, data_of, gathered_of, page_of, session_of
-from tests.report.schemas import ROOT
 
 STYLE = files("dissect.page").joinpath("page.css").read_text(encoding="utf-8")
 SCRIPT = script()

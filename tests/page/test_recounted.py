@@ -8,11 +8,11 @@ from typing import Any, Final
 
 import pytest
 
+from tests.meaning.report.schemas import ROOT
 from tests.page.support import session_of
 from tests.recount.counted import host_of
 from tests.recount.outputs import outputs_of
 from tests.recount.recount import Capture, iso_ns
-from tests.report.schemas import ROOT
 
 OWN: Final = ROOT / "captures"
 NAMES: Final = (

@@ -12,11 +12,11 @@ from dissect.page import gathered as room
 from dissect.page.data import Data
 from dissect.page.samples import Ranked, Samples, mixed
 from dissect.wire.build import COMPILED
+from tests.meaning.report.support import WORD, begun, read, saved
 from tests.page.support import gathered_of, page_of
 from tests.properties import messages
 from tests.properties.messages import dt
 from tests.properties.packets import EPOCH_NS, MS, Flow
-from tests.report.support import WORD, begun, read, saved
 
 SECOND = 1_000_000_000
 

@@ -13,7 +13,7 @@ from typing import Final
 import pytest
 
 from dissect.page.rendering import SCRIPT
-from tests.report.schemas import ROOT
+from tests.meaning.report.schemas import ROOT
 
 FOLDER: Final = ROOT / "dissect" / "page" / "script"
 TYPES: Final = FOLDER / "types.d.ts"

@@ -19,12 +19,12 @@ from dissect.page.rendering import Side, render
 from dissect.wire.build import COMPILED
 from dissect.wire.text import Clock, cell
 from tests.cli.support import run
+from tests.meaning.report.support import WORD, begun, read, saved
 from tests.page.browser import Browser, started
 from tests.page.support import data_of, gathered_of, naughty_packets, page_of
 from tests.page.test_script import tools
 from tests.properties.messages import Item
 from tests.properties.packets import EPOCH_NS, MS, Flow
-from tests.report.support import WORD, begun, read, saved
 
 HOUR: Final = 3600 * 10**9
 #: What looks for what keeps people out, in all of the page, unfolded.

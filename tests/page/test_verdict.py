@@ -7,12 +7,12 @@ from pathlib import Path
 import pytest
 
 from dissect.page.verdict import by_weight, verdict
+from tests.meaning.report.schemas import ROOT
+from tests.meaning.report.support import WORD, begun, read, saved
 from tests.page.support import gathered_of
 from tests.properties import messages
 from tests.properties.messages import dt
 from tests.properties.packets import EPOCH_NS, Flow, Talk, capture
-from tests.report.schemas import ROOT
-from tests.report.support import WORD, begun, read, saved
 
 OWN = ROOT / "captures"
 #: The beginning of a session of MMS.

@@ -11,6 +11,7 @@ from dissect.protocols.s7plus.session import SERVER_SESSION, SUBSCRIPTION
 from dissect.protocols.s7plus.tables import CREATE_OBJECT, DELETE_OBJECT, GET_MULTI_VARIABLES, SET_MULTI_VARIABLES
 from dissect.protocols.s7plus.value_tables import INT
 from dissect.protocols.s7plus.values import Value, build_value
+from tests.meaning.report.support import saved
 from tests.properties import messages
 from tests.properties.messages import dt
 from tests.properties.packets import Talk
@@ -25,7 +26,6 @@ from tests.protocols.s7plus.bodies import (
     set_multi,
 )
 from tests.protocols.s7plus.pdus import asked, framed, told
-from tests.report.support import saved
 
 SESSION: Final = 0x70000CB8
 CONTAINER: Final = 0x70000CB9

@@ -32,14 +32,14 @@ from dissect.engine.transactions.transaction import (
 from dissect.export.forms import FORMS
 from dissect.golden import diff_sessions, golden_text, read_session
 from dissect.golden.parsing import parse_golden
-from dissect.inventory.collector import Inventory
+from dissect.meaning.inventory.collector import Inventory
+from dissect.meaning.report.certainty import SHORT, left_out, values_left_out
+from dissect.meaning.report.formats import FORMATS, TRANSACTIONS, VALUES
 from dissect.metrics.counters import Metrics
 from dissect.monitor.details import connection_details, entry_lines
 from dissect.monitor.model import Model
 from dissect.monitor.rows import entry_row, joined
 from dissect.page.data import Data
-from dissect.report.certainty import SHORT, left_out, values_left_out
-from dissect.report.formats import FORMATS, TRANSACTIONS, VALUES
 from dissect.session import Run
 from dissect.wire.text import Clock
 from tests.cli.support import run

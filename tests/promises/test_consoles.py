@@ -17,8 +17,8 @@ from typing import Final
 import pytest
 
 from dissect.cli.main import COMMANDS
+from tests.meaning.report.support import ROOT
 from tests.promises import hostile
-from tests.report.support import ROOT
 
 #: What neither cp1252 nor cp437 has a place for, what only one of them has, and what both have.
 SAID: Final = ["ЖЯ→", "温度", "€ 5 ‰", "∞ ≥ Ω", "Größe µs é"]

@@ -17,7 +17,7 @@ from typing import Final
 
 import pytest
 
-from tests.report.schemas import ROOT
+from tests.meaning.report.schemas import ROOT
 
 CAPTURES: Final = ROOT / "captures"
 #: One with operations and blocks, one with many connections, one with holes and one with a password, in this order.

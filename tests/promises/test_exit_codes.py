@@ -13,9 +13,9 @@ import pytest
 from tests.cli.support import simple
 from tests.cli.test_conventions import WRITING, calls
 from tests.cli.test_outputs import commands
+from tests.meaning.report.schemas import ROOT
+from tests.meaning.report.support import begun, read, saved
 from tests.promises.nursery import Nursery
-from tests.report.schemas import ROOT
-from tests.report.support import begun, read, saved
 
 #: A call for each code, with files by name: GOOD holds reads, one of them refused; CUT ends within a packet; OTHER says
 #: something else; MISSING is none; OUT is to be made.

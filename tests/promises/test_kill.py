@@ -20,10 +20,10 @@ import pytest
 from dissect.baseline.loading import load_baseline
 from dissect.golden.reading import load_golden
 from dissect.packets.source.files import open_capture
+from tests.meaning.report.schemas import ROOT
+from tests.meaning.report.support import WORD, begun, read, saved
 from tests.packets.source.craft import Recorder
 from tests.promises.nursery import Nursery
-from tests.report.schemas import ROOT
-from tests.report.support import WORD, begun, read, saved
 
 KILLS: Final = int(os.environ.get("S7DISSECT_KILLS", "8"))
 CAPTURE: Final = ROOT / "captures" / "transfer.pcapng"

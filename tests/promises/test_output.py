@@ -22,11 +22,11 @@ from dissect.live.session import Session
 from dissect.packets.source.files import open_capture
 from dissect.protocols.s7.security import encode_password
 from tests.cli.support import run, simple
+from tests.meaning.report.schemas import ROOT
+from tests.meaning.report.support import UNSAFE, begun, saved
 from tests.promises import hostile
 from tests.properties import messages
 from tests.properties.messages import dt
-from tests.report.schemas import ROOT
-from tests.report.support import UNSAFE, begun, saved
 
 Capture = pytest.CaptureFixture[bytes]
 

@@ -17,6 +17,7 @@ from dissect.engine.transactions.connection import Connection
 from dissect.engine.transactions.transaction import Transaction
 from dissect.live.events import CLOSED, Event
 from dissect.live.session import Session
+from dissect.meaning.report.writers.jsonl import TransactionLines
 from dissect.packets.source.packet import PacketSink
 from dissect.packets.source.pcapng_writer import PcapngWriter
 from dissect.proxy.capture_file import CaptureFile
@@ -24,7 +25,6 @@ from dissect.proxy.packets import endpoint_of
 from dissect.proxy.relay import Relay
 from dissect.proxy.source import RelayReader
 from dissect.proxy.tap import REFUSED, UNANSWERED, Tap
-from dissect.report.writers.jsonl import TransactionLines
 from dissect.session import Run
 from tests.live.support import client, never, plc, taken
 from tests.live.test_loopback import Offline, said

@@ -12,13 +12,13 @@ import pytest
 import dissect
 from dissect.engine.pipeline import Options
 from dissect.engine.transactions.transaction import ANSWERED, PUSH, Transaction
+from dissect.meaning.select.selection import Selection, Wanted
 from dissect.packets.source.files import open_capture
 from dissect.packets.source.pcapng_writer import PcapngWriter
 from dissect.recording.cutter import Cutter
-from dissect.select.selection import Selection, Wanted
 from dissect.session import Run
+from tests.meaning.report.support import OWN, ROOT
 from tests.packets.source.craft import Frame, drain
-from tests.report.support import OWN, ROOT
 
 #: Captures of what goes wrong in TCP. Alone, packets that came out of order, sent again or in slivers do not say which octets
 #: come first; with the whole connection they do.

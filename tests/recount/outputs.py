@@ -14,21 +14,21 @@ from dissect.export.feed import Sink, TableFeed
 from dissect.export.forms import FORMS, Request
 from dissect.export.tables import TABLES, Table
 from dissect.export.transaction_rows import Row
-from dissect.inventory.outcome import Devices
 from dissect.live.run import Fanout
 from dissect.live.session import Session
+from dissect.meaning.inventory.outcome import Devices
+from dissect.meaning.report.brief import brief_lines
+from dissect.meaning.report.formats import FORMATS, OPERATIONS, PDUS, TRANSACTIONS
+from dissect.meaning.report.styled import Line
+from dissect.meaning.report.text import analysis_lines
+from dissect.meaning.report.words import Places
+from dissect.meaning.report.writer import OperationFeed, PduFeed, TransactionFeed, Writer
 from dissect.monitor import rows
 from dissect.monitor.model import Model
 from dissect.packets.source.files import open_capture
 from dissect.page.gathered import Gathered, span_of
 from dissect.page.rendering import Side, render
 from dissect.page.rows import Rows
-from dissect.report.brief import brief_lines
-from dissect.report.formats import FORMATS, OPERATIONS, PDUS, TRANSACTIONS
-from dissect.report.styled import Line
-from dissect.report.text import analysis_lines
-from dissect.report.words import Places
-from dissect.report.writer import OperationFeed, PduFeed, TransactionFeed, Writer
 from dissect.session import Run
 from dissect.wire.text import Clock
 from tests.faces.reading import options_of

@@ -9,10 +9,10 @@ from typing import Final
 
 import pytest
 
+from tests.meaning.report.support import WORD, begun, read, saved
 from tests.recount.gathering import Recounted, captures_in, differences, recounted, rows
 from tests.recount.kinds import KINDS
 from tests.recount.recount import is_duration, is_moment, is_size, is_time_of_day, main, quantile
-from tests.report.support import WORD, begun, read, saved
 
 ROOM: Final = Path(__file__).parent
 #: What reads outputs and counts; the other modules of this room make the outputs.

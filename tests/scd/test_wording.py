@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 from dissect import scd
 from dissect.scd.messages import Message
 from dissect.scd.wording import Row, json_value, physical_text, row_text, rows, subject, value_text, values_text
-from tests.bindings import plant
-from tests.report.support import UNSAFE
+from tests.meaning.bindings import plant
+from tests.meaning.report.support import UNSAFE
 
 
 @pytest.mark.parametrize(

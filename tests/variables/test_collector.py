@@ -17,6 +17,7 @@ import dissect
 from dissect.engine.pipeline import Options, Pipeline
 from dissect.engine.transactions.results import ALIKE, GAPS
 from dissect.engine.transactions.transaction import ANSWERED, Transaction
+from dissect.meaning.tags import load_tags
 from dissect.packets.tcp.stream import Endpoint
 from dissect.protocols.s7plus.contents import Address
 from dissect.protocols.s7plus.objects import build_object
@@ -26,7 +27,6 @@ from dissect.protocols.s7plus.value_tables import DINT, STRUCT, UDINT, WSTRING
 from dissect.protocols.s7plus.value_tables import INT as PLUS_INT
 from dissect.protocols.s7plus.value_tables import REAL as PLUS_REAL
 from dissect.protocols.s7plus.values import Struct, Value
-from dissect.tags import load_tags
 from dissect.variables.choosing import Known, choose
 from dissect.variables.collector import Collector, item_type
 from dissect.variables.model import Variable
@@ -36,12 +36,12 @@ from dissect.wire.text import Clock
 from tests.engine.transactions import talk as line
 from tests.engine.transactions.test_results import PUSH as PUSHED
 from tests.engine.transactions.test_results import RESPONSE, TRANSFER, sent, subscribe
+from tests.meaning.report.schemas import complaints
+from tests.meaning.report.support import ROOT, Kept, begun, observed
 from tests.properties.messages import Item, dt
 from tests.protocols.s7plus import bodies
 from tests.protocols.s7plus.pdus import asked, framed, told
 from tests.protocols.s7plus.test_program import type_of, variable
-from tests.report.schemas import complaints
-from tests.report.support import ROOT, Kept, begun, observed
 from tests.variables.support import BIT, BYTE, INT, REAL, WORD, collected, db, reads, real, rows_of, said, writes
 
 CRAFTED: Final = ROOT / "captures" / "crafted"

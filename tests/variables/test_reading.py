@@ -10,13 +10,13 @@ import pytest
 
 import dissect
 from dissect.engine.pipeline import Options
-from dissect.tags.loading import load_tags
-from dissect.tags.naming import HostNaming
+from dissect.meaning.tags.loading import load_tags
+from dissect.meaning.tags.naming import HostNaming
 from dissect.variables.choosing import Known, WantedError, choose
 from dissect.variables.collector import Collector
 from tests.cases import each
+from tests.meaning.report.support import begun, saved
 from tests.properties.messages import Item
-from tests.report.support import begun, saved
 from tests.variables.support import BIT, BYTE, INT, REAL, WORD, collected, db, reads, real, writes
 
 

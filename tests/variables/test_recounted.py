@@ -11,7 +11,7 @@ import pytest
 
 from tests.cases import each
 from tests.cli.support import run
-from tests.report.schemas import ROOT
+from tests.meaning.report.schemas import ROOT
 
 Capture = pytest.CaptureFixture[bytes]
 CAPTURES: Final = ROOT / "captures"

@@ -14,8 +14,8 @@ from dissect.variables.model import ValueRow, Variable
 from dissect.variables.statistics import Pace, Statistics
 from dissect.variables.writers import RowWriter, ValueCsv, ValueJsonl, ValueText, ValueWriter
 from tests.cases import each
+from tests.meaning.report.support import ROOT, begun
 from tests.properties.packets import Talk
-from tests.report.support import ROOT, begun
 from tests.variables.support import BIT, BYTE, REAL, WORD, collected, db, reads, real, writes
 
 CAPTURES: Final = sorted(

@@ -7,12 +7,12 @@ from collections.abc import Iterable
 
 import pytest
 
-from dissect.report.words import Places
+from dissect.meaning.report.words import Places
 from dissect.variables.collector import Collector
 from dissect.variables.statistics import MAX_DISTINCT, Pace
 from dissect.variables.summary import Summary, csv_rows, json_lines, text_lines
 from dissect.wire.text import Clock
-from tests.report.support import begun
+from tests.meaning.report.support import begun
 from tests.variables.support import WORD, collected, db, reads
 
 

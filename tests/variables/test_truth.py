@@ -10,7 +10,7 @@ from snap7 import util
 
 import dissect
 from dissect.live.events import CLOSED
-from dissect.tags import load_tags
+from dissect.meaning.tags import load_tags
 from tests.live.support import client, plc, taken
 from tests.proxy.test_source import dissected
 

@@ -7,10 +7,10 @@ from typing import Final
 
 from librt.strings import BytesWriter
 
+from dissect.meaning.report import words
+from dissect.meaning.report.writers.csv import quoted
 from dissect.packets.tcp.stream import Endpoint
 from dissect.protocols.s7.values import decode_value
-from dissect.report import words
-from dissect.report.writers.csv import quoted
 from dissect.variables.model import Told, Variable
 from dissect.variables.value_octets import write_cell, write_hex, write_json, write_shown
 from dissect.variables.writers import any_text, value_cell

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import click
 
 from dissect.cli.options.given import was_given
-from dissect.report.slugs import slugs_of
+from dissect.meaning.report.slugs import slugs_of
 from dissect.wire.text import printable
 
 if TYPE_CHECKING:

@@ -44,7 +44,7 @@ def _decoder(scd: str | None, bind: str | None) -> PayloadDecoder | None:
     if scd is None or bind is None:
         missing = "--scd DICT, the dictionary" if scd is None else "--bind BINDINGS, which says where SCD is carried"
         raise click.UsageError(f"missing {missing}: the two options belong together.")
-    from dissect.bindings import BindingError, load_carrier
+    from dissect.meaning.bindings import BindingError, load_carrier
     from dissect.scd.errors import DictionaryError
     from dissect.wire.text import printable
 

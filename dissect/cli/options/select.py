@@ -22,11 +22,11 @@ if TYPE_CHECKING:
 
     from dissect.live.selected import SelectedEvents
     from dissect.live.session import Session
-    from dissect.report.formats import Format
-    from dissect.report.writer import MessageChoice, Writer
-    from dissect.select import Where
-    from dissect.select.things import Context
-    from dissect.select.window import Window
+    from dissect.meaning.report.formats import Format
+    from dissect.meaning.report.writer import MessageChoice, Writer
+    from dissect.meaning.select import Where
+    from dissect.meaning.select.things import Context
+    from dissect.meaning.select.window import Window
     from dissect.wire.text import Clock
 
     _ParamType = click.ParamType[str]
@@ -69,7 +69,7 @@ class Chosen:
     def context(self) -> Context:
         """What fields need to know of the run."""
         if self._context is None:
-            from dissect.select.things import Context
+            from dissect.meaning.select.things import Context
 
             self._context = Context()
         return self._context
@@ -113,7 +113,7 @@ class Chosen:
         takes = self.choice("message")
         if takes is None:
             return None
-        from dissect.select.things import Message
+        from dissect.meaning.select.things import Message
 
         return lambda *message: takes(Message(*message))
 
@@ -130,7 +130,7 @@ class Chosen:
         if of is None and sys.stdout.isatty():
             writer.most = MOST_ITEMS
         if self.columns:
-            from dissect.select.columns import FieldsWriter
+            from dissect.meaning.select.columns import FieldsWriter
 
             assert isinstance(writer, FieldsWriter)
             writer.write_fields(self.columns, self.context)
@@ -149,7 +149,7 @@ class ExpressionType(_ParamType):
         """Return the typed text completed with the names of fields that match its last word."""
         from click.shell_completion import CompletionItem
 
-        from dissect.select.fields import FIELDS
+        from dissect.meaning.select.fields import FIELDS
 
         head, word = _last_word(incomplete)
         return [
@@ -171,7 +171,7 @@ class FieldType(ExpressionType):
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:
         """Return the name unchanged; a wrong one is reported with the nearest."""
-        from dissect.select.fields import NAMES
+        from dissect.meaning.select.fields import NAMES
         from dissect.wire.config.hints import close_names
 
         field = NAMES.get(value.lower())
@@ -207,7 +207,7 @@ def read_time(text: str | None) -> AskedTime | None:
     """Return the value of ``--time``, in the zone of ``--local-time``; None if it was not given. A wrong one is wrong use."""
     if text is None:
         return None
-    from dissect.select.window import parse_window
+    from dissect.meaning.select.window import parse_window
 
     try:
         return AskedTime(text, parse_window(text, clock().local))
@@ -231,8 +231,8 @@ def read_where(text: str | None, also: Sequence[str] = (), kinds: Sequence[str] 
         if text is not None:
             raise click.BadParameter("the expression is empty.", param_hint="'-Y' / '--where'")
         return None
-    from dissect.select import SelectError, Where
-    from dissect.select.things import KINDS, Context
+    from dissect.meaning.select import SelectError, Where
+    from dissect.meaning.select.things import KINDS, Context
 
     try:
         return Where(text or "", also, kinds or KINDS, Context(clock().local))

@@ -12,8 +12,8 @@ from dissect.cli.options.given import was_given
 
 if TYPE_CHECKING:
     from dissect.engine.transactions.naming import Naming
-    from dissect.tags import TagSet
-    from dissect.tags.problems import Problem
+    from dissect.meaning.tags import TagSet
+    from dissect.meaning.tags.problems import Problem
 
 #: Problems of tags that are listed in full; of more their number.
 MAX_LISTED: Final = 50
@@ -89,7 +89,7 @@ def naming_of(paths: Sequence[str], encoding: str, numbers: dict[str, int]) -> N
         if was_given("encoding", "numbers"):
             raise click.UsageError("missing --tags FILE: --tags-encoding and --tags-db are options for reading it.")
         return None
-    from dissect.tags.naming import HostNaming
+    from dissect.meaning.tags.naming import HostNaming
     from dissect.wire.config.settings import split_host
 
     by_host: dict[str, list[str]] = {}
@@ -121,9 +121,9 @@ def load(paths: Sequence[str], encoding: str, numbers: dict[str, int], more: boo
 
     Raises `click.ClickException` with everything that is wrong.
     """
-    from dissect.tags import TagError
-    from dissect.tags.loading import load_tags
-    from dissect.tags.problems import ERROR, WARNING
+    from dissect.meaning.tags import TagError
+    from dissect.meaning.tags.loading import load_tags
+    from dissect.meaning.tags.problems import ERROR, WARNING
 
     found = guarded(lambda: load_tags(paths, encoding, numbers, more), TagError)
     if isinstance(found, TagError):

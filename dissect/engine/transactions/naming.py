@@ -1,4 +1,4 @@
-"""Names for the values that a transaction carries, from tags (`dissect.tags`) or from SCD (`dissect.bindings`).
+"""Names for the values that a transaction carries, from tags (`dissect.meaning.tags`) or from SCD (`dissect.meaning.bindings`).
 
 Both give a `NamedValue`; `named_values` returns those of a transaction, whatever the source of the names.
 """

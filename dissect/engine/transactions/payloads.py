@@ -1,6 +1,6 @@
 """What transactions hold of SCD: a decoded message, and its function in the form that pairing needs.
 
-`dissect.bindings` decodes the messages.
+`dissect.meaning.bindings` decodes the messages.
 """
 
 from __future__ import annotations

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Final
 from dissect.golden.comparison import differences
 from dissect.golden.difference import Difference, DiffOptions
 from dissect.golden.model import Link, Session
+from dissect.meaning.report import words
 from dissect.net.addresses import Address, Place
 from dissect.playback.client.expected import expected_session
 from dissect.playback.client.permissions import Permissions
@@ -18,7 +19,6 @@ from dissect.playback.client.record import Record
 from dissect.playback.client.schedule import expect_few, perform
 from dissect.playback.client.settings import Settings, Shared
 from dissect.playback.client.watch import Watch
-from dissect.report import words
 
 if TYPE_CHECKING:
     from dissect.engine.exchange import PayloadDecoder

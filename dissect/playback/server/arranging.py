@@ -8,8 +8,8 @@ from typing import Final
 
 from dissect.engine.transactions.transaction import BEHIND_MALFORMED, HOLE, OUTCOMES, PUSH, UNANSWERED
 from dissect.golden.model import Transaction
+from dissect.meaning.report import words
 from dissect.playback.server.model import Recording, Script, ServerMessage, Step
-from dissect.report import words
 
 #: The beginning of an S7comm-plus message.
 _PLUS: Final = b"\x72"

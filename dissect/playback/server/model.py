@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Final
 
 from dissect.engine.transactions.ending import DISCONNECT, ERROR_TPDU, FIN, RESET
-from dissect.report.words import PROTOCOLS
+from dissect.meaning.report.words import PROTOCOLS
 
 MAX_NOTES: Final = 100
 

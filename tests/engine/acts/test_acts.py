@@ -14,6 +14,8 @@ from dissect.engine.findings.reporter import Finding
 from dissect.engine.observer import Observer
 from dissect.engine.transactions import operation as operations
 from dissect.engine.transactions.operation import Operation
+from dissect.meaning.select import Where
+from dissect.meaning.select.sieve import Sieve
 from dissect.protocols.s7.services import PI_SERVICES
 from dissect.protocols.s7.tables import READ, USERDATA_SUBFUNCTIONS
 from dissect.protocols.s7plus.contents import Address
@@ -21,8 +23,6 @@ from dissect.protocols.s7plus.objects import PlusObject, build_object
 from dissect.protocols.s7plus.tables import CREATE_OBJECT, DELETE_OBJECT, SET_MULTI_VARIABLES, SET_VARIABLE
 from dissect.protocols.s7plus.value_tables import BLOB, DINT, UINT
 from dissect.protocols.s7plus.values import Blob, Value
-from dissect.select import Where
-from dissect.select.sieve import Sieve
 from dissect.session import Run
 from tests.engine.findings import events
 from tests.engine.findings.test_plus_rules import DENIED, NOTHING, begun, block, do, explore

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dissect import scd
 from dissect.scd.codec import Codec
-from tests.bindings import plant
 from tests.engine.findings.registry import silent, speaks
 from tests.engine.transactions.talk import CLIENT, SERVER, Talk
+from tests.meaning.bindings import plant
 
 
 def listening(talk: Talk) -> Talk:

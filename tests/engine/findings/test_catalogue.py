@@ -68,7 +68,7 @@ PACKAGE: Final = Path(dissect.__file__).parent
 #: An Ethernet and an IPv4 header, from 10.0.0.1 to 10.0.0.2 over TCP.
 IPV4: Final = bytes(12) + bytes.fromhex("0800 45000028 0001 0000 40060000 0a000001 0a000002")
 #: Rooms that may judge.
-ENGINE: Final = frozenset(("engine", "engine/acts", "engine/findings", "bindings"))
+ENGINE: Final = frozenset(("engine", "engine/acts", "engine/findings", "meaning/bindings"))
 #: Rooms whose findings are written in the source as "room.what".
 SLUG: Final = re.compile(
     r"(capture|ip|stream|tpkt|ibh|cotp|s7|s7plus|session|transaction|function|security|scd|operation|block|device|internal)\.[a-z_0-9]+"

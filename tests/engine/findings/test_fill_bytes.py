@@ -7,8 +7,8 @@ from typing import Final
 
 import pytest
 
+from dissect.meaning.report.writers.jsonl import TransactionLines
 from dissect.protocols.s7.items import without_fill
-from dissect.report.writers.jsonl import TransactionLines
 from tests.cases import each
 from tests.engine.transactions.talk import Talk, ack, ack_data, item, read, write, written
 

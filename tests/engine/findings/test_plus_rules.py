@@ -13,6 +13,8 @@ from dissect.engine.findings.plus_rules import MAX_CPUS, PlusWatch
 from dissect.engine.findings.reporter import Reporter
 from dissect.engine.findings.security_rules import SecurityWatch
 from dissect.engine.transactions.operation import OperationBook
+from dissect.meaning.report.facets import outcome
+from dissect.meaning.report.plus import plus_subject
 from dissect.packets.tcp.stream import Endpoint
 from dissect.protocols.s7plus.contents import Address
 from dissect.protocols.s7plus.objects import Attribute, PlusObject, build_object
@@ -28,8 +30,6 @@ from dissect.protocols.s7plus.tables import (
 from dissect.protocols.s7plus.value_tables import BLOB, BOOL, DINT, INT, STRUCT, UDINT, UINT, WSTRING
 from dissect.protocols.s7plus.values import Blob, Struct, Value, build_value
 from dissect.protocols.s7plus.walk import MAX_WORK
-from dissect.report.facets import outcome
-from dissect.report.plus import plus_subject
 from tests.engine.findings.plus_scenarios import opened
 from tests.engine.transactions.talk import RST, SERVER, Talk
 from tests.protocols.s7plus import bodies

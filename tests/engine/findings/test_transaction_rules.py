@@ -7,7 +7,7 @@ import pytest
 
 from dissect.engine.findings.reporter import Finding
 from dissect.engine.pipeline import Options, Pipeline
-from dissect.tags import load_tags
+from dissect.meaning.tags import load_tags
 from tests import build
 from tests.engine.findings import events
 from tests.engine.transactions.talk import (

@@ -10,8 +10,8 @@ import pytest
 import dissect
 from dissect.engine.findings.catalogue import CATALOGUE
 from dissect.engine.transactions.results import STILL_OPEN, UNCONFIRMED
+from dissect.meaning.report.analysis import Analysis
 from dissect.packets.tcp.stream import MASK
-from dissect.report.analysis import Analysis
 from tests.engine.transactions.talk import (
     ACK,
     CLIENT,

@@ -12,7 +12,7 @@ import pytest
 
 import dissect
 from dissect.engine.transactions.old_names import OldNames
-from dissect.report.writers.jsonl import TransactionLines
+from dissect.meaning.report.writers.jsonl import TransactionLines
 from dissect.wire.attribute_tables import ATTRIBUTES
 from dissect.wire.copies import attributes
 from tests.cli.support import run

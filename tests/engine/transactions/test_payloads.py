@@ -6,7 +6,7 @@ from dissect.engine.transactions.open_requests import SCD_KEY, key_of
 from dissect.engine.transactions.payloads import SCD, ScdMessage, ScdParameters, is_scd_key
 from dissect.engine.transactions.results import mismatch
 from dissect.scd.messages import Message
-from tests.bindings import plant
+from tests.meaning.bindings import plant
 
 
 def found(octets: bytes) -> ScdMessage:

@@ -10,6 +10,8 @@ import pytest
 import dissect
 from dissect.engine.program.carved import carve
 from dissect.engine.transactions import operation as kinds
+from dissect.meaning.report.operations import operation_json
+from dissect.meaning.report.words import Places
 from dissect.protocols.s7plus.assembly import MAX_PDU
 from dissect.protocols.s7plus.contents import Address
 from dissect.protocols.s7plus.ids import BLOCK_CLASSES
@@ -24,8 +26,6 @@ from dissect.protocols.s7plus.tables import (
 )
 from dissect.protocols.s7plus.value_tables import BLOB, BOOL, UINT, WSTRING
 from dissect.protocols.s7plus.values import Blob, Value
-from dissect.report.operations import operation_json
-from dissect.report.words import Places
 from dissect.wire.text import Clock
 from tests.engine.findings.test_plus_rules import DENIED, NOTHING, begun, block, do
 from tests.engine.transactions.talk import Talk

@@ -18,9 +18,9 @@ from dissect.engine.transactions.transaction import (
     UNANSWERED,
     Transaction,
 )
+from dissect.meaning.report.facets import subject
 from dissect.protocols.s7.items import ItemResult
 from dissect.protocols.s7.values import Value
-from dissect.report.facets import subject
 from tests.engine.transactions.talk import (
     Talk,
     ack,

@@ -26,6 +26,7 @@ from dissect.packets.source.pcapng_writer import (
     packet_block,
     section_block,
 )
+from tests.meaning.report.support import UNSAFE
 from tests.packets.source.craft import (
     EPOCH,
     ETHERNET,
@@ -38,7 +39,6 @@ from tests.packets.source.craft import (
     small_disk,
     step_to_the_end,
 )
-from tests.report.support import UNSAFE
 
 TIME = EPOCH * NS + 123_456_789
 #: An Ethernet frame of a protocol nobody knows, which Wireshark shows without complaint.

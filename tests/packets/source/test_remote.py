@@ -18,9 +18,9 @@ from dissect.packets.source.files import open_capture
 from dissect.packets.source.packet import CaptureError
 from dissect.packets.source.remote import RemoteSource, expand, explained, is_remote, open_remote, shown
 from tests.cli.support import run
+from tests.meaning.report.schemas import ROOT
 from tests.packets.source.craft import Recorder, step_to_the_end
 from tests.packets.source.servers import LOOPBACK, free_port, object_store, sftp_server, web_server
-from tests.report.schemas import ROOT
 
 SZL: Final = ROOT / "captures" / "szl.pcapng"
 POLL: Final = ROOT / "captures" / "nodes7-poll-missing.pcapng"

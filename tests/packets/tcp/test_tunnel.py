@@ -16,12 +16,12 @@ from hypothesis import strategies as st
 from captures.craft import container
 from dissect.anonymize.account import Choices
 from dissect.engine.transactions.accounts import CATEGORIES
+from dissect.meaning.select.places import Places, Stretch, packet_key
+from dissect.meaning.select.selection import Choice
 from dissect.packets.tcp import link
 from dissect.packets.tcp.ip import FragmentStore
 from dissect.packets.tcp.segment import Segment, find_segment
 from dissect.packets.tcp.tunnel import unwrapped
-from dissect.select.places import Places, Stretch, packet_key
-from dissect.select.selection import Choice
 from tests.anonymize.support import anonymized
 from tests.anonymize.support import told as told_of
 from tests.cases import each

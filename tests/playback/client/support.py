@@ -25,9 +25,9 @@ from dissect.playback.client import (
 from dissect.playback.server.recording import Recording, load_recording
 from dissect.playback.server.service import Server
 from tests.conftest import ROOT
+from tests.meaning.report.support import WORD, begun, read, saved
 from tests.properties import messages
 from tests.properties.messages import dt
-from tests.report.support import WORD, begun, read, saved
 
 CAPTURES: Final = ROOT / "captures"
 #: All of our own recordings, by their names below the folder.

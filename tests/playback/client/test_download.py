@@ -18,11 +18,11 @@ from dissect.playback.client.player import NOT_LOADED
 from dissect.playback.server.recording import load_recording
 from dissect.playback.server.service import Server
 from dissect.protocols.s7.message import parse_pdu
+from tests.meaning.report.support import WORD, begun, read, saved
 from tests.playback.client.support import ALL, CAPTURES, play, real_server, texts
 from tests.playback.client.test_player import Wire, serving
 from tests.properties import messages
 from tests.properties.messages import dt
-from tests.report.support import WORD, begun, read, saved
 
 TRANSFER = CAPTURES / "transfer.pcapng"
 CONTROL = Permissions(control=True)

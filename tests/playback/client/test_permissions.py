@@ -18,8 +18,8 @@ from dissect.playback.client.permissions import (
 )
 from dissect.protocols.s7.tables import CONTROL, FUNCTIONS, READ, USERDATA_SUBFUNCTIONS, WRITE
 from tests.cases import each
+from tests.meaning.report.support import WORD
 from tests.properties import messages
-from tests.report.support import WORD
 
 _NONE = Permissions()
 _WRITES = Permissions(write=True)

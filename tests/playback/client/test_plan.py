@@ -25,9 +25,9 @@ from dissect.playback.client.plan import (
 )
 from dissect.protocols.iso.cotp import CALLED_TSAP, CALLING_TSAP, parse_tpdu
 from dissect.protocols.iso.tables import CR, DR
+from tests.meaning.report.support import WORD
 from tests.playback.client.support import CAPTURES
 from tests.properties import messages
-from tests.report.support import WORD
 
 READ = messages.read_job(1, [WORD])
 ANSWER = messages.read_answer(1, [WORD], [b"\x04\xd2"])

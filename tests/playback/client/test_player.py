@@ -15,11 +15,11 @@ from dissect.playback.client import Settings, load_recorded
 from dissect.playback.client.plan import USUAL_SETUP
 from dissect.playback.server.service import Server
 from dissect.protocols.s7.message import parse_pdu
+from tests.meaning.report.support import WORD, begun, read, saved
 from tests.playback.client.support import ALL, CAPTURES, free_port, mixed, play, texts
 from tests.properties import messages
 from tests.properties.messages import dt
 from tests.properties.packets import captured
-from tests.report.support import WORD, begun, read, saved
 
 SOON = Settings(timeout_s=0.1)
 

@@ -9,9 +9,9 @@ from dissect.golden import golden_text, read_session
 from dissect.golden.model import Session
 from dissect.packets.source.pcapng_writer import PcapngWriter
 from dissect.playback.client.record import Record, Talk
+from tests.meaning.report.support import WORD
 from tests.properties import messages
 from tests.properties.messages import dt
-from tests.report.support import WORD
 
 CLIENT, SERVER = ("127.0.0.1", 40_001), ("127.0.0.1", 102)
 OURS, THEIRS = 0, 1

@@ -10,10 +10,10 @@ from dissect.golden import golden_text, read_session
 from dissect.golden.model import Session, Span
 from dissect.packets.source.packet import CaptureError
 from dissect.playback.client import ReplayError, load_recorded
+from tests.meaning.report.support import begun, read, saved
 from tests.playback.client.support import CAPTURES, mixed
 from tests.properties import messages
 from tests.properties.packets import Flow, captured
-from tests.report.support import begun, read, saved
 
 EPOCH = 1_700_000_000_000_000_000
 MS = 1_000_000

@@ -9,8 +9,8 @@ from dissect.golden.exchange import S7, Exchange
 from dissect.golden.masking import mask_s7
 from dissect.golden.model import Link, Transaction
 from dissect.playback.client.renewal import NO_MORE, NO_UPLOAD, Renewal
+from tests.meaning.report.support import WORD
 from tests.properties import messages
-from tests.report.support import WORD
 
 READ = messages.read_job(0x1234, [WORD])
 ANSWER = messages.read_answer(0x1234, [WORD], [b"\x04\xd2"])

@@ -22,13 +22,13 @@ from dissect.playback.client.schedule import CONNECT, MAX_OPEN, Clock, moments, 
 from dissect.playback.client.watch import Watch
 from dissect.playback.server.service import Server
 from dissect.protocols.s7.message import parse_pdu
+from tests.meaning.report.support import WORD, begun, read, saved
 from tests.playback.client.support import ALL, CAPTURES, play, texts
 from tests.playback.client.test_download import BEGIN, ENDED, INSERT, job
 from tests.playback.client.test_player import Wire, answer
 from tests.properties import messages
 from tests.properties.messages import Item, dt
 from tests.properties.packets import Flow, Segment, captured
-from tests.report.support import WORD, begun, read, saved
 
 EPOCH = 1_700_000_000_000_000_000
 MS = 1_000_000

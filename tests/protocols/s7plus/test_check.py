@@ -11,6 +11,8 @@ from hypothesis import strategies as st
 import dissect
 from dissect.engine.transactions.plus_operations import addresses_in
 from dissect.engine.transactions.transaction import Transaction
+from dissect.meaning.report.plus import plus_subject
+from dissect.meaning.report.tree import plus_tree_lines
 from dissect.protocols.s7plus.bodies import parse_contents
 from dissect.protocols.s7plus.check import check
 from dissect.protocols.s7plus.contents import Address
@@ -39,8 +41,6 @@ from dissect.protocols.s7plus.tables import (
 )
 from dissect.protocols.s7plus.value_tables import BLOB, DINT, INT, STRUCT, UDINT, USINT, WSTRING
 from dissect.protocols.s7plus.values import Blob, Packed, Rows, Struct, Value, build_value
-from dissect.report.plus import plus_subject
-from dissect.report.tree import plus_tree_lines
 from tests.engine.transactions.talk import Talk
 from tests.protocols.s7plus import bodies
 from tests.protocols.s7plus.bodies import end, number, rid

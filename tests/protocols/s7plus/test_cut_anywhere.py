@@ -9,6 +9,7 @@ from typing import Final
 import pytest
 
 from dissect.golden.masking import mask_plus
+from dissect.meaning.report.tree import plus_tree_lines
 from dissect.protocols.s7plus.assembly import MAX_FRAMES
 from dissect.protocols.s7plus.bodies import parse_contents
 from dissect.protocols.s7plus.event import STOP
@@ -19,7 +20,6 @@ from dissect.protocols.s7plus.session import Identity, PlusSession
 from dissect.protocols.s7plus.tables import SET_VARIABLE
 from dissect.protocols.s7plus.value_tables import DINT
 from dissect.protocols.s7plus.values import Value
-from dissect.report.tree import plus_tree_lines
 from tests.protocols.s7plus import bodies
 from tests.protocols.s7plus.cutting import (
     Cutter,

@@ -4,6 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from dissect.meaning.report.plus import in_short
 from dissect.protocols.s7plus.alarms import ALARM, Alarm
 from dissect.protocols.s7plus.bodies import parse_contents
 from dissect.protocols.s7plus.check import check
@@ -47,7 +48,6 @@ from dissect.protocols.s7plus.value_tables import (
 )
 from dissect.protocols.s7plus.value_tables import WORD as WORD16
 from dissect.protocols.s7plus.values import Blob, Struct, Value, build_value
-from dissect.report.plus import in_short
 from dissect.wire.varint import VLQ, build_varint
 from tests.cases import each
 from tests.protocols.s7plus import bodies

@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from dissect.meaning.report.plus import item_text
 from dissect.protocols.s7plus.contents import Address
 from dissect.protocols.s7plus.items import PlusItem
 from dissect.protocols.s7plus.objects import PlusObject
@@ -20,7 +21,6 @@ from dissect.protocols.s7plus.program_values import DTL_STRUCT, program_values
 from dissect.protocols.s7plus.value_tables import ARRAY, DINT, INT, STRUCT, TIMESPAN, TIMESTAMP, UINT, ULINT, USINT
 from dissect.protocols.s7plus.values import Packed, Struct, Value, build_value
 from dissect.protocols.s7plus.variables import Variable
-from dissect.report.plus import item_text
 from dissect.wire.text import shortened
 from tests.protocols.s7plus.strategies import variables
 from tests.protocols.s7plus.test_program import type_of

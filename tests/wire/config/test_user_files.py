@@ -10,11 +10,11 @@ import pytest
 
 from dissect.alerts import load_rules
 from dissect.baseline import load_baseline
-from dissect.bindings import load_bindings
+from dissect.meaning.bindings import load_bindings
 from dissect.scd.errors import DictionaryError
 from dissect.scd.loading import load
 from dissect.scd.user_file import FileError, UserFile
-from tests.bindings.plant import dictionary
+from tests.meaning.bindings.plant import dictionary
 
 
 def bindings(path: Path) -> object:

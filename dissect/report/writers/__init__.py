@@ -1,1 +1,0 @@
-"""One file for each format of records; `dissect.report.formats` has the table of them."""

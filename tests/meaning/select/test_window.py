@@ -1,0 +1,133 @@
+"""Stretches of time: every way to give an end, what they are counted from, and what is not a time."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+
+import pytest
+from hypothesis import example, given
+from hypothesis import strategies as st
+
+from dissect.meaning.select.window import parse_window
+
+NS = 1_000_000_000
+DAY = 86_400 * NS
+#: 2016-02-08 23:59:50 UTC, and a minute later.
+FIRST = 1_454_975_990 * NS
+LAST = FIRST + 60 * NS
+MIDNIGHT = 1_454_976_000 * NS
+
+
+@pytest.mark.parametrize(
+    ("text", "begin", "end"),
+    [
+        ("0..10", FIRST, FIRST + 10 * NS),
+        ("1.5s..", FIRST + 1_500_000_000, 2**63 - 1),
+        ("..90", 0, FIRST + 90 * NS),
+        ("23:59:55..23:59:58.25", FIRST + 5 * NS, FIRST + 8_250_000_000),
+        ("23:59:55..00:00:10", FIRST + 5 * NS, MIDNIGHT + 10 * NS),
+        ("00:00:05..00:00:10", MIDNIGHT + 5 * NS, MIDNIGHT + 10 * NS),
+        ("23:59:00..23:59:55", FIRST - 50 * NS, FIRST + 5 * NS),
+        ("23:59:58..23:59:55", FIRST + 8 * NS, FIRST + 5 * NS + DAY),
+        ("2016-02-08T23:59:51..2016-02-09 00:00:00.000000001Z", FIRST + NS, MIDNIGHT + 1),
+        ("..2016-02-29T12:00:00Z", 0, MIDNIGHT + 20 * DAY + DAY // 2),
+        ("2016-02-08 23:59:51 UTC..2016-02-09T00:00:00.5UTC", FIRST + NS, MIDNIGHT + NS // 2),
+        ("5..5", FIRST + 5 * NS, FIRST + 5 * NS),
+        ("23:59", FIRST - 50 * NS, MIDNIGHT - 1),
+        ("23:59:51", FIRST + NS, FIRST + 2 * NS - 1),
+        ("23:59:51.5", FIRST + NS + NS // 2, FIRST + NS + NS // 2 + NS // 10 - 1),
+        ("23:59..00:00", FIRST - 50 * NS, MIDNIGHT),
+        ("2016-02-08", MIDNIGHT - DAY, MIDNIGHT - 1),
+        ("2016-02-08..2016-02-09", MIDNIGHT - DAY, MIDNIGHT + DAY - 1),
+        ("2016-02-09..", MIDNIGHT, 2**63 - 1),
+        ("2016-02-09+01:00", MIDNIGHT - 3600 * NS, MIDNIGHT - 3600 * NS + DAY - 1),
+        ("00:59:55+01:00..+5s", FIRST + 5 * NS, FIRST + 10 * NS),
+        ("18:59:55-0500..23:59:58Z", FIRST + 5 * NS, FIRST + 8 * NS),
+        ("2016-02-09T00:59:55+01:00..", FIRST + 5 * NS, 2**63 - 1),
+        ("..+5s", 0, FIRST + 5 * NS),
+        ("+5s..+500ms", FIRST + 5 * NS, FIRST + 5 * NS + NS // 2),
+        ("0..1min", FIRST, FIRST + 60 * NS),
+    ],
+)
+def test_a_window_is_what_it_says(text: str, begin: int, end: int) -> None:
+    assert parse_window(text).resolve(FIRST, LAST) == (begin, end)
+
+
+@pytest.fixture
+def berlin(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    monkeypatch.setenv("TZ", "Europe/Berlin")
+    time.tzset()
+    yield
+    monkeypatch.undo()
+    time.tzset()
+
+
+@pytest.mark.usefixtures("berlin")
+@pytest.mark.parametrize(
+    ("text", "begin", "end"),
+    [
+        ("00:59:55..+5s", FIRST + 5 * NS, FIRST + 10 * NS),
+        ("00:59", FIRST - 50 * NS, MIDNIGHT - 1),
+        ("2016-02-09T00:59:55..", FIRST + 5 * NS, 2**63 - 1),
+        ("2016-02-09", MIDNIGHT - 3600 * NS, MIDNIGHT - 3600 * NS + DAY - 1),
+        ("23:59:55Z..", FIRST + 5 * NS, 2**63 - 1),
+        ("2016-07-01T12:00:00..", 1_467_367_200 * NS, 2**63 - 1),
+        ("2016-03-27", 1_459_033_200 * NS, 1_459_033_200 * NS + DAY - 3600 * NS - 1),
+    ],
+)
+def test_a_window_in_local_time(text: str, begin: int, end: int) -> None:
+    """A day on which clocks change has 23 hours, and summer has another offset than the day of the capture."""
+    assert parse_window(text, local=True).resolve(FIRST, LAST) == (begin, end)
+
+
+@pytest.mark.usefixtures("berlin")
+def test_a_time_of_day_is_on_the_next_day_of_its_own_zone() -> None:
+    first = 1_454_972_390 * NS  # 23:59:50 in Berlin
+    assert parse_window("00:00:05..", local=True).resolve(first, first + 60 * NS)[0] == first + 15 * NS
+    assert parse_window("00:00:05..00:00:06", local=True).resolve_ahead(first) == (first + 15 * NS, first + 16 * NS)
+
+
+@pytest.mark.usefixtures("berlin")
+def test_messages_name_the_zone() -> None:
+    with pytest.raises(ValueError, match="local time without a zone"):
+        parse_window("noon", local=True)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("", "form BEGIN..END"),
+        ("..", "form BEGIN..END"),
+        ("12", "the first 12 are ..12"),
+        ("1:00..", "is not a time"),
+        ("24:00..", "no such time of day"),
+        ("2015-02-29", "no such day"),
+        ("12:00+24:00", "no such time zone"),
+        ("12:00+01:60..", "no such time zone"),
+        ("noon", r"UTC without a zone"),
+        ("-5..", "is not a time"),
+        ("24:00:00..", "no such time of day"),
+        ("..12:60:00", "no such time of day"),
+        ("2015-02-29T00:00:00..", "no such day"),
+        ("0000-01-01T00:00:00..", "no such day"),
+        ("1..2..3", "is not a time"),
+        ("\u0661..", "is not a time"),
+        ("20..10", "ends before it begins"),
+        ("2016-02-08T23:59:51..2016-02-08T23:59:50", "ends before it begins"),
+    ],
+)
+def test_what_is_no_window_is_told(text: str, said: str) -> None:
+    with pytest.raises(ValueError, match=said):
+        parse_window(text)
+
+
+@given(st.text(alphabet="0123456789.:-TZs ", max_size=30))
+@example("23:59:55..5")
+def test_nothing_else_is_raised(text: str) -> None:
+    try:
+        begin, end = parse_window(text).resolve(FIRST, LAST)
+    except ValueError:
+        return
+    assert isinstance(begin, int)
+    assert isinstance(end, int)
