@@ -39,15 +39,15 @@ INSTALLED := browser program scd rest cli layers oracle captures
 installed-browser := tests/browser
 installed-oracle := tests/oracle tests/golden tests/protocols/tls
 installed-cli := tests/cli
-installed-scd := tests/scd tests/properties tests/anonymize
+installed-scd := tests/scd tests/properties tests/files/anonymize
 installed-captures := tests/captures tests/playback tests/packets/source
-installed-layers := tests/layers tests/page tests/promises tests/cluster tests/jobs
+installed-layers := tests/layers tests/page tests/promises tests/files/cluster tests/files/jobs
 installed-program := tests/benchmarks $(wildcard tests/test_*.py)
 installed-rest := tests $(foreach part,$(filter-out rest,$(INSTALLED)),$(installed-$(part):%=--ignore=%))
 
 # What nothing can trace, count or give other bounds when it is compiled.
 UNCOMPILED := tests/test_architecture.py tests/benchmarks/test_work.py tests/golden/test_reading.py tests/meaning/inventory/test_code.py \
-	tests/meaning/inventory/test_collector.py tests/jobs/test_inventories.py tests/page/test_gathered.py tests/page/test_samples.py \
+	tests/meaning/inventory/test_collector.py tests/files/jobs/test_inventories.py tests/page/test_gathered.py tests/page/test_samples.py \
 	tests/page/test_use.py tests/playback/server/test_recording.py tests/engine/program/test_carved.py tests/promises/test_growth.py
 
 INTERPRETED := source rest

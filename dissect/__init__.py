@@ -22,7 +22,7 @@ _PUBLIC: Final = {
     "Connection": "dissect.engine.transactions.connection",
     "Device": "dissect.meaning.inventory.model",
     "Error": "dissect.wire.errors",
-    "KeyLogError": "dissect.session",
+    "KeyLogError": "dissect.files.session",
     "Finding": "dissect.engine.findings.reporter",
     "Observer": "dissect.engine.observer",
     "Operation": "dissect.engine.transactions.operation",
@@ -32,7 +32,7 @@ _PUBLIC: Final = {
     "Pdu": "dissect.protocols.s7.message",
     "Pipeline": "dissect.engine.pipeline",
     "PlusPdu": "dissect.protocols.s7plus.message",
-    "Run": "dissect.session",
+    "Run": "dissect.files.session",
     "SelectError": "dissect.meaning.select.errors",
     "ScdMessage": "dissect.engine.transactions.payloads",
     "TagError": "dissect.meaning.tags.loading",
@@ -41,12 +41,12 @@ _PUBLIC: Final = {
     "TransactionError": "dissect.engine.transactions.results",
     "Where": "dissect.meaning.select.where",
     "ValueRow": "dissect.variables.model",
-    "analyze": "dissect.session",
+    "analyze": "dissect.files.session",
     "frames": "dissect.export.frames",
     "blocks": "dissect.carve.reading",
-    "devices": "dissect.session",
+    "devices": "dissect.files.session",
     "live": "dissect.live.iterating",
-    "open": "dissect.session",
+    "open": "dissect.files.session",
     "stream": "dissect.proxy.stream",
     "value_tables": "dissect.variables.reading",
     "values": "dissect.variables.reading",
@@ -67,6 +67,11 @@ if TYPE_CHECKING:
     from dissect.engine.transactions.results import TransactionError as TransactionError
     from dissect.engine.transactions.transaction import Transaction as Transaction
     from dissect.export.frames import frames as frames
+    from dissect.files.session import KeyLogError as KeyLogError
+    from dissect.files.session import Run as Run
+    from dissect.files.session import analyze as analyze
+    from dissect.files.session import devices as devices
+    from dissect.files.session import open as open
     from dissect.live.iterating import live as live
     from dissect.meaning.inventory.model import Device as Device
     from dissect.meaning.report.analysis import Analysis as Analysis
@@ -76,11 +81,6 @@ if TYPE_CHECKING:
     from dissect.protocols.s7.message import Pdu as Pdu
     from dissect.protocols.s7plus.message import PlusPdu as PlusPdu
     from dissect.proxy.stream import stream as stream
-    from dissect.session import KeyLogError as KeyLogError
-    from dissect.session import Run as Run
-    from dissect.session import analyze as analyze
-    from dissect.session import devices as devices
-    from dissect.session import open as open
     from dissect.variables.model import ValueRow as ValueRow
     from dissect.variables.reading import value_tables as value_tables
     from dissect.variables.reading import values as values

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Final
 
 from dissect.engine.observer import Observer
+from dissect.files.session import Run
 from dissect.layers import S7, TPKT
 from dissect.layers.parts import CLASSES
 from dissect.oracle import facts, known
@@ -25,7 +26,6 @@ from dissect.protocols.s7.parameters import PUSH, REQUEST, RESPONSE
 from dissect.protocols.s7.services import PI_SERVICES
 from dissect.protocols.s7.szl import SZL_HEAD
 from dissect.protocols.s7.szl_records import RECORD
-from dissect.session import Run
 from dissect.wire.codes import CodeTable
 from dissect.wire.part import OCTETS, SURPLUS, Part
 

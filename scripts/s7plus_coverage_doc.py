@@ -15,6 +15,7 @@ from typing import Final
 
 from dissect.engine.observer import Observer
 from dissect.engine.transactions.side import Side
+from dissect.files.session import Run
 from dissect.protocols.s7plus.bodies import parse_contents
 from dissect.protocols.s7plus.contents import Contents
 from dissect.protocols.s7plus.id_tables import IDS, MEMBERS, MEMORY
@@ -31,7 +32,6 @@ from dissect.protocols.s7plus.tables import (
     V3,
 )
 from dissect.protocols.s7plus.value_tables import ADDRESS_ARRAY, ARRAY, SPARSE_ARRAY, VALUE_TYPES
-from dissect.session import Run
 from dissect.wire.codes import CodeTable
 from dissect.wire.part import Part
 

@@ -154,5 +154,5 @@ def test_every_public_name_says_what_it_is_compiled_or_not() -> None:
             written = dissect._written_doc(value.__module__, name)
             assert written
             assert inspect.cleandoc(value.__doc__).split("\n\nAttributes:\n")[0] == written, name
-    assert dissect._written_doc("dissect.session", "Nothing") is None
+    assert dissect._written_doc("dissect.files.session", "Nothing") is None
     assert dissect._written_doc("dissect.nothing", "Run") is None

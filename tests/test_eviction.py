@@ -27,8 +27,8 @@ SMALL: Final = frozenset(
         ("engine/findings/explaining.py", "requests"),
         ("engine/findings/plus_rules.py", "_cpus"),
         ("engine/plus.py", "begun"),
-        ("jobs/sending.py", "CATALOGUE"),  # never forgotten
-        ("index/possible.py", "CATALOGUE"),
+        ("files/jobs/sending.py", "CATALOGUE"),  # never forgotten
+        ("files/index/possible.py", "CATALOGUE"),
         ("metrics/server.py", "_clients"),
         ("oracle/plus.py", "_asked"),
         ("playback/server/session.py", "_jobs"),
@@ -39,7 +39,7 @@ SMALL: Final = frozenset(
         ("meaning/tags/loading.py", "programs"),
         ("engine/transactions/multipart.py", "_chains"),
         ("engine/transactions/plus_operations.py", "polls"),
-        ("cluster/executor.py", "refused"),
+        ("files/cluster/executor.py", "refused"),
     )
 )
 

@@ -327,7 +327,7 @@ OWN_CONTENT: Final = {
     "dissect.browser.parts": "our own list of packages",
     "dissect.cli.schema": "the schemas of the package",
     "dissect.export.sqlite": "only writes a new file",
-    "dissect.index.store": "catches DATABASE_ERRORS",
+    "dissect.files.index.store": "catches DATABASE_ERRORS",
     "dissect.protocols.s7.values": "only the decoder of UTF-16",
     "dissect.meaning.tags.decoding": "only names of byte order marks",
 }
@@ -563,7 +563,7 @@ def test_importing_is_cheap(statement: str) -> None:
         "asyncio",
         "fsspec",
         "logging",
-        "dissect.session",
+        "dissect.files.session",
         "dissect.engine.pipeline",
         "dissect.protocols.s7",
     ]

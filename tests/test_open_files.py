@@ -120,7 +120,7 @@ OTHERWISE: Final = {
     ("evidence", True): {0, 1, 2},
 }
 
-#: What is tried again later (tests/recording/test_ring_buffer.py): a thread reads a file of the ring to hash it.
+#: What is tried again later (tests/files/recording/test_ring_buffer.py): a thread reads a file of the ring to hash it.
 RETRIED: Final = re.compile(r"unlink .*/0/ring/s7dissect_\d+_\w+\.pcapng$")
 
 #: Each command twice in a folder of its own; what it ended with, and what the system refused it.

@@ -225,7 +225,7 @@ def test_without_a_compiler_it_runs_interpreted(interpreted_build: Path, depende
 
 
 IMPORT_BOTH: Final = f"""
-import {FOREIGN}, dissect, dissect.wire.codes, dissect.session, dissect.wire.build
+import {FOREIGN}, dissect, dissect.wire.codes, dissect.files.session, dissect.wire.build
 import {FOREIGN}.compression
 print(dissect.__version__, callable(dissect.analyze), dissect.wire.build.COMPILED)
 """

@@ -19,10 +19,10 @@ from dissect.engine.pipeline import Options
 from dissect.engine.transactions.connection import Connection
 from dissect.engine.transactions.payloads import ScdMessage
 from dissect.engine.transactions.transaction import Transaction
+from dissect.files.session import Run
 from dissect.meaning.bindings import BindingError
 from dissect.packets.source.packet import CONTINUES_NS, CaptureError
 from dissect.protocols.s7.message import Pdu
-from dissect.session import Run
 from tests.properties.books import Record, check_books, facts, told, true
 from tests.properties.messages import ACK_DATA, JOB, Item, connect, dt, read_answer, read_job, setup
 from tests.properties.packets import EPOCH_NS, MS, Packet, Talk, captured

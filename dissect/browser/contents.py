@@ -22,7 +22,7 @@ _PACKAGE: Final = Path(__file__).resolve().parent.parent
 #: Files of the package, and rooms without use in a browser: no line to listen on, no Wireshark, no Scapy, no processes.
 _KINDS: Final = frozenset((".py", ".json", ".css", ".js", ".j2", ".md"))
 _ROOMS_LEFT_OUT: Final = frozenset(
-    ("cluster", "layers", "metrics", "monitor", "oracle", "playback", "proxy", "testing")
+    ("files/cluster", "layers", "metrics", "monitor", "oracle", "playback", "proxy", "testing")
 )
 #: From the room `browser` only the parts that run inside the page.
 _INSIDE: Final = frozenset(("__init__.py", "bridge.py"))
@@ -88,8 +88,8 @@ def _own() -> Iterator[tuple[str, bytes]]:
     """Yield the files of this package, installed or in its source tree."""
     for path in sorted(_PACKAGE.rglob("*")):
         inside = path.relative_to(_PACKAGE)
-        room = inside.parts[0]
-        if path.suffix not in _KINDS or room in _ROOMS_LEFT_OUT or (room == "browser" and path.name not in _INSIDE):
+        rooms = {folder.as_posix() for folder in inside.parents}
+        if path.suffix not in _KINDS or rooms & _ROOMS_LEFT_OUT or ("browser" in rooms and path.name not in _INSIDE):
             continue
         yield f"dissect/{inside.as_posix()}", path.read_bytes()
     if not (_PACKAGE / "help").is_dir():

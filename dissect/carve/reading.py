@@ -9,8 +9,8 @@ from dissect.engine.observer import Observer
 from dissect.engine.pipeline import Options
 from dissect.engine.program.carved import CarvedBlock, carve
 from dissect.engine.transactions.operation import TRANSFERS, Operation
+from dissect.files.session import KeyLogFiles, Tags, reading_of
 from dissect.packets.source.given import Source
-from dissect.session import KeyLogFiles, Tags, reading_of
 
 if TYPE_CHECKING:
     from dissect.meaning.select import Where

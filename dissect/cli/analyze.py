@@ -20,8 +20,8 @@ from dissect.meaning.report.styled import Line
 
 if TYPE_CHECKING:
     from dissect.engine.options import Options
-    from dissect.jobs.analyses import Analyses
-    from dissect.session import Run
+    from dissect.files.jobs.analyses import Analyses
+    from dissect.files.session import Run
 
 
 @click.command("analyze", epilog=EXIT_CODES)
@@ -61,14 +61,14 @@ def command(reading: Reading, format_: Format, brief: bool, per_file: bool) -> i
 
 
 def _analyses(options: Options) -> Analyses:
-    from dissect.jobs.analyses import Analyses  # imported late: most runs do not need it
+    from dissect.files.jobs.analyses import Analyses  # imported late: most runs do not need it
 
     return Analyses(options)
 
 
 def _rows(reading: Reading) -> Iterable[Line]:
     """Return a row for each file."""
-    from dissect.jobs.analyses import AnalysesByFile
+    from dissect.files.jobs.analyses import AnalysesByFile
     from dissect.meaning.report.analysis import Analysis
     from dissect.meaning.report.per_file import PerFile
 

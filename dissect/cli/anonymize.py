@@ -15,11 +15,11 @@ from dissect.meaning.report.formats import OUTCOME, Format
 from dissect.meaning.report.outcome import WIDE_PAGE, Outcome
 
 if TYPE_CHECKING:
-    from dissect.anonymize.account import Account, Choices
-    from dissect.anonymize.addresses import AddressMap
-    from dissect.anonymize.key import Key
-    from dissect.anonymize.survey import Survey
     from dissect.engine.exchange import PayloadDecoder
+    from dissect.files.anonymize.account import Account, Choices
+    from dissect.files.anonymize.addresses import AddressMap
+    from dissect.files.anonymize.key import Key
+    from dissect.files.anonymize.survey import Survey
 
 _EXIT_CODES = (
     "Exit code: 0 success, 2 wrong use, an unreadable or unwritable file, or nothing to write, 3 a damaged or truncated file "
@@ -28,7 +28,7 @@ _EXIT_CODES = (
 
 
 def _key(_ctx: click.Context, _param: click.Parameter, value: str) -> Key:
-    from dissect.anonymize.key import random_key, read_key
+    from dissect.files.anonymize.key import random_key, read_key
 
     if value == "random":
         return random_key()
@@ -92,16 +92,16 @@ def command(
     same results. Correct checksums stay correct. FILE is a pcap or pcapng file, plain or compressed with gzip or zstd; it is
     read twice.
     """
-    from dissect.anonymize.account import Account, Choices
-    from dissect.anonymize.addresses import AddressMap
-    from dissect.anonymize.plus import PlusRules
-    from dissect.anonymize.plus_contents import PlusContents
-    from dissect.anonymize.rules import Rules
-    from dissect.anonymize.scd import ScdRules, bindings_of
-    from dissect.anonymize.survey import Survey
     from dissect.engine.pipeline import Options
+    from dissect.files.anonymize.account import Account, Choices
+    from dissect.files.anonymize.addresses import AddressMap
+    from dissect.files.anonymize.plus import PlusRules
+    from dissect.files.anonymize.plus_contents import PlusContents
+    from dissect.files.anonymize.rules import Rules
+    from dissect.files.anonymize.scd import ScdRules, bindings_of
+    from dissect.files.anonymize.survey import Survey
+    from dissect.files.session import Run
     from dissect.meaning.bindings.engine import ScdCarrier
-    from dissect.session import Run
 
     check_files((file,), output, force)
     choices = Choices(values, keep_code, keep_others, shift_time)
@@ -153,8 +153,8 @@ def _write(
     file: str, output: str, survey: Survey, addresses: AddressMap, choices: Choices, account: Account, shift_ns: int
 ) -> None:
     """Read the file again and write the anonymized copy."""
-    from dissect.anonymize.packet import Packets
-    from dissect.anonymize.rewriter import Rewriter
+    from dissect.files.anonymize.packet import Packets
+    from dissect.files.anonymize.rewriter import Rewriter
     from dissect.packets.source.files import open_capture
 
     with written_whole(output, "anonymize") as writer:

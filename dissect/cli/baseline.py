@@ -19,11 +19,11 @@ from dissect.cli.options.reading import reading_options
 from dissect.cli.reading import Reading
 from dissect.cli.run import write
 from dissect.engine.pipeline import Options
+from dissect.files.session import Run
 from dissect.meaning.report.formats import ALERTS, Format
 from dissect.meaning.report.outcome import SPACED_LINE, Outcome
 from dissect.meaning.report.styled import HANG, Line
 from dissect.packets.source.packet import CONTINUES_NS
-from dissect.session import Run
 from dissect.wire.config.saving import expect_place, is_special, save
 from dissect.wire.text import printable
 

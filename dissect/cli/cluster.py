@@ -12,10 +12,10 @@ import click
 from dissect.cli.configuration import settings_now
 from dissect.cli.main import ARGUMENTS
 from dissect.cli.separate import Readers, say
-from dissect.cluster.connect import ClusterError, connected
-from dissect.cluster.executor import Cluster
-from dissect.cluster.reader import digest
-from dissect.cluster.workers import here, obstacle, workers_of
+from dissect.files.cluster.connect import ClusterError, connected
+from dissect.files.cluster.executor import Cluster
+from dissect.files.cluster.reader import digest
+from dissect.files.cluster.workers import here, obstacle, workers_of
 from dissect.wire.text import printable
 
 _CONFIG: Final = "--config"

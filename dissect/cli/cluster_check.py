@@ -17,7 +17,7 @@ from dissect.meaning.report.styled import FAILED, HEADING, PLAIN, Line
 from dissect.wire.text import encodable, printable
 
 if TYPE_CHECKING:
-    from dissect.cluster.workers import Machine, Worker
+    from dissect.files.cluster.workers import Machine, Worker
 
 CLUSTER_SCHEMA: Final = "s7dissect.cluster-check/1"
 
@@ -35,8 +35,8 @@ def command(address: str, format_: Format) -> int:
     ADDRESS is that of the scheduler, tcp://HOST:8786, or tls://HOST:8786 with the certificates of Dask's own settings. A worker
     needs the same version of s7dissect, and the extras that the captures take; compiled or interpreted gives the same results.
     """
-    from dissect.cluster.connect import ClusterError, connected
-    from dissect.cluster.workers import here, obstacle, workers_of
+    from dissect.files.cluster.connect import ClusterError, connected
+    from dissect.files.cluster.workers import here, obstacle, workers_of
 
     ours = here()
     try:
@@ -59,7 +59,7 @@ class _Check(Outcome):
 
     def text(self) -> Iterator[Line]:
         """Return the versions here, and two or three lines for each worker."""
-        from dissect.cluster.workers import lacks
+        from dissect.files.cluster.workers import lacks
 
         yield Line(f"this machine: {_about(self._ours)}", PLAIN, 2)
         for worker, why in self._checked:
@@ -82,7 +82,7 @@ class _Check(Outcome):
 
     def as_dict(self) -> Mapping[str, object]:
         """Return the object of the JSON contract."""
-        from dissect.cluster.workers import lacks
+        from dissect.files.cluster.workers import lacks
 
         return {
             "schema": CLUSTER_SCHEMA,

@@ -17,8 +17,8 @@ from dissect.cli.second_pass import around_option, check_files, name_of, read_ag
 from dissect.meaning.report.slugs import slugs_of
 
 if TYPE_CHECKING:
+    from dissect.files.recording.cutter import Around
     from dissect.meaning.select.selection import Choice
-    from dissect.recording.cutter import Around
 
 _EXIT_CODES = (
     "Exit code: 0 success, 2 wrong use, an unreadable or unwritable file, or nothing to write, 3 a damaged or truncated file "
@@ -148,7 +148,7 @@ def command(
 
 def _write(files: Sequence[str], output: str, choice: Choice, around: Around) -> int:
     """Read the files again, write the selected packets, and report how many there were."""
-    from dissect.recording.cutter import Cutter
+    from dissect.files.recording.cutter import Cutter
 
     with written_whole(output) as writer:
         cutter = Cutter(choice, writer, around)

@@ -16,7 +16,7 @@ from dissect.meaning.report.formats import DEVICES, Format
 
 if TYPE_CHECKING:
     from dissect.engine.options import Options
-    from dissect.jobs.inventories import Inventories
+    from dissect.files.jobs.inventories import Inventories
 
 
 @click.command("devices", epilog=EXIT_CODES)
@@ -41,6 +41,6 @@ def command(reading: Reading, format_: Format) -> int:
 
 
 def _inventories(options: Options) -> Inventories:
-    from dissect.jobs.inventories import Inventories  # imported late: most runs do not need it
+    from dissect.files.jobs.inventories import Inventories  # imported late: most runs do not need it
 
     return Inventories(options)

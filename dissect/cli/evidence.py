@@ -56,7 +56,7 @@ def verify_command(directory: str, heads: tuple[str, ...]) -> int:
 
     Without --head a chain proves only that it fits together: who can write the folder can write a new one.
     """
-    from dissect.recording.manifest import ENDING, verified
+    from dissect.files.recording.manifest import ENDING, verified
 
     place = Path(directory)
     wrong = 0

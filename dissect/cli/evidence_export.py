@@ -17,7 +17,7 @@ from dissect.cli.options.select import read_time, time_option
 from dissect.wire.text import Clock, count, printable, reason
 
 if TYPE_CHECKING:
-    from dissect.recording.incident import Chosen
+    from dissect.files.recording.incident import Chosen
 
 _EXIT_FOUND: Final = 1
 _SECOND: Final = 1_000_000_000
@@ -54,7 +54,7 @@ def export_command(directory: str, output: str, window: str | None, alert: str |
     of that time as incident.pcapng; a report of them as incident.html; and a manifest of what was made. Check it with
     `s7dissect evidence verify OUT --head HASH`, with a hash that was noted elsewhere.
     """
-    from dissect.recording import incident
+    from dissect.files.recording import incident
 
     if (window is None) == (alert is None):
         raise click.UsageError("give either --time or --alert.")
@@ -81,7 +81,7 @@ def export_command(directory: str, output: str, window: str | None, alert: str |
 
 def _filled(out: Path, chosen: Chosen, place: Path, begin_ns: int, end_ns: int) -> str:
     """Fill the folder ``out`` and return the hash of the last entry about it; remove it where that fails. Raises OSError."""
-    from dissect.recording import incident
+    from dissect.files.recording import incident
 
     try:
         incident.copy_into(chosen, out)
@@ -102,7 +102,7 @@ def _filled(out: Path, chosen: Chosen, place: Path, begin_ns: int, end_ns: int) 
 
 def _range(window: str | None, alert: str | None, around_s: int) -> tuple[int, int]:
     """Return the requested time range."""
-    from dissect.recording.incident import resolved, window_of
+    from dissect.files.recording.incident import resolved, window_of
 
     try:
         if alert is not None:

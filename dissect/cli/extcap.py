@@ -195,8 +195,8 @@ def _writing(fifo: str, live: bool) -> Iterator[PcapngWriter]:
 def _from_file(file: str | None, where: str | None, expression: str, writer: PcapngWriter, options: Options) -> int:
     """Write a capture with comments to the pipe."""
     from dissect.cli.second_pass import check_files, read_again, read_first
+    from dissect.files.recording.cutter import Cutter
     from dissect.meaning.select.selection import Selection, Wanted
-    from dissect.recording.cutter import Cutter
 
     if file is None:
         raise click.ClickException("choose a capture file in the options of this interface (--file).")

@@ -12,7 +12,7 @@ import click
 from dissect.wire.text import printable
 
 if TYPE_CHECKING:
-    from dissect.index.lookup import Indexes
+    from dissect.files.index.lookup import Indexes
 
 #: Key in the context of a command: the named folders, each with its files that are not captures.
 _FOLDERS: Final = "dissect.cli.folders.foreign"
@@ -50,13 +50,13 @@ def _is_meant(name: str) -> bool:
         return False
     if click.get_current_context().command.name != "blocks":
         return True
-    from dissect.index.update import captures
+    from dissect.files.index.update import captures
 
     return not Path(name, _BLOCKS).exists() and next(captures(Path(name)), "") != ""
 
 
 def _captures(folder: str) -> list[str]:
-    from dissect.index.update import captures
+    from dissect.files.index.update import captures
     from dissect.packets.source.order import by_time
 
     unreadable: dict[str, str] = {}
@@ -87,7 +87,7 @@ def _known_first() -> Callable[[str], int | None]:
 def indexes() -> Indexes:
     """Return the indexes of the command at hand, each opened once."""
     from dissect import __version__
-    from dissect.index.lookup import Indexes
+    from dissect.files.index.lookup import Indexes
 
     found: Indexes = click.get_current_context().meta.setdefault(_INDEXES, Indexes(__version__))
     return found
@@ -95,7 +95,7 @@ def indexes() -> Indexes:
 
 def _others(folder: str) -> list[str]:
     """Return the files of a folder, not of those below it, that do not have the name of a capture."""
-    from dissect.index.update import is_capture
+    from dissect.files.index.update import is_capture
 
     with os.scandir(folder) as entries:
         return sorted(

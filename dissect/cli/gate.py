@@ -13,8 +13,8 @@ from dissect.engine.findings.catalogue import CATALOGUE, SEVERITIES
 from dissect.meaning.report.slugs import slugs_of
 
 if TYPE_CHECKING:
+    from dissect.files.session import Run
     from dissect.live.run import LiveRun
-    from dissect.session import Run
 
 
 def _slugs(ctx: click.Context, param: click.Parameter, values: Iterable[str]) -> frozenset[str]:

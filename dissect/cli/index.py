@@ -24,10 +24,10 @@ from dissect.packets.source.packet import CaptureError
 from dissect.wire.text import Clock, duration_text, encodable, printable, some
 
 if TYPE_CHECKING:
-    from dissect.index.facts import FileFacts
-    from dissect.index.possible import Possible
-    from dissect.index.store import Store
-    from dissect.index.update import Changes
+    from dissect.files.index.facts import FileFacts
+    from dissect.files.index.possible import Possible
+    from dissect.files.index.store import Store
+    from dissect.files.index.update import Changes
 
 INDEX_SCHEMA: Final = "s7dissect.index/1"
 #: Findings that a line names.
@@ -68,9 +68,9 @@ def command(
     the expression can select something, so that other commands need not open the rest; addresses, ports, times and findings
     rule files out, whatever else the expression says.
     """
-    from dissect.index.facts import continued
-    from dissect.index.place import index_of, made_room
-    from dissect.index.store import NAME, Store, StoreError
+    from dissect.files.index.facts import continued
+    from dissect.files.index.place import index_of, made_room
+    from dissect.files.index.store import NAME, Store, StoreError
 
     if here and index_file is not None:
         raise click.UsageError("--here and --file cannot be combined.")
@@ -108,7 +108,7 @@ def command(
 def _possible(where: str | None) -> Possible | None:
     if where is None:
         return None
-    from dissect.index.possible import Possible
+    from dissect.files.index.possible import Possible
     from dissect.meaning.select import SelectError
 
     try:
@@ -118,8 +118,8 @@ def _possible(where: str | None) -> Possible | None:
 
 
 def _updated(store: Store, folder: Path) -> Changes:
-    from dissect.index.facts import filled, watched
-    from dissect.index.update import update
+    from dissect.files.index.facts import filled, watched
+    from dissect.files.index.update import update
 
     def read(path: str, facts: FileFacts) -> FileFacts | str | None:
         run, seen = watched(path)

@@ -26,7 +26,7 @@ def may_match(files: tuple[str, ...], chosen: Chosen) -> tuple[str, ...]:
         return files
     if chosen.where is None:
         raise click.UsageError("--indexed needs -Y: without it every file has something that is wanted.")
-    from dissect.index.possible import Possible
+    from dissect.files.index.possible import Possible
 
     possible = Possible(chosen.where.text, clock().local)
     known = indexes()

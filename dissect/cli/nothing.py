@@ -15,7 +15,7 @@ from dissect.meaning.report.styled import Written
 from dissect.wire.text import duration_text, shortened
 
 if TYPE_CHECKING:
-    from dissect.session import Run
+    from dissect.files.session import Run
 
 #: A time of day or date, in a range, that names no zone: a string, which `re` compiles where it is needed.
 _ZONELESS: Final = r"(:[0-9]{2}(\.[0-9]+)?|-[0-9]{2})(?=\.\.|$)(?<![+-][0-9]{2}:[0-9]{2})"

@@ -25,8 +25,8 @@ from dissect.wire.text import printable
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
+    from dissect.files.recording.cutter import Around, Cutter
     from dissect.meaning.select.selection import Choice
-    from dissect.recording.cutter import Around, Cutter
 
 _EXIT_CODES: Final = (
     "Exit code: 0 success, 2 wrong use, an unreadable or unwritable file, nothing to show, or no Wireshark, 3 a damaged or "
@@ -119,7 +119,7 @@ def _place(output: str | None) -> Iterator[str]:
 
 def _write(files: Sequence[str], path: str, choice: Choice, around: Around, mark: int) -> Cutter:
     """Read the files again, and write the selected packets."""
-    from dissect.recording.cutter import Cutter
+    from dissect.files.recording.cutter import Cutter
 
     with written_whole(path, "open") as writer:
         cutter = Cutter(choice, writer, around, mark)

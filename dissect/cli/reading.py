@@ -21,20 +21,20 @@ from dissect.cli.run import complain, complain_of, drive, places_of
 from dissect.cli.task import Task, current
 
 if TYPE_CHECKING:
-    from dissect import session
     from dissect.cli.rows import Rows, Total
     from dissect.engine.exchange import PayloadDecoder
     from dissect.engine.observer import Observer
     from dissect.engine.options import Options
     from dissect.engine.transactions.naming import Naming
-    from dissect.jobs.sums import FilePart
-    from dissect.jobs.tasks import About, Done
+    from dissect.files import session
+    from dissect.files.jobs.sums import FilePart
+    from dissect.files.jobs.tasks import About, Done
+    from dissect.files.session import Run
     from dissect.meaning.inventory.collector import Inventory
     from dissect.meaning.report.analysis import Analysis, Part
     from dissect.meaning.report.styled import Written
     from dissect.packets.source.packet import SourceFile
     from dissect.protocols.tls.key_log import KeyLog
-    from dissect.session import Run
 
 F = TypeVar("F", "Analysis", "Inventory")
 
@@ -149,7 +149,7 @@ class Reading:
 
         ``make`` makes it of files, observer and options.
         """
-        from dissect import session
+        from dissect.files import session
 
         chosen = self.chosen
         context = chosen.context if chosen.columns else None
@@ -230,7 +230,7 @@ class Reading:
 
         def work(of: Task) -> None:
             from dissect.cli.separate import read_file
-            from dissect.jobs.sums import part_of
+            from dissect.files.jobs.sums import part_of
 
             found = nothing()
             run = self.prepared(found)

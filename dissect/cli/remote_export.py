@@ -17,7 +17,7 @@ from dissect.export.forms import Export, Request, TableExport, Target
 from dissect.export.parquet import ParquetSink, metadata_of
 from dissect.export.remote import UNFINISHED, RemoteFolder
 from dissect.export.tables import chosen_tables
-from dissect.jobs.tasks import Done, FileError
+from dissect.files.jobs.tasks import Done, FileError
 from dissect.packets.source.remote import shown
 from dissect.wire.text import encodable, printable
 

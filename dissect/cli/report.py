@@ -23,8 +23,8 @@ from dissect.wire.text import printable
 
 if TYPE_CHECKING:
     from dissect.engine.observer import Observer
+    from dissect.files.session import Run
     from dissect.page.rendering import Side
-    from dissect.session import Run
     from dissect.variables.wanted import WantedSet
 
 #: Options that say how captures are read, and their parameters.

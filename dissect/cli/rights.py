@@ -27,7 +27,7 @@ _ROOMS: Final = (
     "meaning.select",
     "export",
     "live",
-    "recording",
+    "files.recording",
 )
 _CODECS: Final = ("ascii", "latin-1", "utf-16-be", "utf-16-le", "idna")
 

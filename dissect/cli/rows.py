@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, NamedTuple
 if TYPE_CHECKING:
     from dissect.engine.observer import Observer
     from dissect.engine.pipeline import Pipeline
+    from dissect.files.session import Run
     from dissect.meaning.report.styled import Written
     from dissect.meaning.report.words import Places
     from dissect.meaning.report.writer import Writer
-    from dissect.session import Run
 
 
 class Left(NamedTuple):

@@ -27,8 +27,8 @@ from dissect.wire.text import printable
 if TYPE_CHECKING:
     from rich.progress import Progress, TaskID
 
+    from dissect.files.session import Run
     from dissect.meaning.report.words import Places
-    from dissect.session import Run
 
 #: Files smaller than this are read faster than a progress bar appears.
 _WORTH_A_BAR: Final = 20_000_000

@@ -19,11 +19,11 @@ from dissect.wire.text import printable
 if TYPE_CHECKING:
     from dissect.engine.observer import Observer
     from dissect.engine.pipeline import Options
+    from dissect.files.recording.cutter import Around, Cutter
+    from dissect.files.session import Run
     from dissect.meaning.select.packets import PacketSelection
     from dissect.meaning.select.selection import Selection
     from dissect.packets.source.pcapng_writer import PcapngWriter
-    from dissect.recording.cutter import Around, Cutter
-    from dissect.session import Run
 
 _AROUND: Final = re.compile(r"([0-9]{1,9})(ms|s)?")
 #: Octets that are gathered before they are written.
@@ -31,7 +31,7 @@ _BATCH: Final = 262_144
 
 
 def _around(ctx: click.Context, param: click.Parameter, value: str | None) -> Around:
-    from dissect.recording.cutter import Around
+    from dissect.files.recording.cutter import Around
 
     if value is None:
         return Around()
@@ -81,9 +81,9 @@ def read_first(
     files: Sequence[str], selection: Selection, where: str | None, options: Options
 ) -> tuple[Run, int, PacketSelection | None]:
     """Read a capture for the first time, watched by ``selection``; give the run, its exit code and what ``where`` selects."""
+    from dissect.files.session import Run
     from dissect.live.run import Fanout
     from dissect.meaning.select.packets import PacketSelection
-    from dissect.session import Run
 
     chosen = read_where(where, kinds=("packet", "transaction", "finding"))
     packets = PacketSelection(chosen) if chosen is not None else None

@@ -27,9 +27,9 @@ from dissect.wire.text import printable
 if TYPE_CHECKING:
     from dissect.cli.options.select import Chosen
     from dissect.engine.observer import Observer
-    from dissect.jobs.sums import FilePart
-    from dissect.jobs.tasks import About, Done
-    from dissect.session import Run
+    from dissect.files.jobs.sums import FilePart
+    from dissect.files.jobs.tasks import About, Done
+    from dissect.files.session import Run
 
 #: Fields that count over all files, which no task can know.
 _COUNTED: Final = ("connection", "number")
@@ -109,7 +109,7 @@ def read_file(run: Run, each: Callable[[], None] | None = None) -> None:
 
 def about(run: Run) -> About:
     """Return the notes on the file of a task, after it was read."""
-    from dissect.jobs.tasks import About
+    from dissect.files.jobs.tasks import About
 
     file = run.files[0]
     return About(file.name, file.loss, int(file.octets), run.pipeline.first_ns, run.pipeline.now_ns)
@@ -129,7 +129,7 @@ def separately(
     temporary one. ``kept``: there are results after an interruption, which is reported. Return the exit code; unreadable files
     are reported on stderr. Raises `CaptureError` if the only file cannot be read.
     """
-    from dissect.jobs.tasks import DIED, Files
+    from dissect.files.jobs.tasks import DIED, Files
 
     if jobs > 1 and "-" in files:
         raise click.UsageError("--separate: standard input can be read by one process only; leave out -j.")
@@ -203,8 +203,8 @@ def _readers(jobs: int, files: Sequence[str], direct: Any, folder: str | None) -
         with task.directly(direct):
             yield Readers(Here(), lambda: 1, folder or "")
         return
-    from dissect.jobs.pool import Pool
-    from dissect.jobs.spool import ROWS_FOLDER
+    from dissect.files.jobs.pool import Pool
+    from dissect.files.jobs.spool import ROWS_FOLDER
 
     count = min(jobs, len(files))
     if folder is not None:
@@ -229,7 +229,7 @@ def say(file: str, why: str, where: str = "") -> None:
 
 def part_of_done(done: Done, nothing: Callable[[], Observer]) -> FilePart:
     """Return the results of the task of a file; ``nothing`` makes empty results for an unreadable file."""
-    from dissect.jobs.sums import unread
+    from dissect.files.jobs.sums import unread
 
     if not done.why:
         part: FilePart = done.result

@@ -29,9 +29,9 @@ from dissect.export.forms import Request, TableExport, Target
 from dissect.export.parquet import ParquetSink, metadata_of
 from dissect.export.remote import RemoteFolder
 from dissect.export.tables import TABLES, Table, chosen_tables
-from dissect.jobs.numbers import Offsets, count_from
-from dissect.jobs.spool import ROWS_FOLDER, Spool, Spooled, opened
-from dissect.jobs.tasks import About, Done, FileError
+from dissect.files.jobs.numbers import Offsets, count_from
+from dissect.files.jobs.spool import ROWS_FOLDER, Spool, Spooled, opened
+from dissect.files.jobs.tasks import About, Done, FileError
 from dissect.packets.source.remote import is_remote, shown
 from dissect.wire.config.saving import PART
 from dissect.wire.text import encodable

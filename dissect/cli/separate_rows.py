@@ -1,8 +1,9 @@
 """Rows of files that are read separately (option --separate): transactions and values.
 
-A process that runs the tasks itself writes rows at once. Rows of other processes come through files (`dissect.jobs.spool`),
+A process that runs the tasks itself writes rows at once. Rows of other processes come through files
+(`dissect.files.jobs.spool`),
 with marks in place of the numbers that count over all files; if a format defines their order in a line, with an index of them
-(`dissect.jobs.spots`).
+(`dissect.files.jobs.spots`).
 """
 
 from __future__ import annotations
@@ -15,10 +16,10 @@ from dissect.cli.formats import write_out
 from dissect.cli.rows import Counts, Rows, Total, counts_of
 from dissect.cli.run import PIECE, places_of, write_bytes, write_pieces
 from dissect.cli.separate import about, read_file
-from dissect.jobs.numbers import Marks, Offsets, count_from
-from dissect.jobs.spool import Spool, Spooled, indexed, opened, whole_lines
-from dissect.jobs.spots import pieces
-from dissect.jobs.tasks import About, Done, FileError
+from dissect.files.jobs.numbers import Marks, Offsets, count_from
+from dissect.files.jobs.spool import Spool, Spooled, indexed, opened, whole_lines
+from dissect.files.jobs.spots import pieces
+from dissect.files.jobs.tasks import About, Done, FileError
 from dissect.meaning.report.styled import Line, Written
 from dissect.meaning.report.words import Places
 

@@ -73,8 +73,8 @@ def check_command(
 
 
 def _covered(found: TagSet, captures: tuple[str, ...]) -> Coverage:
+    from dissect.files.session import Run
     from dissect.meaning.tags.coverage import Coverage
-    from dissect.session import Run
 
     coverage = Coverage(found)
     run = Run(captures, coverage)

@@ -23,7 +23,8 @@ class Task:
     """A file to read, one of ``several`` or the only one.
 
     ``settings`` replace those of this machine; None keeps them. ``folder`` is for its rows, empty if there is none
-    (`dissect.jobs.tasks`); ``place`` is the position of the file among all, from 0. ``direct`` takes its rows at once, if this
+    (`dissect.files.jobs.tasks`); ``place`` is the position of the file among all, from 0. ``direct`` takes its rows at once, if
+    this
     process writes the output.
     """
 
@@ -68,8 +69,8 @@ def work(arguments: list[str], several: bool, settings: Settings | None, folder:
     ``settings`` are those of the sender of the task; None for those found here.
     """
     from dissect.cli.main import FULL, group
-    from dissect.jobs.spool import ROWS_FOLDER
-    from dissect.jobs.tasks import FileError
+    from dissect.files.jobs.spool import ROWS_FOLDER
+    from dissect.files.jobs.tasks import FileError
     from dissect.packets.source.packet import CaptureError
 
     global _task  # noqa: PLW0603 - a process does one task at a time

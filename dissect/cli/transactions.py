@@ -20,8 +20,8 @@ from dissect.meaning.report.words import PROTOCOLS
 from dissect.meaning.report.writer import Choice, TransactionFeed
 
 if TYPE_CHECKING:
+    from dissect.files.session import Run
     from dissect.meaning.report.styled import Written
-    from dissect.session import Run
 
 
 @click.command("transactions", epilog=EXIT_CODES)

@@ -24,9 +24,9 @@ from dissect.variables.summary import Summary, limits_text
 from dissect.wire.text import printable, some
 
 if TYPE_CHECKING:
+    from dissect.files.session import Run
     from dissect.meaning.report.styled import Written
     from dissect.meaning.report.words import Places
-    from dissect.session import Run
     from dissect.variables.wanted import WantedSet
     from dissect.variables.writers import ValueWriter
 

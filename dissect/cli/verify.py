@@ -14,7 +14,7 @@ from dissect.cli.options.reading import reading_options
 from dissect.cli.reading import Reading
 from dissect.cli.separate import Interrupted
 from dissect.cli.task import Task
-from dissect.jobs.tasks import About
+from dissect.files.jobs.tasks import About
 from dissect.meaning.report.formats import OUTCOME, Format
 from dissect.meaning.report.outcome import Outcome, plain
 from dissect.meaning.report.styled import Line

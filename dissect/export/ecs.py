@@ -39,10 +39,10 @@ from dissect.export.tables import (
     WORDS,
     Table,
 )
+from dissect.files.session import Run
 from dissect.meaning.facts.keys import connection_community_id
 from dissect.meaning.select.things import Context
 from dissect.packets.tcp.stream import Endpoint
-from dissect.session import Run
 from dissect.wire.text import Clock, encodable
 
 ECS_VERSION: Final = "9.4.0"

@@ -17,7 +17,7 @@ from dissect.export.feed import Sink, TableFeed
 from dissect.export.parquet import metadata_of
 from dissect.export.tables import TABLES, UnknownTableError, chosen_tables
 from dissect.export.zeek.columns import LOGS
-from dissect.session import Run
+from dissect.files.session import Run
 from dissect.wire.config.hints import close_names
 
 

@@ -10,8 +10,8 @@ from dissect.export.extras import needed
 from dissect.export.feed import TableFeed
 from dissect.export.packed import PackedTables
 from dissect.export.tables import chosen_tables
+from dissect.files.session import KeyLogFiles, Tags, reading_of
 from dissect.packets.source.given import Source
-from dissect.session import KeyLogFiles, Tags, reading_of
 from dissect.wire.config.hints import close_names
 from dissect.wire.text import encodable
 

@@ -23,11 +23,11 @@ from dissect.engine.transactions.connection import Connection
 from dissect.export.attack_tables import TACTICS, TECHNIQUES
 from dissect.export.forms import Export, Request
 from dissect.export.rows import Rows
+from dissect.files.session import Run
 from dissect.meaning.facts.keys import connection_community_id
 from dissect.meaning.report.happened import times
 from dissect.meaning.select.things import Context
 from dissect.packets.tcp.stream import Endpoint
-from dissect.session import Run
 from dissect.wire.text import Clock, encodable
 
 #: Namespace of the ids of observables (STIX 2.1, 2.9).

@@ -15,6 +15,7 @@ from dissect.engine.pipeline import Options
 from dissect.engine.transactions.connection import Connection
 from dissect.engine.transactions.ending import OPEN
 from dissect.engine.transactions.transaction import Transaction as Seen
+from dissect.files.session import Reading
 from dissect.golden.exchange import PLUS, S7, SCD, Exchange
 from dissect.golden.model import GoldenError, Link, Session, Span, Tpdus, Transaction
 from dissect.golden.order import settle_places
@@ -25,7 +26,6 @@ from dissect.packets.source.packet import CaptureError
 from dissect.protocols.ibh.tables import IBH_NETLINK
 from dissect.protocols.iso.tables import CC, DR, ER
 from dissect.protocols.iso.tpkt import HEADER
-from dissect.session import Reading
 
 if TYPE_CHECKING:
     from dissect.engine.transactions.side import Side

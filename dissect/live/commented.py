@@ -10,11 +10,11 @@ from collections import deque
 from typing import Final
 
 from dissect.engine.findings.reporter import Finding
+from dissect.files.recording.recent import MAX_COMMENTS, KeptPacket
 from dissect.live.run import Companion
 from dissect.meaning.select.comments import finding_comment, frames_in_words
 from dissect.packets.source.live.reader import Drops
 from dissect.packets.source.pcapng_writer import PcapngWriter
-from dissect.recording.recent import MAX_COMMENTS, KeptPacket
 
 #: How long a packet is held, in nanoseconds by the clock of the capture: most answers come sooner, and users do not notice it.
 HOLD_NS: Final = 200_000_000

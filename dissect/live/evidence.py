@@ -10,14 +10,14 @@ from typing import Any, Final
 from dissect.alerts.problems import HEAD, INTERFACE
 from dissect.engine.findings.reporter import Finding
 from dissect.engine.pipeline import Pipeline
+from dissect.files.recording import manifest
+from dissect.files.recording.event_capture import EventCapture
+from dissect.files.recording.ring_buffer import RingBuffer, Witness, earlier_files
 from dissect.live.manifest import ManifestThread
 from dissect.live.problems import Problem, Problems
 from dissect.live.writing import WritingCompanion
 from dissect.meaning.select.comments import MARK
 from dissect.packets.source.live.reader import Drops
-from dissect.recording import manifest
-from dissect.recording.event_capture import EventCapture
-from dissect.recording.ring_buffer import RingBuffer, Witness, earlier_files
 from dissect.wire.text import Clock, printable
 
 #: This often (capture time) the ring looks whether files are too old or too much space is taken.

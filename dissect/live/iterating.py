@@ -10,10 +10,10 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Final, Self
 
 from dissect.engine.options import Options
+from dissect.files.session import Event, EventQueue, KeyLogFiles, Reading, Tags, decoder_of, keys_of, naming_of
 from dissect.live.run import Limits, LiveRun
 from dissect.packets.source.live.opening import open_live
 from dissect.packets.source.live.reader import Drops
-from dissect.session import Event, EventQueue, KeyLogFiles, Reading, Tags, decoder_of, keys_of, naming_of
 from dissect.wire.copies import refuse
 
 if TYPE_CHECKING:

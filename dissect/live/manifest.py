@@ -10,9 +10,9 @@ from pathlib import Path
 from typing import Any, Final
 
 from dissect.alerts.problems import EVIDENCE
+from dissect.files.recording import manifest
+from dissect.files.recording.manifest import Manifest
 from dissect.live.problems import Problems, Recovery
-from dissect.recording import manifest
-from dissect.recording.manifest import Manifest
 from dissect.wire.text import Clock, reason
 
 #: At most this many entries wait for the disk.

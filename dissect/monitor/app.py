@@ -20,6 +20,7 @@ from textual.events import Resize
 from textual.widgets import Input
 
 from dissect.engine.findings.catalogue import SEVERITIES
+from dissect.files.recording.names import time_word
 from dissect.live.session import Session, Status
 from dissect.meaning.report import words
 from dissect.meaning.report.finding_lines import finding_lines
@@ -36,7 +37,6 @@ from dissect.monitor.model import Model
 from dissect.monitor.panes import ConnectionsPane, EntriesPane, FindingsPane, Pane, ValuesPane
 from dissect.monitor.rows import PLACES, entry_line
 from dissect.monitor.screens import HELP, Bar, PageScreen, ValuesScreen
-from dissect.recording.names import time_word
 from dissect.variables.wanted import WantedSet
 from dissect.variables.writers import value_line
 from dissect.wire.text import Clock, printable, shortened

@@ -14,6 +14,7 @@ from dissect.engine.observer import Observer
 from dissect.engine.pipeline import Options
 from dissect.engine.transactions.connection import ISO_TSAP_PORT, Connection
 from dissect.engine.transactions.side import Side
+from dissect.files.session import Run
 from dissect.oracle import facts
 from dissect.oracle.facts import Fact, Place, Record
 from dissect.oracle.plus import PlusProof
@@ -28,7 +29,6 @@ from dissect.protocols.s7.parameters import ACK_HEADER_SIZE
 from dissect.protocols.s7.syntaxes import PBC_ID
 from dissect.protocols.s7.tables import BSEND, READ_VAR, ROSCTR, USERDATA, WRITE_VAR
 from dissect.protocols.tls.key_log import KeyLog
-from dissect.session import Run
 from dissect.wire.layout import Layout
 
 #: Reasons why a PDU is not compared.

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Final, Self, TypeAlias
 
 from dissect.engine.options import Options
 from dissect.engine.pipeline import Pipeline
+from dissect.files.session import Event, EventQueue, KeyLogFiles, Reading, Tags, decoder_of, keys_of, naming_of
 from dissect.packets.tcp.stream import Endpoint
 from dissect.proxy.packets import Conversation, endpoint_of
-from dissect.session import Event, EventQueue, KeyLogFiles, Reading, Tags, decoder_of, keys_of, naming_of
 from dissect.wire.errors import Error
 
 if TYPE_CHECKING:

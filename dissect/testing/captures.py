@@ -12,8 +12,8 @@ import dissect
 from dissect.packets.source.packet import CaptureError
 
 if TYPE_CHECKING:
+    from dissect.files.session import Event
     from dissect.golden.model import Session
-    from dissect.session import Event
 
 #: Mistakes of the author of a test, in the call or on disk: reported at the line of the test, without a traceback into the
 #: package.

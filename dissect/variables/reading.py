@@ -8,9 +8,9 @@ from datetime import timedelta
 from typing import TYPE_CHECKING, Any, Final
 
 from dissect.engine.pipeline import Options
+from dissect.files.session import KeyLogFiles, Run, Tags, decoder_of, reading_of
 from dissect.packets.source.given import Source
 from dissect.packets.tcp.link import within
-from dissect.session import KeyLogFiles, Run, Tags, decoder_of, reading_of
 from dissect.variables.collector import Collector
 from dissect.variables.model import ValueRow, Variable
 

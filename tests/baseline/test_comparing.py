@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from dissect.baseline import Baseline, Comparison, Learner, comparing
-from dissect.session import Run
+from dissect.files.session import Run
 from tests.meaning.report.support import ROOT
 
 

@@ -10,7 +10,7 @@ from dissect.alerts import Alert, AlertEngine, AlertRules, Rule
 from dissect.alerts.rules import NEW
 from dissect.baseline import Learner, baseline_toml, learn
 from dissect.baseline.loading import parse_baseline
-from dissect.session import Run
+from dissect.files.session import Run
 from tests.baseline.wire import Client, Wire, learned
 from tests.meaning.report.support import WORD
 from tests.properties import messages

@@ -9,8 +9,8 @@ from dissect.baseline.subjects import Pair, Pairs, Subject, Subjects, area_names
 from dissect.engine.observer import Observer
 from dissect.engine.transactions.connection import Connection
 from dissect.engine.transactions.transaction import Transaction
+from dissect.files.session import Run
 from dissect.protocols.s7.items import parse_item
-from dissect.session import Run
 from tests.baseline.wire import Client, Wire
 from tests.meaning.report.support import ROOT
 

@@ -9,7 +9,7 @@ from dissect.baseline.subjects import Pairs
 from dissect.engine.observer import Observer
 from dissect.engine.transactions.connection import Connection
 from dissect.engine.transactions.transaction import Transaction
-from dissect.session import Run
+from dissect.files.session import Run
 from tests.baseline.wire import Client, Wire
 from tests.meaning.report.support import ROOT
 

@@ -11,8 +11,8 @@ from pathlib import Path
 import pytest
 
 from dissect.packets.source.files import open_capture
-from tests.anonymize.support import told
 from tests.cli.support import run, simple
+from tests.files.anonymize.support import told
 from tests.meaning.report.support import ROOT, begun, read, saved
 from tests.packets.source.craft import drain
 from tests.properties.packets import Flow, Talk

@@ -121,8 +121,10 @@ def calls(text: str) -> list[list[str]]:
 #: What they import is imported once.
 RUNNER: Final = """
 import json, os, sys, tempfile
-import dissect.alerts, dissect.anonymize.rewriter, dissect.anonymize.survey, dissect.baseline, dissect.golden.reading
-import dissect.live.lines, dissect.live.session, dissect.recording.cutter, dissect.playback.client, dissect.meaning.report.tree
+import dissect.alerts, dissect.files.anonymize.rewriter, dissect.files.anonymize.survey, dissect.baseline,
+dissect.golden.reading
+import dissect.live.lines, dissect.live.session, dissect.files.recording.cutter, dissect.playback.client,
+dissect.meaning.report.tree
 import dissect.scd.codec, dissect.scd.loading, dissect.packets.source.live.opening
 from dissect.cli.main import COMMANDS, group, main
 for name in COMMANDS:

@@ -258,7 +258,7 @@ def test_what_is_around_goes_along(
 def test_memory_for_what_is_around_is_bounded_and_told(
     tmp_path: Path, capfdbinary: Capfd, mixed: list[Packet], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from dissect.recording import cutter
+    from dissect.files.recording import cutter
 
     monkeypatch.setattr(cutter, "MAX_HELD", 1400)
     path, out = saved(tmp_path / "in.pcapng", mixed), tmp_path / "out.pcapng"

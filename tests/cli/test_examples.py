@@ -19,16 +19,16 @@ import pytest
 from dissect.cli.examples import EXAMPLES
 from dissect.engine.observer import Observer
 from dissect.engine.pipeline import Pipeline
+from dissect.files.recording.ring_buffer import RingBuffer, RingLimits
 from dissect.live.evidence import RingCompanion
 from dissect.playback.server import Server
-from dissect.recording.ring_buffer import RingBuffer, RingLimits
 from tests.cli.support import Ran, run
 from tests.cli.test_outputs import commands
 from tests.meaning.report.schemas import ROOT
 from tests.meaning.tags.support import example_files
 
 CAPTURE: Final = ROOT / "captures" / "transfer.pcapng"
-#: Their examples need a cluster, or packages of npm and PyPI: tests/cluster/test_cluster.py and tests/browser have them.
+#: Their examples need a cluster, or packages of npm and PyPI: tests/files/cluster/test_cluster.py and tests/browser have them.
 WITH_MORE: Final = ("cluster-check", "browser")
 ALL: Final = [(command, line) for command, lines in EXAMPLES.items() if command not in WITH_MORE for line in lines]
 #: Examples that may end with 1: what they are for is a finding, a difference or something new.

@@ -14,11 +14,11 @@ import pytest
 import dissect
 from dissect.cli.main import EXIT_INTERRUPTED
 from dissect.cli.run import drive
-from dissect.index.facts import FileFacts
-from dissect.index.lookup import Indexes
-from dissect.index.place import cached
-from dissect.index.store import NAME
-from dissect.session import Run
+from dissect.files.index.facts import FileFacts
+from dissect.files.index.lookup import Indexes
+from dissect.files.index.place import cached
+from dissect.files.index.store import NAME
+from dissect.files.session import Run
 from tests.cli.support import run
 from tests.meaning.report import schemas
 

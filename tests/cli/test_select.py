@@ -11,7 +11,7 @@ from typing import Final
 
 import pytest
 
-from dissect.session import analyze
+from dissect.files.session import analyze
 from tests.cli.support import Ran, run
 from tests.meaning.report.schemas import ROOT, validator
 

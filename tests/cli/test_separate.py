@@ -141,7 +141,7 @@ class Dying(separate.Here):
 
 def test_a_process_that_dies_names_its_file(capfdbinary: Capture, monkeypatch: pytest.MonkeyPatch) -> None:
     """It is read once more; where that is in vain the rest is done all the same."""
-    monkeypatch.setattr("dissect.jobs.pool.Pool", Dying)
+    monkeypatch.setattr("dissect.files.jobs.pool.Pool", Dying)
     ran = run(capfdbinary, "analyze", "--separate", "-T", "json", "-j", "2", *FILES)
     found = json.loads(ran.out)
     assert ran.code == 3
@@ -194,7 +194,7 @@ def test_devices_of_all_files_are_one_inventory(capfdbinary: Capture, tmp_path: 
 
 def test_devices_after_a_process_died(capfdbinary: Capture, monkeypatch: pytest.MonkeyPatch) -> None:
     """The file is read once more; one that cannot be read at all leaves the others as they are."""
-    monkeypatch.setattr("dissect.jobs.pool.Pool", Dying)
+    monkeypatch.setattr("dissect.files.jobs.pool.Pool", Dying)
     ran = run(capfdbinary, "devices", "--separate", "-T", "json", "-j", "2", *FILES)
     without = run(capfdbinary, "devices", "-T", "json", *FILES[:4])
     assert ran.code == 3

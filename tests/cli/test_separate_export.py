@@ -19,7 +19,7 @@ import pytest
 from dissect.cli import separate, task
 from dissect.cli.separate_export import NUMBERS
 from dissect.export.extras import MissingLibraryError
-from dissect.jobs.tasks import FileError
+from dissect.files.jobs.tasks import FileError
 from tests.cases import each
 from tests.cli.support import run
 from tests.cli.test_separate import CAPTURES, CUT, FILES, SZL, Dying
@@ -39,7 +39,7 @@ COUNTED: Final = {"connection", "transaction", "operation", "act", "finding", "p
 def _three_processors(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[None]:
     """Nothing is left in the folder of temporary files, and no output that is not whole."""
     monkeypatch.setattr("dissect.cli.options.jobs.processors", lambda: 3)
-    monkeypatch.setattr("dissect.jobs.pool.Pool", Spooling)
+    monkeypatch.setattr("dissect.files.jobs.pool.Pool", Spooling)
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
     yield
     assert not [
@@ -162,7 +162,7 @@ def test_nothing_is_left_of_a_process_that_died(
     capfdbinary: Capture, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     """What it left is not read as its result; the others are there, each once."""
-    monkeypatch.setattr("dissect.jobs.pool.Pool", Leaving)
+    monkeypatch.setattr("dissect.files.jobs.pool.Pool", Leaving)
     ran = run(capfdbinary, "export", "--separate", "-j", "2", *FILES, "-o", f"parquet:{tmp_path / 'a'}")
     assert ran.code == 3
     assert "clock.pcapng: the process that read it ended" in ran.err

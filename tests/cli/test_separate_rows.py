@@ -66,7 +66,7 @@ def same(capfdbinary: Capture, *arguments: str, jobs: int = 2) -> Ran:
 
 def test_rows_are_those_of_one_process(capfdbinary: Capture, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """And those of one run, where nothing goes on; a file that is no capture and one that is cut are named."""
-    monkeypatch.setattr("dissect.jobs.pool.Pool", Spooling)
+    monkeypatch.setattr("dissect.files.jobs.pool.Pool", Spooling)
     text = tmp_path / "text.pcap"
     text.write_text("this is no capture, but long enough to be looked at")
     for at, command in enumerate(COMMANDS):
@@ -89,7 +89,7 @@ def test_with_processes(capfdbinary: Capture) -> None:
 
 
 def test_findings_fail_the_gate(capfdbinary: Capture, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("dissect.jobs.pool.Pool", Spooling)
+    monkeypatch.setattr("dissect.files.jobs.pool.Pool", Spooling)
     for options in ((), ("-Y", "failed")):
         arguments = ("transactions", *FILES, "--fail-on", "note", *options)
         ran = same(capfdbinary, *arguments, "--separate")
@@ -100,7 +100,7 @@ def test_findings_fail_the_gate(capfdbinary: Capture, monkeypatch: pytest.Monkey
 
 
 def test_what_there_is_instead_is_said_of_all(capfdbinary: Capture, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("dissect.jobs.pool.Pool", Spooling)
+    monkeypatch.setattr("dissect.files.jobs.pool.Pool", Spooling)
     whole = run(capfdbinary, "transactions", NO_S7, NO_S7)
     assert "no S7 transaction" in whole.err
     assert (
@@ -123,7 +123,7 @@ def test_what_needs_one_run_is_refused(capfdbinary: Capture, arguments: tuple[st
 
 
 def test_a_process_that_dies_leaves_nothing_out(capfdbinary: Capture, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("dissect.jobs.pool.Pool", Dying)
+    monkeypatch.setattr("dissect.files.jobs.pool.Pool", Dying)
     ran = run(capfdbinary, "transactions", "--separate", "-T", "jsonl", "-j", "2", *FILES)
     assert ran.code == 3
     assert ran.out == run(capfdbinary, "transactions", "--separate", "-T", "jsonl", *FILES[:-1]).out
@@ -132,9 +132,9 @@ def test_a_process_that_dies_leaves_nothing_out(capfdbinary: Capture, monkeypatc
 
 def test_a_full_disk_is_said_of_the_file(capfdbinary: Capture, monkeypatch: pytest.MonkeyPatch) -> None:
     """The rows of the others are written, each once."""
-    from dissect.jobs import spool
+    from dissect.files.jobs import spool
 
-    monkeypatch.setattr("dissect.jobs.pool.Pool", Spooling)
+    monkeypatch.setattr("dissect.files.jobs.pool.Pool", Spooling)
     write = spool.Spool.write
 
     def full(self: spool.Spool, octets: bytes) -> None:

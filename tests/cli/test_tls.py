@@ -11,17 +11,17 @@ import pytest
 
 import dissect
 from dissect.engine.transactions.transaction import Transaction
+from dissect.files.session import KeyLogError, Run
 from dissect.packets.source.files import open_capture
 from dissect.packets.source.packet import PacketSink
 from dissect.protocols.s7plus.contents import Address
 from dissect.protocols.s7plus.value_tables import INT
 from dissect.protocols.s7plus.values import Value
 from dissect.protocols.tls import aead
-from dissect.session import KeyLogError, Run
-from tests.anonymize.support import anonymized
 from tests.cli.support import run
 from tests.cli.test_outputs import commands
 from tests.engine.transactions.talk import dbw, read
+from tests.files.anonymize.support import anonymized
 from tests.meaning.report.schemas import complaints
 from tests.protocols.s7plus.bodies import get_multi, multi_got
 from tests.protocols.s7plus.pdus import asked, framed, told
@@ -293,8 +293,8 @@ def test_blocks_of_editcap(tmp_path: Path, trace: Path, keys: Path) -> None:
 def test_a_key_log_that_grows_while_it_is_read(trace: Path, keys: Path, spoken: Wire) -> None:
     """What a program writes into the file once the line is watched is taken when it is needed."""
     from dissect.engine.pipeline import Options
+    from dissect.files.session import read_tls_keys
     from dissect.meaning.report.analysis import Analysis
-    from dissect.session import read_tls_keys
 
     keys.write_bytes(b"# nothing yet\n")
     growing = read_tls_keys([keys])

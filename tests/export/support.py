@@ -10,7 +10,7 @@ from dissect.engine.pipeline import Options
 from dissect.export.feed import Sink, TableFeed
 from dissect.export.tables import TABLES, Table
 from dissect.export.transaction_rows import Row
-from dissect.session import Run
+from dissect.files.session import Run
 
 
 class Kept(Sink):

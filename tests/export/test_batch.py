@@ -19,7 +19,7 @@ from dissect.export.feed import Sink, TableFeed
 from dissect.export.parquet import by_days
 from dissect.export.tables import INT, ITEMS, TRANSACTIONS, WORD, Column, Table
 from dissect.export.transaction_rows import MOST_KNOWN, Row, Shared
-from dissect.session import Run
+from dissect.files.session import Run
 from tests.export.support import rows_of
 from tests.meaning.report.support import ROOT
 

@@ -14,7 +14,7 @@ from dissect.engine.findings.catalogue import CATALOGUE
 from dissect.export.attack_tables import TACTICS, TECHNIQUES
 from dissect.export.ecs import ecs_export, index_template
 from dissect.export.forms import Request
-from dissect.session import Run
+from dissect.files.session import Run
 from tests.cli.support import run
 from tests.meaning.report.support import OWN, ROOT, begun, saved
 from tests.promises import hostile

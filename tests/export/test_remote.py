@@ -11,7 +11,7 @@ import pytest
 from dissect.cli.remote_export import close_wanted, saved_remotely
 from dissect.export.forms import Target, target_of
 from dissect.export.remote import UNFINISHED, RemoteFolder
-from dissect.jobs.tasks import FileError
+from dissect.files.jobs.tasks import FileError
 from tests.cli.support import run
 from tests.meaning.report.schemas import ROOT
 

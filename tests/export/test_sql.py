@@ -15,7 +15,7 @@ from dissect.export.feed import TableFeed
 from dissect.export.questions import QUESTIONS
 from dissect.export.result_lines import QueryOutcome, csv_lines, json_lines
 from dissect.export.sql import MemorySink, Query, SqlError, named_tables
-from dissect.session import Run
+from dissect.files.session import Run
 from tests.cli.support import run
 from tests.meaning.report.support import ROOT, UNSAFE, begun, saved
 from tests.promises import hostile

@@ -13,7 +13,7 @@ import stix2
 from dissect import analyze
 from dissect.export.forms import Request
 from dissect.export.stix import stix_export
-from dissect.session import Run
+from dissect.files.session import Run
 from tests.cli.support import run
 from tests.meaning.report.support import ROOT
 from tests.promises import hostile

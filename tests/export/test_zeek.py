@@ -16,7 +16,7 @@ from dissect.export.zeek.columns import LOGS, columns_of
 from dissect.export.zeek.export import json_export, tsv_export
 from dissect.export.zeek.log import Log
 from dissect.export.zeek.rows import S7, cotp_row, identification
-from dissect.session import Run
+from dissect.files.session import Run
 from tests.build import payload, userdata_head
 from tests.cli.support import run
 from tests.meaning.report.support import ROOT, WORD, begun, read, saved

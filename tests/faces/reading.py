@@ -23,6 +23,7 @@ from dissect.export.feed import Sink, TableFeed
 from dissect.export.forms import FORMS, Export, Request
 from dissect.export.tables import TABLES, Table
 from dissect.export.transaction_rows import Row
+from dissect.files.session import Run
 from dissect.golden.model import GoldenError
 from dissect.golden.reading import read_session
 from dissect.live.events import CLOSED, OPENED
@@ -45,7 +46,6 @@ from dissect.meaning.select.fields import FIELDS
 from dissect.meaning.select.things import CONNECTION, FINDING, MESSAGE, OPERATION, TRANSACTION, Context, Found
 from dissect.monitor import rows
 from dissect.monitor.model import Model
-from dissect.session import Run
 from dissect.variables.collector import Collector
 from dissect.variables.writers import ValueWriter
 

@@ -15,11 +15,11 @@ from dissect.engine.observer import Observer
 from dissect.engine.transactions.connection import Connection
 from dissect.engine.transactions.operation import Operation
 from dissect.engine.transactions.transaction import Transaction
+from dissect.files.session import Run
 from dissect.meaning.select import SelectError, Where
 from dissect.meaning.select.fields import FIELDS, Field
 from dissect.meaning.select.literals import AnyValue, Code, Duration, Host, Number, Octets, S7Address, Text, Time, Truth
 from dissect.meaning.select.things import CONNECTION, FINDING, OPERATION, TRANSACTION, Context, Found
-from dissect.session import Run
 from tests.faces.reading import CAPTURES, names_of_fields, options_of
 
 #: Captures that together have something in nearly every field.

@@ -17,7 +17,6 @@ from typing import Final
 
 from dissect.alerts.alert import Alert
 from dissect.alerts.engine import AlertEngine
-from dissect.anonymize.account import Choices
 from dissect.baseline.learn import Learner
 from dissect.baseline.loading import parse_baseline
 from dissect.baseline.writing import baseline_toml
@@ -25,6 +24,10 @@ from dissect.cli.baseline import _usual_rules
 from dissect.engine.observer import Observer
 from dissect.engine.pipeline import Options, Pipeline
 from dissect.engine.transactions.transaction import Transaction
+from dissect.files.anonymize.account import Choices
+from dissect.files.recording.cutter import Around, Cutter
+from dissect.files.session import analyze
+from dissect.files.session import open as events_of
 from dissect.golden.comparison import diff_sessions
 from dissect.golden.model import GoldenError
 from dissect.golden.parsing import parse_golden
@@ -47,10 +50,7 @@ from dissect.packets.source.files import find_reader
 from dissect.packets.source.packet import CaptureError, SourceFile
 from dissect.packets.source.pcapng_writer import PcapngWriter
 from dissect.playback.server.recording import recording_of
-from dissect.recording.cutter import Around, Cutter
-from dissect.session import analyze
-from dissect.session import open as events_of
-from tests.anonymize.support import anonymized
+from tests.files.anonymize.support import anonymized
 from tests.fuzz.checks import check_json, check_line, check_lines
 from tests.fuzz.containers import MOST_STEPS, Packets, read
 from tests.fuzz.inputs import plant, plant_bindings

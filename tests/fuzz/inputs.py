@@ -15,6 +15,7 @@ from benchmarks.scd_damage import sealed
 from dissect.alerts.loading import parse_rules
 from dissect.baseline.loading import parse_baseline
 from dissect.baseline.writing import baseline_toml
+from dissect.files.recording.ring_buffer import parse_limits
 from dissect.golden.comparison import diff_sessions
 from dissect.golden.model import GoldenError, Session
 from dissect.golden.parsing import parse_golden
@@ -28,7 +29,6 @@ from dissect.packets.source.live.filter import NotBuiltInError, compile_filter
 from dissect.packets.source.live.reader import LiveError
 from dissect.packets.source.packet import CaptureError
 from dissect.playback.server.recording import recording_of
-from dissect.recording.ring_buffer import parse_limits
 from dissect.scd.codec import Codec, Decoded
 from dissect.scd.dictionary import Dictionary
 from dissect.scd.dump import dump_json, dump_toml

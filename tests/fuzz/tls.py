@@ -15,11 +15,11 @@ from typing import Final
 
 from dissect.engine.observer import Observer
 from dissect.engine.transactions.side import Side
+from dissect.files.session import Run
 from dissect.protocols.tls.handshake import MAX_MESSAGE
 from dissect.protocols.tls.key_log import KeyLog, KeyRing
 from dissect.protocols.tls.records import HEADER, MAX_BODY
 from dissect.protocols.tls.session import MAX_WAITING, TlsSession
-from dissect.session import Run
 from tests.fuzz.checks import check_line
 from tests.protocols.tls.sealing import ALERT, FINISHED, HANDSHAKE, KEY_UPDATE, Pair
 

@@ -11,12 +11,12 @@ import pytest
 from dissect.engine.findings.catalogue import CATALOGUE
 from dissect.engine.findings.reporter import Finding
 from dissect.engine.observer import Observer
+from dissect.files.recording.recent import MAX_COMMENTS
 from dissect.live.commented import CommentedStream
 from dissect.live.run import LiveRun
 from dissect.packets.source.files import open_capture
 from dissect.packets.source.live.reader import Drops
 from dissect.packets.source.pcapng_writer import PcapngWriter
-from dissect.recording.recent import MAX_COMMENTS
 from tests.live.support import Clock, Line
 from tests.meaning.report.support import WORD, begun, read
 from tests.packets.source.craft import drain

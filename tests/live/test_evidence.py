@@ -4,11 +4,11 @@ from pathlib import Path
 
 from dissect.engine.findings.catalogue import CATALOGUE
 from dissect.engine.findings.reporter import Finding
+from dissect.files.recording.event_capture import EventCapture
+from dissect.files.recording.ring_buffer import RingBuffer, RingLimits
 from dissect.live.evidence import KeeperCompanion, RingCompanion
 from dissect.packets.source.files import open_capture
 from dissect.packets.source.live.reader import Drops
-from dissect.recording.event_capture import EventCapture
-from dissect.recording.ring_buffer import RingBuffer, RingLimits
 from tests.live.support import SECOND
 from tests.packets.source.craft import drain
 from tests.properties.packets import EPOCH_NS

@@ -11,7 +11,7 @@ from tests.live.small_disk import on_a_small_disk
 
 RING = """
 from dissect.live.evidence import RingCompanion
-from dissect.recording.ring_buffer import RingBuffer, RingLimits
+from dissect.files.recording.ring_buffer import RingBuffer, RingLimits
 companion = RingCompanion(RingBuffer(FOLDER, LIMITS, batch=4096), CLOCK)
 problems = companion.problems = Problems()
 given = 0
@@ -91,7 +91,7 @@ def test_so_much_stays_free(tmp_path: Path) -> None:
         1024,
         """
 import shutil
-from dissect.recording.ring_buffer import RingBuffer, RingLimits
+from dissect.files.recording.ring_buffer import RingBuffer, RingLimits
 ring = RingBuffer(FOLDER, RingLimits(octets=20_000, files=100), keep_free=400_000)
 least = 10**9
 for number in range(20_000):
@@ -119,7 +119,7 @@ KEEPER = """
 from dissect.engine.findings.catalogue import CATALOGUE
 from dissect.engine.findings.reporter import Finding
 from dissect.live.evidence import KeeperCompanion
-from dissect.recording.event_capture import EventCapture
+from dissect.files.recording.event_capture import EventCapture
 S = 1_000_000_000
 companion = KeeperCompanion(EventCapture(FOLDER, BEFORE * S, 100 * S, slugs=["transaction.overdue"]), CLOCK)
 problems = companion.problems = Problems()

@@ -17,13 +17,13 @@ from dissect.engine.observer import Observer
 from dissect.engine.pipeline import Options
 from dissect.engine.transactions.connection import Connection
 from dissect.engine.transactions.transaction import Transaction
+from dissect.files.session import Run
 from dissect.live.events import CLOSED, Event
 from dissect.live.run import Companion
 from dissect.live.session import Session
 from dissect.meaning.report.writers.jsonl import TransactionLines
 from dissect.packets.source.live.opening import open_live
 from dissect.packets.source.pcapng_writer import PcapngWriter
-from dissect.session import Run
 from tests.engine.transactions.talk import CONFIRM, CONNECT, dbw, dt, granted, read, setup, write, written
 from tests.live.support import SECOND, client, never, plc, program, taken
 from tests.packets.source.live_support import ENGINES

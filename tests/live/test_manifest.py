@@ -10,11 +10,11 @@ import pytest
 
 from dissect.engine.observer import Observer
 from dissect.engine.pipeline import Pipeline
+from dissect.files.recording.manifest import verified
+from dissect.files.recording.ring_buffer import RingBuffer, RingLimits
 from dissect.live.evidence import RingCompanion
 from dissect.live.problems import Problems
 from dissect.packets.source.live.reader import Drops
-from dissect.recording.manifest import verified
-from dissect.recording.ring_buffer import RingBuffer, RingLimits
 from tests.cli.support import run, simple
 from tests.live.small_disk import on_a_small_disk
 from tests.properties.packets import EPOCH_NS
@@ -91,8 +91,8 @@ def test_a_full_disk_is_an_entry_as_soon_as_there_is_room(tmp_path: Path) -> Non
 from dissect.engine.observer import Observer
 from dissect.engine.pipeline import Pipeline
 from dissect.live.evidence import RingCompanion
-from dissect.recording.manifest import verified
-from dissect.recording.ring_buffer import RingBuffer, RingLimits
+from dissect.files.recording.manifest import verified
+from dissect.files.recording.ring_buffer import RingBuffer, RingLimits
 companion = RingCompanion(RingBuffer(FOLDER, RingLimits(octets=20_000)), CLOCK, {})
 companion.problems.listen(companion.problem)
 companion.begin(Pipeline(Observer()))

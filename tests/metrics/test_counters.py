@@ -13,6 +13,7 @@ from dissect import scd
 from dissect.engine.transactions.connection import Connection
 from dissect.engine.transactions.payloads import ScdMessage, ScdParameters
 from dissect.engine.transactions.transaction import ANSWERED, ORPHAN, PUSH, UNANSWERED, Transaction
+from dissect.files.session import Run
 from dissect.live.run import Fanout, LiveRun
 from dissect.meaning.report.analysis import Analysis
 from dissect.metrics.counters import SEPARATOR, Metrics
@@ -26,7 +27,6 @@ from dissect.protocols.s7.parameters import Parameters, parse_parameters
 from dissect.protocols.s7.tables import FUNCTIONS, JOB, USERDATA, USERDATA_SUBFUNCTIONS
 from dissect.protocols.s7plus.parameters import PlusParameters
 from dissect.protocols.s7plus.tables import FUNCTIONS as PLUS_FUNCTIONS
-from dissect.session import Run
 from tests.cases import each
 from tests.conftest import ROOT
 from tests.meaning.bindings import plant

@@ -153,7 +153,7 @@ def test_no_label_holds_an_address() -> None:
 
 
 def test_counters_never_go_back_while_a_capture_is_read() -> None:
-    from dissect.session import Run
+    from dissect.files.session import Run
 
     for path in CAPTURES:
         metrics = Metrics()

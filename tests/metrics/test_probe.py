@@ -18,7 +18,7 @@ import click
 import pytest
 
 from dissect.cli.monitor import command as monitor
-from dissect.recording.ring_buffer import parse_limits
+from dissect.files.recording.ring_buffer import parse_limits
 from tests.conftest import ROOT
 
 PROBE: Final = ROOT / "docs" / "probe"

@@ -10,11 +10,11 @@ from types import MappingProxyType
 from typing import Any, Final
 
 from dissect.engine.pipeline import Options
+from dissect.files.session import Run
 from dissect.meaning.report.words import Places
 from dissect.page.gathered import Gathered, span_of
 from dissect.page.rendering import Side, render
 from dissect.page.rows import Rows
-from dissect.session import Run
 from dissect.variables.choosing import Known, choose
 from dissect.wire.text import Clock
 from tests.meaning.report.support import read

@@ -30,6 +30,7 @@ from dissect.engine.transactions.transaction import (
     Transaction,
 )
 from dissect.export.forms import FORMS
+from dissect.files.session import Run
 from dissect.golden import diff_sessions, golden_text, read_session
 from dissect.golden.parsing import parse_golden
 from dissect.meaning.inventory.collector import Inventory
@@ -40,7 +41,6 @@ from dissect.monitor.details import connection_details, entry_lines
 from dissect.monitor.model import Model
 from dissect.monitor.rows import entry_row, joined
 from dissect.page.data import Data
-from dissect.session import Run
 from dissect.wire.text import Clock
 from tests.cli.support import run
 from tests.live.support import never, taken

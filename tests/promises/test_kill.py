@@ -1,7 +1,7 @@
 """Promise G11: after kill -9 at any moment no file looks whole that is not.
 
 `S7DISSECT_KILLS` says how often each is killed (8); before a release it is 200. The writers of packets themselves are killed in
-tests/packets/source/test_pcapng_writer.py, tests/recording/test_ring_buffer.py and tests/recording/test_keeper.py.
+tests/packets/source/test_pcapng_writer.py, tests/files/recording/test_ring_buffer.py and tests/files/recording/test_keeper.py.
 """
 
 from __future__ import annotations

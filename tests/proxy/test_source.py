@@ -15,6 +15,7 @@ from dissect.engine.findings.reporter import Finding
 from dissect.engine.pipeline import Options
 from dissect.engine.transactions.connection import Connection
 from dissect.engine.transactions.transaction import Transaction
+from dissect.files.session import Run
 from dissect.live.events import CLOSED, Event
 from dissect.live.session import Session
 from dissect.meaning.report.writers.jsonl import TransactionLines
@@ -25,7 +26,6 @@ from dissect.proxy.packets import endpoint_of
 from dissect.proxy.relay import Relay
 from dissect.proxy.source import RelayReader
 from dissect.proxy.tap import REFUSED, UNANSWERED, Tap
-from dissect.session import Run
 from tests.live.support import client, never, plc, taken
 from tests.live.test_loopback import Offline, said
 from tests.proxy.support import WRONG, Frames, at, eventually, frames_of, pair, port_of_nobody, relaying, reset, tshark

@@ -14,6 +14,7 @@ from dissect.export.feed import Sink, TableFeed
 from dissect.export.forms import FORMS, Request
 from dissect.export.tables import TABLES, Table
 from dissect.export.transaction_rows import Row
+from dissect.files.session import Run
 from dissect.live.run import Fanout
 from dissect.live.session import Session
 from dissect.meaning.inventory.outcome import Devices
@@ -29,7 +30,6 @@ from dissect.packets.source.files import open_capture
 from dissect.page.gathered import Gathered, span_of
 from dissect.page.rendering import Side, render
 from dissect.page.rows import Rows
-from dissect.session import Run
 from dissect.wire.text import Clock
 from tests.faces.reading import options_of
 from tests.monitor.support import ended, events_of

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
+from dissect.files.session import analyze
 from dissect.golden import diff_sessions, parse_golden, read_session
 from dissect.playback.server import Server
-from dissect.session import analyze
 from dissect.testing import talk as module
 from dissect.testing.talk import (
     CLIENT,

@@ -8,7 +8,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Final
 
-from dissect.session import Run
+from dissect.files.session import Run
 from dissect.variables.collector import Collector
 from dissect.variables.model import ValueRow, Variable
 from dissect.variables.statistics import Pace, Statistics

@@ -61,8 +61,8 @@ def connections(ctx: click.Context, _param: click.Parameter, incomplete: str) ->
         )  # connections of the second have numbers of their own
         if not files or sum([path.stat().st_size for path in files]) > _LARGEST:
             return []
+        from dissect.files.session import analyze
         from dissect.packets.source.packet import CaptureError
-        from dissect.session import analyze
 
         try:
             found = analyze(*files).connections

@@ -51,7 +51,7 @@ def cluster_address(ctx: click.Context, param: click.Parameter, value: str | Non
     """Return the address of a scheduler, None when none was given."""
     if value is None or ctx.resilient_parsing:
         return value
-    from dissect.cluster.connect import checked_address
+    from dissect.files.cluster.connect import checked_address
 
     try:
         ctx.meta[_CLUSTER] = checked_address(value)

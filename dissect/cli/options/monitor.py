@@ -20,11 +20,11 @@ if TYPE_CHECKING:
     from dissect.alerts.engine import AlertEngine
     from dissect.alerts.loading import AlertRules
     from dissect.baseline.norms import Baseline
+    from dissect.files.recording.ring_buffer import RingLimits
     from dissect.live.alerting import AlertCompanion
     from dissect.live.reports import ReportCompanion
     from dissect.live.run import Companion
     from dissect.live.session import Session
-    from dissect.recording.ring_buffer import RingLimits
 
 _TIME = re.compile(r"([0-9]{1,6})(ms|s|min)?")
 _UNITS = {"ms": 1_000_000, "s": 1_000_000_000, "min": 60_000_000_000}
@@ -40,7 +40,7 @@ _BATCH = 64 * 1024
 
 
 def _limits(ctx: click.Context, param: click.Parameter, values: Sequence[str]) -> RingLimits | None:
-    from dissect.recording.ring_buffer import parse_limits
+    from dissect.files.recording.ring_buffer import parse_limits
 
     try:
         return parse_limits(values) if values else None
@@ -244,10 +244,10 @@ class Beside:
         import platform
 
         from dissect import __version__
+        from dissect.files.recording.event_capture import EventCapture
+        from dissect.files.recording.ring_buffer import RingBuffer
         from dissect.live.evidence import KeeperCompanion, RingCompanion
         from dissect.packets.source.live.privileges import missing
-        from dissect.recording.event_capture import EventCapture
-        from dissect.recording.ring_buffer import RingBuffer
 
         self.made += missing(directory)
         name = self._file.stem if self._file is not None else "s7dissect"
@@ -286,8 +286,8 @@ class Beside:
         import platform
 
         from dissect import __version__
+        from dissect.files.recording.manifest import masked
         from dissect.metrics.clock import clock_offset
-        from dissect.recording.manifest import masked
 
         offset = clock_offset()
         return {

@@ -33,7 +33,7 @@ def tls_option(command: Callable[..., int]) -> Callable[..., int]:
 def _keys(files: tuple[str, ...]) -> KeyLog | None:
     if not files:
         return None
-    from dissect.session import KeyLogError, read_tls_keys
+    from dissect.files.session import KeyLogError, read_tls_keys
     from dissect.wire.text import printable, reason
 
     try:

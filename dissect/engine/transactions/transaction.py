@@ -121,7 +121,8 @@ OUTCOME_WORDS: Final = (
     "behind a malformed header",
 )
 _SAID: Final = 3
-#: Makes `Transaction.as_dict`; `dissect.session` puts it here, because how lines are written is known only to a later room.
+#: Makes `Transaction.as_dict`; `dissect.files.session` puts it here, because how lines are written is known only to a later
+#: room.
 AS_DICT: Final[list[Callable[[Transaction], dict[str, object]]]] = []
 
 
@@ -231,7 +232,7 @@ class Transaction(OldNames):
     def as_dict(self) -> dict[str, object]:
         """Return the transaction as the JSON line of `s7dissect transactions -T jsonl` has it (docs/json.md)."""
         if not AS_DICT:
-            raise RuntimeError("import dissect.session first: it knows how JSON lines are made")
+            raise RuntimeError("import dissect.files.session first: it knows how JSON lines are made")
         return AS_DICT[0](self)
 
     def _set_response(

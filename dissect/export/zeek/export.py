@@ -24,9 +24,9 @@ from dissect.export.tables import ACTS, FINDING_COUNTS
 from dissect.export.zeek.columns import LOGS, OWN
 from dissect.export.zeek.log import Log
 from dissect.export.zeek.rows import IDENTIFICATION, S7, cotp_row, identification, plus_row
+from dissect.files.session import Run
 from dissect.meaning.facts.keys import connection_community_id, connection_uid
 from dissect.protocols.s7plus.message import parse_plus
-from dissect.session import Run
 
 #: This many connections are remembered with their uid, device and unfinished answers.
 _MOST_KNOWN: Final = 16_384

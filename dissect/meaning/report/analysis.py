@@ -426,7 +426,7 @@ class Analysis(Observer):
     def merge(self, later: Analysis) -> None:
         """Add what ``later`` found in the packets after this run's; it numbers on from where this one ends.
 
-        ``pipeline``, ``files``, ``findings`` and ``explained`` are left alone: `dissect.jobs.analyses` merges them.
+        ``pipeline``, ``files``, ``findings`` and ``explained`` are left alone: `dissect.files.jobs.analyses` merges them.
         """
         self.total += later.total
         self.answered += later.answered

@@ -14,6 +14,7 @@ from dissect.engine.findings.reporter import Finding
 from dissect.engine.observer import Observer
 from dissect.engine.transactions import operation as operations
 from dissect.engine.transactions.operation import Operation
+from dissect.files.session import Run
 from dissect.meaning.select import Where
 from dissect.meaning.select.sieve import Sieve
 from dissect.protocols.s7.services import PI_SERVICES
@@ -23,7 +24,6 @@ from dissect.protocols.s7plus.objects import PlusObject, build_object
 from dissect.protocols.s7plus.tables import CREATE_OBJECT, DELETE_OBJECT, SET_MULTI_VARIABLES, SET_VARIABLE
 from dissect.protocols.s7plus.value_tables import BLOB, DINT, UINT
 from dissect.protocols.s7plus.values import Blob, Value
-from dissect.session import Run
 from tests.engine.findings import events
 from tests.engine.findings.test_plus_rules import DENIED, NOTHING, begun, block, do, explore
 from tests.engine.program.transfers import carry, download, upload

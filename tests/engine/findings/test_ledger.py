@@ -11,8 +11,8 @@ from dissect.engine.findings.ledger import Ledger, Occurrences
 from dissect.engine.findings.reporter import MAX_DETAILED, Reporter
 from dissect.engine.options import Options
 from dissect.engine.pipeline import Pipeline
-from dissect.jobs.numbers import Offsets
-from dissect.jobs.sending import receive, send
+from dissect.files.jobs.numbers import Offsets
+from dissect.files.jobs.sending import receive, send
 from tests.engine.transactions.talk import (
     MS,
     SECOND,

@@ -15,6 +15,7 @@ from dissect.export.feed import Sink, TableFeed
 from dissect.export.rows import Rows
 from dissect.export.tables import ITEMS, PDUS, TRANSACTIONS, VALUES, Table
 from dissect.export.transaction_rows import Row
+from dissect.files.session import Run
 from dissect.live.run import Fanout
 from dissect.meaning.facts.fact import Fact
 from dissect.meaning.facts.pdu import ASKED, PDU
@@ -25,7 +26,6 @@ from dissect.meaning.report.words import Places
 from dissect.meaning.report.writer import PduFeed
 from dissect.meaning.report.writers.jsonl import JsonlWriter, TransactionLines
 from dissect.meaning.select.items import ItemReader
-from dissect.session import Run
 from dissect.variables.collector import Collector
 from dissect.variables.model import ValueRow
 from dissect.variables.writers import ValueJsonl

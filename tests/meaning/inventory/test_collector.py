@@ -13,13 +13,13 @@ from hypothesis import strategies as st
 import dissect
 from dissect.engine.pipeline import Options, Pipeline
 from dissect.engine.stations import facts
+from dissect.files.session import Run
 from dissect.meaning.inventory import collector
 from dissect.meaning.inventory.collector import Inventory
 from dissect.meaning.inventory.contract import inventory_as_dict
 from dissect.meaning.inventory.model import MAX_AREAS, MAX_BEYOND, MAX_NAMES, MAX_PIECES, MAX_TAGS, Device, Names, Use
 from dissect.meaning.inventory.model import Talk as Both
 from dissect.meaning.tags import load_tags
-from dissect.session import Run
 from dissect.wire.build import COMPILED
 from tests.engine.findings.operation_scenarios import load, read_out
 from tests.engine.stations.answers import components, identification, szl

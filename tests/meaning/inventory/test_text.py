@@ -8,13 +8,13 @@ from collections.abc import Callable
 
 import pytest
 
+from dissect.files.session import Run
 from dissect.meaning.inventory import text as cards
 from dissect.meaning.inventory.collector import Inventory
 from dissect.meaning.inventory.model import Area
 from dissect.meaning.inventory.outcome import Devices
 from dissect.meaning.inventory.rows import COLUMNS, device_row
 from dissect.meaning.report.outcome import csv_outcome
-from dissect.session import Run
 from tests.engine.stations.answers import answered, components, identification, mode, szl
 from tests.engine.transactions.talk import Talk, ack_data, dbw, head, item, read, userdata, words, write, written
 from tests.meaning.inventory.support import inventory_of

@@ -13,7 +13,7 @@ import jsonschema_rs
 from jsonschema import Draft202012Validator
 from referencing import Registry, Resource
 
-from dissect.anonymize import account
+from dissect.files.anonymize import account
 from dissect.meaning.facts.schema import filled
 
 ROOT: Final = Path(__file__).resolve().parents[3]

@@ -10,10 +10,10 @@ from typing import Final
 from dissect.engine.observer import Observer
 from dissect.engine.pipeline import Options, Pipeline
 from dissect.engine.transactions.transaction import Transaction
+from dissect.files.session import Run
 from dissect.meaning.report.analysis import Analysis
 from dissect.meaning.report.text import analysis_lines
 from dissect.packets.source.packet import SourceFile
-from dissect.session import Run
 from tests.packets.source.craft import Pcapng
 from tests.properties import messages
 from tests.properties.messages import Item, dt

@@ -11,11 +11,11 @@ from dissect.engine.options import Options
 from dissect.engine.stations.facts import Book, Fact
 from dissect.engine.transactions.connection import Connection
 from dissect.engine.transactions.transaction import Transaction
+from dissect.files.session import Run
 from dissect.meaning.report.analysis import MAX_CONNECTIONS, MAX_FAILED, MAX_SLOWEST, Analysis
 from dissect.packets.source.packet import SourceFile
 from dissect.packets.tcp.connection import TcpConnection
 from dissect.packets.tcp.stream import Endpoint
-from dissect.session import Run
 from tests.build import payload
 from tests.engine.findings.events import start_upload
 from tests.engine.findings.operation_scenarios import read_out

@@ -11,12 +11,12 @@ import pytest
 from dissect.engine.findings.catalogue import CATALOGUE
 from dissect.engine.findings.reporter import MAX_DETAILED, Finding
 from dissect.engine.pipeline import Options, Pipeline
+from dissect.files.session import Run
 from dissect.meaning.report.analysis import Analysis
 from dissect.meaning.report.brief import MOST, brief_lines
 from dissect.meaning.report.per_file import PerFile
 from dissect.meaning.report.text import analysis_lines
 from dissect.packets.source.packet import SourceFile
-from dissect.session import Run
 from tests.cases import each
 from tests.cli.support import run
 from tests.engine.stations.answers import components, identification, mode, szl

@@ -11,12 +11,12 @@ from jsonschema import Draft202012Validator
 from dissect.engine.findings.catalogue import CATALOGUE
 from dissect.engine.transactions.accounts import CATEGORIES, FIRST_IGNORED
 from dissect.engine.transactions.transaction import OUTCOMES, REASON_TEXTS
+from dissect.files.session import Run
 from dissect.meaning.report.analysis import Analysis
 from dissect.meaning.report.contract import analysis_as_dict
 from dissect.meaning.report.text import analysis_lines
 from dissect.protocols.ibh.tables import IBH_NETLINK, KINDS
 from dissect.protocols.iso.upper import UPPER_NAMES
-from dissect.session import Run
 from dissect.wire.malformed import LIMITS, REASONS
 from tests.cases import each
 from tests.meaning.report.schemas import NAMES, ROOT, complaints, load, parts, quick_validator, strict, table, validator

@@ -14,12 +14,12 @@ from hypothesis import strategies as st
 
 from dissect.engine.observer import Observer
 from dissect.engine.transactions.transaction import Transaction
+from dissect.files.session import Run
 from dissect.meaning.report.words import Places
 from dissect.meaning.report.writer import TransactionFeed
 from dissect.meaning.report.writers.csv import CSV_COLUMNS, CsvRows, CsvWriter, quoted
 from dissect.packets.source.packet import SourceFile
 from dissect.protocols.s7.singles import real
-from dissect.session import Run
 from tests.cli.support import run
 from tests.meaning.report.support import ROOT, WORD, begun, observed, read, transactions
 from tests.properties import messages

@@ -8,11 +8,11 @@ import pytest
 
 from dissect.alerts import states
 from dissect.alerts.rules import WHENS
-from dissect.anonymize import account
 from dissect.baseline.watch import KINDS as NEW
 from dissect.engine.findings.catalogue import KINDS as FINDINGS
 from dissect.engine.findings.catalogue import SEVERITIES
 from dissect.engine.transactions import ending, operation
+from dissect.files.anonymize import account
 from dissect.golden.difference import KINDS as DIFFERENCES
 from dissect.live import events
 from dissect.oracle import facts, known

@@ -20,8 +20,10 @@ from dissect.export.feed import TableFeed
 from dissect.export.forms import Request
 from dissect.export.stix import stix_export
 from dissect.export.tables import FINDINGS
-from dissect.jobs.analyses import Analyses
-from dissect.jobs.sums import part_of
+from dissect.files.jobs.analyses import Analyses
+from dissect.files.jobs.sums import part_of
+from dissect.files.recording.event_capture import EventCapture
+from dissect.files.session import Run
 from dissect.live.events import FINDING, Event
 from dissect.live.json_lines import JsonLines
 from dissect.live.lines import PlainLines
@@ -32,8 +34,6 @@ from dissect.meaning.report.per_file import PerFile
 from dissect.meaning.report.text import analysis_lines
 from dissect.page.gathered import Gathered
 from dissect.page.rows import Rows
-from dissect.recording.event_capture import EventCapture
-from dissect.session import Run
 from dissect.testing.captures import Capture
 from dissect.wire.text import Clock
 from tests.cli.support import run

@@ -15,6 +15,7 @@ from dissect.engine.pipeline import Options
 from dissect.engine.transactions.results import ALIKE, GAPS
 from dissect.engine.transactions.side import Side
 from dissect.engine.transactions.transaction import HOLE, Transaction
+from dissect.files.session import Run
 from dissect.meaning.report.item_json import item_json, octets_value, value_text, write_good_item
 from dissect.meaning.report.pdu_json import PduLines
 from dissect.meaning.report.writer import TransactionFeed
@@ -23,7 +24,6 @@ from dissect.protocols.s7.items import parse_item
 from dissect.protocols.s7.message import parse_pdu
 from dissect.protocols.s7.tables import SUCCESS
 from dissect.protocols.s7.values import Value, decode_value
-from dissect.session import Run
 from dissect.wire.text import Clock
 from tests.cases import each
 from tests.meaning.report.schemas import complaints

@@ -11,12 +11,12 @@ from dissect.engine.observer import Observer
 from dissect.engine.transactions.results import went_wrong
 from dissect.engine.transactions.side import Side
 from dissect.engine.transactions.transaction import Transaction
+from dissect.files.session import Run
 from dissect.meaning.report.words import Places, carried
 from dissect.meaning.report.writers.text import TextWriter, comment_line, pdu_line, tpdu_line, transaction_line
 from dissect.packets.source.packet import SourceFile
 from dissect.protocols.iso.cotp import parse_tpdu
 from dissect.protocols.s7.message import parse_pdu
-from dissect.session import Run
 from dissect.wire.text import Clock
 from tests.meaning.report.support import (
     OWN,

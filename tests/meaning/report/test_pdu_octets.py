@@ -5,10 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Final
 
+from dissect.files.session import Run
 from dissect.meaning.report.styled import Line
 from dissect.meaning.report.writer import PduFeed
 from dissect.meaning.report.writers.text import TextWriter
-from dissect.session import Run
 from tests.cases import each
 from tests.meaning.report.support import ROOT, begun
 from tests.properties.messages import Item, dt, read_answer, read_job, write_answer, write_job

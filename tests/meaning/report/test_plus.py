@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 from dissect.engine.observer import Observer
 from dissect.engine.transactions.connection import Connection
 from dissect.engine.transactions.side import Side
+from dissect.files.session import Run
 from dissect.meaning.report.analysis import Analysis
 from dissect.meaning.report.contract import analysis_as_dict
 from dissect.meaning.report.pdu_json import PduLines
@@ -27,7 +28,6 @@ from dissect.packets.tcp.connection import TcpConnection
 from dissect.packets.tcp.stream import Endpoint
 from dissect.protocols.s7plus.hiding import shown_contents
 from dissect.protocols.s7plus.message import parse_plus
-from dissect.session import Run
 from dissect.wire.text import Clock
 from tests.engine.transactions.talk import SECOND
 from tests.engine.transactions.talk import Talk as Conversation

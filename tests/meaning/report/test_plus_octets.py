@@ -13,6 +13,7 @@ from librt.strings import BytesWriter
 from dissect.engine.observer import Observer
 from dissect.engine.transactions.side import Side
 from dissect.engine.transactions.transaction import Transaction
+from dissect.files.session import Run
 from dissect.meaning.report.plus import as_text, head_json, malformed_note, plus_notes
 from dissect.meaning.report.plus_items import write_item
 from dissect.meaning.report.tree_fields import meaning
@@ -38,7 +39,6 @@ from dissect.protocols.s7plus.tables import (
 )
 from dissect.protocols.s7plus.value_tables import ADDRESS_ARRAY, REAL, UDINT, WSTRING
 from dissect.protocols.s7plus.values import Value, build_value
-from dissect.session import Run
 from dissect.wire.part import Part
 from tests.meaning.report.support import OWN, begun, observed
 from tests.properties.messages import dt

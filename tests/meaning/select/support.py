@@ -14,9 +14,9 @@ from dissect.engine.transactions.operation import Operation
 from dissect.engine.transactions.payloads import ScdMessage
 from dissect.engine.transactions.side import Side
 from dissect.engine.transactions.transaction import Transaction
+from dissect.files.session import Run
 from dissect.meaning.bindings import load_carrier
 from dissect.meaning.select.things import CONNECTION, FINDING, MESSAGE, OPERATION, TRANSACTION, Context, Found, Message
-from dissect.session import Run
 
 CAPTURES: Final = Path(__file__).resolve().parents[3] / "captures"
 ERRORS: Final = str(CAPTURES / "item-errors.pcapng")

@@ -12,13 +12,13 @@ from hypothesis import strategies as st
 import dissect
 from dissect.engine.observer import Observer
 from dissect.engine.pipeline import Options
+from dissect.files.session import Run
 from dissect.meaning.report.analysis import Analysis
 from dissect.meaning.select import SelectError, Where
 from dissect.meaning.select.packets import KINDS, PacketSelection
 from dissect.meaning.select.sieve import Numbers, Sieve
 from dissect.packets.source.files import open_capture
 from dissect.packets.source.packet import PacketSink
-from dissect.session import Run
 from tests.meaning.report.schemas import validator
 from tests.meaning.select.support import CAPTURES, ERRORS
 

@@ -10,11 +10,11 @@ from typing import Final
 import pytest
 
 import dissect
+from dissect.files.session import Run
 from dissect.meaning.tags import TagError, load_tags
 from dissect.meaning.tags.checks import overlaps
 from dissect.meaning.tags.coverage import Coverage
 from dissect.meaning.tags.loading import TagSet, read_tags
-from dissect.session import Run
 from tests.cases import each
 from tests.meaning.report.support import begun, read, saved
 from tests.meaning.tags.support import asc_line, sdf_line, workbook

@@ -14,18 +14,18 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from captures.craft import container
-from dissect.anonymize.account import Choices
 from dissect.engine.transactions.accounts import CATEGORIES
+from dissect.files.anonymize.account import Choices
 from dissect.meaning.select.places import Places, Stretch, packet_key
 from dissect.meaning.select.selection import Choice
 from dissect.packets.tcp import link
 from dissect.packets.tcp.ip import FragmentStore
 from dissect.packets.tcp.segment import Segment, find_segment
 from dissect.packets.tcp.tunnel import unwrapped
-from tests.anonymize.support import anonymized
-from tests.anonymize.support import told as told_of
 from tests.cases import each
 from tests.engine.test_pipeline import poll, ready
+from tests.files.anonymize.support import anonymized
+from tests.files.anonymize.support import told as told_of
 from tests.packets.tcp.craft import DST, SRC, TCP, UDP, authentication, v4, v6
 from tests.packets.tcp.test_segment import DATA, MORE, ethernet, tcp, udp
 from tests.properties.books import Result, check_books

@@ -13,6 +13,7 @@ from dissect.engine.observer import Observer
 from dissect.engine.pipeline import Options
 from dissect.engine.transactions.ending import RESET
 from dissect.engine.transactions.side import Side
+from dissect.files.session import Run
 from dissect.playback.server import Recording, Server
 from dissect.protocols.iso.cotp import Assembler, parse_tpdu
 from dissect.protocols.iso.tables import DT
@@ -20,7 +21,6 @@ from dissect.protocols.iso.tpkt import HEADER, Framer
 from dissect.protocols.s7.message import Pdu, parse_pdu
 from dissect.protocols.s7.parameters import RESPONSE
 from dissect.protocols.s7.tables import ACK, ACK_DATA, USERDATA
-from dissect.session import Run
 from dissect.testing.talk import Ask, Talk, done, items, read, refused, setup, szl, words, write
 from dissect.testing.talk import data as answered
 

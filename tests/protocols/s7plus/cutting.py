@@ -12,10 +12,10 @@ from dissect.engine.observer import Observer
 from dissect.engine.transactions.operation import Operation
 from dissect.engine.transactions.side import Side
 from dissect.engine.transactions.transaction import Transaction
+from dissect.files.session import Run
 from dissect.meaning.report.plus import plus_subject
 from dissect.protocols.s7plus.message import PlusPdu, parse_plus
 from dissect.protocols.s7plus.tables import KEEP_ALIVE, REQUEST, SET_VAR_SUBSTREAMED, SYSTEM_EVENT, V3
-from dissect.session import Run
 from tests import build
 from tests.engine.transactions.talk import ACK, CLIENT, FIN, MS, SERVER, Talk
 

@@ -9,11 +9,11 @@ import pytest
 
 from dissect.engine.observer import Observer
 from dissect.engine.transactions.side import Side
+from dissect.files.session import Run
 from dissect.protocols.s7plus.bodies import parse_contents
 from dissect.protocols.s7plus.contents import Contents
 from dissect.protocols.s7plus.message import PlusPdu, parse_plus
 from dissect.protocols.s7plus.tables import KEEP_ALIVE, REQUEST, RESPONSE
-from dissect.session import Run
 
 #: PDUs of each capture, and pairs of integrity ids in it.
 CAPTURES: Final = {

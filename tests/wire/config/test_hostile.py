@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from dissect.cli.main import EXIT_OK
-from dissect.index.store import Store
+from dissect.files.index.store import Store
 from dissect.protocols.tls import key_log
 from dissect.protocols.tls.key_log import KeyLog
 from dissect.wire.config.hostile import ContentError, check_code_page, read_json, read_toml
@@ -158,8 +158,8 @@ def test_an_index_is_written_in_batches(capfdbinary: Capture, tmp_path: Path, mo
         write(self, changes)
 
     monkeypatch.setattr(Store, "write", counted)
-    monkeypatch.setattr("dissect.index.update._LONGEST_S", 3600.0)
-    monkeypatch.setattr("dissect.index.update._TOGETHER", 12)
+    monkeypatch.setattr("dissect.files.index.update._LONGEST_S", 3600.0)
+    monkeypatch.setattr("dissect.files.index.update._TOGETHER", 12)
     ran = run(capfdbinary, "index", tmp_path)
     assert ran.code == EXIT_OK
     assert sizes == [12, 12, 6]
