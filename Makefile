@@ -36,19 +36,19 @@ ONCE := $(wildcard tests/packets/source/test_live_*.py tests/packets/source/test
 # collects every test there is. So these parts, about equally long, take a process each, and make keeps JOBS of them running.
 # Those that take longest begin; what none of the others names is in the rest.
 INSTALLED := browser program scd rest cli layers oracle captures
-installed-browser := tests/browser
+installed-browser := tests/output/browser
 installed-oracle := tests/oracle tests/golden tests/protocols/tls
 installed-cli := tests/cli
 installed-scd := tests/scd tests/properties tests/files/anonymize
 installed-captures := tests/captures tests/playback tests/packets/source
-installed-layers := tests/layers tests/page tests/promises tests/files/cluster tests/files/jobs
+installed-layers := tests/layers tests/output/page tests/promises tests/files/cluster tests/files/jobs
 installed-program := tests/benchmarks $(wildcard tests/test_*.py)
 installed-rest := tests $(foreach part,$(filter-out rest,$(INSTALLED)),$(installed-$(part):%=--ignore=%))
 
 # What nothing can trace, count or give other bounds when it is compiled.
 UNCOMPILED := tests/test_architecture.py tests/benchmarks/test_work.py tests/golden/test_reading.py tests/meaning/inventory/test_code.py \
-	tests/meaning/inventory/test_collector.py tests/files/jobs/test_inventories.py tests/page/test_gathered.py tests/page/test_samples.py \
-	tests/page/test_use.py tests/playback/server/test_recording.py tests/engine/program/test_carved.py tests/promises/test_growth.py
+	tests/meaning/inventory/test_collector.py tests/files/jobs/test_inventories.py tests/output/page/test_gathered.py tests/output/page/test_samples.py \
+	tests/output/page/test_use.py tests/playback/server/test_recording.py tests/engine/program/test_carved.py tests/promises/test_growth.py
 
 INTERPRETED := source rest
 interpreted-source := $(filter tests/packets/source tests/properties,$(ENGINE))
@@ -90,7 +90,7 @@ browser: environment
 
 # The page against the command line, byte for byte, on the captures of S7DISSECT_CORPUS.
 browser-sample: test-environment
-	PYTHONPATH=$(CURDIR) $(BIN)/python -m tests.browser.sample $${S7DISSECT_CORPUS:?names no folder of captures}
+	PYTHONPATH=$(CURDIR) $(BIN)/python -m tests.output.browser.sample $${S7DISSECT_CORPUS:?names no folder of captures}
 
 wheels:
 	scripts/wheels.sh

@@ -13,7 +13,7 @@ from statistics import median
 from benchmarks.measure import run
 
 _PROGRAMS = {
-    "start": "import dissect, sys; import dissect.export.frames, dissect.variables.reading",
+    "start": "import dissect, sys; import dissect.output.export.frames, dissect.output.variables.reading",
     "values": "import dissect, sys; [None for _ in dissect.values(sys.argv[1])]",
     "frames": "import dissect, sys; dissect.frames(sys.argv[1], library='arrow')",
 }

@@ -40,20 +40,19 @@ _PUBLIC: Final = {
     "TransactionItem": "dissect.engine.transactions.items",
     "TransactionError": "dissect.engine.transactions.results",
     "Where": "dissect.meaning.select.where",
-    "ValueRow": "dissect.variables.model",
+    "ValueRow": "dissect.output.variables.model",
     "analyze": "dissect.files.session",
-    "frames": "dissect.export.frames",
-    "blocks": "dissect.carve.reading",
+    "frames": "dissect.output.export.frames",
+    "blocks": "dissect.output.carve.reading",
     "devices": "dissect.files.session",
     "live": "dissect.live.iterating",
     "open": "dissect.files.session",
     "stream": "dissect.proxy.stream",
-    "value_tables": "dissect.variables.reading",
-    "values": "dissect.variables.reading",
+    "value_tables": "dissect.output.variables.reading",
+    "values": "dissect.output.variables.reading",
 }
 
 if TYPE_CHECKING:
-    from dissect.carve.reading import blocks as blocks
     from dissect.engine.acts.act import Act as Act
     from dissect.engine.findings.reporter import Finding as Finding
     from dissect.engine.observer import Observer as Observer
@@ -66,7 +65,6 @@ if TYPE_CHECKING:
     from dissect.engine.transactions.payloads import ScdMessage as ScdMessage
     from dissect.engine.transactions.results import TransactionError as TransactionError
     from dissect.engine.transactions.transaction import Transaction as Transaction
-    from dissect.export.frames import frames as frames
     from dissect.files.session import KeyLogError as KeyLogError
     from dissect.files.session import Run as Run
     from dissect.files.session import analyze as analyze
@@ -78,12 +76,14 @@ if TYPE_CHECKING:
     from dissect.meaning.select.errors import SelectError as SelectError
     from dissect.meaning.select.where import Where as Where
     from dissect.meaning.tags.loading import TagError as TagError
+    from dissect.output.carve.reading import blocks as blocks
+    from dissect.output.export.frames import frames as frames
+    from dissect.output.variables.model import ValueRow as ValueRow
+    from dissect.output.variables.reading import value_tables as value_tables
+    from dissect.output.variables.reading import values as values
     from dissect.protocols.s7.message import Pdu as Pdu
     from dissect.protocols.s7plus.message import PlusPdu as PlusPdu
     from dissect.proxy.stream import stream as stream
-    from dissect.variables.model import ValueRow as ValueRow
-    from dissect.variables.reading import value_tables as value_tables
-    from dissect.variables.reading import values as values
     from dissect.wire.errors import CaptureError as CaptureError
     from dissect.wire.errors import Error as Error
 else:

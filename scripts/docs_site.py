@@ -25,7 +25,7 @@ API = (
     ("Captures in Python", "dissect"),
     ("Tags", "dissect.meaning.tags"),
     ("Goldens and diffs", "dissect.golden"),
-    ("Baselines", "dissect.baseline"),
+    ("Baselines", "dissect.output.baseline"),
     ("Alerts", "dissect.alerts"),
     ("Live sessions", "dissect.live.session"),
     ("Recordings played as a server", "dissect.playback.server"),

@@ -60,9 +60,9 @@ def report(target: Path) -> None:
 def browser(target: Path) -> None:
     """The analyzer in one file, with a transaction taken apart; what it is made of is kept beside the environment."""
     from dissect import __version__
-    from dissect.browser.contents import Contents
-    from dissect.browser.page import made
-    from dissect.browser.parts import Parts
+    from dissect.output.browser.contents import Contents
+    from dissect.output.browser.page import made
+    from dissect.output.browser.parts import Parts
 
     parts = Parts(Path(sys.prefix, "browser"))
     parts.fetch()

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from dissect.export.questions import QUESTIONS
-from dissect.export.tables import BOOL, BYTES, INT, INTS, REAL, TABLES, TEXT, TIME, WORD, WORDS, Table
+from dissect.output.export.questions import QUESTIONS
+from dissect.output.export.tables import BOOL, BYTES, INT, INTS, REAL, TABLES, TEXT, TIME, WORD, WORDS, Table
 
 HEAD = """\
 # Tables
 
 What `s7dissect export` writes, `s7dissect sql` queries and `dissect.frames` returns ([export.md](export.md)): the same tables
 with the same columns in every form. This page is made by `scripts/tables_doc.py` from
-`dissect/export/tables.py` and `dissect/meaning/facts`; `from` is the fact or the attribute.
+`dissect/output/export/tables.py` and `dissect/meaning/facts`; `from` is the fact or the attribute.
 
 Tables join by `connection` and `transaction`, numbers that count within one run of the tool; `uid` and `community_id` of a
 connection are the same in every run. Packets (`frame` and what ends in `_frame`) are counted within their `file`. A cell

@@ -21,9 +21,9 @@ run("scripts/tables_doc.py", "docs/tables.md")
 run("scripts/select_doc.py")
 import dissect
 from dissect.meaning.facts.connection import CONNECTION
-from dissect.export.tables import CONNECTIONS
+from dissect.output.export.tables import CONNECTIONS
 from dissect.meaning.select import Where
-from tests.export.support import rows_of
+from tests.output.export.support import rows_of
 from tests.meaning.report.schemas import complaints, load
 told = dissect.analyze(sys.argv[1]).as_dict()
 assert complaints("analysis", told, exact=True) == []
@@ -44,7 +44,9 @@ def tree(tmp_path: Path) -> Tree:
 
 def test_to_add_a_field(tree: Tree) -> None:
     tree.replace("dissect/meaning/facts/connection.py", FIRST, ROW + FIRST)
-    tree.replace("dissect/export/tables.py", '"ended_role", "open_at_end",', '"ended_role", "payload", "open_at_end",')
+    tree.replace(
+        "dissect/output/export/tables.py", '"ended_role", "open_at_end",', '"ended_role", "payload", "open_at_end",'
+    )
     field = '    _fact("pdus", "pdus > 1000", (CONNECTION,)),\n'
     tree.replace("dissect/meaning/select/fields.py", field, field + '    _fact("payload", "payload > 3"),\n')
     faces = '_connection("open_requests", '

@@ -23,7 +23,7 @@ from tests.conftest import ROOT
 #: Dicts that hold so few that stepping over all of them costs nothing to speak of: at most 512 entries.
 SMALL: Final = frozenset(
     (
-        ("export/rotating.py", "_open"),  # one for each table
+        ("output/export/rotating.py", "_open"),  # one for each table
         ("engine/findings/explaining.py", "requests"),
         ("engine/findings/plus_rules.py", "_cpus"),
         ("engine/plus.py", "begun"),

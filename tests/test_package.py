@@ -145,9 +145,9 @@ def test_wheel_holds_the_package_and_nothing_else(wheel: Path) -> None:
     assert {name for name in names if name.endswith(".py")} == sources()
     assert "dissect/py.typed" in names
     schemas = {path.relative_to(ROOT).as_posix() for path in (ROOT / "dissect" / "meaning" / "schema").iterdir()}
-    assert {name for name in names if name.endswith(".json")} == schemas | {"dissect/browser/lock.json"}
-    assert {name for name in names if name.startswith("dissect/browser/")} == {
-        path.relative_to(ROOT).as_posix() for path in (ROOT / "dissect" / "browser").glob("*.*")
+    assert {name for name in names if name.endswith(".json")} == schemas | {"dissect/output/browser/lock.json"}
+    assert {name for name in names if name.startswith("dissect/output/browser/")} == {
+        path.relative_to(ROOT).as_posix() for path in (ROOT / "dissect" / "output" / "browser").glob("*.*")
     }
     pages = {f"dissect/help/{path.name}" for path in (ROOT / "docs").glob("*.md")}
     assert {name for name in names if name.endswith(".md")} == pages

@@ -17,7 +17,7 @@ from typing import Final
 import pytest
 
 from dissect.cli import help as manual
-from tests.page.browser import started
+from tests.output.page.browser import started
 
 ROOT: Final = Path(__file__).resolve().parent.parent
 DOCS: Final = ROOT / "docs"

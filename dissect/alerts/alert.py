@@ -6,8 +6,8 @@ import json
 from typing import Final
 
 from dissect.alerts.rules import Rule
-from dissect.baseline.subjects import Pair
 from dissect.meaning.report import words
+from dissect.output.baseline.subjects import Pair
 from dissect.wire.text import Clock, encodable, printable, shortened
 
 SCHEMA: Final = "s7dissect.alert/1"

@@ -13,9 +13,6 @@ from dissect.alerts.cooldown import Cooldown
 from dissect.alerts.loading import AlertRules, RuleError
 from dissect.alerts.rules import EVENTS, FINDING, NEW, PROBLEM, Rule
 from dissect.alerts.states import StateWatch, state_watch
-from dissect.baseline.norms import Baseline
-from dissect.baseline.subjects import Pair, Pairs, moment, pair_of
-from dissect.baseline.watch import BaselineWatch, Deviation
 from dissect.engine.acts.act import Act
 from dissect.engine.findings.catalogue import NOTE, WARNING
 from dissect.engine.findings.reporter import Finding
@@ -24,6 +21,9 @@ from dissect.engine.transactions.connection import Connection
 from dissect.engine.transactions.transaction import Transaction
 from dissect.meaning.report.contract import finding_as_dict
 from dissect.meaning.report.words import Places
+from dissect.output.baseline.norms import Baseline
+from dissect.output.baseline.subjects import Pair, Pairs, moment, pair_of
+from dissect.output.baseline.watch import BaselineWatch, Deviation
 
 #: Interval (capture time) of the checks of states; it grows with every this many connections and measures.
 LOOK_NS: Final = 200_000_000

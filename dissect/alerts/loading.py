@@ -28,9 +28,9 @@ from dissect.alerts.rules import (
     WHENS,
     Rule,
 )
-from dissect.baseline.watch import KINDS
 from dissect.engine.findings.catalogue import SEVERITIES
 from dissect.meaning.report.slugs import slugs_of
+from dissect.output.baseline.watch import KINDS
 from dissect.scd.errors import DictionaryError, shown
 from dissect.scd.reading import Table
 from dissect.scd.user_file import MAX_NAME, FileError, UserFile, names_of, network_of, read_file

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from ipaddress import IPv4Network, IPv6Network, ip_address
 from typing import Final
 
-from dissect.baseline.subjects import Pair
+from dissect.output.baseline.subjects import Pair
 
 Network = IPv4Network | IPv6Network
 

@@ -10,9 +10,6 @@ from typing import Final, Generic, TypeVar
 from dissect.alerts.alert import Alert
 from dissect.alerts.cooldown import Make
 from dissect.alerts.rules import LATENCY, OUTCOME, PER_ALL, PER_CONNECTION, RATE, Rule
-from dissect.baseline.measures import RateWindow, RecentAnswers
-from dissect.baseline.norms import Baseline, PairNorm
-from dissect.baseline.subjects import Pair, moment
 from dissect.engine.findings.catalogue import WARNING
 from dissect.engine.transactions.connection import Connection
 from dissect.engine.transactions.transaction import (
@@ -22,6 +19,9 @@ from dissect.engine.transactions.transaction import (
     Transaction,
 )
 from dissect.meaning.report import words
+from dissect.output.baseline.measures import RateWindow, RecentAnswers
+from dissect.output.baseline.norms import Baseline, PairNorm
+from dissect.output.baseline.subjects import Pair, moment
 from dissect.packets.tcp.stream import address_text
 
 #: Greatest number of pairs or connections that one rule measures; a new one replaces the one that was silent for longest.

@@ -29,8 +29,8 @@ from dissect.wire.text import printable
 
 if TYPE_CHECKING:
     from dissect.alerts import Alert, AlertRules
-    from dissect.baseline import Baseline
     from dissect.engine.observer import Observer
+    from dissect.output.baseline import Baseline
     from dissect.wire.text import Clock
 
 _EXIT_CODES = (
@@ -129,7 +129,7 @@ class _Run(Run):
 
 
 def _learn(reading: Reading, output: str | None, update: str | None) -> int:
-    from dissect.baseline import Learner, baseline_toml, merged
+    from dissect.output.baseline import Learner, baseline_toml, merged
 
     old = _baseline(update) if update is not None else None
     if (
@@ -228,7 +228,7 @@ def _usual_rules(rate_factor: float, silence_factor: float) -> AlertRules:
     from dissect.alerts import AlertRules, Rule
     from dissect.alerts.rules import NEW, RATE, SILENCE
     from dissect.alerts.states import TRANSACTIONS
-    from dissect.baseline.watch import KINDS
+    from dissect.output.baseline.watch import KINDS
 
     rules = [Rule("new", NEW, kinds=frozenset(KINDS), once=True)]
     if rate_factor:
@@ -242,7 +242,7 @@ def _usual_rules(rate_factor: float, silence_factor: float) -> AlertRules:
 
 
 def _baseline(path: str) -> Baseline:
-    from dissect.baseline import BaselineError, load_baseline
+    from dissect.output.baseline import BaselineError, load_baseline
 
     try:
         return load_baseline(path)

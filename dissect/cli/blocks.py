@@ -20,12 +20,12 @@ from dissect.packets.source.remote import shown
 from dissect.wire.text import count, printable
 
 if TYPE_CHECKING:
-    from dissect.carve.listing import BlockList
     from dissect.cli.options.select import Chosen
     from dissect.engine.program.carved import CarvedBlock
     from dissect.engine.transactions.naming import Naming
     from dissect.meaning.report.outcome import Outcome
     from dissect.meaning.report.words import Places
+    from dissect.output.carve.listing import BlockList
 
 _EXIT_CODES = (
     "Exit code: 0 success, with --diff no differences, 1 --diff found differences, 2 wrong use or an unreadable file (with "
@@ -107,7 +107,7 @@ def command(
     if output is not None:
         _check_folder(output, (), force)
     blocks, lost, places = _read(reading, reading.files)
-    from dissect.carve.listing import BlockList
+    from dissect.output.carve.listing import BlockList
 
     told = BlockList(blocks, lost, places, clock())
     if output is not None and blocks:  # an empty folder of ours would be in the way of the next run
@@ -122,7 +122,7 @@ def _shown(told: BlockList, language: str | None, references: bool, naming: Nami
     """Return the blocks in the requested form."""
     if language is None and not references:
         return told
-    from dissect.carve.code import CodeListing, References
+    from dissect.output.carve.code import CodeListing, References
 
     if references:
         return References(told.blocks)
@@ -131,9 +131,9 @@ def _shown(told: BlockList, language: str | None, references: bool, naming: Nami
 
 def _read(reading: Reading, files: tuple[str, ...]) -> tuple[Sequence[CarvedBlock], int, Places]:
     """Return the blocks of files, how many were too many to keep, and what names packets."""
-    from dissect.carve.folder import FolderError, read_block, read_folder
-    from dissect.carve.reading import Collector
     from dissect.meaning.report.words import Places
+    from dissect.output.carve.folder import FolderError, read_block, read_folder
+    from dissect.output.carve.reading import Collector
 
     try:
         if len(files) == 1 and Path(files[0]).is_dir():
@@ -169,7 +169,7 @@ def _refuse_selection(path: str, chosen: Chosen) -> None:
 
 def _check_folder(output: str, names: Sequence[str], force: bool) -> None:
     """Refuse an invalid folder, or one with files that would be overwritten."""
-    from dissect.carve.folder import occupied
+    from dissect.output.carve.folder import occupied
 
     home = Path(output)
     if home.exists() and not home.is_dir():
@@ -181,8 +181,8 @@ def _check_folder(output: str, names: Sequence[str], force: bool) -> None:
 
 
 def _write(output: str, told: BlockList, force: bool) -> None:
-    from dissect.carve.folder import Plan, write_folder
     from dissect.meaning.report.plus_blobs import dictionaries
+    from dissect.output.carve.folder import Plan, write_folder
 
     plan = Plan(told.blocks, dictionaries())
     _check_folder(output, list(plan.files), force)
@@ -208,9 +208,9 @@ def _alike(first: Sequence[CarvedBlock], second: Sequence[CarvedBlock], alone: b
 
 
 def _compare(reading: Reading, format_: Format, language: str) -> int:
-    from dissect.carve.code import details_of
-    from dissect.carve.listing import BlockChanges
     from dissect.engine.program.compare import compare, over_time
+    from dissect.output.carve.code import details_of
+    from dissect.output.carve.listing import BlockChanges
 
     files = reading.files
     if len(files) > 2:

@@ -42,9 +42,9 @@ def command(output: str | None, verified: str | None, folder: Path | None, force
     file is what it should be.
     """
     from dissect import __version__
-    from dissect.browser.contents import Contents
-    from dissect.browser.page import TooLargeError, made
-    from dissect.browser.parts import Parts, PartsError
+    from dissect.output.browser.contents import Contents
+    from dissect.output.browser.page import TooLargeError, made
+    from dissect.output.browser.parts import Parts, PartsError
 
     if (output is None) == (verified is None):
         raise click.UsageError("give either -o OUT or --verify FILE.")

@@ -23,7 +23,7 @@ from dissect.wire.config.saving import Saving, SavingFolder, expect_place, is_sp
 from dissect.wire.text import encodable, printable
 
 if TYPE_CHECKING:
-    from dissect.export.forms import Target
+    from dissect.output.export.forms import Target
 
 #: The file that marks a folder as our export, which --force may replace.
 MARK = "s7dissect.json"
@@ -35,7 +35,7 @@ _EXIT_CODES = (
 
 
 def _tables() -> dict[str, str]:
-    from dissect.export.tables import TABLES
+    from dissect.output.export.tables import TABLES
 
     return {name: table.about for name, table in TABLES.items()}
 
@@ -80,9 +80,9 @@ def command(reading: Reading, output: str, only: tuple[str, ...], zeek_compat: s
     """
     from dissect.cli.remote_export import refuse_place, saved_remotely
     from dissect.cli.separate_export import export_task, refuse_form
-    from dissect.export.extras import MissingLibraryError
-    from dissect.export.forms import UnknownFormError, target_of
-    from dissect.export.tables import UnknownTableError
+    from dissect.output.export.extras import MissingLibraryError
+    from dissect.output.export.forms import UnknownFormError, target_of
+    from dissect.output.export.tables import UnknownTableError
 
     reading.check()
     try:
@@ -125,8 +125,8 @@ def _exported(
     """Write an export to ``place``; return the rows by table, and how many findings there were if captures are read as one."""
     from dissect.cli.remote_export import export_separately_remotely, remote_export
     from dissect.cli.separate_export import export_separately
-    from dissect.export.forms import Request
     from dissect.meaning.report.happened import findings_in
+    from dissect.output.export.forms import Request
 
     remote = is_remote(target.path)
     if reading.separate and (remote or len(reading.files) > 1):

@@ -49,9 +49,9 @@ if TYPE_CHECKING:
     from dissect.live.run import Companion
     from dissect.live.session import Session, Status
     from dissect.net.addresses import Address
+    from dissect.output.variables.wanted import WantedSet
     from dissect.packets.source.packet import Reader
     from dissect.protocols.tls.key_log import KeyLog
-    from dissect.variables.wanted import WantedSet
 
 _EXIT_CODES: Final = (
     "Exit code: 0 the source or --duration ended, 1 a finding that --fail-on names, 2 wrong use or a source that cannot be "

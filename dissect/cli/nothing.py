@@ -64,7 +64,7 @@ def _unknown(run: Run, chosen: Chosen) -> list[str]:
     if chosen.where is None or not chosen.where.variables:
         return []
     from dissect.meaning.select.literals import place_of
-    from dissect.variables.choosing import Known, WantedError, one_of, scd_names
+    from dissect.output.variables.choosing import Known, WantedError, one_of, scd_names
 
     exchange = run.pipeline.exchange
     known = Known(exchange.naming, scd_names(exchange.decoder), files=False)

@@ -12,12 +12,12 @@ from typing import TYPE_CHECKING
 import click
 
 from dissect import __version__
-from dissect.export.extras import needed
-from dissect.export.forms import Export, Request, TableExport, Target
-from dissect.export.parquet import ParquetSink, metadata_of
-from dissect.export.remote import UNFINISHED, RemoteFolder
-from dissect.export.tables import chosen_tables
 from dissect.files.jobs.tasks import Done, FileError
+from dissect.output.export.extras import needed
+from dissect.output.export.forms import Export, Request, TableExport, Target
+from dissect.output.export.parquet import ParquetSink, metadata_of
+from dissect.output.export.remote import UNFINISHED, RemoteFolder
+from dissect.output.export.tables import chosen_tables
 from dissect.packets.source.remote import shown
 from dissect.wire.text import encodable, printable
 

@@ -24,8 +24,8 @@ from dissect.wire.text import printable
 if TYPE_CHECKING:
     from dissect.engine.observer import Observer
     from dissect.files.session import Run
-    from dissect.page.rendering import Side
-    from dissect.variables.wanted import WantedSet
+    from dissect.output.page.rendering import Side
+    from dissect.output.variables.wanted import WantedSet
 
 #: Options that say how captures are read, and their parameters.
 _READING: Final = {
@@ -45,7 +45,7 @@ _EXIT_CODES: Final = (
 
 def needs_template_engine() -> None:
     """Refuse, with what to do, where the extra for reports is not installed."""
-    from dissect.page import rendering
+    from dissect.output.page import rendering
 
     if not rendering.is_installed():
         raise click.ClickException(rendering.NEEDS)
@@ -99,7 +99,7 @@ def command(
     from dissect.golden.comparison import differences
     from dissect.golden.difference import DiffOptions
     from dissect.golden.reading import SessionReader
-    from dissect.page.rendering import MAX_DIFFERENCES, render
+    from dissect.output.page.rendering import MAX_DIFFERENCES, render
 
     needs_template_engine()
     files = reading.files
@@ -134,9 +134,9 @@ def _read(
 ) -> tuple[Side, int]:
     """Read captures for a report and one more observer; return the contents and the exit code so far."""
     from dissect.live.run import Fanout
-    from dissect.page.gathered import Gathered, span_of
-    from dissect.page.rendering import Side
-    from dissect.page.rows import Rows
+    from dissect.output.page.gathered import Gathered, span_of
+    from dissect.output.page.rendering import Side
+    from dissect.output.page.rows import Rows
 
     names = ["stdin" if file == "-" else shown(file) for file in files]
     rows = Rows(names, clock(), hosts(), _reading(), full_paths)

@@ -25,7 +25,7 @@ _ROOMS: Final = (
     "engine.findings",
     "meaning.report",
     "meaning.select",
-    "export",
+    "output.export",
     "live",
     "files.recording",
 )

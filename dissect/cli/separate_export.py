@@ -23,15 +23,15 @@ from dissect import __version__
 from dissect.cli.options.jobs import cluster_meant
 from dissect.cli.remote_export import close_wanted, task_sink
 from dissect.cli.separate import about, read_file
-from dissect.export.extras import MissingLibraryError
-from dissect.export.feed import Sink
-from dissect.export.forms import Request, TableExport, Target
-from dissect.export.parquet import ParquetSink, metadata_of
-from dissect.export.remote import RemoteFolder
-from dissect.export.tables import TABLES, Table, chosen_tables
 from dissect.files.jobs.numbers import Offsets, count_from
 from dissect.files.jobs.spool import ROWS_FOLDER, Spool, Spooled, opened
 from dissect.files.jobs.tasks import About, Done, FileError
+from dissect.output.export.extras import MissingLibraryError
+from dissect.output.export.feed import Sink
+from dissect.output.export.forms import Request, TableExport, Target
+from dissect.output.export.parquet import ParquetSink, metadata_of
+from dissect.output.export.remote import RemoteFolder
+from dissect.output.export.tables import TABLES, Table, chosen_tables
 from dissect.packets.source.remote import is_remote, shown
 from dissect.wire.config.saving import PART
 from dissect.wire.text import encodable
@@ -39,7 +39,7 @@ from dissect.wire.text import encodable
 if TYPE_CHECKING:
     from dissect.cli.reading import Reading
     from dissect.cli.task import Task
-    from dissect.export.transaction_rows import Row
+    from dissect.output.export.transaction_rows import Row
 
 #: Numbers that one capture has for its connections, transactions, operations, acts, findings and PDUs.
 NUMBERS: Final = 10**9

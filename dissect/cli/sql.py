@@ -16,7 +16,7 @@ from dissect.cli.run import files_if_any, write
 from dissect.meaning.report.formats import ROWS, Format
 
 if TYPE_CHECKING:
-    from dissect.export.sql import Query
+    from dissect.output.export.sql import Query
 
 _EXIT_CODES = (
     "Exit code: 0 success, 2 wrong use, a wrong query, a missing library or an unreadable file, 3 a damaged or truncated file "
@@ -25,7 +25,7 @@ _EXIT_CODES = (
 
 
 def _names() -> dict[str, str]:
-    from dissect.export.questions import QUESTIONS
+    from dissect.output.export.questions import QUESTIONS
 
     return {name: question.sentence for name, question in QUESTIONS.items()}
 
@@ -52,10 +52,10 @@ def command(reading: Reading, query: str | None, format_: Format, questions: boo
         return EXIT_OK
     if query is None or not reading.files:
         raise click.UsageError(f"Missing argument '{'QUERY' if query is None else 'FILE...'}'.")
-    from dissect.export.extras import MissingLibraryError
-    from dissect.export.feed import TableFeed
-    from dissect.export.result_lines import QueryOutcome
-    from dissect.export.sql import MemorySink, SqlError
+    from dissect.output.export.extras import MissingLibraryError
+    from dissect.output.export.feed import TableFeed
+    from dissect.output.export.result_lines import QueryOutcome
+    from dissect.output.export.sql import MemorySink, SqlError
 
     try:
         asked, none = _query(query, allow_files)
@@ -74,8 +74,8 @@ def command(reading: Reading, query: str | None, format_: Format, questions: boo
 
 def _query(text: str, allow_files: bool) -> tuple[Query, str]:
     """Return the query, or the question of that name, and the message for no rows."""
-    from dissect.export.questions import QUESTIONS, named
-    from dissect.export.sql import Query
+    from dissect.output.export.questions import QUESTIONS, named
+    from dissect.output.export.sql import Query
     from dissect.wire.config.hints import close_names
 
     try:
@@ -93,7 +93,7 @@ def _query(text: str, allow_files: bool) -> tuple[Query, str]:
 
 
 def _questions() -> list[str]:
-    from dissect.export.questions import QUESTIONS
+    from dissect.output.export.questions import QUESTIONS
 
     lines: list[str] = []
     for question in QUESTIONS.values():

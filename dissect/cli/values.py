@@ -19,16 +19,16 @@ from dissect.cli.rows import Left, Rows
 from dissect.cli.run import EXIT_CODES, files_meant
 from dissect.meaning.report.certainty import values_left_out
 from dissect.meaning.report.formats import VALUES, Format
-from dissect.variables.collector import Collector
-from dissect.variables.summary import Summary, limits_text
+from dissect.output.variables.collector import Collector
+from dissect.output.variables.summary import Summary, limits_text
 from dissect.wire.text import printable, some
 
 if TYPE_CHECKING:
     from dissect.files.session import Run
     from dissect.meaning.report.styled import Written
     from dissect.meaning.report.words import Places
-    from dissect.variables.wanted import WantedSet
-    from dissect.variables.writers import ValueWriter
+    from dissect.output.variables.wanted import WantedSet
+    from dissect.output.variables.writers import ValueWriter
 
 #: Suffixes of captures: a name with one that does not exist is a missing file, not an address.
 _CAPTURES: Final = (".pcap", ".pcapng", ".cap", ".gz", ".zst", ".dmp")

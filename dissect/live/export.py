@@ -16,11 +16,11 @@ from dissect.engine.transactions.operation import Operation
 from dissect.engine.transactions.payloads import ScdMessage
 from dissect.engine.transactions.side import Side
 from dissect.engine.transactions.transaction import Transaction
-from dissect.export.feed import TableFeed
-from dissect.export.parquet import metadata_of
-from dissect.export.rotating import RotatingSink
-from dissect.export.tables import TABLES
 from dissect.live.writing import WritingCompanion
+from dissect.output.export.feed import TableFeed
+from dissect.output.export.parquet import metadata_of
+from dissect.output.export.rotating import RotatingSink
+from dissect.output.export.tables import TABLES
 from dissect.packets.source.live.privileges import is_root
 from dissect.packets.source.live.reader import Drops
 from dissect.packets.source.packet import SourceFile

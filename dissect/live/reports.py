@@ -17,10 +17,10 @@ from dissect.engine.transactions.operation import Operation
 from dissect.engine.transactions.transaction import Transaction
 from dissect.live.writing import WritingCompanion
 from dissect.meaning.report.analysis import Part
+from dissect.output.page.gathered import Gathered, span_of
+from dissect.output.page.rendering import Side, prepare, render
+from dissect.output.page.rows import Rows, time_of
 from dissect.packets.source.live.reader import Drops
-from dissect.page.gathered import Gathered, span_of
-from dissect.page.rendering import Side, prepare, render
-from dissect.page.rows import Rows, time_of
 from dissect.wire.config.saving import save
 from dissect.wire.text import Clock
 

@@ -37,8 +37,8 @@ from dissect.monitor.model import Model
 from dissect.monitor.panes import ConnectionsPane, EntriesPane, FindingsPane, Pane, ValuesPane
 from dissect.monitor.rows import PLACES, entry_line
 from dissect.monitor.screens import HELP, Bar, PageScreen, ValuesScreen
-from dissect.variables.wanted import WantedSet
-from dissect.variables.writers import value_line
+from dissect.output.variables.wanted import WantedSet
+from dissect.output.variables.writers import value_line
 from dissect.wire.text import Clock, printable, shortened
 
 #: This many file names are tried before saving fails.

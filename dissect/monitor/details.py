@@ -23,9 +23,9 @@ from dissect.monitor.entries import Entry
 from dissect.monitor.lists import ConnectionFacts, FindingFacts
 from dissect.monitor.rows import PLACES, entry_line
 from dissect.monitor.watched import WatchedFacts
+from dissect.output.variables.writers import place_text, shown, value_line
 from dissect.protocols.ibh.tables import IBH_NETLINK
 from dissect.protocols.s7plus.hiding import shown_answer
-from dissect.variables.writers import place_text, shown, value_line
 from dissect.wire.text import Clock, printable, shortened
 
 #: At most this many lines of details are shown.

@@ -15,7 +15,7 @@ from dissect.monitor.entries import Entry, Ring, What, detached
 from dissect.monitor.filter import Wanted, is_slow
 from dissect.monitor.lists import ConnectionFacts, ConnectionList, FindingFacts, FindingList
 from dissect.monitor.watched import Watched
-from dissect.variables.wanted import WantedSet
+from dissect.output.variables.wanted import WantedSet
 
 #: Greatest number of entries in each list, and of the octets of their PDUs.
 MAX_ENTRIES: Final = 1000

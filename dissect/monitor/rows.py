@@ -24,8 +24,8 @@ from dissect.monitor.entries import Entry
 from dissect.monitor.lists import ConnectionFacts, FindingFacts
 from dissect.monitor.rate_history import SECONDS, level
 from dissect.monitor.watched import WatchedFacts
-from dissect.variables.summary import sparkline
-from dissect.variables.writers import place_text, shown
+from dissect.output.variables.summary import sparkline
+from dissect.output.variables.writers import place_text, shown
 from dissect.wire.text import Clock, printable, shortened
 
 #: From this width on, rows show more.

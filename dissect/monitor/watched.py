@@ -9,9 +9,9 @@ from typing import Final
 
 from dissect.engine.transactions.connection import Connection
 from dissect.engine.transactions.transaction import Transaction
-from dissect.variables.collector import Collector
-from dissect.variables.model import ValueRow, Variable
-from dissect.variables.wanted import WantedSet
+from dissect.output.variables.collector import Collector
+from dissect.output.variables.model import ValueRow, Variable
+from dissect.output.variables.wanted import WantedSet
 
 #: Greatest number of watched variables; values of others are only counted.
 MAX_WATCHED: Final = 500

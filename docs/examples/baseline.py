@@ -1,7 +1,7 @@
 """Learn what is normal from one capture, and list what is new in another."""
 
 import dissect
-from dissect.baseline import Comparison, Learner
+from dissect.output.baseline import Comparison, Learner
 
 learner = Learner()
 dissect.Run("captures/nodes7-poll.pcapng", learner).read()

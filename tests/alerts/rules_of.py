@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dissect.alerts import Alert, AlertEngine, Rule
 from dissect.alerts.loading import parse_rules
-from dissect.baseline import Baseline
-from tests.baseline.wire import Wire, at_ns
+from dissect.output.baseline import Baseline
+from tests.output.baseline.wire import Wire, at_ns
 
 
 class Kept(AlertEngine):

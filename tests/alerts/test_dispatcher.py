@@ -16,7 +16,7 @@ from dissect.alerts.loading import parse_rules
 from dissect.alerts.spool import Spool
 from dissect.wire.config.saving import save
 from tests.alerts.rules_of import alert
-from tests.baseline.wire import Client, Wire
+from tests.output.baseline.wire import Client, Wire
 
 WAIT = 20.0
 

@@ -7,9 +7,9 @@ import json
 import pytest
 
 from dissect.alerts import RuleError
-from dissect.baseline import Baseline, PairNorm
+from dissect.output.baseline import Baseline, PairNorm
 from tests.alerts.rules_of import Kept
-from tests.baseline.wire import Client, at_ns
+from tests.output.baseline.wire import Client, at_ns
 from tests.properties.messages import Item, connect
 from tests.properties.packets import Flow, Talk
 

@@ -15,7 +15,7 @@ import pytest
 
 from dissect.alerts import Alert, AlertEngine, Dispatcher
 from dissect.alerts.loading import parse_rules
-from tests.baseline.wire import Client, Wire, learned
+from tests.output.baseline.wire import Client, Wire, learned
 from tests.properties import messages
 from tests.properties.messages import Item, dt
 

@@ -10,10 +10,10 @@ from jsonschema import Draft202012Validator
 from referencing import Registry, Resource
 
 from dissect.alerts.rules import WHENS
-from dissect.baseline import Baseline
+from dissect.output.baseline import Baseline
 from tests.alerts.rules_of import Kept
-from tests.baseline.wire import Client
 from tests.meaning.report.schemas import load, strict
+from tests.output.baseline.wire import Client
 
 RULES = {
     "finding": 'finding = "note"',

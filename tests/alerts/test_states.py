@@ -5,11 +5,11 @@ from __future__ import annotations
 import pytest
 
 from dissect.alerts import states
-from dissect.baseline import Learner
 from dissect.engine.transactions.results import GAPS
+from dissect.output.baseline import Learner
 from tests.alerts.rules_of import Kept
-from tests.baseline.wire import Client
 from tests.engine.transactions.talk import SECOND, Talk, dbw, read, words
+from tests.output.baseline.wire import Client
 
 RULES = (
     'when = "rate"\nabove = 100',

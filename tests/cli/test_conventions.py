@@ -121,7 +121,7 @@ def calls(text: str) -> list[list[str]]:
 #: What they import is imported once.
 RUNNER: Final = """
 import json, os, sys, tempfile
-import dissect.alerts, dissect.files.anonymize.rewriter, dissect.files.anonymize.survey, dissect.baseline,
+import dissect.alerts, dissect.files.anonymize.rewriter, dissect.files.anonymize.survey, dissect.output.baseline,
 dissect.golden.reading
 import dissect.live.lines, dissect.live.session, dissect.files.recording.cutter, dissect.playback.client,
 dissect.meaning.report.tree

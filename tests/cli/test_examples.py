@@ -28,7 +28,8 @@ from tests.meaning.report.schemas import ROOT
 from tests.meaning.tags.support import example_files
 
 CAPTURE: Final = ROOT / "captures" / "transfer.pcapng"
-#: Their examples need a cluster, or packages of npm and PyPI: tests/files/cluster/test_cluster.py and tests/browser have them.
+#: Their examples need a cluster, or packages of npm and PyPI: tests/files/cluster/test_cluster.py and tests/output/browser have
+#: them.
 WITH_MORE: Final = ("cluster-check", "browser")
 ALL: Final = [(command, line) for command, lines in EXAMPLES.items() if command not in WITH_MORE for line in lines]
 #: Examples that may end with 1: what they are for is a finding, a difference or something new.

@@ -14,11 +14,11 @@ from typing import Any
 
 import pytest
 
-from dissect.page import rendering
+from dissect.output.page import rendering
 from tests.cli.support import WITHOUT_CACHE, run, simple
 from tests.meaning.report.schemas import ROOT
 from tests.meaning.report.support import saved
-from tests.page.support import command_of, data_of, session_of
+from tests.output.page.support import command_of, data_of, session_of
 
 Capture = pytest.CaptureFixture[bytes]
 OWN = ROOT / "captures"

@@ -18,8 +18,8 @@ import pytest
 
 from dissect.cli import separate, task
 from dissect.cli.separate_export import NUMBERS
-from dissect.export.extras import MissingLibraryError
 from dissect.files.jobs.tasks import FileError
+from dissect.output.export.extras import MissingLibraryError
 from tests.cases import each
 from tests.cli.support import run
 from tests.cli.test_separate import CAPTURES, CUT, FILES, SZL, Dying

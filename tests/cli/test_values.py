@@ -14,15 +14,15 @@ from typing import Any
 
 import pytest
 
-from dissect.variables.collector import Collector
-from dissect.variables.statistics import MAX_DISTINCT, POINTS, Pace, Statistics
-from dissect.variables.summary import Summary, limits_text, sparkline
+from dissect.output.variables.collector import Collector
+from dissect.output.variables.statistics import MAX_DISTINCT, POINTS, Pace, Statistics
+from dissect.output.variables.summary import Summary, limits_text, sparkline
 from tests.cases import each
 from tests.cli.support import on_terminal, run
 from tests.cli.test_outputs import lines_of
 from tests.meaning.report.support import ROOT, begun, saved
 from tests.meaning.tags.support import tank_file
-from tests.variables.support import BIT, BYTE, INT, REAL, WORD, collected, db, reads, real, writes
+from tests.output.variables.support import BIT, BYTE, INT, REAL, WORD, collected, db, reads, real, writes
 
 Capture = pytest.CaptureFixture[bytes]
 

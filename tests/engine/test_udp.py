@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from dissect.engine.exchange import PayloadDecoder
 from dissect.engine.transactions.side import Side
 from dissect.engine.transactions.table import MAX_CONNECTIONS, ConnectionTable
-from dissect.page.rows import Rows
+from dissect.output.page.rows import Rows
 from dissect.wire.text import Clock
 from tests.engine.transactions.talk import CLIENT, MS, SERVER, Talk
 from tests.meaning.bindings import plant

@@ -9,13 +9,13 @@ from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
-from dissect.export.arrow_files import ArrowSink
-from dissect.export.csv_files import CsvSink
-from dissect.export.duckdb_file import DuckdbSink
-from dissect.export.extras import MissingLibraryError
-from dissect.export.parquet import ParquetSink
-from dissect.export.sqlite import SqliteSink
-from dissect.export.tables import TABLES
+from dissect.output.export.arrow_files import ArrowSink
+from dissect.output.export.csv_files import CsvSink
+from dissect.output.export.duckdb_file import DuckdbSink
+from dissect.output.export.extras import MissingLibraryError
+from dissect.output.export.parquet import ParquetSink
+from dissect.output.export.sqlite import SqliteSink
+from dissect.output.export.tables import TABLES
 from tests.faces.comparing import Compared, Difference, compare
 from tests.faces.coverage import Coverage, Place
 from tests.faces.known import ALONE, SUMS, VIEWS

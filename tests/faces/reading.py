@@ -19,10 +19,6 @@ from dissect.engine.observer import Observer
 from dissect.engine.pipeline import Options
 from dissect.engine.transactions.connection import Connection
 from dissect.engine.transactions.transaction import OUTCOMES
-from dissect.export.feed import Sink, TableFeed
-from dissect.export.forms import FORMS, Export, Request
-from dissect.export.tables import TABLES, Table
-from dissect.export.transaction_rows import Row
 from dissect.files.session import Run
 from dissect.golden.model import GoldenError
 from dissect.golden.reading import read_session
@@ -46,8 +42,12 @@ from dissect.meaning.select.fields import FIELDS
 from dissect.meaning.select.things import CONNECTION, FINDING, MESSAGE, OPERATION, TRANSACTION, Context, Found
 from dissect.monitor import rows
 from dissect.monitor.model import Model
-from dissect.variables.collector import Collector
-from dissect.variables.writers import ValueWriter
+from dissect.output.export.feed import Sink, TableFeed
+from dissect.output.export.forms import FORMS, Export, Request
+from dissect.output.export.tables import TABLES, Table
+from dissect.output.export.transaction_rows import Row
+from dissect.output.variables.collector import Collector
+from dissect.output.variables.writers import ValueWriter
 
 CAPTURES: Final = Path(__file__).resolve().parents[2] / "captures"
 #: Forms of exports whose files are read again for each capture; those of the tables are tried with all rows at once.

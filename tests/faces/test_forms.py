@@ -17,8 +17,8 @@ from typing import Any, Final
 import pytest
 
 import dissect
-from dissect.export.sql import MemorySink, Query
-from dissect.export.tables import BOOL, BYTES, INT, INTS, REAL, TABLES, WORDS, Column, Table
+from dissect.output.export.sql import MemorySink, Query
+from dissect.output.export.tables import BOOL, BYTES, INT, INTS, REAL, TABLES, WORDS, Column, Table
 from tests.cli.support import run
 from tests.faces.gathering import Gathered
 from tests.faces.reading import CAPTURES

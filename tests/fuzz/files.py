@@ -17,9 +17,6 @@ from typing import Final
 
 from dissect.alerts.alert import Alert
 from dissect.alerts.engine import AlertEngine
-from dissect.baseline.learn import Learner
-from dissect.baseline.loading import parse_baseline
-from dissect.baseline.writing import baseline_toml
 from dissect.cli.baseline import _usual_rules
 from dissect.engine.observer import Observer
 from dissect.engine.pipeline import Options, Pipeline
@@ -46,6 +43,9 @@ from dissect.meaning.report.writers.jsonl import JsonlWriter, TransactionLines
 from dissect.meaning.report.writers.text import TextWriter
 from dissect.meaning.select.selection import Selection, Wanted
 from dissect.metrics.counters import Metrics
+from dissect.output.baseline.learn import Learner
+from dissect.output.baseline.loading import parse_baseline
+from dissect.output.baseline.writing import baseline_toml
 from dissect.packets.source.files import find_reader
 from dissect.packets.source.packet import CaptureError, SourceFile
 from dissect.packets.source.pcapng_writer import PcapngWriter

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from dissect.baseline.loading import parse_baseline
 from dissect.golden.parsing import parse_golden
+from dissect.output.baseline.loading import parse_baseline
 from dissect.playback.server.recording import recording_of
 from dissect.playback.server.session import ClientSession, Deed
 from dissect.protocols.s7.message import parse_pdu

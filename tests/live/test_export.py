@@ -15,9 +15,9 @@ import pytest
 import dissect
 from dissect import analyze
 from dissect.engine.observer import Observer
-from dissect.export.tables import TABLES
 from dissect.live.export import ExportCompanion
 from dissect.live.run import LiveRun
+from dissect.output.export.tables import TABLES
 from dissect.packets.source.files import open_capture
 from dissect.packets.source.live.reader import Drops
 from tests.cli.support import run

@@ -232,8 +232,8 @@ print(json.dumps([numbers(), companion.lost, len(problems.take())]))
 def test_tables_go_on_and_their_lost_rows_are_counted(tmp_path: Path) -> None:
     script = """
 import tempfile
-from dissect.export.rotating import RotatingSink
-from dissect.export.tables import TABLES
+from dissect.output.export.rotating import RotatingSink
+from dissect.output.export.tables import TABLES
 tempfile.tempdir = "/tmp"
 table = TABLES["findings"]
 sink = RotatingSink(FOLDER, [table], {})

@@ -9,7 +9,7 @@ import pytest
 
 from tests.cli.support import run, simple
 from tests.meaning.report.support import WORD, begun, read, saved
-from tests.page.support import session_of
+from tests.output.page.support import session_of
 from tests.properties.packets import EPOCH_NS
 
 Capture = pytest.CaptureFixture[bytes]

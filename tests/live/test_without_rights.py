@@ -10,7 +10,7 @@ from typing import Final
 from dissect import analyze
 from tests.live.test_export import counted
 from tests.meaning.report.schemas import ROOT
-from tests.page.support import session_of
+from tests.output.page.support import session_of
 
 TRANSFER: Final = ROOT / "captures" / "transfer.pcapng"
 #: Opens a report and an export, then makes every file of Python unreadable to itself, as one below /root is to nobody.

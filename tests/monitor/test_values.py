@@ -20,14 +20,14 @@ from dissect.monitor.details import watched_details
 from dissect.monitor.rows import watched_heads
 from dissect.monitor.screens import ValuesScreen
 from dissect.monitor.watched import LATEST, SECONDS, Watched
+from dissect.output.variables.choosing import Known, choose
 from dissect.packets.source.files import open_capture
-from dissect.variables.choosing import Known, choose
 from tests.meaning.report.support import ROOT, UNSAFE, begun, transactions
 from tests.meaning.tags.support import tank_file
 from tests.monitor.support import SIZES, ended, screen
 from tests.monitor.test_app import SCREENS, Act, files, press
+from tests.output.variables.support import BYTE, REAL, WORD, db, reads, real, writes
 from tests.properties.packets import Packet
-from tests.variables.support import BYTE, REAL, WORD, db, reads, real, writes
 
 LEVELS: Final = (1.0, 2.0, 2.0, 4.0, 3.0)
 

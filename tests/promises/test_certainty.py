@@ -18,7 +18,6 @@ from typing import Any, Final
 import pytest
 
 import dissect
-from dissect.baseline import Learner
 from dissect.engine.observer import Observer
 from dissect.engine.pipeline import Options
 from dissect.engine.transactions.transaction import (
@@ -29,7 +28,6 @@ from dissect.engine.transactions.transaction import (
     REASON_TEXTS,
     Transaction,
 )
-from dissect.export.forms import FORMS
 from dissect.files.session import Run
 from dissect.golden import diff_sessions, golden_text, read_session
 from dissect.golden.parsing import parse_golden
@@ -40,12 +38,14 @@ from dissect.metrics.counters import Metrics
 from dissect.monitor.details import connection_details, entry_lines
 from dissect.monitor.model import Model
 from dissect.monitor.rows import entry_row, joined
-from dissect.page.data import Data
+from dissect.output.baseline import Learner
+from dissect.output.export.forms import FORMS
+from dissect.output.page.data import Data
 from dissect.wire.text import Clock
 from tests.cli.support import run
 from tests.live.support import never, taken
 from tests.monitor.support import of_capture
-from tests.page.support import gathered_of, page_of
+from tests.output.page.support import gathered_of, page_of
 
 Capture = pytest.CaptureFixture[bytes]
 #: By the number of a transaction: its certainty and its doubt.

@@ -123,9 +123,9 @@ CASES: Final = """
 """
 #: What takes a peer, tshark, or a signal in the middle of a run, and is tested where that is at hand.
 ELSEWHERE: Final = {
-    ("browser", "0"): "tests/browser/test_parts.py::test_a_page_that_was_mailed_is_recognised",
-    ("browser", "1"): "tests/browser/test_parts.py::test_a_page_that_was_changed_is_told",
-    ("browser", "5"): "tests/browser/test_parts.py::test_a_page_for_which_there_is_no_room_is_told",
+    ("browser", "0"): "tests/output/browser/test_parts.py::test_a_page_that_was_mailed_is_recognised",
+    ("browser", "1"): "tests/output/browser/test_parts.py::test_a_page_that_was_changed_is_told",
+    ("browser", "5"): "tests/output/browser/test_parts.py::test_a_page_for_which_there_is_no_room_is_told",
     ("open", "0"): "tests/cli/test_open.py::test_it_goes_to_the_packet_that_matters_and_leaves_nothing",
     ("open", "3"): "tests/cli/test_open.py::test_a_damaged_capture_is_shown_as_far_as_it_goes",
     ("open", "5"): "tests/cli/test_open.py::test_a_full_disk_is_one_line_and_leaves_nothing",

@@ -17,8 +17,8 @@ from typing import Final
 
 import pytest
 
-from dissect.baseline.loading import load_baseline
 from dissect.golden.reading import load_golden
+from dissect.output.baseline.loading import load_baseline
 from dissect.packets.source.files import open_capture
 from tests.meaning.report.schemas import ROOT
 from tests.meaning.report.support import WORD, begun, read, saved

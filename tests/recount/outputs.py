@@ -10,10 +10,6 @@ from typing import Any, Final
 from dissect.alerts import Alert, AlertEngine
 from dissect.alerts.loading import parse_rules
 from dissect.engine.observer import Observer
-from dissect.export.feed import Sink, TableFeed
-from dissect.export.forms import FORMS, Request
-from dissect.export.tables import TABLES, Table
-from dissect.export.transaction_rows import Row
 from dissect.files.session import Run
 from dissect.live.run import Fanout
 from dissect.live.session import Session
@@ -26,10 +22,14 @@ from dissect.meaning.report.words import Places
 from dissect.meaning.report.writer import OperationFeed, PduFeed, TransactionFeed, Writer
 from dissect.monitor import rows
 from dissect.monitor.model import Model
+from dissect.output.export.feed import Sink, TableFeed
+from dissect.output.export.forms import FORMS, Request
+from dissect.output.export.tables import TABLES, Table
+from dissect.output.export.transaction_rows import Row
+from dissect.output.page.gathered import Gathered, span_of
+from dissect.output.page.rendering import Side, render
+from dissect.output.page.rows import Rows
 from dissect.packets.source.files import open_capture
-from dissect.page.gathered import Gathered, span_of
-from dissect.page.rendering import Side, render
-from dissect.page.rows import Rows
 from dissect.wire.text import Clock
 from tests.faces.reading import options_of
 from tests.monitor.support import ended, events_of

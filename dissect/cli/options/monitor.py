@@ -19,12 +19,12 @@ if TYPE_CHECKING:
     from dissect.alerts.alert import Alert
     from dissect.alerts.engine import AlertEngine
     from dissect.alerts.loading import AlertRules
-    from dissect.baseline.norms import Baseline
     from dissect.files.recording.ring_buffer import RingLimits
     from dissect.live.alerting import AlertCompanion
     from dissect.live.reports import ReportCompanion
     from dissect.live.run import Companion
     from dissect.live.session import Session
+    from dissect.output.baseline.norms import Baseline
 
 _TIME = re.compile(r"([0-9]{1,6})(ms|s|min)?")
 _UNITS = {"ms": 1_000_000, "s": 1_000_000_000, "min": 60_000_000_000}
@@ -100,7 +100,7 @@ class LiveExport(NamedTuple):
 
 
 def _export_folder(ctx: click.Context, param: click.Parameter, value: str | None) -> Path | None:
-    from dissect.export.forms import UnknownFormError, target_of
+    from dissect.output.export.forms import UnknownFormError, target_of
 
     if value is None:
         return None
@@ -206,8 +206,8 @@ class Beside:
 
     def _tables(self, export: LiveExport) -> Companion:
         from dissect import __version__
-        from dissect.export.extras import MissingLibraryError
         from dissect.live.export import ExportCompanion
+        from dissect.output.export.extras import MissingLibraryError
         from dissect.packets.source.live.privileges import missing
 
         try:
@@ -311,7 +311,7 @@ class Beside:
     def _rules_read(self, path: str) -> tuple[AlertRules, Baseline | None]:
         """Return rules and baseline as their files have them now."""
         from dissect.alerts.loading import load_rules
-        from dissect.baseline.loading import load_baseline
+        from dissect.output.baseline.loading import load_baseline
         from dissect.scd.user_file import FileError
 
         try:

@@ -2,7 +2,8 @@
 
 A record (a connection, a finding …) has a table of its facts in this room. From it are made its JSON
 (`dissect.meaning.facts.written`),
-the JSON Schema of that (`dissect.meaning.facts.schema`), its columns in tables and SQL (`dissect.export.tables`) and its fields
+the JSON Schema of that (`dissect.meaning.facts.schema`), its columns in tables and SQL (`dissect.output.export.tables`) and its
+fields
 of
 selections (`dissect.meaning.select.fields`). Each of these knows how it writes or compares a kind. Properties that only one of
 them

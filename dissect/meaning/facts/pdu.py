@@ -1,4 +1,7 @@
-"""The facts of a PDU: `dissect.meaning.report.pdu_json` and `dissect.export.pdu_columns` write them, each from octets."""
+"""The facts of a PDU.
+
+`dissect.meaning.report.pdu_json` and `dissect.output.export.pdu_columns` write them, each from octets.
+"""
 
 from __future__ import annotations
 

@@ -135,5 +135,5 @@ _VARIABLE: Final[tuple[Fact[Any], ...]] = (
     Fact("likely", COUNT, "Only where there are any: values and refusals of pairs that are only likely (`certainty` of a"
          " transaction). No other key counts them.", lambda of: int(of.likely) or None, rare=True, least=1),
 )  # fmt: skip
-#: The facts of a variable (`dissect.variables.model.Variable`) over all its values, in the order of their keys in JSON.
+#: The facts of a variable (`dissect.output.variables.model.Variable`) over all its values, in the order of their keys in JSON.
 VARIABLE: Final = by_name(_VARIABLE)

@@ -87,7 +87,7 @@ FORMATS: Final[dict[str, Format]] = {
             "text",
             "lines for a person",
             ("dissect.meaning.report.writers.text:TextWriter", (TRANSACTIONS, PDUS, OPERATIONS)),
-            ("dissect.variables.writers:ValueText", (VALUES,)),
+            ("dissect.output.variables.writers:ValueText", (VALUES,)),
             ("dissect.live.lines:PlainLines", (EVENTS,)),
             (
                 "dissect.meaning.report.outcome:text_outcome",
@@ -100,17 +100,17 @@ FORMATS: Final[dict[str, Format]] = {
             "jsonl",
             "a JSON object on each line",
             ("dissect.meaning.report.writers.jsonl:JsonlWriter", (TRANSACTIONS, PDUS, OPERATIONS)),
-            ("dissect.variables.writers:ValueJsonl", (VALUES,)),
+            ("dissect.output.variables.writers:ValueJsonl", (VALUES,)),
             ("dissect.live.json_lines:JsonLines", (EVENTS,)),
             ("dissect.meaning.report.outcome:json_outcome", (ALERTS,)),
-            ("dissect.export.result_lines:json_lines", (ROWS,)),
+            ("dissect.output.export.result_lines:json_lines", (ROWS,)),
         ),
         _row(
             "csv",
             "rows for a spreadsheet",
             ("dissect.meaning.report.writers.csv:CsvWriter", (TRANSACTIONS,)),
-            ("dissect.variables.writers:ValueCsv", (VALUES,)),
-            ("dissect.export.result_lines:csv_lines", (ROWS,)),
+            ("dissect.output.variables.writers:ValueCsv", (VALUES,)),
+            ("dissect.output.export.result_lines:csv_lines", (ROWS,)),
             ("dissect.meaning.report.outcome:csv_outcome", (BLOCKS, DEVICES)),
         ),
         _row(
@@ -123,7 +123,7 @@ FORMATS: Final[dict[str, Format]] = {
             "the fields named with -e",
             ("dissect.meaning.select.columns:FieldsWriter", (TRANSACTIONS, PDUS, OPERATIONS)),
         ),
-        _row("html", "a page to read and print", ("dissect.carve.page:html_outcome", (BLOCKS,))),
+        _row("html", "a page to read and print", ("dissect.output.carve.page:html_outcome", (BLOCKS,))),
         _row("junit", "JUnit XML", ("dissect.meaning.report.writers.junit:junit_outcome", (DIFFERENCES,))),
     )
 }

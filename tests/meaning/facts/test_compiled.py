@@ -11,10 +11,6 @@ import pytest
 
 from dissect.engine.observer import Observer
 from dissect.engine.transactions.transaction import Transaction
-from dissect.export.feed import Sink, TableFeed
-from dissect.export.rows import Rows
-from dissect.export.tables import ITEMS, PDUS, TRANSACTIONS, VALUES, Table
-from dissect.export.transaction_rows import Row
 from dissect.files.session import Run
 from dissect.live.run import Fanout
 from dissect.meaning.facts.fact import Fact
@@ -26,9 +22,13 @@ from dissect.meaning.report.words import Places
 from dissect.meaning.report.writer import PduFeed
 from dissect.meaning.report.writers.jsonl import JsonlWriter, TransactionLines
 from dissect.meaning.select.items import ItemReader
-from dissect.variables.collector import Collector
-from dissect.variables.model import ValueRow
-from dissect.variables.writers import ValueJsonl
+from dissect.output.export.feed import Sink, TableFeed
+from dissect.output.export.rows import Rows
+from dissect.output.export.tables import ITEMS, PDUS, TRANSACTIONS, VALUES, Table
+from dissect.output.export.transaction_rows import Row
+from dissect.output.variables.collector import Collector
+from dissect.output.variables.model import ValueRow
+from dissect.output.variables.writers import ValueJsonl
 from dissect.wire.text import Clock
 from tests.cases import each
 from tests.meaning.report.support import OWN, ROOT

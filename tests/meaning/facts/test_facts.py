@@ -10,20 +10,6 @@ from typing import Any, Final
 
 import pytest
 
-from dissect.export.tables import (
-    ACTS,
-    CONNECTIONS,
-    DEVICES,
-    FINDING_COUNTS,
-    FINDINGS,
-    ITEMS,
-    OPERATIONS,
-    PDUS,
-    TRANSACTIONS,
-    VALUES,
-    Table,
-)
-from dissect.export.tables import TABLES as ALL
 from dissect.meaning.facts.connection import CONNECTION
 from dissect.meaning.facts.counted import COUNTED
 from dissect.meaning.facts.device import AREA, MAC, MODULE, REASON
@@ -36,6 +22,20 @@ from dissect.meaning.facts.schema import TABLES, filled
 from dissect.meaning.facts.transaction import ITEM
 from dissect.meaning.facts.value import CLIENT
 from dissect.meaning.facts.written import files_of
+from dissect.output.export.tables import (
+    ACTS,
+    CONNECTIONS,
+    DEVICES,
+    FINDING_COUNTS,
+    FINDINGS,
+    ITEMS,
+    OPERATIONS,
+    PDUS,
+    TRANSACTIONS,
+    VALUES,
+    Table,
+)
+from dissect.output.export.tables import TABLES as ALL
 from tests.cases import each
 from tests.meaning.report.schemas import NAMES, load
 from tests.meaning.report.support import OWN, ROOT, of_files
@@ -76,15 +76,15 @@ WRITERS: Final = {
         "detail",
         "frame",
     },
-    ("dissect/export/rows.py", "connection"): set[str](),
-    ("dissect/export/rows.py", "operation"): set[str](),
-    ("dissect/export/rows.py", "act"): set[str](),
-    ("dissect/export/rows.py", "finding_counts"): set[str](),
+    ("dissect/output/export/rows.py", "connection"): set[str](),
+    ("dissect/output/export/rows.py", "operation"): set[str](),
+    ("dissect/output/export/rows.py", "act"): set[str](),
+    ("dissect/output/export/rows.py", "finding_counts"): set[str](),
     ("dissect/meaning/inventory/contract.py", "device_as_dict"): {"blocks"},
     ("dissect/meaning/inventory/contract.py", "talk_as_dict"): set[str](),
-    ("dissect/variables/summary.py", "variable_json"): {"schema", "first", "last"},
-    ("dissect/export/rows.py", "device"): set[str](),
-    ("dissect/export/rows.py", "finding"): {"client_host", "server_host"},
+    ("dissect/output/variables/summary.py", "variable_json"): {"schema", "first", "last"},
+    ("dissect/output/export/rows.py", "device"): set[str](),
+    ("dissect/output/export/rows.py", "finding"): {"client_host", "server_host"},
 }
 
 
@@ -191,7 +191,7 @@ def test_no_column_is_made_but_of_a_fact() -> None:
     found = set()
     for path in sorted((ROOT / "dissect").rglob("*.py")):
         text = path.read_text(encoding="utf-8")
-        if path.name != "tables.py" and "dissect.export.tables import" not in text:
+        if path.name != "tables.py" and "dissect.output.export.tables import" not in text:
             continue
         for function in [node for node in ast.walk(ast.parse(text)) if isinstance(node, ast.FunctionDef | ast.Module)]:
             name = function.name if isinstance(function, ast.FunctionDef) else ""

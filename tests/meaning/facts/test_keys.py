@@ -7,8 +7,8 @@ import re
 from dissect.meaning.facts.keys import community_id
 from dissect.packets.tcp.stream import Endpoint
 from tests.cases import each
-from tests.export.support import rows_of
 from tests.meaning.report.support import ROOT
+from tests.output.export.support import rows_of
 
 #: Addresses and ports, and the id: of the specification's own software and of tshark, which agree.
 VECTORS = (

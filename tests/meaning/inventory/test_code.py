@@ -8,12 +8,12 @@ from typing import Final
 import pytest
 
 import dissect
-from dissect.carve.code import References
 from dissect.files.session import Run
 from dissect.meaning.inventory import code, collector
 from dissect.meaning.inventory.collector import Inventory
 from dissect.meaning.inventory.contract import inventory_as_dict
 from dissect.meaning.inventory.outcome import Devices
+from dissect.output.carve.code import References
 from dissect.wire.build import COMPILED
 from tests.meaning.report.schemas import ROOT, complaints
 

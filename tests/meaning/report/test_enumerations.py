@@ -8,7 +8,6 @@ import pytest
 
 from dissect.alerts import states
 from dissect.alerts.rules import WHENS
-from dissect.baseline.watch import KINDS as NEW
 from dissect.engine.findings.catalogue import KINDS as FINDINGS
 from dissect.engine.findings.catalogue import SEVERITIES
 from dissect.engine.transactions import ending, operation
@@ -16,6 +15,7 @@ from dissect.files.anonymize import account
 from dissect.golden.difference import KINDS as DIFFERENCES
 from dissect.live import events
 from dissect.oracle import facts, known
+from dissect.output.baseline.watch import KINDS as NEW
 from dissect.packets.source.live.opening import ENGINES
 from dissect.scd.difference import Level
 from dissect.scd.records import Role

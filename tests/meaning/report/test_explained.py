@@ -15,11 +15,6 @@ from dissect.engine.findings.bounds import KEPT
 from dissect.engine.findings.catalogue import CATALOGUE
 from dissect.engine.findings.reporter import MAX_DETAILED_ALL, Finding, Reporter
 from dissect.engine.options import Options
-from dissect.export.ecs import ecs_export
-from dissect.export.feed import TableFeed
-from dissect.export.forms import Request
-from dissect.export.stix import stix_export
-from dissect.export.tables import FINDINGS
 from dissect.files.jobs.analyses import Analyses
 from dissect.files.jobs.sums import part_of
 from dissect.files.recording.event_capture import EventCapture
@@ -32,13 +27,18 @@ from dissect.meaning.report.contract import analysis_as_dict
 from dissect.meaning.report.kept import BLOCK, FIRST, Findings
 from dissect.meaning.report.per_file import PerFile
 from dissect.meaning.report.text import analysis_lines
-from dissect.page.gathered import Gathered
-from dissect.page.rows import Rows
+from dissect.output.export.ecs import ecs_export
+from dissect.output.export.feed import TableFeed
+from dissect.output.export.forms import Request
+from dissect.output.export.stix import stix_export
+from dissect.output.export.tables import FINDINGS
+from dissect.output.page.gathered import Gathered
+from dissect.output.page.rows import Rows
 from dissect.testing.captures import Capture
 from dissect.wire.text import Clock
 from tests.cli.support import run
-from tests.export.support import Kept
 from tests.meaning.report.schemas import ROOT
+from tests.output.export.support import Kept
 
 CAPTURES: Final = ROOT / "captures"
 CAUSES: Final = CAPTURES / "crafted" / "causes.pcapng"

@@ -12,19 +12,19 @@ import pytest
 import dissect
 from dissect.engine.findings.catalogue import CATALOGUE
 from dissect.engine.findings.ledger import Ledger
-from dissect.export.ecs import ecs_export
-from dissect.export.forms import Request, sqlite_export
-from dissect.export.stix import stix_export
 from dissect.files.session import Run
 from dissect.meaning.report.analysis import Analysis
 from dissect.meaning.report.contract import analysis_as_dict
 from dissect.meaning.report.happened import by_gravity, span, times
 from dissect.meaning.report.summary import Summary
-from dissect.page.findings import findings_of
-from dissect.page.verdict import verdict
+from dissect.output.export.ecs import ecs_export
+from dissect.output.export.forms import Request, sqlite_export
+from dissect.output.export.stix import stix_export
+from dissect.output.page.findings import findings_of
+from dissect.output.page.verdict import verdict
 from dissect.wire.text import Clock, cut_inside, printable
 from tests.meaning.report.support import WORD, begun, saved
-from tests.page.support import gathered_of
+from tests.output.page.support import gathered_of
 from tests.properties.messages import dt, read_answer, read_job, write_answer, write_job
 from tests.properties.packets import EPOCH_NS
 

@@ -11,9 +11,9 @@ from dissect.meaning.report.writer import PduFeed
 from dissect.meaning.report.writers.text import TextWriter
 from tests.cases import each
 from tests.meaning.report.support import ROOT, begun
+from tests.output.variables.support import collected
 from tests.properties.messages import Item, dt, read_answer, read_job, write_answer, write_job
 from tests.properties.packets import Talk
-from tests.variables.support import collected
 
 _LARGEST: Final = 300_000
 CAPTURES: Final = [

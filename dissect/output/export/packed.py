@@ -1,0 +1,46 @@
+"""Tables kept in memory compressed: most of their columns repeat, so that about a third of the memory holds them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, Final
+
+from dissect.output.export.arrow import Batches
+from dissect.output.export.extras import needed
+from dissect.output.export.feed import Sink
+from dissect.output.export.tables import Table
+from dissect.output.export.transaction_rows import Row
+
+_CODEC: Final = "lz4"
+
+
+class PackedTables(Sink):
+    """A sink that keeps each batch of rows as a compressed Arrow stream; ``rows`` are the numbers of rows by table."""
+
+    def __init__(self, tables: Sequence[Table]) -> None:
+        pa = needed("pyarrow")
+        needed("pyarrow.ipc")
+        self._pa = pa
+        self._options = pa.ipc.IpcWriteOptions(compression=_CODEC if pa.Codec.is_available(_CODEC) else None)
+        self._batches = {table.name: Batches(table) for table in tables}
+        self._kept: dict[str, list[Any]] = {table.name: [] for table in tables}
+        self.rows = dict.fromkeys(self._kept, 0)
+
+    def take(self, table: Table, rows: Sequence[Row]) -> None:
+        """Keep rows; columns that are another reading of a stored one are made again when they are wanted."""
+        whole = self._batches[table.name].batch(rows)
+        stored = whole.select([column.name for column in table.stored])
+        out = self._pa.BufferOutputStream()
+        with self._pa.ipc.new_stream(out, stored.schema, options=self._options) as stream:
+            stream.write_batch(stored)
+        self._kept[table.name].append(out.getvalue().to_pybytes())  # the buffer of a stream is up to twice as large
+        self.rows[table.name] += len(rows)
+
+    def table(self, name: str) -> Any:
+        """Return a table as a `pyarrow.Table`."""
+        pa, batches = self._pa, self._batches[name]
+        found = []
+        for packed in self._kept[name]:
+            with pa.ipc.open_stream(packed) as stream:
+                found += [batches.with_derived(batch) for batch in stream]
+        return pa.Table.from_batches(found, batches.schema)

@@ -1,0 +1,26 @@
+"""What a page shows in several places, put in order once."""
+
+from __future__ import annotations
+
+from dissect.output.page.gathered import Gathered, SpreadOf
+from dissect.output.page.polls import Request, Variable
+from dissect.output.page.rows import Station
+
+
+class Ordered:
+    """Rows of what was gathered, in the order of their tables, by which plots and cards refer to them.
+
+    ``functions`` are answers by PLC and function, the most frequent first; ``polls`` repeated requests, the most frequent
+    first; ``variables`` what was read and written by PLC and address, the most often refused first, then the most frequent.
+    """
+
+    def __init__(self, gathered: Gathered) -> None:
+        self.of = gathered
+        self.functions: list[tuple[tuple[Station, str], SpreadOf]] = sorted(
+            gathered.spreads.items(), key=lambda entry: (-entry[1].total, entry[0])
+        )
+        self.polls: list[Request] = gathered.requests.polls()
+        self.variables: list[tuple[tuple[Station, str], Variable]] = sorted(
+            gathered.requests.variables().items(),
+            key=lambda entry: (-entry[1].refused, -entry[1].read - entry[1].written, entry[0]),
+        )

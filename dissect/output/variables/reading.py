@@ -1,0 +1,164 @@
+"""Values in Python: `values` iterates rows; `value_tables` makes an Arrow table of them for each variable."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable, Iterator, Sequence
+from datetime import timedelta
+from typing import TYPE_CHECKING, Any, Final
+
+from dissect.engine.pipeline import Options
+from dissect.files.session import KeyLogFiles, Run, Tags, decoder_of, reading_of
+from dissect.output.variables.collector import Collector
+from dissect.output.variables.model import ValueRow, Variable
+from dissect.packets.source.given import Source
+from dissect.packets.tcp.link import within
+
+if TYPE_CHECKING:
+    import pyarrow
+
+    from dissect.meaning.select import Where
+    from dissect.scd.dictionary import Dictionary
+
+_NEEDS: Final = "value_tables needs pyarrow: pip install 's7dissect[data]'"
+_LARGEST: Final = 2**63 - 1
+
+
+def values(
+    path: Source,
+    *more: Source,
+    of: str | Sequence[str] = (),
+    changes: bool = False,
+    every: timedelta | None = None,
+    likely: bool = False,
+    refusals: bool = False,
+    where: str | Where | None = None,
+    tags: Tags = None,
+    scd: str | os.PathLike[str] | Dictionary | None = None,
+    bind: str | os.PathLike[str] | None = None,
+    checksums: bool = False,
+    tls_keys: KeyLogFiles = None,
+) -> Iterator[ValueRow]:
+    """Iterate the values of variables that were read, written or pushed in one capture or several.
+
+    ``of`` are addresses ("DB10.DBD4:REAL") and names of tags; without it the values of all items are there. ``changes``
+    leaves out what is as before, ``every`` all but the first value of a variable in each such stretch of time. ``likely`` adds
+    the values of pairs of request and answer that are only likely; `ValueRow.doubt` of these says why. ``refusals`` adds a row
+    without value for each item that the PLC refused; its `ValueRow.refused` says why. The others
+    are as for `dissect.open`; ``where`` selects transactions. Rows come in the order in which their transactions were
+    complete; at most 20,000 variables have a value before (`dissect.output.variables.tracker.MAX_VARIABLES`).
+    Raises `dissect.output.variables.choosing.WantedError` for a name that is neither an address nor a tag, ValueError for a
+    time that
+    is not above 0, and what `dissect.open` raises.
+    """
+    every_ns = 0
+    if every is not None:
+        every_ns = round(every / timedelta(microseconds=1)) * 1000
+        if every_ns <= 0:
+            raise ValueError(f"every: expected a time above 0, got {every}")
+    decoder = decoder_of(scd, bind)
+    options = Options(decoder=decoder, checksums=checksums)
+    reading = reading_of([path, *more], options, where, tags, tls_keys)
+    wanted = None
+    names = [of] if isinstance(of, str) else list(of)
+    if names:
+        from dissect.output.variables.choosing import Known, choose, scd_names
+
+        wanted = choose(names, Known(options.naming, scd_names(decoder), of_command=False))
+    wants = reading.where.predicate("transaction") if reading.where is not None else None
+    collector = Collector(wanted, changes, every_ns, False, wants, likely=likely, refusals=refusals)
+    return _rows(reading.run(collector, sieved=False), collector)
+
+
+def _rows(run: Run, collector: Collector) -> Iterator[ValueRow]:
+    try:
+        while run.step():
+            yield from collector.take()
+        yield from collector.take()
+    finally:
+        run.close()
+
+
+def value_tables(rows: Iterable[ValueRow]) -> dict[str, pyarrow.Table]:
+    """Return rows of values as Arrow tables, one for each variable, by its name, or else its address.
+
+    Where several variables have one name, the type follows it, and the PLC where that is not enough. Columns: ``time``
+    (nanoseconds, UTC), ``value`` (of the type of the values: bool, int64, double, string, or lists of these; as text where
+    they differ), ``how``, ``client``, ``connection``, ``frame``, ``certainty``; rows are in order of time. What is known of the
+    variable is in the metadata of the schema: ``plc``, ``address``, ``tag``, ``type``, ``unit``. All values are in memory.
+    Raises ImportError with what to install where pyarrow is missing.
+    """
+    try:
+        import pyarrow as pa
+    except ImportError:
+        raise ImportError(_NEEDS) from None
+    found: dict[Variable, list[ValueRow]] = {}
+    for row in rows:
+        found.setdefault(row.variable, []).append(row)
+    names = _names(list(found))
+    return {names[variable]: _table(pa, variable, of_it) for variable, of_it in found.items()}
+
+
+def _names(variables: list[Variable]) -> dict[Variable, str]:
+    """Return a unique name for each variable."""
+    forms = (
+        lambda one: one.name,
+        lambda one: f"{one.name} {one.type}".rstrip(),
+        lambda one: f"{one.name} {one.type} {within(str(one.plc), one.vlan)}",
+    )
+    names: dict[Variable, str] = {}
+    left = variables
+    for form in forms:
+        by_name: dict[str, list[Variable]] = {}
+        for variable in left:
+            by_name.setdefault(form(variable), []).append(variable)
+        names.update({them[0]: name for name, them in by_name.items() if len(them) == 1 and name not in names.values()})
+        left = [variable for variable in left if variable not in names]
+    names.update({variable: f"{forms[2](variable)} {number}" for number, variable in enumerate(left, 1)})
+    return names
+
+
+def _table(pa: Any, variable: Variable, rows: list[ValueRow]) -> pyarrow.Table:
+    rows = sorted(rows, key=lambda row: int(row.time_ns))
+    found = [row.value for row in rows]
+    kind = _kind(pa, found)
+    if kind is None:
+        found = [None if value is None else str(value) for value in found]
+        kind = pa.string()
+    about = {
+        "plc": str(variable.plc),
+        "address": variable.address,
+        "tag": variable.tag,
+        "type": variable.type,
+        "unit": variable.unit,
+    }
+    columns = {
+        "time": pa.array([int(row.time_ns) for row in rows], pa.timestamp("ns", "UTC")),
+        "value": pa.array(found, kind),
+        "how": pa.array([row.how for row in rows]),
+        "client": pa.array([row.host for row in rows]),
+        "connection": pa.array([row.connection for row in rows], pa.int64()),
+        "frame": pa.array([int(row.frame) for row in rows], pa.int64()),
+        "certainty": pa.array([row.certainty for row in rows]),
+    }
+    table: pyarrow.Table = pa.table(
+        columns, metadata={key: text.encode("utf-8", "replace") for key, text in about.items()}
+    )
+    return table
+
+
+def _kind(pa: Any, found: Sequence[object]) -> Any:
+    """Return the Arrow type of values, None if they have no type in common."""
+    there = [value for value in found if value is not None]
+    if there and all([isinstance(value, list) for value in there]):
+        inner = _kind(pa, [element for value in there for element in value])  # type: ignore[attr-defined]  # they are lists
+        return pa.list_(inner) if inner is not None else None
+    if all([isinstance(value, bool) for value in there]):
+        return pa.bool_() if there else pa.string()
+    if any([isinstance(value, bool) for value in there]):
+        return None
+    if all([isinstance(value, int) for value in there]):
+        return pa.int64() if all([abs(value) <= _LARGEST for value in there]) else pa.uint64()  # type: ignore[arg-type]
+    if all([isinstance(value, (int, float)) for value in there]):
+        return pa.float64()
+    return pa.string() if all([isinstance(value, str) for value in there]) else None
