@@ -81,7 +81,7 @@ HOT: Final = (
     "dissect/meaning/inventory/collector.py",
     "dissect/meaning/inventory/model.py",
     "dissect/files/jobs/spots.py",
-    "dissect/live/events.py",
+    "dissect/online/live/events.py",
     "dissect/engine/stations/evidence.py",
     "dissect/engine/stations/facts.py",
     "dissect/meaning/tags/index.py",

@@ -19,26 +19,26 @@ from typing import TYPE_CHECKING, Final
 from benchmarks.feed import peak_kb, resident_kb
 from benchmarks.frames import ACK, FIN, PSH, RST, SYN, Host, Sender
 from benchmarks.pdus import ACK_DATA, JOB, READ, answer, connect_tpdu, request, setup_param, tpkt
-from dissect.alerts.dispatcher import Dispatcher
-from dissect.alerts.engine import AlertEngine
-from dissect.alerts.loading import parse_rules
 from dissect.engine.observer import Observer
 from dissect.engine.pipeline import Options
-from dissect.live.alerting import AlertCompanion
-from dissect.live.events import CLOSED, FINDING, OPENED, TRANSACTION, Event
-from dissect.live.json_lines import JsonLines
-from dissect.live.run import Companion, LiveRun
-from dissect.metrics.counters import Metrics
+from dissect.online.alerts.dispatcher import Dispatcher
+from dissect.online.alerts.engine import AlertEngine
+from dissect.online.alerts.loading import parse_rules
+from dissect.online.live.alerting import AlertCompanion
+from dissect.online.live.events import CLOSED, FINDING, OPENED, TRANSACTION, Event
+from dissect.online.live.json_lines import JsonLines
+from dissect.online.live.run import Companion, LiveRun
+from dissect.online.metrics.counters import Metrics
 from dissect.packets.source.live.reader import Drops, LiveReader
 from dissect.wire.build import COMPILED
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from dissect.alerts.alert import Alert
     from dissect.engine.findings.reporter import Finding
     from dissect.engine.transactions.connection import Connection
     from dissect.engine.transactions.transaction import Transaction
+    from dissect.online.alerts.alert import Alert
     from dissect.packets.source.packet import PacketSink
 
 NS: Final = 1_000_000_000

@@ -45,9 +45,9 @@ _PUBLIC: Final = {
     "frames": "dissect.output.export.frames",
     "blocks": "dissect.output.carve.reading",
     "devices": "dissect.files.session",
-    "live": "dissect.live.iterating",
+    "live": "dissect.online.live.iterating",
     "open": "dissect.files.session",
-    "stream": "dissect.proxy.stream",
+    "stream": "dissect.online.proxy.stream",
     "value_tables": "dissect.output.variables.reading",
     "values": "dissect.output.variables.reading",
 }
@@ -70,12 +70,13 @@ if TYPE_CHECKING:
     from dissect.files.session import analyze as analyze
     from dissect.files.session import devices as devices
     from dissect.files.session import open as open
-    from dissect.live.iterating import live as live
     from dissect.meaning.inventory.model import Device as Device
     from dissect.meaning.report.analysis import Analysis as Analysis
     from dissect.meaning.select.errors import SelectError as SelectError
     from dissect.meaning.select.where import Where as Where
     from dissect.meaning.tags.loading import TagError as TagError
+    from dissect.online.live.iterating import live as live
+    from dissect.online.proxy.stream import stream as stream
     from dissect.output.carve.reading import blocks as blocks
     from dissect.output.export.frames import frames as frames
     from dissect.output.variables.model import ValueRow as ValueRow
@@ -83,7 +84,6 @@ if TYPE_CHECKING:
     from dissect.output.variables.reading import values as values
     from dissect.protocols.s7.message import Pdu as Pdu
     from dissect.protocols.s7plus.message import PlusPdu as PlusPdu
-    from dissect.proxy.stream import stream as stream
     from dissect.wire.errors import CaptureError as CaptureError
     from dissect.wire.errors import Error as Error
 else:

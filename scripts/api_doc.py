@@ -261,7 +261,7 @@ def first(text: str) -> str:
 
 def definition(name: str) -> ast.ClassDef | ast.FunctionDef:
     """Return the definition of a public name in the source: compiled classes have no signatures with types."""
-    home = getattr(dissect, name).__module__ if name != "live" else "dissect.live.iterating"
+    home = getattr(dissect, name).__module__ if name != "live" else "dissect.online.live.iterating"
     path = ROOT.joinpath(*home.split(".")[1:]).with_suffix(".py")
     for node in ast.parse(path.read_text(encoding="utf-8")).body:
         if isinstance(node, (ast.ClassDef, ast.FunctionDef)) and node.name == name:

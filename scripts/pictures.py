@@ -92,8 +92,8 @@ def until(driver: webdriver.Chrome, condition: str) -> None:
 
 def screens(target: Path) -> None:
     from dissect.engine.pipeline import Options
-    from dissect.live.session import Session
-    from dissect.monitor.app import MonitorApp
+    from dissect.online.live.session import Session
+    from dissect.online.monitor.app import MonitorApp
     from dissect.packets.source.files import open_capture
 
     session = Session(lambda: open_capture(str(PLANT)), Options(), name=PLANT.name)

@@ -13,10 +13,10 @@ from typing import Final
 
 import pytest
 
-from dissect.alerts.alert import Alert
-from dissect.alerts.cooldown import MAX_REMEMBERED, Cooldown
-from dissect.alerts.rules import PROBLEM, Rule
 from dissect.meaning.select.selection import MAX_CONNECTIONS, ContextBook
+from dissect.online.alerts.alert import Alert
+from dissect.online.alerts.cooldown import MAX_REMEMBERED, Cooldown
+from dissect.online.alerts.rules import PROBLEM, Rule
 from dissect.packets.tcp.ip import MAX_DATAGRAMS, FragmentStore
 from tests.conftest import ROOT
 
@@ -29,7 +29,7 @@ SMALL: Final = frozenset(
         ("engine/plus.py", "begun"),
         ("files/jobs/sending.py", "CATALOGUE"),  # never forgotten
         ("files/index/possible.py", "CATALOGUE"),
-        ("metrics/server.py", "_clients"),
+        ("online/metrics/server.py", "_clients"),
         ("oracle/plus.py", "_asked"),
         ("playback/server/session.py", "_jobs"),
         ("playback/server/session.py", "_references"),

@@ -15,7 +15,7 @@ from typing import Final
 import pytest
 
 from dissect.layers import COTP_CR, COTP_DT, S7, TPKT, COTP_Parameter, S7_ReadVarRequest, S7_Setup, at
-from dissect.live import iterating
+from dissect.online.live import iterating
 from dissect.playback.server import Server
 from tests.extras import hiding
 from tests.test_sources import Line

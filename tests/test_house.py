@@ -488,7 +488,7 @@ def test_rule_holds(rule: Rule, modules: dict[str, ast.Module]) -> None:
             "dissect.packets.tcp.stream",
             'def f():\n    """See `dissect.packets.tcp.ip.Nothing`."""',
         ),
-        (docstrings_name_what_is_there, "dissect.monitor", '"""`rows` and `saving` make text of it."""'),
+        (docstrings_name_what_is_there, "dissect.online.monitor", '"""`rows` and `saving` make text of it."""'),
     ],
 )
 def test_rule_sees_its_breach(rule: Rule, module: str, source: str) -> None:
@@ -526,7 +526,7 @@ def test_rule_sees_its_breach(rule: Rule, module: str, source: str) -> None:
             "dissect.packets.tcp.stream",
             '"""`dissect.packets.tcp.doubt`, `dissect.scd.Codec`, `anything`."""',
         ),
-        (docstrings_name_what_is_there, "dissect.monitor", '"""`rows`, `model.Model`."""'),
+        (docstrings_name_what_is_there, "dissect.online.monitor", '"""`rows`, `model.Model`."""'),
     ],
 )
 def test_rule_lets_the_rest_be(rule: Rule, module: str, source: str) -> None:

@@ -17,7 +17,7 @@ from typing import Any
 import pytest
 
 import dissect
-from dissect.live import iterating
+from dissect.online.live import iterating
 from dissect.packets.source.given import Packet
 from dissect.packets.source.live.reader import Drops, LiveReader
 from dissect.packets.source.packet import PacketSink

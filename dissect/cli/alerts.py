@@ -12,8 +12,8 @@ from dissect.cli.run import write
 from dissect.wire.text import printable
 
 if TYPE_CHECKING:
-    from dissect.alerts.actions import Action
-    from dissect.alerts.alert import Alert
+    from dissect.online.alerts.actions import Action
+    from dissect.online.alerts.alert import Alert
 
 _EXIT_FOUND: Final = 1
 
@@ -44,9 +44,9 @@ def test_command(rules: str) -> int:
 
     The alert says that it is a test ("test": true in its JSON). It is delivered at once, not by way of the spool.
     """
-    from dissect.alerts.actions import DeliveryError, Printed
-    from dissect.alerts.loading import load_rules
-    from dissect.alerts.rules import STDERR
+    from dissect.online.alerts.actions import DeliveryError, Printed
+    from dissect.online.alerts.loading import load_rules
+    from dissect.online.alerts.rules import STDERR
     from dissect.scd.user_file import FileError
 
     try:
@@ -73,9 +73,9 @@ def test_command(rules: str) -> int:
 
 
 def _alert() -> Alert:
-    from dissect.alerts.alert import Alert
-    from dissect.alerts.rules import PROBLEM, Rule
     from dissect.engine.findings.catalogue import NOTE
+    from dissect.online.alerts.alert import Alert
+    from dissect.online.alerts.rules import PROBLEM, Rule
 
     text = "This is a test of s7dissect; nothing happened."
     return Alert(Rule("test alert", PROBLEM), time.time_ns(), NOTE, None, text, {"test": True})

@@ -28,8 +28,8 @@ from dissect.wire.config.saving import expect_place, is_special, save
 from dissect.wire.text import printable
 
 if TYPE_CHECKING:
-    from dissect.alerts import Alert, AlertRules
     from dissect.engine.observer import Observer
+    from dissect.online.alerts import Alert, AlertRules
     from dissect.output.baseline import Baseline
     from dissect.wire.text import Clock
 
@@ -177,7 +177,7 @@ def _compare(
     factors: tuple[float, float],
     format_: Format,
 ) -> int:
-    from dissect.alerts import AlertEngine, RuleError
+    from dissect.online.alerts import AlertEngine, RuleError
 
     baseline = _baseline(against) if against is not None else None
     asked = _rules(rules) if rules is not None else _usual_rules(*factors)
@@ -225,9 +225,9 @@ class _Told(Outcome):
 
 def _usual_rules(rate_factor: float, silence_factor: float) -> AlertRules:
     """Return the default rules of a comparison, used when no rule file is given: each thing is reported once."""
-    from dissect.alerts import AlertRules, Rule
-    from dissect.alerts.rules import NEW, RATE, SILENCE
-    from dissect.alerts.states import TRANSACTIONS
+    from dissect.online.alerts import AlertRules, Rule
+    from dissect.online.alerts.rules import NEW, RATE, SILENCE
+    from dissect.online.alerts.states import TRANSACTIONS
     from dissect.output.baseline.watch import KINDS
 
     rules = [Rule("new", NEW, kinds=frozenset(KINDS), once=True)]
@@ -255,9 +255,9 @@ def _rules(path: str) -> AlertRules:
 
     No clock runs between transactions, so silence is measured on transactions.
     """
-    from dissect.alerts import RuleError, load_rules
-    from dissect.alerts.rules import SILENCE
-    from dissect.alerts.states import TRANSACTIONS
+    from dissect.online.alerts import RuleError, load_rules
+    from dissect.online.alerts.rules import SILENCE
+    from dissect.online.alerts.states import TRANSACTIONS
 
     try:
         loaded = load_rules(path, trial=True)

@@ -34,8 +34,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
     from dissect.engine.pipeline import Options
-    from dissect.live.commented import CommentedStream
-    from dissect.live.run import LiveRun
+    from dissect.online.live.commented import CommentedStream
+    from dissect.online.live.run import LiveRun
     from dissect.packets.source.pcapng_writer import PcapngWriter
 
 _EXIT_CODES: Final = (
@@ -221,8 +221,8 @@ def _live(interface: str | None, expression: str, writer: PcapngWriter, options:
     from dissect.cli.rights import open_interface
     from dissect.cli.watching import Interruption
     from dissect.engine.observer import Observer
-    from dissect.live.commented import CommentedStream
-    from dissect.live.run import LiveRun
+    from dissect.online.live.commented import CommentedStream
+    from dissect.online.live.run import LiveRun
 
     if interface is None:
         raise click.ClickException("choose a network interface in the options of this interface (--interface).")

@@ -14,7 +14,7 @@ from dissect.meaning.report.slugs import slugs_of
 
 if TYPE_CHECKING:
     from dissect.files.session import Run
-    from dissect.live.run import LiveRun
+    from dissect.online.live.run import LiveRun
 
 
 def _slugs(ctx: click.Context, param: click.Parameter, values: Iterable[str]) -> frozenset[str]:

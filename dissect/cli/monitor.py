@@ -46,9 +46,9 @@ if TYPE_CHECKING:
     from dissect.cli.options.monitor import Beside
     from dissect.engine.exchange import PayloadDecoder
     from dissect.engine.transactions.naming import Naming
-    from dissect.live.run import Companion
-    from dissect.live.session import Session, Status
-    from dissect.net.addresses import Address
+    from dissect.online.live.run import Companion
+    from dissect.online.live.session import Session, Status
+    from dissect.online.net.addresses import Address
     from dissect.output.variables.wanted import WantedSet
     from dissect.packets.source.packet import Reader
     from dissect.protocols.tls.key_log import KeyLog
@@ -180,9 +180,9 @@ def command(
     `ssh gateway tcpdump -U -w - tcp port 102`, or a FILE.
     """
     from dissect.engine.pipeline import Options
-    from dissect.live.lines import kinds_of
-    from dissect.live.run import Limits
-    from dissect.live.session import Session
+    from dissect.online.live.lines import kinds_of
+    from dissect.online.live.run import Limits
+    from dissect.online.live.session import Session
 
     expect_scd(topics, decoder)
     if watched and (plain or format_ is not None):
@@ -257,7 +257,7 @@ def _opener(
 
 def _watchdog() -> list[Companion]:
     """Return the heartbeat, if systemd requests one."""
-    from dissect.live.watchdog import of_environment
+    from dissect.online.live.watchdog import of_environment
 
     found = of_environment()
     return [found] if found is not None else []
@@ -304,7 +304,7 @@ def _show(session: Session, shower: Shower, chosen: Chosen, reloading: Reloading
 
 
 def _summarise(session: Session, status: Status) -> None:
-    from dissect.live.lines import summary_lines
+    from dissect.online.live.lines import summary_lines
 
     for line in summary_lines(status, session.engine):
         click.echo(f"s7dissect: {line}", err=True)
@@ -333,7 +333,7 @@ def _code(session: Session, interrupted: bool) -> int:
 
 def _screens_will_do() -> bool:
     """Return whether the terminal can show screens; one that cannot gets lines."""
-    from dissect.monitor.terminal import will_do
+    from dissect.online.monitor.terminal import will_do
 
     return will_do()
 
@@ -341,12 +341,12 @@ def _screens_will_do() -> bool:
 def _on_screens(session: Session, slow_ns: int, chosen: Chosen, wanted: WantedSet | None, beside: Beside) -> int:
     """Show the screens until they are left; return the exit code."""
     from dissect.meaning.report.words import Places
-    from dissect.monitor.terminal import NoKeyboardError, keyboard
+    from dissect.online.monitor.terminal import NoKeyboardError, keyboard
 
     if not coloured(True):
         os.environ["NO_COLOR"] = "1"  # the library for the screens reads it when it is imported
     try:
-        run_app = importlib.import_module("dissect.monitor.app").run_app
+        run_app = importlib.import_module("dissect.online.monitor.app").run_app
     except ImportError as error:
         if (error.name or "").split(".")[0] not in {"textual", "dissect"}:
             raise

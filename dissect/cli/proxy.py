@@ -37,13 +37,13 @@ if TYPE_CHECKING:
 
     from dissect.engine.exchange import PayloadDecoder
     from dissect.engine.transactions.naming import Naming
-    from dissect.live.events import Event
-    from dissect.live.session import Session
-    from dissect.net.addresses import Address
+    from dissect.online.live.events import Event
+    from dissect.online.live.session import Session
+    from dissect.online.net.addresses import Address
+    from dissect.online.proxy.capture_file import CaptureFile
+    from dissect.online.proxy.process import RelayProcess, RelayThread
+    from dissect.online.proxy.source import RelayReader
     from dissect.protocols.tls.key_log import KeyLog
-    from dissect.proxy.capture_file import CaptureFile
-    from dissect.proxy.process import RelayProcess, RelayThread
-    from dissect.proxy.source import RelayReader
 
 #: How soon what passed is taken in while something is dissected, in seconds; Python's own is 5 ms.
 _TURN_S: Final = 0.000_1
@@ -61,13 +61,13 @@ def _listen(ctx: click.Context, param: click.Parameter, value: str) -> Address:
 
 
 def _to(ctx: click.Context, param: click.Parameter, value: str) -> Address:
-    from dissect.net.addresses import PLC_PORT
+    from dissect.online.net.addresses import PLC_PORT
 
     return _address(ctx, param, value, PLC_PORT)
 
 
 def _address(ctx: click.Context, param: click.Parameter, value: str, port: int | None) -> Address:
-    from dissect.net.addresses import AddressError, read_address
+    from dissect.online.net.addresses import AddressError, read_address
 
     try:
         return read_address(value, port)
@@ -123,13 +123,13 @@ def command(
     unchanged; a copy is dissected and cannot delay them. Stop it with Ctrl-C or SIGTERM.
     """
     from dissect.engine.pipeline import Options
-    from dissect.live.lines import kinds_of
-    from dissect.live.session import Session
-    from dissect.net.addresses import places_to_connect, places_to_listen
-    from dissect.proxy.process import RelayProcess, RelayThread, possible
-    from dissect.proxy.relay import Relay
-    from dissect.proxy.source import RelayReader
-    from dissect.proxy.tap import Tap
+    from dissect.online.live.lines import kinds_of
+    from dissect.online.live.session import Session
+    from dissect.online.net.addresses import places_to_connect, places_to_listen
+    from dissect.online.proxy.process import RelayProcess, RelayThread, possible
+    from dissect.online.proxy.relay import Relay
+    from dissect.online.proxy.source import RelayReader
+    from dissect.online.proxy.tap import Tap
 
     expect_scd(topics, decoder)
     if output == "-" and (format_ is not formats_for(EVENTS)[0] or topics):
@@ -156,8 +156,8 @@ def command(
 
 def _capture_file(output: str, force: bool) -> CaptureFile:
     from dissect import __version__
+    from dissect.online.proxy.capture_file import CaptureFile
     from dissect.packets.source.pcapng_writer import PcapngWriter
-    from dissect.proxy.capture_file import CaptureFile
 
     return CaptureFile(PcapngWriter(output, application=f"s7dissect {__version__} proxy", overwrite=force))
 
@@ -174,7 +174,7 @@ class _Lines:
 
     def show(self, events: list[Event]) -> None:
         """Write events, and what else went wrong."""
-        from dissect.live.events import PROBLEM, Event
+        from dissect.online.live.events import PROBLEM, Event
 
         problems = self._relay.problems
         events = events + [Event(PROBLEM, *problems.popleft()) for _ in range(len(problems))]
@@ -188,8 +188,8 @@ class _Lines:
 
     def summarise(self) -> None:
         """Write the summary."""
-        from dissect.live.lines import summary_lines
         from dissect.meaning.report import words
+        from dissect.online.live.lines import summary_lines
 
         status, relay = self._session.status(), self._relay
         if self._shower is not None and (lines := self._shower.end(status)):

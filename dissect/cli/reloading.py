@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
     from dissect.cli.options.monitor import Beside
     from dissect.engine.transactions.naming import Naming
-    from dissect.live.session import Session
+    from dissect.online.live.session import Session
 
 #: None on systems without the signal.
 _HUP: Final = getattr(signal, "SIGHUP", None)

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from dissect.engine.exchange import PayloadDecoder
-    from dissect.net.addresses import Address
+    from dissect.online.net.addresses import Address
     from dissect.packets.source.pcapng_writer import PcapngWriter
     from dissect.playback.client import Outcome, Part, Permissions, Settings
 

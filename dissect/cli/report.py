@@ -133,7 +133,7 @@ def _read(
     reading: Reading, files: tuple[str, ...], plots: WantedSet | None, full_paths: bool, beside: Observer | None = None
 ) -> tuple[Side, int]:
     """Read captures for a report and one more observer; return the contents and the exit code so far."""
-    from dissect.live.run import Fanout
+    from dissect.online.live.run import Fanout
     from dissect.output.page.gathered import Gathered, span_of
     from dissect.output.page.rendering import Side
     from dissect.output.page.rows import Rows

@@ -26,7 +26,7 @@ _ROOMS: Final = (
     "meaning.report",
     "meaning.select",
     "output.export",
-    "live",
+    "online.live",
     "files.recording",
 )
 _CODECS: Final = ("ascii", "latin-1", "utf-16-be", "utf-16-le", "idna")

@@ -9,18 +9,18 @@ from typing import TYPE_CHECKING, Any, Final, Self
 import click
 
 if TYPE_CHECKING:
-    from dissect.live.run import Companion
-    from dissect.live.session import Session
-    from dissect.metrics.counters import Metrics
-    from dissect.metrics.keeper import MetricsKeeper
-    from dissect.net.addresses import Address
+    from dissect.online.live.run import Companion
+    from dissect.online.live.session import Session
+    from dissect.online.metrics.counters import Metrics
+    from dissect.online.metrics.keeper import MetricsKeeper
+    from dissect.online.net.addresses import Address
 
 
 def metrics_address(ctx: click.Context, param: click.Parameter, text: str | None) -> Address | None:
     """Return the value of ``--metrics HOST:PORT``, None if it was not given."""
     if text is None:
         return None
-    from dissect.net.addresses import AddressError, parse_address
+    from dissect.online.net.addresses import AddressError, parse_address
 
     try:
         return parse_address(text)
@@ -59,10 +59,10 @@ class Scrape:
 
     def _listen(self, address: Address, allow_remote: bool) -> None:
         """Listen, or end the command with one line that says why not."""
-        from dissect.metrics.counters import Metrics
-        from dissect.metrics.keeper import MetricsKeeper
-        from dissect.metrics.server import MissingLibraryError, door_of
-        from dissect.net.addresses import AddressError
+        from dissect.online.metrics.counters import Metrics
+        from dissect.online.metrics.keeper import MetricsKeeper
+        from dissect.online.metrics.server import MissingLibraryError, door_of
+        from dissect.online.net.addresses import AddressError
 
         self._metrics = Metrics()
         try:

@@ -82,8 +82,8 @@ def read_first(
 ) -> tuple[Run, int, PacketSelection | None]:
     """Read a capture for the first time, watched by ``selection``; give the run, its exit code and what ``where`` selects."""
     from dissect.files.session import Run
-    from dissect.live.run import Fanout
     from dissect.meaning.select.packets import PacketSelection
+    from dissect.online.live.run import Fanout
 
     chosen = read_where(where, kinds=("packet", "transaction", "finding"))
     packets = PacketSelection(chosen) if chosen is not None else None

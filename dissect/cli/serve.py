@@ -13,7 +13,7 @@ from dissect.cli.watching import Interruption
 from dissect.wire.text import printable
 
 if TYPE_CHECKING:
-    from dissect.net.addresses import Address
+    from dissect.online.net.addresses import Address
     from dissect.packets.source.pcapng_writer import PcapngWriter
     from dissect.playback.server.faults import Fault
     from dissect.playback.server.service import Server
@@ -28,7 +28,7 @@ _EXIT_CODES: Final = (
 
 
 def _listen(ctx: click.Context, param: click.Parameter, value: str) -> Address:
-    from dissect.net.addresses import AddressError, read_address
+    from dissect.online.net.addresses import AddressError, read_address
 
     try:
         return read_address(value)

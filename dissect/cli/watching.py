@@ -17,9 +17,9 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
     from dissect.engine.exchange import PayloadDecoder
-    from dissect.live.events import Event
-    from dissect.live.session import Session, Status
     from dissect.meaning.report.styled import Line
+    from dissect.online.live.events import Event
+    from dissect.online.live.session import Session, Status
 
 _SCD: Final = "scd"
 _TOPICS: Final = ("connections", "transactions", "operations", "findings", "devices", _SCD)
@@ -80,7 +80,7 @@ class Shower(Protocol):
 
 def new_shower(format_: Format, topics: Iterable[str]) -> Shower:
     """Return what makes lines of events, of ``topics`` only where there are any."""
-    from dissect.live.lines import kinds_of
+    from dissect.online.live.lines import kinds_of
 
     return cast("Shower", format_.maker(EVENTS)(kinds_of(topics), clock()))
 

@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING, Final
 
 from dissect import __version__
 from dissect.meaning.report import words
-from dissect.net.addresses import PLC_PORT, Address, places_to_connect, places_to_listen, read_address
+from dissect.online.net.addresses import PLC_PORT, Address, places_to_connect, places_to_listen, read_address
+from dissect.online.proxy.relay import Relay
+from dissect.online.proxy.source import RelayReader
+from dissect.online.proxy.tap import Tap
 from dissect.packets.source.packet import PacketSink
 from dissect.packets.source.pcapng_writer import PcapngWriter
-from dissect.proxy.relay import Relay
-from dissect.proxy.source import RelayReader
-from dissect.proxy.tap import Tap
 from dissect.testing.captures import MISTAKES
 
 if TYPE_CHECKING:

@@ -24,6 +24,7 @@ from dissect.engine.pipeline import Options, Pipeline
 from dissect.golden.model import Session
 from dissect.golden.reading import SessionReader
 from dissect.golden.writing import golden_text
+from dissect.online.proxy.packets import Conversation
 from dissect.packets.source.pcapng_writer import interface_block, packet_block, section_block
 from dissect.packets.tcp.link import ETHERNET
 from dissect.packets.tcp.stream import Endpoint
@@ -35,7 +36,6 @@ from dissect.protocols.iso.tables import CC, CR
 from dissect.protocols.s7.build import with_reference
 from dissect.protocols.s7.message import parse_pdu
 from dissect.protocols.s7.parameters import PUSH
-from dissect.proxy.packets import Conversation
 from dissect.testing.messages import (
     Ask,
     Piece,

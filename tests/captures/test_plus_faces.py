@@ -10,8 +10,8 @@ import pytest
 
 import dissect
 from dissect.engine.transactions.transaction import Transaction
-from dissect.monitor.details import entry_lines
-from dissect.monitor.entries import Entry
+from dissect.online.monitor.details import entry_lines
+from dissect.online.monitor.entries import Entry
 from tests.conftest import Command
 
 CAPTURES: Final = Path(__file__).resolve().parents[2] / "captures"

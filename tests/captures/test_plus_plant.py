@@ -7,9 +7,9 @@ import tomllib
 from pathlib import Path
 from typing import Final
 
-from dissect.metrics.counters import SEPARATOR
+from dissect.online.metrics.counters import SEPARATOR
 from tests.conftest import Command
-from tests.metrics.test_counters import counted
+from tests.online.metrics.test_counters import counted
 
 CAPTURE: Final = Path(__file__).resolve().parents[2] / "captures" / "crafted" / "plus-plant.pcapng"
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from dissect.alerts.loading import RuleError, load_rules
+from dissect.online.alerts.loading import RuleError, load_rules
 from tests.cli.support import halves, run, simple
 from tests.meaning.report.support import OWN, ROOT
 

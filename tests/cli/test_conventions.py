@@ -121,9 +121,9 @@ def calls(text: str) -> list[list[str]]:
 #: What they import is imported once.
 RUNNER: Final = """
 import json, os, sys, tempfile
-import dissect.alerts, dissect.files.anonymize.rewriter, dissect.files.anonymize.survey, dissect.output.baseline,
+import dissect.online.alerts, dissect.files.anonymize.rewriter, dissect.files.anonymize.survey, dissect.output.baseline,
 dissect.golden.reading
-import dissect.live.lines, dissect.live.session, dissect.files.recording.cutter, dissect.playback.client,
+import dissect.online.live.lines, dissect.online.live.session, dissect.files.recording.cutter, dissect.playback.client,
 dissect.meaning.report.tree
 import dissect.scd.codec, dissect.scd.loading, dissect.packets.source.live.opening
 from dissect.cli.main import COMMANDS, group, main

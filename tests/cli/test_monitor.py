@@ -19,9 +19,9 @@ import pytest
 from dissect.packets.source.files import open_capture
 from tests.cli.support import WITHOUT_CACHE, run, simple, started
 from tests.forked import Forked
-from tests.live.support import client, plc
 from tests.meaning.report.schemas import complaints
 from tests.meaning.report.support import WORD, begun, read, saved
+from tests.online.live.support import client, plc
 from tests.packets.source.craft import Pcapng, drain
 from tests.packets.source.live_support import ENGINES
 from tests.properties import messages

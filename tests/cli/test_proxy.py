@@ -21,12 +21,12 @@ import snap7
 import snap7.error
 
 from dissect.cli.main import COMMANDS
-from dissect.proxy.source import RelayReader
-from dissect.proxy.tap import Passed
+from dissect.online.proxy.source import RelayReader
+from dissect.online.proxy.tap import Passed
 from tests.cli.support import Ran, run
 from tests.conftest import Command
-from tests.live.support import client, plc
-from tests.proxy.support import WRONG, eventually, port_of_nobody, tshark
+from tests.online.live.support import client, plc
+from tests.online.proxy.support import WRONG, eventually, port_of_nobody, tshark
 
 PATIENCE_S = 60
 

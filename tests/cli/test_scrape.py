@@ -12,8 +12,8 @@ from pathlib import Path
 
 import pytest
 
-from dissect.live.session import Session
-from dissect.net.addresses import Address
+from dissect.online.live.session import Session
+from dissect.online.net.addresses import Address
 from dissect.packets.source.files import open_capture
 from tests.cli.support import run
 from tests.conftest import ROOT
@@ -107,7 +107,7 @@ def test_nothing_is_loaded_without_it() -> None:
 
 def test_a_scrape_knows_the_queue_of_its_session() -> None:
     from dissect.cli.scrape import Scrape
-    from dissect.metrics.counters import Metrics
+    from dissect.online.metrics.counters import Metrics
 
     with Scrape(Address("127.0.0.1", 0), False) as scrape:
         metrics, keeper = scrape.companions

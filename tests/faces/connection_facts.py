@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any, Final
 
-from dissect.monitor.lists import _ENDED as ENDED
+from dissect.online.monitor.lists import _ENDED as ENDED
 from tests.faces.cells import Cell, Fact, Rows, ecs_end, ends, mapped, none, told, zero
 from tests.faces.kinds import COUNT, COUNTS, DURATION, END, FLAG, TIME, UNTOLD, WORD
 from tests.faces.records import Record, end

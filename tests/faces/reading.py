@@ -22,10 +22,6 @@ from dissect.engine.transactions.transaction import OUTCOMES
 from dissect.files.session import Run
 from dissect.golden.model import GoldenError
 from dissect.golden.reading import read_session
-from dissect.live.events import CLOSED, OPENED
-from dissect.live.events import TRANSACTION as LIVE_TRANSACTION
-from dissect.live.events import Collector as Live
-from dissect.live.run import Fanout
 from dissect.meaning.bindings import load_carrier
 from dissect.meaning.inventory.collector import Inventory
 from dissect.meaning.inventory.outcome import Devices
@@ -40,8 +36,12 @@ from dissect.meaning.report.writer import OperationFeed, PduFeed, TransactionFee
 from dissect.meaning.select.columns import FieldsWriter
 from dissect.meaning.select.fields import FIELDS
 from dissect.meaning.select.things import CONNECTION, FINDING, MESSAGE, OPERATION, TRANSACTION, Context, Found
-from dissect.monitor import rows
-from dissect.monitor.model import Model
+from dissect.online.live.events import CLOSED, OPENED
+from dissect.online.live.events import TRANSACTION as LIVE_TRANSACTION
+from dissect.online.live.events import Collector as Live
+from dissect.online.live.run import Fanout
+from dissect.online.monitor import rows
+from dissect.online.monitor.model import Model
 from dissect.output.export.feed import Sink, TableFeed
 from dissect.output.export.forms import FORMS, Export, Request
 from dissect.output.export.tables import TABLES, Table

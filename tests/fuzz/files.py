@@ -15,8 +15,6 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Final
 
-from dissect.alerts.alert import Alert
-from dissect.alerts.engine import AlertEngine
 from dissect.cli.baseline import _usual_rules
 from dissect.engine.observer import Observer
 from dissect.engine.pipeline import Options, Pipeline
@@ -42,7 +40,9 @@ from dissect.meaning.report.writers.csv import CSV_COLUMNS, CsvWriter
 from dissect.meaning.report.writers.jsonl import JsonlWriter, TransactionLines
 from dissect.meaning.report.writers.text import TextWriter
 from dissect.meaning.select.selection import Selection, Wanted
-from dissect.metrics.counters import Metrics
+from dissect.online.alerts.alert import Alert
+from dissect.online.alerts.engine import AlertEngine
+from dissect.online.metrics.counters import Metrics
 from dissect.output.baseline.learn import Learner
 from dissect.output.baseline.loading import parse_baseline
 from dissect.output.baseline.writing import baseline_toml

@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import Final, TypeVar
 
 from benchmarks.scd_damage import sealed
-from dissect.alerts.loading import parse_rules
 from dissect.files.recording.ring_buffer import parse_limits
 from dissect.golden.comparison import diff_sessions
 from dissect.golden.model import GoldenError, Session
@@ -23,6 +22,7 @@ from dissect.meaning.bindings.bindings_file import _parse as parse_bindings
 from dissect.meaning.bindings.bindings_file import load_bindings
 from dissect.meaning.report.slugs import slugs_of
 from dissect.meaning.select.window import parse_window
+from dissect.online.alerts.loading import parse_rules
 from dissect.output.baseline.loading import parse_baseline
 from dissect.output.baseline.writing import baseline_toml
 from dissect.packets.source.live.filter import NotBuiltInError, compile_filter

@@ -5,16 +5,16 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from dissect.engine.pipeline import Pipeline
-from dissect.live.events import Collector, Event
-from dissect.live.json_lines import JsonLines
-from dissect.live.lines import PlainLines, kinds_of
 from dissect.meaning.report.contract import connection_as_dict
 from dissect.meaning.report.words import Places
-from dissect.metrics.counters import Metrics
-from dissect.metrics.exposition import Exposition
-from dissect.monitor.details import connection_details, entry_lines, finding_details
-from dissect.monitor.model import Model
-from dissect.monitor.rows import Look, connection_row, entry_line, entry_row, finding_row, joined, sparks
+from dissect.online.live.events import Collector, Event
+from dissect.online.live.json_lines import JsonLines
+from dissect.online.live.lines import PlainLines, kinds_of
+from dissect.online.metrics.counters import Metrics
+from dissect.online.metrics.exposition import Exposition
+from dissect.online.monitor.details import connection_details, entry_lines, finding_details
+from dissect.online.monitor.model import Model
+from dissect.online.monitor.rows import Look, connection_row, entry_line, entry_row, finding_row, joined, sparks
 from dissect.wire.text import Clock
 from tests.fuzz.checks import check_json, check_line, check_lines
 

@@ -34,17 +34,17 @@ from dissect.golden.parsing import parse_golden
 from dissect.meaning.inventory.collector import Inventory
 from dissect.meaning.report.certainty import SHORT, left_out, values_left_out
 from dissect.meaning.report.formats import FORMATS, TRANSACTIONS, VALUES
-from dissect.metrics.counters import Metrics
-from dissect.monitor.details import connection_details, entry_lines
-from dissect.monitor.model import Model
-from dissect.monitor.rows import entry_row, joined
+from dissect.online.metrics.counters import Metrics
+from dissect.online.monitor.details import connection_details, entry_lines
+from dissect.online.monitor.model import Model
+from dissect.online.monitor.rows import entry_row, joined
 from dissect.output.baseline import Learner
 from dissect.output.export.forms import FORMS
 from dissect.output.page.data import Data
 from dissect.wire.text import Clock
 from tests.cli.support import run
-from tests.live.support import never, taken
-from tests.monitor.support import of_capture
+from tests.online.live.support import never, taken
+from tests.online.monitor.support import of_capture
 from tests.output.page.support import gathered_of, page_of
 
 Capture = pytest.CaptureFixture[bytes]

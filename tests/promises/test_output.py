@@ -1,7 +1,7 @@
 """Promises G17, T27, T28, T34: nothing said on the wire or in a file steers a terminal, table or document; no password shows.
 
 File names and the texts of dictionaries are tried in tests/cli/test_drive.py and tests/cli/test_scd.py, the screens in
-tests/monitor, JUnit XML alone in tests/cli/test_junit.py.
+tests/online/monitor, JUnit XML alone in tests/cli/test_junit.py.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ import pytest
 
 from dissect.engine.pipeline import Options
 from dissect.golden.parsing import parse_golden
-from dissect.live.session import Session
+from dissect.online.live.session import Session
 from dissect.packets.source.files import open_capture
 from dissect.protocols.s7.security import encode_password
 from tests.cli.support import run, simple
@@ -110,8 +110,8 @@ def test_every_string_is_there_in_every_field(capfdbinary: Capture, files: dict[
 
 def test_what_prometheus_fetches_holds_nothing_of_it(files: dict[str, Path]) -> None:
     pytest.importorskip("prometheus_client")
-    from dissect.metrics.counters import Metrics
-    from dissect.metrics.exposition import Exposition
+    from dissect.online.metrics.counters import Metrics
+    from dissect.online.metrics.exposition import Exposition
 
     metrics = Metrics()
     session = Session(lambda: open_capture(str(files["HOSTILE"])), Options(), companions=[metrics])

@@ -7,12 +7,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Final
 
-from dissect.alerts import Alert, AlertEngine
-from dissect.alerts.loading import parse_rules
 from dissect.engine.observer import Observer
 from dissect.files.session import Run
-from dissect.live.run import Fanout
-from dissect.live.session import Session
 from dissect.meaning.inventory.outcome import Devices
 from dissect.meaning.report.brief import brief_lines
 from dissect.meaning.report.formats import FORMATS, OPERATIONS, PDUS, TRANSACTIONS
@@ -20,8 +16,12 @@ from dissect.meaning.report.styled import Line
 from dissect.meaning.report.text import analysis_lines
 from dissect.meaning.report.words import Places
 from dissect.meaning.report.writer import OperationFeed, PduFeed, TransactionFeed, Writer
-from dissect.monitor import rows
-from dissect.monitor.model import Model
+from dissect.online.alerts import Alert, AlertEngine
+from dissect.online.alerts.loading import parse_rules
+from dissect.online.live.run import Fanout
+from dissect.online.live.session import Session
+from dissect.online.monitor import rows
+from dissect.online.monitor.model import Model
 from dissect.output.export.feed import Sink, TableFeed
 from dissect.output.export.forms import FORMS, Request
 from dissect.output.export.tables import TABLES, Table
@@ -32,7 +32,7 @@ from dissect.output.page.rows import Rows
 from dissect.packets.source.files import open_capture
 from dissect.wire.text import Clock
 from tests.faces.reading import options_of
-from tests.monitor.support import ended, events_of
+from tests.online.monitor.support import ended, events_of
 
 #: Reports every finding once, and counts what comes after it.
 RULES: Final = '[[rule]]\nname = "all"\nwhen = "finding"\nfinding = "note"\ncooldown = "10d"\nburst = 10000\n'

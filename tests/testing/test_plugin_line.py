@@ -343,5 +343,5 @@ def test_a_golden_needs_neither_scapy_nor_the_network(project: Project) -> None:
     assert not {
         name
         for name in used
-        if name.startswith(("scapy", "dissect.layers", "dissect.playback.server", "dissect.proxy"))
+        if name.startswith(("scapy", "dissect.layers", "dissect.playback.server", "dissect.online.proxy"))
     }

@@ -27,8 +27,8 @@ from dissect.testing.talk import (
     words,
     write,
 )
+from tests.online.proxy.support import WRONG, tshark
 from tests.playback.server.support import Plain
-from tests.proxy.support import WRONG, tshark
 
 
 @pytest.mark.parametrize(

@@ -16,14 +16,14 @@ from dissect.meaning.report.slugs import slugs_of
 from dissect.wire.text import printable
 
 if TYPE_CHECKING:
-    from dissect.alerts.alert import Alert
-    from dissect.alerts.engine import AlertEngine
-    from dissect.alerts.loading import AlertRules
     from dissect.files.recording.ring_buffer import RingLimits
-    from dissect.live.alerting import AlertCompanion
-    from dissect.live.reports import ReportCompanion
-    from dissect.live.run import Companion
-    from dissect.live.session import Session
+    from dissect.online.alerts.alert import Alert
+    from dissect.online.alerts.engine import AlertEngine
+    from dissect.online.alerts.loading import AlertRules
+    from dissect.online.live.alerting import AlertCompanion
+    from dissect.online.live.reports import ReportCompanion
+    from dissect.online.live.run import Companion
+    from dissect.online.live.session import Session
     from dissect.output.baseline.norms import Baseline
 
 _TIME = re.compile(r"([0-9]{1,6})(ms|s|min)?")
@@ -206,7 +206,7 @@ class Beside:
 
     def _tables(self, export: LiveExport) -> Companion:
         from dissect import __version__
-        from dissect.live.export import ExportCompanion
+        from dissect.online.live.export import ExportCompanion
         from dissect.output.export.extras import MissingLibraryError
         from dissect.packets.source.live.privileges import missing
 
@@ -227,8 +227,8 @@ class Beside:
         import platform
 
         from dissect import __version__
+        from dissect.online.proxy.capture_file import CaptureFile
         from dissect.packets.source.pcapng_writer import PcapngWriter
-        from dissect.proxy.capture_file import CaptureFile
         from dissect.wire.config.saving import is_special
 
         new = not is_special(path)
@@ -246,7 +246,7 @@ class Beside:
         from dissect import __version__
         from dissect.files.recording.event_capture import EventCapture
         from dissect.files.recording.ring_buffer import RingBuffer
-        from dissect.live.evidence import KeeperCompanion, RingCompanion
+        from dissect.online.live.evidence import KeeperCompanion, RingCompanion
         from dissect.packets.source.live.privileges import missing
 
         self.made += missing(directory)
@@ -287,7 +287,7 @@ class Beside:
 
         from dissect import __version__
         from dissect.files.recording.manifest import masked
-        from dissect.metrics.clock import clock_offset
+        from dissect.online.metrics.clock import clock_offset
 
         offset = clock_offset()
         return {
@@ -300,8 +300,8 @@ class Beside:
         }
 
     def _alerts(self, path: str) -> AlertCompanion:
-        from dissect.alerts.dispatcher import Dispatcher
-        from dissect.live.alerting import AlertCompanion
+        from dissect.online.alerts.dispatcher import Dispatcher
+        from dissect.online.live.alerting import AlertCompanion
 
         rules, baseline = self._rules_read(path)
         dispatcher = Dispatcher(rules.actions, write=self._alert, tell=self._say)
@@ -310,7 +310,7 @@ class Beside:
 
     def _rules_read(self, path: str) -> tuple[AlertRules, Baseline | None]:
         """Return rules and baseline as their files have them now."""
-        from dissect.alerts.loading import load_rules
+        from dissect.online.alerts.loading import load_rules
         from dissect.output.baseline.loading import load_baseline
         from dissect.scd.user_file import FileError
 
@@ -324,8 +324,8 @@ class Beside:
 
         Raises `click.ClickException` for files that cannot be used.
         """
-        from dissect.alerts.dispatcher import Dispatcher
-        from dissect.live.alerting import Succession
+        from dissect.online.alerts.dispatcher import Dispatcher
+        from dissect.online.live.alerting import Succession
 
         companion = self.alerting
         if companion is None or self._rules is None:
@@ -342,7 +342,7 @@ class Beside:
         from dissect.cli.configuration import hosts
         from dissect.cli.look import clock
         from dissect.cli.report import needs_template_engine
-        from dissect.live.reports import ReportCompanion
+        from dissect.online.live.reports import ReportCompanion
         from dissect.packets.source.live.privileges import missing
 
         needs_template_engine()
@@ -355,7 +355,7 @@ class Beside:
     def _alert(self, line: str) -> None:
         """Show the line of an alert where it is visible; without its time on the screens, which show the clock at the top."""
         if self._shown and self._session is not None:
-            from dissect.live.events import ALERT
+            from dissect.online.live.events import ALERT
 
             self._session.say(line.partition("  ")[2], ALERT)
         else:
@@ -366,14 +366,14 @@ class Beside:
         if self._shown and self._session is not None:
             self._session.say(line)
             return
-        from dissect.alerts.actions import to_stderr
+        from dissect.online.alerts.actions import to_stderr
 
         to_stderr(line)
 
 
 def _engine_of(rules: AlertRules, baseline: Baseline | None, tell: Callable[[Alert], None]) -> AlertEngine:
-    from dissect.alerts.engine import AlertEngine
-    from dissect.alerts.loading import RuleError
+    from dissect.online.alerts.engine import AlertEngine
+    from dissect.online.alerts.loading import RuleError
 
     try:
         return AlertEngine(rules, baseline, tell)

@@ -20,13 +20,13 @@ from dissect.cli.task import current
 if TYPE_CHECKING:
     from click.shell_completion import CompletionItem
 
-    from dissect.live.selected import SelectedEvents
-    from dissect.live.session import Session
     from dissect.meaning.report.formats import Format
     from dissect.meaning.report.writer import MessageChoice, Writer
     from dissect.meaning.select import Where
     from dissect.meaning.select.things import Context
     from dissect.meaning.select.window import Window
+    from dissect.online.live.selected import SelectedEvents
+    from dissect.online.live.session import Session
     from dissect.wire.text import Clock
 
     _ParamType = click.ParamType[str]
@@ -103,7 +103,7 @@ class Chosen:
         """Return what lets events of a live session pass; None where all do."""
         if self.where is None:
             return None
-        from dissect.live.selected import SelectedEvents
+        from dissect.online.live.selected import SelectedEvents
 
         self.where.context.start = lambda: int(session.run.pipeline.first_ns)
         return SelectedEvents(self.where)

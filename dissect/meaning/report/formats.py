@@ -29,7 +29,7 @@ TRANSACTIONS: Final = "transactions"
 PDUS: Final = "PDUs"
 OPERATIONS: Final = "operations"
 VALUES: Final = "values"
-#: Events of a live run are given to a class like `dissect.live.lines.PlainLines`.
+#: Events of a live run are given to a class like `dissect.online.live.lines.PlainLines`.
 EVENTS: Final = "events"
 # The single result of a command is given to a function, as an `Outcome`.
 ANALYSIS: Final = "analysis"
@@ -88,7 +88,7 @@ FORMATS: Final[dict[str, Format]] = {
             "lines for a person",
             ("dissect.meaning.report.writers.text:TextWriter", (TRANSACTIONS, PDUS, OPERATIONS)),
             ("dissect.output.variables.writers:ValueText", (VALUES,)),
-            ("dissect.live.lines:PlainLines", (EVENTS,)),
+            ("dissect.online.live.lines:PlainLines", (EVENTS,)),
             (
                 "dissect.meaning.report.outcome:text_outcome",
                 (ANALYSIS, ALERTS, DIFFERENCES, OUTCOME, ROWS, BLOCKS, DEVICES),
@@ -101,7 +101,7 @@ FORMATS: Final[dict[str, Format]] = {
             "a JSON object on each line",
             ("dissect.meaning.report.writers.jsonl:JsonlWriter", (TRANSACTIONS, PDUS, OPERATIONS)),
             ("dissect.output.variables.writers:ValueJsonl", (VALUES,)),
-            ("dissect.live.json_lines:JsonLines", (EVENTS,)),
+            ("dissect.online.live.json_lines:JsonLines", (EVENTS,)),
             ("dissect.meaning.report.outcome:json_outcome", (ALERTS,)),
             ("dissect.output.export.result_lines:json_lines", (ROWS,)),
         ),

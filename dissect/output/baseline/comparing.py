@@ -1,4 +1,7 @@
-"""`Comparison`: what a run has that a baseline has not, for programs; alerts have rules of their own (`dissect.alerts`)."""
+"""`Comparison`: what a run has that a baseline has not, for programs; alerts have rules of their own.
+
+See `dissect.online.alerts`.
+"""
 
 from __future__ import annotations
 

@@ -22,7 +22,7 @@ _PACKAGE: Final = Path(__file__).resolve().parent.parent.parent
 #: Files of the package, and rooms without use in a browser: no line to listen on, no Wireshark, no Scapy, no processes.
 _KINDS: Final = frozenset((".py", ".json", ".css", ".js", ".j2", ".md"))
 _ROOMS_LEFT_OUT: Final = frozenset(
-    ("files/cluster", "layers", "metrics", "monitor", "oracle", "playback", "proxy", "testing")
+    ("files/cluster", "layers", "online/metrics", "online/monitor", "oracle", "playback", "online/proxy", "testing")
 )
 #: From the room `browser` only the parts that run inside the page.
 _INSIDE: Final = frozenset(("__init__.py", "bridge.py"))

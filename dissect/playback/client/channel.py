@@ -9,7 +9,7 @@ from collections import deque
 from collections.abc import Sequence
 from typing import Final
 
-from dissect.net.addresses import Place
+from dissect.online.net.addresses import Place
 from dissect.playback.client.record import Record, Talk
 from dissect.playback.client.watch import Watch
 from dissect.protocols.iso.build import build_tpkt, build_tsdu

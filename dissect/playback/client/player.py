@@ -8,7 +8,7 @@ from typing import Final
 
 from dissect.engine.transactions.ending import DISCONNECT, FIN, RESET
 from dissect.golden.model import Transaction
-from dissect.net.addresses import Place
+from dissect.online.net.addresses import Place
 from dissect.playback.client.channel import Channel, UnreachableError, connect
 from dissect.playback.client.download import Downloads
 from dissect.playback.client.partner import Sends

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 from dissect.engine.pipeline import Options, Pipeline
 from dissect.golden.model import Link, Session
 from dissect.golden.reading import SessionReader
+from dissect.online.proxy.packets import Conversation, endpoint_of
 from dissect.packets.tcp.link import ETHERNET
-from dissect.proxy.packets import Conversation, endpoint_of
 
 if TYPE_CHECKING:
     from dissect.engine.exchange import PayloadDecoder

@@ -10,7 +10,7 @@ from dissect.golden.comparison import differences
 from dissect.golden.difference import Difference, DiffOptions
 from dissect.golden.model import Link, Session
 from dissect.meaning.report import words
-from dissect.net.addresses import Address, Place
+from dissect.online.net.addresses import Address, Place
 from dissect.playback.client.expected import expected_session
 from dissect.playback.client.permissions import Permissions
 from dissect.playback.client.plan import Part, Withheld, playable, withheld

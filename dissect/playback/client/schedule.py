@@ -8,7 +8,7 @@ from collections.abc import Iterator, Sequence
 from itertools import chain
 from typing import Final, NamedTuple
 
-from dissect.net.addresses import Place
+from dissect.online.net.addresses import Place
 from dissect.playback.client.plan import ASK, Part, playable
 from dissect.playback.client.player import Player
 from dissect.playback.client.recorded import ReplayError

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import ipaddress
 
-from dissect.net.addresses import (
+from dissect.online.net.addresses import (
     PLC_PORT,
     Address,
     AddressError,

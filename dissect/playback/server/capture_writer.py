@@ -5,9 +5,9 @@ from __future__ import annotations
 import time
 from typing import Any, Final
 
+from dissect.online.proxy.packets import Conversation, endpoint_of
 from dissect.packets.source.pcapng_writer import PcapngWriter
 from dissect.packets.tcp.link import ETHERNET
-from dissect.proxy.packets import Conversation, endpoint_of
 
 CLIENT: Final = 0
 SERVER: Final = 1

@@ -12,9 +12,9 @@ from collections.abc import Sequence
 from types import TracebackType
 from typing import TYPE_CHECKING, Final, Self
 
-from dissect.net.addresses import Address, Place, ProxyError, places_to_listen
-from dissect.net.listener import Accepted, Listener
-from dissect.net.sockets import close_with_reset
+from dissect.online.net.addresses import Address, Place, ProxyError, places_to_listen
+from dissect.online.net.listener import Accepted, Listener
+from dissect.online.net.sockets import close_with_reset
 from dissect.playback.server.capture_writer import CLIENT, SERVER, CaptureWriter
 from dissect.playback.server.faults import Fault, parse_fault
 from dissect.playback.server.model import Recording

@@ -12,7 +12,6 @@ import pytest
 from dissect.engine.observer import Observer
 from dissect.engine.transactions.transaction import Transaction
 from dissect.files.session import Run
-from dissect.live.run import Fanout
 from dissect.meaning.facts.fact import Fact
 from dissect.meaning.facts.pdu import ASKED, PDU
 from dissect.meaning.facts.transaction import ITEM, TRANSACTION
@@ -22,6 +21,7 @@ from dissect.meaning.report.words import Places
 from dissect.meaning.report.writer import PduFeed
 from dissect.meaning.report.writers.jsonl import JsonlWriter, TransactionLines
 from dissect.meaning.select.items import ItemReader
+from dissect.online.live.run import Fanout
 from dissect.output.export.feed import Sink, TableFeed
 from dissect.output.export.rows import Rows
 from dissect.output.export.tables import ITEMS, PDUS, TRANSACTIONS, VALUES, Table

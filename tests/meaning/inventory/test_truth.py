@@ -16,8 +16,8 @@ import dissect
 from dissect.engine.stations import facts
 from dissect.meaning.inventory.model import Device
 from tests.cli.test_proxy import proxy
-from tests.live.support import client, plc
 from tests.meaning.report.schemas import ROOT
+from tests.online.live.support import client, plc
 from tests.tshark import join
 
 #: Our keys and Wireshark's fields of list 0x001C, and of the records of list 0x0011.

@@ -6,14 +6,14 @@ from typing import Any, get_args
 
 import pytest
 
-from dissect.alerts import states
-from dissect.alerts.rules import WHENS
 from dissect.engine.findings.catalogue import KINDS as FINDINGS
 from dissect.engine.findings.catalogue import SEVERITIES
 from dissect.engine.transactions import ending, operation
 from dissect.files.anonymize import account
 from dissect.golden.difference import KINDS as DIFFERENCES
-from dissect.live import events
+from dissect.online.alerts import states
+from dissect.online.alerts.rules import WHENS
+from dissect.online.live import events
 from dissect.oracle import facts, known
 from dissect.output.baseline.watch import KINDS as NEW
 from dissect.packets.source.live.opening import ENGINES

@@ -9,8 +9,6 @@ from typing import Any, Final
 import pytest
 
 import dissect
-from dissect.alerts.engine import AlertEngine
-from dissect.alerts.loading import parse_rules
 from dissect.engine.findings.bounds import KEPT
 from dissect.engine.findings.catalogue import CATALOGUE
 from dissect.engine.findings.reporter import MAX_DETAILED_ALL, Finding, Reporter
@@ -19,14 +17,16 @@ from dissect.files.jobs.analyses import Analyses
 from dissect.files.jobs.sums import part_of
 from dissect.files.recording.event_capture import EventCapture
 from dissect.files.session import Run
-from dissect.live.events import FINDING, Event
-from dissect.live.json_lines import JsonLines
-from dissect.live.lines import PlainLines
 from dissect.meaning.report.analysis import Analysis
 from dissect.meaning.report.contract import analysis_as_dict
 from dissect.meaning.report.kept import BLOCK, FIRST, Findings
 from dissect.meaning.report.per_file import PerFile
 from dissect.meaning.report.text import analysis_lines
+from dissect.online.alerts.engine import AlertEngine
+from dissect.online.alerts.loading import parse_rules
+from dissect.online.live.events import FINDING, Event
+from dissect.online.live.json_lines import JsonLines
+from dissect.online.live.lines import PlainLines
 from dissect.output.export.ecs import ecs_export
 from dissect.output.export.feed import TableFeed
 from dissect.output.export.forms import Request

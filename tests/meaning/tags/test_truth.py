@@ -13,11 +13,11 @@ from snap7 import util
 import dissect
 from dissect.engine.transactions.naming import NamedValue, named_values
 from dissect.engine.transactions.transaction import Transaction
-from dissect.live.events import CLOSED
 from dissect.meaning.tags import load_tags
+from dissect.online.live.events import CLOSED
 from dissect.protocols.s7.tables import READ_VAR, WRITE_VAR
-from tests.live.support import client, plc, taken
-from tests.proxy.test_source import dissected
+from tests.online.live.support import client, plc, taken
+from tests.online.proxy.test_source import dissected
 
 #: The block of the test server (64 octets) as a source: no offsets, they follow from the rules.
 SOURCE: Final = """DATA_BLOCK "Press"

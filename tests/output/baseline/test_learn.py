@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from dissect.alerts import Alert, AlertEngine, AlertRules, Rule
-from dissect.alerts.rules import NEW
 from dissect.files.session import Run
+from dissect.online.alerts import Alert, AlertEngine, AlertRules, Rule
+from dissect.online.alerts.rules import NEW
 from dissect.output.baseline import Learner, baseline_toml, learn
 from dissect.output.baseline.loading import parse_baseline
 from tests.meaning.report.support import WORD

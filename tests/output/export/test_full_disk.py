@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from tests.cli.support import simple
-from tests.live.small_disk import on_a_small_disk
+from tests.online.live.small_disk import on_a_small_disk
 
 SCRIPT = """
 import subprocess

@@ -9,10 +9,10 @@ from typing import Final
 from snap7 import util
 
 import dissect
-from dissect.live.events import CLOSED
 from dissect.meaning.tags import load_tags
-from tests.live.support import client, plc, taken
-from tests.proxy.test_source import dissected
+from dissect.online.live.events import CLOSED
+from tests.online.live.support import client, plc, taken
+from tests.online.proxy.test_source import dissected
 
 SOURCE: Final = """DATA_BLOCK "Press"
 { S7_Optimized_Access := 'FALSE' }

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Final
 
 from dissect.golden.model import Session
-from dissect.net.addresses import Address
+from dissect.online.net.addresses import Address
 from dissect.packets.source.pcapng_writer import PcapngWriter
 from dissect.playback.client import (
     Outcome,

@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dissect.golden.model import Link
-from dissect.net.addresses import Place
+from dissect.online.net.addresses import Place
 from dissect.playback.client.channel import Channel, UnreachableError, connect
 from dissect.playback.client.record import Record
 from tests.playback.client.support import free_port

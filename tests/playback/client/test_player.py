@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from dissect.net.addresses import Address
+from dissect.online.net.addresses import Address
 from dissect.playback.client import Settings, load_recorded
 from dissect.playback.client.plan import USUAL_SETUP
 from dissect.playback.server.service import Server

@@ -13,7 +13,7 @@ import pytest
 
 from dissect.golden import golden_text, read_session
 from dissect.golden.model import Link, Session, Span
-from dissect.net.addresses import Address, Place
+from dissect.online.net.addresses import Address, Place
 from dissect.playback.client import ReplayError, Settings, expect_few, load_recorded, make_plan
 from dissect.playback.client.channel import connect
 from dissect.playback.client.plan import Part

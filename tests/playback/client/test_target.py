@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from dissect.net.addresses import Address
+from dissect.online.net.addresses import Address
 from dissect.playback.client import ReplayError, places_of, read_target
 from dissect.playback.client.target import expect_allowed
 

@@ -12,8 +12,8 @@ from dissect.playback.server import Fault, Server, parse_fault
 from dissect.playback.server.session import SPLIT_SIZE
 from dissect.protocols.s7.message import parse_pdu
 from dissect.testing.talk import read, szl, write
+from tests.online.proxy.support import tshark
 from tests.playback.server.support import Plain, small
-from tests.proxy.support import tshark
 
 
 @pytest.mark.parametrize(

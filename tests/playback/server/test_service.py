@@ -15,15 +15,15 @@ from pathlib import Path
 import pytest
 
 from dissect.golden.model import Session
-from dissect.net.addresses import Address
+from dissect.online.net.addresses import Address
 from dissect.packets.source.pcapng_writer import PcapngWriter
 from dissect.playback.server import Recording, Server, ServerError, request_log, service
 from dissect.playback.server import socket as line_module
 from dissect.playback.server.recording import recording_of
 from dissect.playback.server.service import places_to_serve
 from dissect.testing.talk import Talk, answer, pdu, push, read, szl, values, words
+from tests.online.proxy.support import WRONG, eventually, has_ipv6, tshark
 from tests.playback.server.support import CONNECT, PATIENCE_S, Plain, dt, small
-from tests.proxy.support import WRONG, eventually, has_ipv6, tshark
 
 # ---- safety ---------------------------------------------------------------------------------------------------------
 

@@ -8,8 +8,8 @@ from typing import NamedTuple
 
 import pytest
 
-from dissect.alerts import load_rules
 from dissect.meaning.bindings import load_bindings
+from dissect.online.alerts import load_rules
 from dissect.output.baseline import load_baseline
 from dissect.scd.errors import DictionaryError
 from dissect.scd.loading import load

@@ -1,0 +1,1 @@
+"""What works on a network: addresses, alerts, live runs and their screens, counters, a relay."""
