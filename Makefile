@@ -37,18 +37,18 @@ ONCE := $(wildcard tests/packets/source/test_live_*.py tests/packets/source/test
 # Those that take longest begin; what none of the others names is in the rest.
 INSTALLED := browser program scd rest cli layers oracle captures
 installed-browser := tests/output/browser
-installed-oracle := tests/oracle tests/golden tests/protocols/tls
+installed-oracle := tests/testing/oracle tests/testing/golden tests/protocols/tls
 installed-cli := tests/cli
 installed-scd := tests/scd tests/properties tests/files/anonymize
-installed-captures := tests/captures tests/playback tests/packets/source
+installed-captures := tests/captures tests/testing/playback tests/packets/source
 installed-layers := tests/layers tests/output/page tests/promises tests/files/cluster tests/files/jobs
 installed-program := tests/benchmarks $(wildcard tests/test_*.py)
 installed-rest := tests $(foreach part,$(filter-out rest,$(INSTALLED)),$(installed-$(part):%=--ignore=%))
 
 # What nothing can trace, count or give other bounds when it is compiled.
-UNCOMPILED := tests/test_architecture.py tests/benchmarks/test_work.py tests/golden/test_reading.py tests/meaning/inventory/test_code.py \
+UNCOMPILED := tests/test_architecture.py tests/benchmarks/test_work.py tests/testing/golden/test_reading.py tests/meaning/inventory/test_code.py \
 	tests/meaning/inventory/test_collector.py tests/files/jobs/test_inventories.py tests/output/page/test_gathered.py tests/output/page/test_samples.py \
-	tests/output/page/test_use.py tests/playback/server/test_recording.py tests/engine/program/test_carved.py tests/promises/test_growth.py
+	tests/output/page/test_use.py tests/testing/playback/server/test_recording.py tests/engine/program/test_carved.py tests/promises/test_growth.py
 
 INTERPRETED := source rest
 interpreted-source := $(filter tests/packets/source tests/properties,$(ENGINE))

@@ -14,8 +14,6 @@ from dissect.engine.observer import Observer
 from dissect.files.session import Run
 from dissect.layers import S7, TPKT
 from dissect.layers.parts import CLASSES
-from dissect.oracle import facts, known
-from dissect.oracle.facts import TPKT_SIZE
 from dissect.protocols.iso import tables as iso
 from dissect.protocols.iso.cotp import parse_tpdu
 from dissect.protocols.s7 import szl_tables, tables
@@ -26,6 +24,8 @@ from dissect.protocols.s7.parameters import PUSH, REQUEST, RESPONSE
 from dissect.protocols.s7.services import PI_SERVICES
 from dissect.protocols.s7.szl import SZL_HEAD
 from dissect.protocols.s7.szl_records import RECORD
+from dissect.testing.oracle import facts, known
+from dissect.testing.oracle.facts import TPKT_SIZE
 from dissect.wire.codes import CodeTable
 from dissect.wire.part import OCTETS, SURPLUS, Part
 
@@ -64,7 +64,7 @@ _UNIT_DATA: Final = (
 _PLAIN_LISTS: Final = (0x16, 0x17, 0x18, 0x21, 0x23, 0x33, 0x81, 0x82, 0xB4)
 
 
-#: Known differences (`dissect.oracle.known`) that most of a row is compared under, by section and how its rows begin.
+#: Known differences (`dissect.testing.oracle.known`) that most of a row is compared under, by section and how its rows begin.
 DIFFERENCES: Final = {
     (TPDUS, "ED"): "expedited-refused",
     (FUNCTIONS, "0x01 push"): "mode-transition-as-head",

@@ -18,9 +18,9 @@ HEADING = "## What Wireshark shows besides\n"
 
 def main(arguments: list[str]) -> int:
     """Compare, and put each table behind its heading; returns the exit code."""
-    from dissect.oracle import known
-    from dissect.oracle.compare import compare
-    from dissect.oracle.uncarried import as_markdown, without_reason
+    from dissect.testing.oracle import known
+    from dissect.testing.oracle.compare import compare
+    from dissect.testing.oracle.uncarried import as_markdown, without_reason
 
     folders = [ROOT / "captures", ROOT / "captures" / "crafted", *map(Path, arguments)]
     paths = [path for folder in folders for path in sorted(folder.glob("*.pc*")) if not path.name.startswith("cut-")]

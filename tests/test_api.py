@@ -16,12 +16,12 @@ import pytest
 
 import dissect
 from dissect import scd
-from dissect.golden.reading import is_golden, load_golden, read_session
-from dissect.golden.writing import golden_text
 from dissect.packets.source.pcapng_writer import PcapngWriter
-from dissect.playback.client import load_recorded
-from dissect.playback.server import load_recording
 from dissect.protocols.s7.items import DataItem
+from dissect.testing.golden.reading import is_golden, load_golden, read_session
+from dissect.testing.golden.writing import golden_text
+from dissect.testing.playback.client import load_recorded
+from dissect.testing.playback.server import load_recording
 
 #: A program of a user, which mypy and pyright have to understand.
 USER: Final = Path(__file__).parent / "typed" / "program.py"

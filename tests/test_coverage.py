@@ -8,7 +8,7 @@ from typing import Final
 
 import pytest
 
-from dissect.oracle.known import KNOWN
+from dissect.testing.oracle.known import KNOWN
 from scripts.coverage_doc import DIFFERENCES, PAGE, Key, Row, cells, census, document, expected, faults, reasons
 
 #: What was seen in the public captures, which are not part of this repository.

@@ -30,9 +30,9 @@ SMALL: Final = frozenset(
         ("files/jobs/sending.py", "CATALOGUE"),  # never forgotten
         ("files/index/possible.py", "CATALOGUE"),
         ("online/metrics/server.py", "_clients"),
-        ("oracle/plus.py", "_asked"),
-        ("playback/server/session.py", "_jobs"),
-        ("playback/server/session.py", "_references"),
+        ("testing/oracle/plus.py", "_asked"),
+        ("testing/playback/server/session.py", "_jobs"),
+        ("testing/playback/server/session.py", "_references"),
         ("protocols/s7plus/session.py", "subscriptions"),
         ("packets/source/live/dumpcap.py", "statistics"),
         ("engine/stations/evidence.py", "_answers"),

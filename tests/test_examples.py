@@ -16,7 +16,7 @@ import pytest
 
 from dissect.layers import COTP_CR, COTP_DT, S7, TPKT, COTP_Parameter, S7_ReadVarRequest, S7_Setup, at
 from dissect.online.live import iterating
-from dissect.playback.server import Server
+from dissect.testing.playback.server import Server
 from tests.extras import hiding
 from tests.test_sources import Line
 

@@ -319,7 +319,7 @@ def nothing_runs_what_it_reads(module: str, tree: ast.Module) -> list[str]:
 #: Who may read JSON, TOML, SQLite and names of code pages without `dissect.wire.config.hostile`: what they read is our own.
 OWN_CONTENT: Final = {
     "dissect.wire.config.hostile": "reads it for everybody",
-    "dissect.golden.values": "a text that our parser cut out, within its quotes",
+    "dissect.testing.golden.values": "a text that our parser cut out, within its quotes",
     "dissect.meaning.report.contract": "lines that our writer made a moment ago",
     "dissect.meaning.report.kept": "what the same process packed",
     "dissect.output.variables.summary": "lines that our writer made a moment ago",

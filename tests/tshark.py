@@ -24,8 +24,8 @@ import msgspec
 
 import dissect
 from captures.craft.files import unpacked
-from dissect.oracle.theirs import Frame
-from dissect.oracle.tshark import preferences
+from dissect.testing.oracle.theirs import Frame
+from dissect.testing.oracle.tshark import preferences
 
 ROOT: Final = Path(__file__).resolve().parent.parent
 
@@ -210,7 +210,7 @@ def _other(address: Address, number: int, at: int) -> Address:
 
 
 def read_shared(path: str, ports: Iterable[int], reorder: bool) -> Iterator[Frame]:
-    """Read as `dissect.oracle.tshark.read_tshark` does a capture that tshark reads to its end."""
+    """Read as `dissect.testing.oracle.tshark.read_tshark` does a capture that tshark reads to its end."""
     answer = ask(Path(path), ports, reorder)
     assert answer.code == 0, answer.complaint
     for layers in answer.packets:

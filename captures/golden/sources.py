@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Final
 
-from dissect.golden import golden_text, read_session
 from dissect.meaning.bindings import load_carrier
+from dissect.testing.golden import golden_text, read_session
 
 GOLDENS: Final = Path(__file__).resolve().parent
 CAPTURES: Final = GOLDENS.parent

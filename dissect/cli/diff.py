@@ -14,13 +14,13 @@ from dissect.cli.main import EXIT_GATE, EXIT_INTERRUPTED, EXIT_OK, EXIT_USAGE
 from dissect.cli.options.completing import from_table
 from dissect.cli.options.reading import reading_options
 from dissect.cli.reading import Reading
-from dissect.golden.comparison import differences
-from dissect.golden.difference import KINDS, Difference, DiffOptions
-from dissect.golden.model import GoldenError, Session
 from dissect.meaning.report import words
 from dissect.meaning.report.formats import DIFFERENCES, Format
 from dissect.meaning.report.outcome import WIDE_PAGE, Case, Outcome, plain
 from dissect.meaning.report.styled import Line
+from dissect.testing.golden.comparison import differences
+from dissect.testing.golden.difference import KINDS, Difference, DiffOptions
+from dissect.testing.golden.model import GoldenError, Session
 from dissect.wire.text import encodable, printable
 
 DIFF_SCHEMA = "s7dissect.diff/1"

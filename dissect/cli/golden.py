@@ -13,9 +13,9 @@ from dissect.cli.options.reading import reading_options
 from dissect.cli.reading import Reading
 from dissect.cli.run import complain, write
 from dissect.cli.second_pass import check_out
-from dissect.golden.model import GoldenError, Session
-from dissect.golden.reading import SessionReader, is_golden, load_golden
-from dissect.golden.writing import EXTRAS, golden_lines
+from dissect.testing.golden.model import GoldenError, Session
+from dissect.testing.golden.reading import SessionReader, is_golden, load_golden
+from dissect.testing.golden.writing import EXTRAS, golden_lines
 from dissect.wire.config.saving import save
 from dissect.wire.text import printable
 

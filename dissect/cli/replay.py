@@ -15,10 +15,10 @@ from dissect.cli.main import EXIT_GATE, EXIT_INTERRUPTED, EXIT_OK, EXIT_OUTPUT, 
 from dissect.cli.options.scd import scd_options
 from dissect.cli.second_pass import check_out
 from dissect.cli.watching import Interruption
-from dissect.golden.difference import DiffOptions
-from dissect.golden.model import GoldenError, Session
 from dissect.meaning.report import words
 from dissect.meaning.report.formats import DIFFERENCES, Format, formats_for
+from dissect.testing.golden.difference import DiffOptions
+from dissect.testing.golden.model import GoldenError, Session
 from dissect.wire.text import printable
 
 if TYPE_CHECKING:
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from dissect.engine.exchange import PayloadDecoder
     from dissect.online.net.addresses import Address
     from dissect.packets.source.pcapng_writer import PcapngWriter
-    from dissect.playback.client import Outcome, Part, Permissions, Settings
+    from dissect.testing.playback.client import Outcome, Part, Permissions, Settings
 
 REPLAY_SCHEMA: Final = "s7dissect.replay/1"
 
@@ -167,7 +167,7 @@ def command(
     negotiated. Each request is sent once, after everything before it in the recording was answered, on its own connection and
     on those open at the same time. What was withheld, and why, is reported at the end.
     """
-    from dissect.playback.client import (
+    from dissect.testing.playback.client import (
         Permissions,
         Settings,
         expect_few,
@@ -176,7 +176,7 @@ def command(
         plan_lines,
         read_target,
     )
-    from dissect.playback.client.target import expect_allowed
+    from dissect.testing.playback.client.target import expect_allowed
 
     try:
         options = DiffOptions([part for text in ignore for part in text.split(",") if part], latency)
@@ -227,8 +227,8 @@ def _replayed(
     out: tuple[str | None, bool],
     decoder: PayloadDecoder | None,
 ) -> Outcome:
-    from dissect.playback.client import places_of, replay
-    from dissect.playback.client.watch import Watch
+    from dissect.testing.playback.client import places_of, replay
+    from dissect.testing.playback.client.watch import Watch
 
     places = places_of(*where)
     writer = _writer(*out) if out[0] is not None else None

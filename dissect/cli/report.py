@@ -96,10 +96,10 @@ def command(
     out. FILE is as for `analyze`; several files are read as one capture.
     """
     from dissect import __version__
-    from dissect.golden.comparison import differences
-    from dissect.golden.difference import DiffOptions
-    from dissect.golden.reading import SessionReader
     from dissect.output.page.rendering import MAX_DIFFERENCES, render
+    from dissect.testing.golden.comparison import differences
+    from dissect.testing.golden.difference import DiffOptions
+    from dissect.testing.golden.reading import SessionReader
 
     needs_template_engine()
     files = reading.files

@@ -15,8 +15,8 @@ from dissect.wire.text import printable
 if TYPE_CHECKING:
     from dissect.online.net.addresses import Address
     from dissect.packets.source.pcapng_writer import PcapngWriter
-    from dissect.playback.server.faults import Fault
-    from dissect.playback.server.service import Server
+    from dissect.testing.playback.server.faults import Fault
+    from dissect.testing.playback.server.service import Server
 
 #: How often problems are looked for, in seconds.
 _LOOK_S: Final = 0.1
@@ -37,7 +37,7 @@ def _listen(ctx: click.Context, param: click.Parameter, value: str) -> Address:
 
 
 def _latency(ctx: click.Context, param: click.Parameter, value: str) -> float | None:
-    from dissect.playback.server.service import MAX_LATENCY_MS
+    from dissect.testing.playback.server.service import MAX_LATENCY_MS
 
     if value in {"none", "recorded"}:
         return 0 if value == "none" else None
@@ -52,7 +52,7 @@ def _latency(ctx: click.Context, param: click.Parameter, value: str) -> float | 
 
 
 def _faults(ctx: click.Context, param: click.Parameter, values: tuple[str, ...]) -> list[Fault]:
-    from dissect.playback.server.faults import parse_fault
+    from dissect.testing.playback.server.faults import parse_fault
 
     try:
         return [parse_fault(value) for value in values]
@@ -115,8 +115,8 @@ def command(
     A request that matches a recorded one gets its recorded answer: the first time the first, then the second, and so on. A
     request without a match is refused and reported, and makes the exit code 1. Stop it with Ctrl-C or SIGTERM.
     """
-    from dissect.playback.server import Server, load_recording
-    from dissect.playback.server.service import places_to_serve
+    from dissect.testing.playback.server import Server, load_recording
+    from dissect.testing.playback.server.service import places_to_serve
 
     # Before the file is read, which may take a while.
     places_to_serve(listen, allow_remote)

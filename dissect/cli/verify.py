@@ -22,8 +22,8 @@ from dissect.packets.source.remote import is_remote
 from dissect.wire.text import printable
 
 if TYPE_CHECKING:
-    from dissect.oracle.compare import Comparison
-    from dissect.oracle.verification import Verification
+    from dissect.testing.oracle.compare import Comparison
+    from dissect.testing.oracle.verification import Verification
 
 _EXIT_CODES = (
     "Exit code: 0 all differences explained, 1 unexplained differences, or a check of S7comm-plus failed, 2 wrong use, an "
@@ -50,10 +50,10 @@ def command(reading: Reading, format_: Format, every: bool, reorder: bool, pysha
     Needs tshark (apt install tshark), and for --pyshark pyshark (pip install 's7dissect[tshark]'). FILE is a pcap or pcapng
     file; it is read several times, so it cannot be standard input.
     """
-    from dissect.oracle.compare import compare
-    from dissect.oracle.pyshark_reader import read_pyshark
-    from dissect.oracle.tshark import OracleError, read_tshark, version
-    from dissect.oracle.verification import Verification
+    from dissect.testing.oracle.compare import compare
+    from dissect.testing.oracle.pyshark_reader import read_pyshark
+    from dissect.testing.oracle.tshark import OracleError, read_tshark, version
+    from dissect.testing.oracle.verification import Verification
 
     def compared(file: str) -> _Part:
         comparison = compare(file, read_pyshark if pyshark else read_tshark, reorder, reading.tls_keys)
@@ -89,7 +89,7 @@ class _Part(NamedTuple):
 
 def _task(of: Task, compared: Callable[[str], _Part]) -> None:
     """Compare the file of a task."""
-    from dissect.oracle.tshark import OracleError
+    from dissect.testing.oracle.tshark import OracleError
 
     try:
         of.found = compared(of.file)

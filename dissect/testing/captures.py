@@ -13,7 +13,7 @@ from dissect.packets.source.packet import CaptureError
 
 if TYPE_CHECKING:
     from dissect.files.session import Event
-    from dissect.golden.model import Session
+    from dissect.testing.golden.model import Session
 
 #: Mistakes of the author of a test, in the call or on disk: reported at the line of the test, without a traceback into the
 #: package.
@@ -53,7 +53,7 @@ class Capture:
 
     def session(self) -> Session:
         """Return the capture as a session, which can be compared with a golden."""
-        from dissect.golden.reading import read_session
+        from dissect.testing.golden.reading import read_session
 
         return read_session(self.path)
 

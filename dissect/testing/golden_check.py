@@ -10,13 +10,13 @@ from typing import Final
 import pytest
 
 from dissect.engine.transactions.naming import Naming
-from dissect.golden.comparison import differences
-from dissect.golden.difference import DiffOptions
-from dissect.golden.model import GoldenError, Session
-from dissect.golden.reading import load_golden, read_session
-from dissect.golden.writing import golden_text
 from dissect.meaning.report import words
 from dissect.testing.captures import MISTAKES, CaptureFolder, near, path_of
+from dissect.testing.golden.comparison import differences
+from dissect.testing.golden.difference import DiffOptions
+from dissect.testing.golden.model import GoldenError, Session
+from dissect.testing.golden.reading import load_golden, read_session
+from dissect.testing.golden.writing import golden_text
 from dissect.testing.golden_files import ALL, NONE, GoldenFiles, folder_of, golden_of, stem_of
 from dissect.wire.config.saving import save
 
@@ -66,7 +66,8 @@ class GoldenCheck:
         """Fail if ``what`` differs from its golden.
 
         ``what`` is a capture (a path, or a name in the captures' folder), a recorder or a session. ``name`` distinguishes
-        several goldens of one test. ``ignore`` and ``latency`` are those of `s7dissect diff` (`dissect.golden.DiffOptions`);
+        several goldens of one test. ``ignore`` and ``latency`` are those of `s7dissect diff`
+        (`dissect.testing.golden.DiffOptions`);
         with ``latency`` answer times are stored in the golden. ``where`` is the option -Y: only the part of a capture or
         recorder that the expression selects is compared and stored (docs/select.md). Raises ValueError for an invalid option,
         `SelectError` for a wrong expression.

@@ -11,15 +11,6 @@ from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from typing import Final
 
-from dissect.golden.forms import (
-    ItemLine,
-    build_answer,
-    build_request,
-    parse_item_text,
-    usual_size,
-)
-from dissect.golden.values import value_octets
-from dissect.playback.server.answers import NOT_AVAILABLE, refuse
 from dissect.protocols.s7.address import parse_address
 from dissect.protocols.s7.build import build_payload, build_pdu, build_setup, build_userdata_head
 from dissect.protocols.s7.items import Item
@@ -36,6 +27,15 @@ from dissect.protocols.s7.tables import (
     USERDATA,
     WRITE_VAR,
 )
+from dissect.testing.golden.forms import (
+    ItemLine,
+    build_answer,
+    build_request,
+    parse_item_text,
+    usual_size,
+)
+from dissect.testing.golden.values import value_octets
+from dissect.testing.playback.server.answers import NOT_AVAILABLE, refuse
 
 #: Possible types of an element of an item.
 Scalar = bool | int | float | str

@@ -18,7 +18,7 @@ from dissect.packets.source.pcapng_writer import PcapngWriter
 from dissect.testing.captures import MISTAKES
 
 if TYPE_CHECKING:
-    from dissect.golden.model import Session
+    from dissect.testing.golden.model import Session
 
 #: The local address, for recorders and for bare ports.
 LOOPBACK: Final = "127.0.0.1"
@@ -121,7 +121,7 @@ class Recorder:
 
     def session(self, wait_s: float = PATIENCE_S) -> Session:
         """End the recording and return it as a session, which can be compared with a golden."""
-        from dissect.golden.reading import read_session
+        from dissect.testing.golden.reading import read_session
 
         return read_session(self.capture(wait_s))
 

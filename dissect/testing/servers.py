@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Final
 
-from dissect.playback.server.service import Server
 from dissect.testing.captures import MISTAKES, CaptureFolder, near, path_of
+from dissect.testing.playback.server.service import Server
 from dissect.wire.text import printable
 
 if TYPE_CHECKING:
-    from dissect.playback.server.faults import Fault
+    from dissect.testing.playback.server.faults import Fault
 
 FAIL: Final = "fail"
 ALLOW: Final = "allow"
@@ -39,7 +39,8 @@ class Servers:
         """Serve a capture or a golden on a free local port; the server has ``host`` and ``port``.
 
         ``what`` is a name in the captures' folder, a path, a capture or a recorder. With ``unmatched="allow"`` a request
-        without a recorded match does not fail the test. For the other options see `dissect.playback.server.service.Server`.
+        without a recorded match does not fail the test. For the other options see
+        `dissect.testing.playback.server.service.Server`.
         """
         __tracebackhide__ = True
         if unmatched not in {FAIL, ALLOW}:

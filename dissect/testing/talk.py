@@ -21,21 +21,19 @@ from typing import Final, Self
 
 from dissect.engine.observer import Observer
 from dissect.engine.pipeline import Options, Pipeline
-from dissect.golden.model import Session
-from dissect.golden.reading import SessionReader
-from dissect.golden.writing import golden_text
 from dissect.online.proxy.packets import Conversation
 from dissect.packets.source.pcapng_writer import interface_block, packet_block, section_block
 from dissect.packets.tcp.link import ETHERNET
 from dissect.packets.tcp.stream import Endpoint
-from dissect.playback.server.model import Recording
-from dissect.playback.server.recording import recording_of
 from dissect.protocols.iso.build import build_connect, build_tpkt, build_tsdu, size_parameter
 from dissect.protocols.iso.cotp import CALLED_TSAP, CALLING_TSAP
 from dissect.protocols.iso.tables import CC, CR
 from dissect.protocols.s7.build import with_reference
 from dissect.protocols.s7.message import parse_pdu
 from dissect.protocols.s7.parameters import PUSH
+from dissect.testing.golden.model import Session
+from dissect.testing.golden.reading import SessionReader
+from dissect.testing.golden.writing import golden_text
 from dissect.testing.messages import (
     Ask,
     Piece,
@@ -64,6 +62,8 @@ from dissect.testing.messages import (
     words,
     write,
 )
+from dissect.testing.playback.server.model import Recording
+from dissect.testing.playback.server.recording import recording_of
 from dissect.wire.config.saving import save
 
 CLIENT: Final = 0
@@ -224,7 +224,7 @@ class Talk:
         return octets
 
     def session(self) -> Session:
-        """Return the conversation as a session, which can be compared with a capture or a golden (`dissect.golden`)."""
+        """Return the conversation as a session, which can be compared with a capture or a golden (`dissect.testing.golden`)."""
         reader = SessionReader("talk")
         self._feed(reader)
         return reader.finish()
@@ -234,7 +234,7 @@ class Talk:
         return golden_text(self.session())
 
     def recording(self) -> Recording:
-        """Return the conversation as a recording for `dissect.playback.server.Server`."""
+        """Return the conversation as a recording for `dissect.testing.playback.server.Server`."""
         reader = SessionReader("talk", messages=True)
         self._feed(reader)
         return recording_of(reader.finish())

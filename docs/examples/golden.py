@@ -1,6 +1,6 @@
 """Compare two sessions: what does the client say that it did not say before."""
 
-from dissect.golden import diff_sessions, read_session
+from dissect.testing.golden import diff_sessions, read_session
 
 before = read_session("captures/golden/blocks.s7.txt")
 after = read_session("captures/blocks-python.pcapng")

@@ -5,7 +5,7 @@ import socket
 from scapy.supersocket import StreamSocket
 
 from dissect.layers import COTP_CR, COTP_DT, S7, TPKT, COTP_Parameter, S7_ReadVarRequest, S7_Setup, at
-from dissect.playback.server import Server
+from dissect.testing.playback.server import Server
 
 
 def ask(stream: StreamSocket, request: object) -> None:

@@ -15,7 +15,7 @@ import pytest
 
 import dissect
 from dissect.engine.transactions.ending import FIN, RESET
-from tests.golden.tshark_view import ports_of
+from tests.testing.golden.tshark_view import ports_of
 from tests.tshark import ask
 
 ROOT: Final = Path(__file__).resolve().parents[2]

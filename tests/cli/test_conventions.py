@@ -122,8 +122,8 @@ def calls(text: str) -> list[list[str]]:
 RUNNER: Final = """
 import json, os, sys, tempfile
 import dissect.online.alerts, dissect.files.anonymize.rewriter, dissect.files.anonymize.survey, dissect.output.baseline,
-dissect.golden.reading
-import dissect.online.live.lines, dissect.online.live.session, dissect.files.recording.cutter, dissect.playback.client,
+dissect.testing.golden.reading
+import dissect.online.live.lines, dissect.online.live.session, dissect.files.recording.cutter, dissect.testing.playback.client,
 dissect.meaning.report.tree
 import dissect.scd.codec, dissect.scd.loading, dissect.packets.source.live.opening
 from dissect.cli.main import COMMANDS, group, main

@@ -6,10 +6,10 @@ from xml.etree import ElementTree
 
 import pytest
 
-from dissect.golden.difference import KINDS
+from dissect.testing.golden.difference import KINDS
 from tests.cli.support import run, simple
-from tests.golden.support import WRITTEN, reads
 from tests.meaning.report.support import saved
+from tests.testing.golden.support import WRITTEN, reads
 
 Capture = pytest.CaptureFixture[bytes]
 

@@ -21,7 +21,7 @@ from dissect.engine.observer import Observer
 from dissect.engine.pipeline import Pipeline
 from dissect.files.recording.ring_buffer import RingBuffer, RingLimits
 from dissect.online.live.evidence import RingCompanion
-from dissect.playback.server import Server
+from dissect.testing.playback.server import Server
 from tests.cli.support import Ran, run
 from tests.cli.test_outputs import commands
 from tests.meaning.report.schemas import ROOT

@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 
 from tests.cli.support import halves, run, simple
-from tests.golden.support import WRITTEN
 from tests.meaning.report.support import ROOT
+from tests.testing.golden.support import WRITTEN
 
 Capture = pytest.CaptureFixture[bytes]
 PLANT = ROOT / "captures" / "scd"

@@ -10,15 +10,15 @@ from xml.etree import ElementTree
 import pytest
 
 from dissect.cli.diff import Comparison
-from dissect.golden.difference import KINDS, Difference
-from dissect.golden.model import Session
 from dissect.meaning.report.writers.junit import junit_outcome
-from dissect.playback.server.service import Server
+from dissect.testing.golden.difference import KINDS, Difference
+from dissect.testing.golden.model import Session
+from dissect.testing.playback.server.service import Server
 from tests.cases import each
 from tests.cli.support import run, simple
-from tests.golden.support import WRITTEN
 from tests.meaning.report.support import OWN
-from tests.playback.client.support import changed, free_port
+from tests.testing.golden.support import WRITTEN
+from tests.testing.playback.client.support import changed, free_port
 
 Capture = pytest.CaptureFixture[bytes]
 

@@ -20,12 +20,12 @@ from dissect import scd
 from dissect.cli.formats import FormatType
 from dissect.cli.main import COMMANDS, group
 from dissect.meaning.report.formats import formats_for
-from dissect.oracle.tshark import version
-from dissect.playback.server import Server
+from dissect.testing.oracle.tshark import version
+from dissect.testing.playback.server import Server
 from tests.cli.support import Ran, run, simple
 from tests.meaning.report.schemas import NAMES, ROOT, SCHEMAS, complaints, load
 from tests.meaning.report.support import OWN
-from tests.playback.client.support import changed
+from tests.testing.playback.client.support import changed
 
 Capture = pytest.CaptureFixture[bytes]
 PLANT: Final = ROOT / "captures" / "scd" / "plant.toml"

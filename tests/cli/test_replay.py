@@ -14,11 +14,11 @@ from xml.etree import ElementTree
 
 import pytest
 
-from dissect.golden import golden_text, read_session
-from dissect.playback.server.service import Server
+from dissect.testing.golden import golden_text, read_session
+from dissect.testing.playback.server.service import Server
 from tests.cli.support import run
-from tests.playback.client.support import CAPTURES, changed, free_port, mixed
-from tests.playback.client.test_schedule import two
+from tests.testing.playback.client.support import CAPTURES, changed, free_port, mixed
+from tests.testing.playback.client.test_schedule import two
 
 Capture = pytest.CaptureFixture[bytes]
 
@@ -298,7 +298,7 @@ def test_too_many_connections_at_once_are_refused_before_any_packet(
     dry: list[str], capfdbinary: Capture, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path = two(tmp_path / "two.pcapng")
-    monkeypatch.setattr("dissect.playback.client.schedule.MAX_OPEN", 1)
+    monkeypatch.setattr("dissect.testing.playback.client.schedule.MAX_OPEN", 1)
     monkeypatch.setattr(socket, "socket", _never)
     told = run(capfdbinary, "replay", path, "--to", "127.0.0.1:1", *dry, "-w", tmp_path / "out.pcapng")
     assert (told.code, told.out) == (2, "")

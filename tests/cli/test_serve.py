@@ -15,7 +15,7 @@ import pytest
 
 from captures.record import talk_python
 from dissect.cli.main import COMMANDS
-from dissect.playback.server import Server
+from dissect.testing.playback.server import Server
 from tests.cli.support import run
 from tests.conftest import ROOT, Command
 

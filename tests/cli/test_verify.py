@@ -10,14 +10,14 @@ from random import Random
 import pytest
 from jsonschema import Draft202012Validator
 
-from dissect.oracle import compare as comparison_module
-from dissect.oracle import tshark
-from dissect.oracle.facts import Fact
-from dissect.oracle.theirs import Frame
-from dissect.oracle.tshark import read_tshark, version
+from dissect.testing.oracle import compare as comparison_module
+from dissect.testing.oracle import tshark
+from dissect.testing.oracle.facts import Fact
+from dissect.testing.oracle.theirs import Frame
+from dissect.testing.oracle.tshark import read_tshark, version
 from tests.build import dt, pdu
 from tests.cli.support import Ran, run
-from tests.oracle.traffic import PUSH_ACK, Connection, conversation, write_capture
+from tests.testing.oracle.traffic import PUSH_ACK, Connection, conversation, write_capture
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -184,7 +184,7 @@ def test_without_pyshark(
     folder = tmp_path / "first"
     folder.mkdir()
     (folder / "pyshark.py").write_text("raise ImportError")
-    monkeypatch.setenv("PYTHONPATH", f"{folder}:{Path(comparison_module.__file__).parents[2]}")
+    monkeypatch.setenv("PYTHONPATH", f"{folder}:{Path(comparison_module.__file__).parents[3]}")
     ran = run(capfdbinary, "verify", "--pyshark", capture)
     assert (ran.code, ran.out) == (2, "")
     assert ran.err.count("\n") == 1

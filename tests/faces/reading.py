@@ -20,8 +20,6 @@ from dissect.engine.pipeline import Options
 from dissect.engine.transactions.connection import Connection
 from dissect.engine.transactions.transaction import OUTCOMES
 from dissect.files.session import Run
-from dissect.golden.model import GoldenError
-from dissect.golden.reading import read_session
 from dissect.meaning.bindings import load_carrier
 from dissect.meaning.inventory.collector import Inventory
 from dissect.meaning.inventory.outcome import Devices
@@ -48,6 +46,8 @@ from dissect.output.export.tables import TABLES, Table
 from dissect.output.export.transaction_rows import Row
 from dissect.output.variables.collector import Collector
 from dissect.output.variables.writers import ValueWriter
+from dissect.testing.golden.model import GoldenError
+from dissect.testing.golden.reading import read_session
 
 CAPTURES: Final = Path(__file__).resolve().parents[2] / "captures"
 #: Forms of exports whose files are read again for each capture; those of the tables are tried with all rows at once.

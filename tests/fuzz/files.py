@@ -23,11 +23,6 @@ from dissect.files.anonymize.account import Choices
 from dissect.files.recording.cutter import Around, Cutter
 from dissect.files.session import analyze
 from dissect.files.session import open as events_of
-from dissect.golden.comparison import diff_sessions
-from dissect.golden.model import GoldenError
-from dissect.golden.parsing import parse_golden
-from dissect.golden.reading import SessionReader
-from dissect.golden.writing import EXTRAS, golden_text
 from dissect.meaning.bindings.engine import ScdCarrier
 from dissect.meaning.report.analysis import Analysis
 from dissect.meaning.report.contract import analysis_as_dict
@@ -49,7 +44,12 @@ from dissect.output.baseline.writing import baseline_toml
 from dissect.packets.source.files import find_reader
 from dissect.packets.source.packet import CaptureError, SourceFile
 from dissect.packets.source.pcapng_writer import PcapngWriter
-from dissect.playback.server.recording import recording_of
+from dissect.testing.golden.comparison import diff_sessions
+from dissect.testing.golden.model import GoldenError
+from dissect.testing.golden.parsing import parse_golden
+from dissect.testing.golden.reading import SessionReader
+from dissect.testing.golden.writing import EXTRAS, golden_text
+from dissect.testing.playback.server.recording import recording_of
 from tests.files.anonymize.support import anonymized
 from tests.fuzz.checks import check_json, check_line, check_lines
 from tests.fuzz.containers import MOST_STEPS, Packets, read

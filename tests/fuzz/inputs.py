@@ -13,10 +13,6 @@ from typing import Final, TypeVar
 
 from benchmarks.scd_damage import sealed
 from dissect.files.recording.ring_buffer import parse_limits
-from dissect.golden.comparison import diff_sessions
-from dissect.golden.model import GoldenError, Session
-from dissect.golden.parsing import parse_golden
-from dissect.golden.writing import EXTRAS, golden_text
 from dissect.meaning.bindings.binding import Bindings
 from dissect.meaning.bindings.bindings_file import _parse as parse_bindings
 from dissect.meaning.bindings.bindings_file import load_bindings
@@ -28,7 +24,6 @@ from dissect.output.baseline.writing import baseline_toml
 from dissect.packets.source.live.filter import NotBuiltInError, compile_filter
 from dissect.packets.source.live.reader import LiveError
 from dissect.packets.source.packet import CaptureError
-from dissect.playback.server.recording import recording_of
 from dissect.scd.codec import Codec, Decoded
 from dissect.scd.dictionary import Dictionary
 from dissect.scd.dump import dump_json, dump_toml
@@ -38,9 +33,14 @@ from dissect.scd.loading import load, load_octets
 from dissect.scd.source import parse_json, parse_toml
 from dissect.scd.toml_tables import source_text
 from dissect.scd.xdd import import_xdd
+from dissect.testing.golden.comparison import diff_sessions
+from dissect.testing.golden.model import GoldenError, Session
+from dissect.testing.golden.parsing import parse_golden
+from dissect.testing.golden.writing import EXTRAS, golden_text
+from dissect.testing.playback.server.recording import recording_of
 from tests.fuzz.checks import check_line, check_lines
 from tests.fuzz.played import check_replayed, check_served
-from tests.golden.support import WRITTEN
+from tests.testing.golden.support import WRITTEN
 
 T = TypeVar("T")
 

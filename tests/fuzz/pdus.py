@@ -15,7 +15,6 @@ from dissect.meaning.report.plus import item_text
 from dissect.meaning.report.tree import netlink_tree_lines, plus_tree_lines, tree_lines
 from dissect.meaning.report.words import Places, message_name
 from dissect.meaning.report.writers.text import pdu_line, plus_line
-from dissect.playback.client.permissions import Permissions
 from dissect.protocols.ibh.packet import parse_packet
 from dissect.protocols.iso.tpkt import HEADER, MAX_LENGTH
 from dissect.protocols.s7.bodies import parse_joined
@@ -32,6 +31,7 @@ from dissect.protocols.s7plus.message import parse_plus
 from dissect.protocols.s7plus.program import Program
 from dissect.protocols.s7plus.session import Identity, PlusSession
 from dissect.protocols.s7plus.tables import REQUEST, refuses
+from dissect.testing.playback.client.permissions import Permissions
 from dissect.wire.malformed import Malformed
 from dissect.wire.part import Part
 from dissect.wire.text import Clock

@@ -5,17 +5,17 @@ from __future__ import annotations
 from typing import Final
 
 from dissect.engine.transactions.side import Side
-from dissect.golden.model import Session
-from dissect.golden.reading import SessionReader
-from dissect.playback.client.permissions import Permissions, kind_of
-from dissect.playback.client.plan import ASK, make_plan, plan_lines, playable
-from dissect.playback.server.model import Recording
-from dissect.playback.server.player import Stage
-from dissect.playback.server.request_log import RequestLog
-from dissect.playback.server.session import ClientSession
 from dissect.protocols.iso.cotp import parse_tpdu
 from dissect.protocols.iso.tpkt import Framer
 from dissect.protocols.s7.tables import READ
+from dissect.testing.golden.model import Session
+from dissect.testing.golden.reading import SessionReader
+from dissect.testing.playback.client.permissions import Permissions, kind_of
+from dissect.testing.playback.client.plan import ASK, make_plan, plan_lines, playable
+from dissect.testing.playback.server.model import Recording
+from dissect.testing.playback.server.player import Stage
+from dissect.testing.playback.server.request_log import RequestLog
+from dissect.testing.playback.server.session import ClientSession
 from tests.fuzz.checks import check_line, check_lines
 from tests.properties.messages import connect, dt
 

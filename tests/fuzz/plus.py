@@ -11,7 +11,6 @@ from typing import Final
 
 from dissect.meaning.report.plus import item_text
 from dissect.meaning.report.tree import plus_tree_lines
-from dissect.oracle.plus import PlusProof
 from dissect.protocols.s7plus.bodies import parse_contents
 from dissect.protocols.s7plus.contents import Contents
 from dissect.protocols.s7plus.events import take
@@ -26,6 +25,7 @@ from dissect.protocols.s7plus.tables import FUNCTIONS, NOTIFICATION, OPCODES, RE
 from dissect.protocols.s7plus.value_reading import read_value
 from dissect.protocols.s7plus.values import Value, build_value
 from dissect.protocols.s7plus.walk import MAX_DEPTH, Walk
+from dissect.testing.oracle.plus import PlusProof
 from tests.fuzz.checks import check_line, check_lines
 from tests.fuzz.turns import TURNS
 

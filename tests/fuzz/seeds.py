@@ -18,9 +18,9 @@ from tests.fuzz.blocks import block_seeds
 from tests.fuzz.containers import Packets
 from tests.fuzz.plus_seeds import plus_seeds
 from tests.fuzz.tls import tls_seeds
-from tests.golden.support import WRITTEN
 from tests.properties.captures import ROOT, SHARED, Memory
 from tests.properties.packets import Packet
+from tests.testing.golden.support import WRITTEN
 
 #: Longer captures make a fuzzer slow and show it nothing more.
 LARGEST: Final = 12 * 1024

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import pytest
 
-from dissect.golden.parsing import parse_golden
 from dissect.output.baseline.loading import parse_baseline
-from dissect.playback.server.recording import recording_of
-from dissect.playback.server.session import ClientSession, Deed
 from dissect.protocols.s7.message import parse_pdu
+from dissect.testing.golden.parsing import parse_golden
+from dissect.testing.playback.server.recording import recording_of
+from dissect.testing.playback.server.session import ClientSession, Deed
 from tests.fuzz import __main__ as runner
 from tests.fuzz import files, frames, inputs, pdus, played, scripts, streams
 from tests.fuzz.checks import check_json, check_line

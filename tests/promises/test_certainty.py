@@ -29,8 +29,6 @@ from dissect.engine.transactions.transaction import (
     Transaction,
 )
 from dissect.files.session import Run
-from dissect.golden import diff_sessions, golden_text, read_session
-from dissect.golden.parsing import parse_golden
 from dissect.meaning.inventory.collector import Inventory
 from dissect.meaning.report.certainty import SHORT, left_out, values_left_out
 from dissect.meaning.report.formats import FORMATS, TRANSACTIONS, VALUES
@@ -41,6 +39,8 @@ from dissect.online.monitor.rows import entry_row, joined
 from dissect.output.baseline import Learner
 from dissect.output.export.forms import FORMS
 from dissect.output.page.data import Data
+from dissect.testing.golden import diff_sessions, golden_text, read_session
+from dissect.testing.golden.parsing import parse_golden
 from dissect.wire.text import Clock
 from tests.cli.support import run
 from tests.online.live.support import never, taken

@@ -17,9 +17,9 @@ from typing import Final
 
 import pytest
 
-from dissect.golden.reading import load_golden
 from dissect.output.baseline.loading import load_baseline
 from dissect.packets.source.files import open_capture
+from dissect.testing.golden.reading import load_golden
 from tests.meaning.report.schemas import ROOT
 from tests.meaning.report.support import WORD, begun, read, saved
 from tests.packets.source.craft import Recorder

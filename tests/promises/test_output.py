@@ -17,10 +17,10 @@ from xml.etree import ElementTree
 import pytest
 
 from dissect.engine.pipeline import Options
-from dissect.golden.parsing import parse_golden
 from dissect.online.live.session import Session
 from dissect.packets.source.files import open_capture
 from dissect.protocols.s7.security import encode_password
+from dissect.testing.golden.parsing import parse_golden
 from tests.cli.support import run, simple
 from tests.meaning.report.schemas import ROOT
 from tests.meaning.report.support import UNSAFE, begun, saved

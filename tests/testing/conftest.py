@@ -6,8 +6,8 @@ import pytest
 import snap7  # noqa: F401 - as below
 
 import dissect
-from dissect.golden import diff_sessions, golden_text, parse_golden, read_session
 from dissect.testing import golden_check, recorder, servers  # noqa: F401 - as below
+from dissect.testing.golden import diff_sessions, golden_text, parse_golden, read_session
 from tests.testing.projects import ROOT, Project
 
 

@@ -339,9 +339,9 @@ def test_a_run_that_uses_nothing_of_it_loads_nothing(project: Project) -> None:
 def test_a_golden_needs_neither_scapy_nor_the_network(project: Project) -> None:
     project.test("def test_pump(s7_golden):\n    s7_golden.check('pump')\n")
     used = run_loads("--s7-update", "new")
-    assert "dissect.golden.comparison" in used
+    assert "dissect.testing.golden.comparison" in used
     assert not {
         name
         for name in used
-        if name.startswith(("scapy", "dissect.layers", "dissect.playback.server", "dissect.online.proxy"))
+        if name.startswith(("scapy", "dissect.layers", "dissect.testing.playback.server", "dissect.online.proxy"))
     }

@@ -7,9 +7,9 @@ from pathlib import Path
 import pytest
 
 from dissect.files.session import analyze
-from dissect.golden import diff_sessions, parse_golden, read_session
-from dissect.playback.server import Server
 from dissect.testing import talk as module
+from dissect.testing.golden import diff_sessions, parse_golden, read_session
+from dissect.testing.playback.server import Server
 from dissect.testing.talk import (
     CLIENT,
     SERVER,
@@ -28,7 +28,7 @@ from dissect.testing.talk import (
     write,
 )
 from tests.online.proxy.support import WRONG, tshark
-from tests.playback.server.support import Plain
+from tests.testing.playback.server.support import Plain
 
 
 @pytest.mark.parametrize(

@@ -22,10 +22,20 @@ _PACKAGE: Final = Path(__file__).resolve().parent.parent.parent
 #: Files of the package, and rooms without use in a browser: no line to listen on, no Wireshark, no Scapy, no processes.
 _KINDS: Final = frozenset((".py", ".json", ".css", ".js", ".j2", ".md"))
 _ROOMS_LEFT_OUT: Final = frozenset(
-    ("files/cluster", "layers", "online/metrics", "online/monitor", "oracle", "playback", "online/proxy", "testing")
+    (
+        "files/cluster",
+        "layers",
+        "online/metrics",
+        "online/monitor",
+        "online/proxy",
+        "testing/oracle",
+        "testing/playback",
+    )
 )
 #: From the room `browser` only the parts that run inside the page.
 _INSIDE: Final = frozenset(("__init__.py", "bridge.py"))
+#: The plugin for pytest, beside the rooms of its wing.
+_PLUGIN: Final = Path("testing")
 #: Modules of the standard library that nothing here imports: tools for developers, servers, protocols of mail and news.
 _UNUSED: Final = """
     _pyio.py _pyrepl/* asyncio/__main__.py asyncio/tools.py bdb.py cProfile.py compileall.py concurrent/interpreters/*
@@ -89,6 +99,8 @@ def _own() -> Iterator[tuple[str, bytes]]:
     for path in sorted(_PACKAGE.rglob("*")):
         inside = path.relative_to(_PACKAGE)
         rooms = {folder.as_posix() for folder in inside.parents}
+        if inside.parent == _PLUGIN and path.name != "__init__.py":
+            continue
         if (
             path.suffix not in _KINDS
             or rooms & _ROOMS_LEFT_OUT

@@ -10,15 +10,15 @@ from dissect.engine.findings.catalogue import KINDS as FINDINGS
 from dissect.engine.findings.catalogue import SEVERITIES
 from dissect.engine.transactions import ending, operation
 from dissect.files.anonymize import account
-from dissect.golden.difference import KINDS as DIFFERENCES
 from dissect.online.alerts import states
 from dissect.online.alerts.rules import WHENS
 from dissect.online.live import events
-from dissect.oracle import facts, known
 from dissect.output.baseline.watch import KINDS as NEW
 from dissect.packets.source.live.opening import ENGINES
 from dissect.scd.difference import Level
 from dissect.scd.records import Role
+from dissect.testing.golden.difference import KINDS as DIFFERENCES
+from dissect.testing.oracle import facts, known
 from tests.cases import each
 from tests.meaning.report.schemas import ROOT, load
 

@@ -17,8 +17,8 @@ from dissect.protocols.s7plus.contents import Address
 from dissect.protocols.s7plus.program import Program
 from tests.cli.support import run
 from tests.conftest import ROOT
-from tests.oracle.traffic import write_capture
 from tests.protocols.s7plus.test_program import TAGS, TANK, VALVE
+from tests.testing.oracle.traffic import write_capture
 
 PLANT = ROOT / "captures" / "crafted" / "plus-plant.pcapng"
 HOST = "192.0.2.20"

@@ -8,7 +8,6 @@ from typing import Final
 
 import pytest
 
-from dissect.golden.masking import mask_plus
 from dissect.meaning.report.tree import plus_tree_lines
 from dissect.protocols.s7plus.assembly import MAX_FRAMES
 from dissect.protocols.s7plus.bodies import parse_contents
@@ -20,6 +19,7 @@ from dissect.protocols.s7plus.session import Identity, PlusSession
 from dissect.protocols.s7plus.tables import SET_VARIABLE
 from dissect.protocols.s7plus.value_tables import DINT
 from dissect.protocols.s7plus.values import Value
+from dissect.testing.golden.masking import mask_plus
 from tests.protocols.s7plus import bodies
 from tests.protocols.s7plus.cutting import (
     Cutter,
