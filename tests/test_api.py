@@ -30,8 +30,9 @@ REVEALED = [
     "int | None",
     "dict[str, object]",
     (
-        "Connection | dissect.protocols.s7.message.Pdu | dissect.protocols.s7plus.message.PlusPdu | dissect.engine.transactions.payloads.ScdMessage"
-        " | dissect.engine.transactions.transaction.Transaction | dissect.engine.transactions.operation.Operation | dissect.engine.acts.act.Act"
+        "Connection | dissect.protocols.s7.message.Pdu | dissect.protocols.s7plus.message.PlusPdu"
+        " | dissect.engine.transactions.payloads.ScdMessage | dissect.engine.transactions.transaction.Transaction"
+        " | dissect.engine.transactions.operation.Operation | dissect.engine.acts.act.Act"
         " | dissect.engine.findings.reporter.Finding"
     ),
     "int | None",

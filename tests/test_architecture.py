@@ -14,7 +14,8 @@ from click.testing import CliRunner
 import dissect
 from dissect.cli import transactions
 from dissect.wire.build import COMPILED
-from tests.test_house import ORDER
+from tests.test_house import ORDER, WINGS, is_bare_wing, module_name, room_of
+from tests.test_house import PACKAGE as SOURCES
 
 ROOT: Final = Path(__file__).resolve().parent.parent
 PACKAGE: Final = Path(dissect.__file__).resolve().parent
@@ -110,9 +111,19 @@ def test_the_way_of_a_byte_is_the_one_that_is_written() -> None:
 def test_the_rooms_are_listed_in_their_order() -> None:
     section = MAP[MAP.index("## Rooms") : MAP.index("## The seam")]
     listed = re.findall(r"^\| `(\w+)` \|", section, re.MULTILINE)
-    there = {path.parent.name for path in (ROOT / "dissect").glob("*/__init__.py")} | {"session"}
+    modules = [module_name(path) for path in SOURCES.rglob("*.py")]
     assert listed == list(ORDER)
-    assert set(listed) == there
+    assert set(listed) == {room_of(module) for module in modules if not is_bare_wing(module)} - {"", "__main__"}
+
+
+def test_the_wings_are_listed_with_their_rooms_and_their_sentences() -> None:
+    section = MAP[MAP.index("## Rooms") : MAP.index("## The seam")]
+    rows = re.findall(r"^\| `(\w+)/` \| ([\w, ]+) \| (.+) \|$", section, re.MULTILINE)
+    assert [(wing, tuple(rooms.split(", "))) for wing, rooms, _ in rows] == list(WINGS.items())
+    for wing, _, sentence in rows:
+        if is_bare_wing(f"dissect.{wing}"):
+            said = (SOURCES / wing / "__init__.py").read_text(encoding="utf-8")
+            assert said == f'"""{sentence[0].upper()}{sentence[1:]}."""\n'
 
 
 def test_files_that_are_named_exist() -> None:

@@ -598,6 +598,7 @@ assert len(trees) == 3
 for rule in test_house.RULES:
     assert [wrong for module, tree in trees.items() for wrong in rule(module, tree)] == []
 test_architecture.test_the_rooms_are_listed_in_their_order()
+test_architecture.test_the_wings_are_listed_with_their_rooms_and_their_sentences()
 def analysis(*words):
     ran = CliRunner().invoke(analyze.command, words, standalone_mode=False)
     assert ran.exception is None, ran.exception
@@ -618,10 +619,11 @@ def test_to_add_a_protocol(tree: Tree, tmp_path: Path) -> None:
     timers = "from dissect.engine.timers import"
     tree.replace(pipeline, timers, f"from dissect.engine.tally import Tally\n{timers}")
     house = (tree.root / "tests/test_house.py").read_text(encoding="utf-8")
-    assert house.count('    "ibh",\n') == 2  # ORDER and PURE
-    tree.write("tests/test_house.py", re.sub(r'( +)"ibh",\n', r'\1"ibh",\n\1"tally",\n', house))
+    assert house.count('"ibh",') == 2  # WINGS and PURE
+    tree.write("tests/test_house.py", house.replace('"ibh",', '"ibh", "tally",'))
     row = "| `s7` | "
     tree.replace("docs/architecture.md", row, f"| `tally` | tally messages |\n{row}")
+    tree.replace("docs/architecture.md", "tls, iso, ibh, s7, ", "tls, iso, ibh, tally, s7, ")
     section = '    "s7": {\n      "type": "object",'
     made = '    "tally": {"$ref": "#/$defs/counts", "description": "Tally messages: `messages`."},\n'
     schema = "dissect/meaning/schema/analysis.schema.json"

@@ -18,56 +18,24 @@ from tests.module_state import changed_state
 
 PACKAGE: Final = Path(__file__).resolve().parent.parent / "dissect"
 
-#: The way of a byte. A room imports itself and what stands before it.
-ORDER: Final = (
-    "wire",
-    "config",
-    "scd",
-    "source",
-    "tcp",
-    "tls",
-    "iso",
-    "ibh",
-    "s7",
-    "mc7",
-    "s7plus",
-    "transactions",
-    "program",
-    "acts",
-    "stations",
-    "findings",
-    "engine",
-    "bindings",
-    "tags",
-    "facts",
-    "report",
-    "inventory",
-    "select",
-    "recording",
-    "anonymize",
-    "session",  # analyze() folds what it reads with report.analysis
-    "carve",
-    "index",
-    "variables",
-    "jobs",
-    "cluster",
-    "export",
-    "page",
-    "golden",
-    "baseline",
-    "net",
-    "alerts",
-    "live",
-    "monitor",
-    "metrics",
-    "proxy",
-    "playback",
-    "layers",
-    "oracle",
-    "testing",
-    "browser",
-    "cli",
-)
+#: The way of a packet: the wings and the rooms in each. A room imports itself and what stands before it; one that is called
+#: as its wing stands in the wing itself.
+WINGS: Final = {
+    "wire": ("wire", "config"),
+    "scd": ("scd",),
+    "packets": ("source", "tcp"),
+    "protocols": ("tls", "iso", "ibh", "s7", "mc7", "s7plus"),
+    "engine": ("transactions", "program", "acts", "stations", "findings", "engine"),
+    "meaning": ("bindings", "tags", "facts", "report", "inventory", "select"),
+    "files": ("recording", "anonymize", "session", "index", "jobs", "cluster"),
+    "output": ("carve", "variables", "baseline", "export", "page", "browser"),
+    "online": ("net", "alerts", "live", "monitor", "metrics", "proxy"),
+    "testing": ("golden", "playback", "oracle", "testing"),
+    "layers": ("layers",),
+    "cli": ("cli",),
+}
+#: All rooms, in that order.
+ORDER: Final = tuple(room for rooms in WINGS.values() for room in rooms)
 #: Rooms that show the package to somebody; only they may ask the package itself for its version or its public names.
 FACES: Final = frozenset(("report", "metrics", "layers", "oracle", "testing", "cli"))
 
@@ -193,6 +161,9 @@ FOREIGN: Final = frozenset(
 )
 EMPTY_NAMES: Final = frozenset(("base", "common", "helpers", "manager", "misc", "util", "utils"))
 
+#: How many wings a person can look over, and rooms in each.
+MOST_WINGS: Final = 12
+MOST_ROOMS: Final = 9
 #: A file past this is usually two things. Never cut one thing in two to stay below it.
 MAX_LINES: Final = 600
 #: Tables are as long as what they list.
@@ -208,9 +179,10 @@ def module_name(path: Path) -> str:
 
 
 def room_of(module: str) -> str:
-    """Return the room of a module of ours, empty for the package itself."""
+    """Return the room of a module of ours, empty for the package itself, and the name of a wing for its own package."""
     parts = module.split(".")
-    return parts[1] if len(parts) > 1 else ""
+    inside = parts[2] if len(parts) > 2 and parts[2] in WINGS.get(parts[1], ()) else ""
+    return inside or (parts[1] if len(parts) > 1 else "")
 
 
 @cache
@@ -222,7 +194,7 @@ def nodes(tree: ast.Module) -> list[ast.AST]:
 def imports(tree: ast.Module) -> Iterator[Import]:
     """Give (line, module) for every import, those inside functions and for type checkers included.
 
-    ``from dissect import wire`` gives ``dissect.wire``, ``from dissect import __version__`` gives ``dissect``.
+    ``from dissect.packets import tcp`` gives ``dissect.packets.tcp``, ``from dissect import __version__`` gives ``dissect``.
     """
     for node in nodes(tree):
         if isinstance(node, ast.Import):
@@ -233,7 +205,10 @@ def imports(tree: ast.Module) -> Iterator[Import]:
                 yield node.lineno, "." * node.level + (node.module or "")
             elif node.module == "dissect":
                 for alias in node.names:
-                    yield node.lineno, f"dissect.{alias.name}" if alias.name in ORDER else "dissect"
+                    yield node.lineno, f"dissect.{alias.name}" if alias.name in WINGS else "dissect"
+            elif (node.module or "").removeprefix("dissect.") in WINGS:
+                for alias in node.names:
+                    yield node.lineno, f"{node.module}.{alias.name}"
             else:
                 yield node.lineno, node.module or ""
 
@@ -250,7 +225,7 @@ def calls(tree: ast.Module) -> Iterator[tuple[int, str, bool]]:
 
 def imports_only_point_down(module: str, tree: ast.Module) -> list[str]:
     room = room_of(module)
-    if room in {"", "__main__"}:
+    if room in {"", "__main__"} or is_bare_wing(module):
         return []
     if room not in ORDER:
         return [f"{module}: the room {room} has no place on the way of a byte"]
@@ -267,6 +242,20 @@ def imports_only_point_down(module: str, tree: ast.Module) -> list[str]:
             elif ORDER.index(target) > ORDER.index(room):
                 wrong.append(f"{module}:{line}: {room} imports {name}, which comes later")
     return wrong
+
+
+def is_bare_wing(module: str) -> bool:
+    """Tell whether a module is the package of a wing whose modules are all in rooms."""
+    wing = module.removeprefix("dissect.")
+    return wing in WINGS and wing not in WINGS[wing]
+
+
+def a_wing_is_one_sentence(module: str, tree: ast.Module) -> list[str]:
+    """The package of a wing says in one sentence what the wing is for, and imports nothing."""
+    if not is_bare_wing(module):
+        return []
+    text = ast.get_docstring(tree) or ""
+    return [] if len(tree.body) == 1 and text.endswith(".") and ". " not in text else [f"{module}: not one sentence"]
 
 
 def packages_stay_in_their_room(module: str, tree: ast.Module) -> list[str]:
@@ -417,6 +406,7 @@ def is_there(name: str) -> bool:
 
 RULES: Final[tuple[Rule, ...]] = (
     imports_only_point_down,
+    a_wing_is_one_sentence,
     packages_stay_in_their_room,
     the_engine_is_pure,
     nothing_runs_what_it_reads,
@@ -450,6 +440,11 @@ def test_rule_holds(rule: Rule, modules: dict[str, ast.Module]) -> None:
         (imports_only_point_down, "dissect.packets.tcp.stream", "from .ip import Packet"),
         (imports_only_point_down, "dissect.cli.show", "from dissect.nowhere import thing"),
         (imports_only_point_down, "dissect.attic.thing", ""),
+        (imports_only_point_down, "dissect.packets.attic.thing", ""),
+        (imports_only_point_down, "dissect.packets.source.files", "from dissect.packets import tcp"),
+        (imports_only_point_down, "dissect.packets.tcp.stream", "from dissect import packets"),
+        (a_wing_is_one_sentence, "dissect.packets", '"""Packets."""\nfrom dissect.packets import tcp'),
+        (a_wing_is_one_sentence, "dissect.packets", '"""Packets. Segments."""'),
         (packages_stay_in_their_room, "dissect.cli.show", "def late():\n    from scapy.all import rdpcap"),
         (packages_stay_in_their_room, "dissect.layers.s7", "import pyshark"),
         (the_engine_is_pure, "dissect.protocols.s7.message", "import time"),
@@ -503,7 +498,11 @@ def test_rule_sees_its_breach(rule: Rule, module: str, source: str) -> None:
             "dissect.protocols.s7.message",
             "from dissect.protocols.s7 import tables\nfrom dissect.wire import codes",
         ),
-        (imports_only_point_down, "dissect.cli.main", "from dissect import __version__, session"),
+        (
+            imports_only_point_down,
+            "dissect.cli.main",
+            "from dissect import __version__\nfrom dissect.files import session",
+        ),
         (packages_stay_in_their_room, "dissect.layers.s7", "from scapy.packet import Packet"),
         (the_engine_is_pure, "dissect.protocols.s7.values", "from datetime import timedelta\nimport struct"),
         (the_engine_is_pure, "dissect.packets.source.files", "import os\nopen('x')"),
@@ -531,6 +530,13 @@ def test_rule_sees_its_breach(rule: Rule, module: str, source: str) -> None:
 )
 def test_rule_lets_the_rest_be(rule: Rule, module: str, source: str) -> None:
     assert rule(module, ast.parse(source)) == []
+
+
+def test_the_wings_are_the_folders_and_few() -> None:
+    assert {path.name for path in PACKAGE.iterdir() if path.is_dir() and path.name != "__pycache__"} == set(WINGS)
+    assert len(WINGS) <= MOST_WINGS
+    assert max(map(len, WINGS.values())) <= MOST_ROOMS
+    assert len(ORDER) == len(set(ORDER))
 
 
 def test_files_are_short() -> None:

@@ -1,1 +1,1 @@
-"""From packets to transactions: the pipeline and one part for each protocol."""
+"""From bytes in order to transactions, operations and findings: requests paired, acts of clients, what is wrong."""

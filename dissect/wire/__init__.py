@@ -1,1 +1,1 @@
-"""What all packages below `dissect` share: codes, layouts, faults of octets, texts, files."""
+"""What all else stands on: bytes, codes with names, layouts of structures, text that is safe to show, files of users."""
