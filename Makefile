@@ -27,8 +27,8 @@ ROUNDS ?= 20
 BIN := $(VENV)/bin
 PYTEST := $(BIN)/pytest
 # The tests of the engine itself, which run on both builds.
-ENGINE := $(wildcard tests/wire tests/packets/source tests/packets/tcp tests/protocols/iso tests/protocols/s7 tests/engine \
-	tests/test_session.py tests/test_leaving.py tests/test_sources.py tests/test_examples.py tests/meaning/report tests/properties)
+ENGINE := $(wildcard tests/wire/test_*.py tests/packets/source tests/packets/tcp tests/protocols/iso tests/protocols/s7 \
+	tests/engine/test_*.py tests/engine/transactions tests/engine/findings tests/test_session.py tests/test_leaving.py tests/test_sources.py tests/test_examples.py tests/meaning/report tests/properties)
 # What these test is interpreted in the wheel as well: they would try the same code twice (tests/test_setup.py holds that).
 ONCE := $(wildcard tests/packets/source/test_live_*.py tests/packets/source/test_growing.py tests/packets/source/test_pcapng_writer.py tests/packets/source/test_remote.py)
 
