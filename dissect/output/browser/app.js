@@ -31,6 +31,7 @@ const TABS = [
   ["transactions", "Transactions", transactionsTab],
   ["values", "Values", valuesTab],
   ["operations", "Operations", (place) => operationsTab(place)],
+  ["acts", "Acts", (place) => actsView(desk, place)],
   ["devices", "Devices", (place) => devicesView(desk, place)],
   ["blocks", "Blocks", blocksTab],
   ["save", "Save as …", saveTab],
@@ -256,9 +257,10 @@ function blocksTab(place) {
   const body = h("div", {});
   const list = (/** @type {string[]} */ options) => shown(body, desk, argvOf(desk, "blocks", options), async (result) => (result.out.size ? h("pre", { class: options.includes("--code") ? "" : "wrapped" }, await result.out.text()) : null));
   /** @type {[string, string[]][]} */
-  const choice = [["List", []], ["Code (STL)", ["--code", "STL"]], ["Code (AWL)", ["--code", "AWL"]], ["References", ["--references"]], ["What changed", ["--diff"]]];
-  place.append(h("p", { class: "choice" }, ...choice.map(([title, options]) => h("button", { type: "button", click: () => list(options) }, title))), h("p", { class: "quiet" }, "“What changed” compares the first version of each block with the latest; with two captures, the first capture with the second."), body);
-  return list([]);
+  const choice = [["Code (STL)", ["--code", "STL"]], ["Code (AWL)", ["--code", "AWL"]], ["References", ["--references"]], ["What changed", ["--diff"]]];
+  const table = () => blocksView(desk, body);
+  place.append(h("p", { class: "choice" }, h("button", { type: "button", click: table }, "List"), ...choice.map(([title, options]) => h("button", { type: "button", click: () => list(options) }, title))), h("p", { class: "quiet" }, "“What changed” compares the first version of each block with the latest; with two captures, the first capture with the second."), body);
+  return table();
 }
 
 /** @param {HTMLElement} place */

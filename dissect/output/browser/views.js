@@ -21,6 +21,7 @@ const TAKES = {
   operations: ["--tags", "-Y"],
   devices: ["--tags", "-Y"],
   blocks: ["--tags", "-Y"],
+  export: ["--tags", "--scd", "--bind", "-Y"],
   golden: ["--tags", "--scd", "--bind", "-Y"],
   cut: ["--tags", "--scd", "--bind", "-Y"],
   anonymize: ["--scd", "--bind"],
@@ -240,6 +241,70 @@ function devicesView(desk, place) {
     });
     return h("div", { class: "beside" }, table.root, detail);
   });
+}
+
+/** What clients did to devices. @param {Desk} desk @param {HTMLElement} place */
+function actsView(desk, place) {
+  /** @type {[string, string][]} */
+  const columns = [["act", "No."], ["ts", "Time"], ["first_frame", "Packet"], ["last_frame", "to"], ["client_host", "Client"], ["server_host", "Server"], ["kind", "Act"], ["subject", "What"], ["bytes", "Bytes"], ["outcome", "Outcome"], ["error_name", "Error"]];
+  return shown(place, desk, argvOf(desk, "export", ["--only", "acts", "-o", "acts.csv"]), async (result) => {
+    const [names, ...records] = result.files.length ? csvRows(await result.files[0].data.text()) : [[]];
+    if (!records.length) return h("p", {}, "No acts: nothing was stopped, started, loaded, forced or unlocked.");
+    const at = columns.map(([name]) => names.indexOf(name));
+    const packets = h("div", { class: "detail", tabindex: "-1" });
+    const table = await rowsTable(listed(records), columns.map(([, head]) => head), (line) => {
+      const record = JSON.parse(line);
+      return at.map((index, column) => (columns[column][0] === "ts" ? timeText(record[index]) : record[index] ?? ""));
+    }, (texts) => showPackets(desk, packets, [texts[2], texts[3]]));
+    return h("div", { class: "beside" }, table.root, packets);
+  });
+}
+
+/** The records of a CSV file (RFC 4180). @param {string} text @returns {string[][]} */
+function csvRows(text) {
+  /** @type {string[][]} */
+  const rows = [];
+  /** @type {string[]} */
+  let row = [];
+  for (const [, quoted, plain, end] of text.matchAll(/(?:"((?:[^"]|"")*)"|([^",\r\n]*))(,|\r?\n|$)/g)) {
+    if (!end && !row.length && !quoted && !plain) break;
+    row.push(quoted === undefined ? plain : quoted.replaceAll('""', '"'));
+    if (end === ",") continue;
+    rows.push(row);
+    row = [];
+  }
+  return rows;
+}
+
+/** Blocks as a table; one that is chosen shows its code. @param {Desk} desk @param {HTMLElement} place */
+function blocksView(desk, place) {
+  const heads = ["No.", "Block", "What", "PLC", "Client", "Began", "Packets", "Bytes", "Language", "Name", "State"];
+  return shown(place, desk, argvOf(desk, "blocks", ["-T", "json"]), async (result) => {
+    /** @type {any[]} */
+    const blocks = result.out.size ? JSON.parse(await result.out.text()).blocks : [];
+    if (!blocks.length) return h("p", {}, "No blocks.");
+    const detail = h("div", { class: "detail", tabindex: "-1" });
+    const state = (/** @type {any} */ one) => [one.complete ? "complete" : one.missing ? `incomplete: ${one.missing}` : "incomplete", one.activated === true && "activated", one.activated === false && "not activated", one.protected && "protected"].filter(Boolean).join(", ");
+    const table = await rowsTable(listed(blocks), heads, (line) => {
+      const one = JSON.parse(line);
+      return [one.operation, one.label, one.direction, one.plc, one.client, one.begin_time && timeText(one.begin_time), [one.first_frame, one.last_frame].filter(Boolean).join("–"), one.octets, one.language, one.name, state(one)].map((cell) => String(cell ?? ""));
+    }, (texts) => {
+      const one = blocks.find((block) => String(block.operation) === texts[0]);
+      if (one) detail.replaceChildren(...blockFacts(desk, one));
+      detail.scrollIntoView({ block: "nearest" });
+    });
+    return h("div", { class: "beside" }, table.root, detail);
+  });
+}
+
+/** The code of a block, in English or German, and its packets. @param {Desk} desk @param {any} one */
+function blockFacts(desk, one) {
+  const body = h("div", {});
+  const mine = { ...desk, where: () => (desk.where() ? `(${desk.where()}) and number == ${one.operation}` : `number == ${one.operation}`) };
+  const code = (/** @type {string} */ language) => shown(body, desk, argvOf(mine, "blocks", ["--code", language]), async (result) => (result.out.size ? h("pre", {}, await result.out.text()) : null));
+  const packets = [one.first_frame, one.last_frame, one.activated_frame].filter(Boolean).map(String);
+  code("STL");
+  return [h("h3", {}, one.label), h("p", { class: "choice" }, h("button", { type: "button", click: () => code("STL") }, "STL"), h("button", { type: "button", click: () => code("AWL") }, "AWL"), h("button", { type: "button", click: () => showPackets(desk, body, packets) }, "Packets")), body];
 }
 
 /** Objects in pages, as `Lines` has them. @param {any[]} items @returns {any} */

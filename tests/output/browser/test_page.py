@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import io
 import json
 import os
@@ -39,7 +40,18 @@ def here(folder: Path, argv: Sequence[str]) -> tuple[int, str, str]:
 def test_it_asks_for_nothing(opened: Opened) -> None:
     """Since it was opened."""
     opened.choose(PLANT)
-    for tab in ("report", "findings", "transactions", "values", "operations", "devices", "blocks", "save", "help"):
+    for tab in (
+        "report",
+        "findings",
+        "transactions",
+        "values",
+        "operations",
+        "acts",
+        "devices",
+        "blocks",
+        "save",
+        "help",
+    ):
         opened.select(tab)
     opened.until("document.querySelector('article.manual h1')")
     asked = opened.requests()
@@ -185,6 +197,47 @@ def test_a_device_tells_its_facts_and_what_it_is_known_by(opened: Opened) -> Non
     assert [each["text"] in line for each, line in zip(one["evidence"], told, strict=True)] == [True] * len(told)
     opened.click(".detail li button")
     opened.until("document.querySelector('.detail .dissected')")
+
+
+def test_acts_are_those_of_the_table(opened: Opened, tmp_path: Path) -> None:
+    opened.choose(PLANT)
+    opened.select("acts")
+    assert opened.texts(".command code") == ["s7dissect export --only acts -o acts.csv plus-plant.pcapng"]
+    written = tmp_path / "acts.csv"
+    assert here(PLANT.parent, ["export", "--only", "acts", "-o", str(written), PLANT.name])[0] == 0
+    with written.open(encoding="utf-8", newline="") as file:
+        records = list(csv.DictReader(file))
+    assert len(records) > 2
+    assert any('"' in one["blocks"] for one in records)
+    names = ("act", "first_frame", "last_frame", "client_host", "server_host", "kind", "subject", "bytes", "outcome")
+    rows = opened.script(
+        "return [...document.querySelectorAll('tbody tr')].map((one) => [...one.cells].map((c) => c.textContent))"
+    )
+    assert [[*row[:1], *row[2:10]] for row in rows] == [[one[name] for name in names] for one in records]
+    opened.click("tbody tr")
+    opened.until("document.querySelector('.detail .dissected')")
+
+
+def test_a_block_shows_its_code(opened: Opened) -> None:
+    name = "program.pcapng"
+    opened.choose(OWN / "crafted" / name)
+    opened.select("blocks")
+    told = json.loads(here(OWN / "crafted", ["blocks", "-T", "json", name])[1])["blocks"]
+    rows = opened.script(
+        "return [...document.querySelectorAll('tbody tr')].map((one) => [...one.cells].map((c) => c.textContent))"
+    )
+    assert [row[:3] for row in rows] == [[str(one["operation"]), one["label"], one["direction"]] for one in told]
+    assert len({row[-1] for row in rows}) > 2
+    opened.click("tbody tr:nth-child(4)")
+    opened.until("document.querySelector('.detail pre')")
+    line = ["blocks", "--code", "STL", "-Y", f"number == {told[3]['operation']}", name]
+    assert opened.texts(".detail pre") == [here(OWN / "crafted", line)[1]]
+    assert told[3]["label"] in opened.texts(".detail pre")[0]
+    opened.script(
+        "[...document.querySelectorAll('.choice button')].find((one) => one.textContent === 'What changed').click()"
+    )
+    opened.until("document.querySelector('#panel pre.wrapped')")
+    assert opened.texts("#panel pre.wrapped") == [here(OWN / "crafted", ["blocks", "--diff", name])[1]]
 
 
 def test_rows_are_chosen_linked_and_taken_apart(opened: Opened) -> None:
@@ -401,7 +454,7 @@ def test_hostile_names_and_texts_change_nothing(opened: Opened, tmp_path: Path) 
     assert told == expected
     opened.choose(*files)
     tags = set(opened.script("return [...document.querySelectorAll('main *')].map((one) => one.localName)"))
-    for tab in ("findings", "transactions", "values", "operations", "devices", "blocks", "save"):
+    for tab in ("findings", "transactions", "values", "operations", "acts", "devices", "blocks", "save"):
         opened.select(tab)
         assert opened.script("return window.hacked") is None
         tags |= set(opened.script("return [...document.querySelectorAll('main *')].map((one) => one.localName)"))
@@ -421,6 +474,7 @@ def test_it_fits_a_phone(opened: Opened) -> None:
             "transactions",
             "values",
             "operations",
+            "acts",
             "devices",
             "blocks",
             "save",
