@@ -166,7 +166,8 @@ def prose_of(source: str) -> Iterator[str]:
             text = ast.get_docstring(node)
             if text is not None:
                 yield text
-    last, lines = -1, []
+    last = -1
+    lines: list[str] = []
     for token in tokenize.generate_tokens(io.StringIO(source).readline):
         if token.type == tokenize.COMMENT and not _TOOLS.match(token.string):
             if token.start[0] != last + 1:

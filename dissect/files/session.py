@@ -1,7 +1,7 @@
 """Captures joined to the pipeline: `open` iterates events, `analyze` sums them up, `devices` lists the stations.
 
 Files given together are read one after another. A file whose first packet comes no more than `CONTINUES_NS` after the last one
-of the file before it, as in a ring buffer, continues the connections of that file; any other file begins anew.
+of the file before it, as in a ring buffer, continues the connections of that file; any other file starts a new capture.
 """
 
 from __future__ import annotations
@@ -64,7 +64,7 @@ AS_DICT.append(_line)
 
 
 class _Joint(PacketSink):
-    """Stands between a file and the pipeline, and shows `Run.join` the time of the file's first packet."""
+    """Passes a file's packets to the pipeline, and the time of the first one to `Run.join`."""
 
     def __init__(self, run: Run) -> None:
         self._run = run
@@ -145,7 +145,7 @@ class Run:
         self.pipeline.note_damage(f"{file.name}: {file.damage}")
 
     def read(self) -> None:
-        """Read everything that is left. No file stays open, even where an exception ends the reading."""
+        """Read to the end. No file stays open, even where an exception ends the reading."""
         try:
             while self.step():
                 pass
@@ -153,7 +153,7 @@ class Run:
             self.close()
 
     def join(self, time_ns: int) -> None:
-        """Take the time of a file's first packet; begin anew unless that follows soon on the file before (`CONTINUES_NS`)."""
+        """Take the time of a file's first packet; start a new capture unless it is within `CONTINUES_NS` of the file before."""
         if self._joined:
             return
         self._joined = True
@@ -303,7 +303,7 @@ class Reading:
     """What is read of captures: files, options of the engine, and what ``where`` selects.
 
     The command line and the functions of the library make their runs of it.
-    ``sieve`` is that of the latest run whose observer is told of a selection only; None where it is told of everything.
+    ``sieve`` filters what the observer of the latest run receives; None if it receives everything.
     ``context`` is for an observer that shows fields although nothing is selected.
     """
 
@@ -321,7 +321,7 @@ class Reading:
         self._context = self.where.context if self.where is not None else context
 
     def sieved(self, observer: Observer) -> Observer:
-        """Return what tells ``observer`` of what is selected only; itself where that is everything."""
+        """Return an observer that passes only selected things to ``observer``; the same if everything is."""
         if self.where is None:
             return observer
         from dissect.meaning.select.sieve import Sieve
@@ -330,7 +330,7 @@ class Reading:
         return self.sieve
 
     def begin(self, pipeline: Pipeline, files: Sequence[SourceFile], several: bool) -> None:
-        """Tell fields of a run that begins; packets of ``several`` files are numbered in each."""
+        """Prepare the fields for a new run; packets of ``several`` files are numbered in each."""
         if self._context is not None:
             from dissect.meaning.report.words import Places
 
@@ -343,7 +343,7 @@ class Reading:
         several: bool = False,
         make: Callable[[Sequence[Source], Observer, Options], Run] = Run,
     ) -> Run:
-        """Return a run that tells ``observer`` of what is selected, or of everything if not ``sieved``.
+        """Return a run that reports selected things to ``observer``, or everything if not ``sieved``.
 
         ``several``: packets are named with their file, although there may be one alone. ``make`` makes the run.
         """
@@ -376,7 +376,7 @@ class KeyLogError(Error, ValueError):
 def read_tls_keys(paths: Sequence[str | os.PathLike[str]]) -> KeyLog:
     """Return the session keys of key logs (SSLKEYLOGFILE form). Keys that are appended later are read when they are needed.
 
-    An empty file is accepted: its keys may still be written. Raises `KeyLogError` when a file has lines but none of them holds
+    An empty file is accepted: its keys may still be written. Raises `KeyLogError` when a file has lines but not one with
     a key, OSError when a file cannot be read, and ImportError with a hint when the package for decryption is missing.
     """
     from dissect.packets.source.growing import GrowingFile

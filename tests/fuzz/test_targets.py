@@ -8,7 +8,7 @@ from dissect.output.baseline.loading import parse_baseline
 from dissect.protocols.s7.message import parse_pdu
 from dissect.testing.golden.parsing import parse_golden
 from dissect.testing.playback.server.recording import recording_of
-from dissect.testing.playback.server.session import ClientSession, Deed
+from dissect.testing.playback.server.session import Action, ClientSession
 from tests.fuzz import __main__ as runner
 from tests.fuzz import files, frames, inputs, pdus, played, scripts, streams
 from tests.fuzz.checks import check_json, check_line
@@ -198,7 +198,7 @@ def test_what_a_server_says_that_is_no_tpkt_is_a_failure(monkeypatch: pytest.Mon
     played.check_served(recording, [], b"")
 
     class Mumbling(ClientSession):
-        def feed(self, octets: bytes) -> list[Deed]:
+        def feed(self, octets: bytes) -> list[Action]:
             return [deed._replace(octets=deed.octets[:-1]) for deed in super().feed(octets)]
 
     monkeypatch.setattr("tests.fuzz.played.ClientSession", Mumbling)

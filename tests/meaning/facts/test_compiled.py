@@ -98,8 +98,8 @@ class _Read:
         values = ValueJsonl()
         values.begin(self.places)
         values.values(self.seen.values)
-        self.value_lines = [json.loads(line) for line in values.lines]
-        self.pdu_lines = [json.loads(line if isinstance(line, (str, bytes)) else str(line)) for line in pdus.lines]
+        self.value_lines = [json.loads(line if isinstance(line, bytes) else str(line)) for line in values.lines]
+        self.pdu_lines = [json.loads(line if isinstance(line, bytes) else str(line)) for line in pdus.lines]
 
 
 def by_name(table: Table, row: Row) -> dict[str, Any]:
