@@ -55,14 +55,14 @@ sys.exit(main(sys.argv[1:]))
 """
 
 
-def pip(target: Target, *words: str | Path) -> str:
+def pip(target: Target, *words: str | Path, environment: dict[str, str] | None = None) -> str:
     """Run pip for a target; return what it complained of, empty where it did not fail."""
     command = [sys.executable, "-m", "pip"]
     if options := target.pip():
         command = [sys.executable, "-c", PIP, json.dumps(target.markers())]
     verb, *rest = map(str, words)
     command += [verb, *options, "--disable-pip-version-check", "--no-input", "--only-binary=:all:", "-q", *rest]
-    ran = subprocess.run(command, capture_output=True, text=True, check=False)
+    ran = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
     if not ran.returncode:
         return ""
     errors = [line.removeprefix("ERROR: ") for line in ran.stderr.splitlines() if line.startswith("ERROR: ")]

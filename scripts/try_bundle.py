@@ -79,7 +79,6 @@ def try_here(folder: Path, work: Path) -> None:
 
 def try_there(folder: Path, work: Path, target: Target) -> None:
     """Install it into a folder as on another system; nothing there can be run."""
-    os.environ.update(offline())
     into = (
         "--target",
         work / "there",
@@ -89,7 +88,7 @@ def try_there(folder: Path, work: Path, target: Target) -> None:
         folder / "wheels",
         "--require-hashes",
     )
-    fault = pip(target, "install", *into, "-r", folder / "requirements.txt")
+    fault = pip(target, "install", *into, "-r", folder / "requirements.txt", environment=offline())
     if fault:
         sys.exit(f"FAILED  pip install for {target.name}: {fault}")
     count = len(list((work / "there").glob("*.dist-info")))

@@ -205,7 +205,7 @@ def test_what_is_wrong_with_an_argument_is_told_before_the_first_event(write: Fi
         dissect.open(write(polled(20)), where="nothing == 1")
     with pytest.raises(dissect.SelectError):
         dissect.devices(write(polled(20)), where="nothing == 1")
-    with pytest.raises(ValueError, match="takes both a dictionary"):
+    with pytest.raises(ValueError, match="needs both a dictionary"):
         dissect.open(write(polled(20)), scd="plant.toml")
 
 
@@ -411,9 +411,9 @@ def test_without_pdus_there_are_no_scd_messages_of_their_own() -> None:
 
 @pytest.mark.parametrize("options", [{"scd": DICT}, {"bind": BIND}])
 def test_one_half_of_the_options_is_an_error(options: dict[str, str]) -> None:
-    with pytest.raises(ValueError, match="takes both a dictionary"):
+    with pytest.raises(ValueError, match="needs both a dictionary"):
         list(dissect.open(CAPTURE, **options))  # type: ignore[arg-type]
-    with pytest.raises(ValueError, match="takes both a dictionary"):
+    with pytest.raises(ValueError, match="needs both a dictionary"):
         dissect.analyze(CAPTURE, **options)  # type: ignore[arg-type]
 
 

@@ -112,7 +112,7 @@ def _import_all() -> None:
 
     for name in _CODECS:
         "".encode(name)
-    importlib.import_module(f"{dissect.__name__}.source.statistics")  # at the end of a file with a loss count
+    importlib.import_module(f"{dissect.__name__}.packets.source.statistics")  # at the end of a file with a loss count
     for room in _ROOMS:
         package = importlib.import_module(f"{dissect.__name__}.{room}")
         for found in pkgutil.iter_modules(package.__path__):

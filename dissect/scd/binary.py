@@ -34,6 +34,11 @@ MAX_FILE: Final = 64 << 20
 _HEADER: Final = struct.Struct("<8sBBHII12s32s")
 _DECODER: Final = msgspec.msgpack.Decoder(Body)
 _ENCODER: Final = msgspec.msgpack.Encoder()
+_NOT_UTF8: Final = "a name or text is not UTF-8"
+#: No string of a dictionary is deeper in arrays than this.
+_DEEPEST: Final = 12
+#: The first bytes of strings in MessagePack.
+_STRINGS: Final = frozenset((*range(0xA0, 0xC0), 0xD9, 0xDA, 0xDB))
 _POSITION: Final = re.compile(r"\(byte (\d+)\)")
 
 
@@ -109,15 +114,41 @@ def _decode(content: memoryview, start: int) -> Body:
         text, _, path = str(error).partition(" - at ")
         raise DictionaryError(f"body {path.strip('`')}".rstrip(), text) from None
     except msgspec.DecodeError as error:
+        # msgspec from 0.23 on does not tell where.
+        if "UTF-8" in str(error) and (at := _not_utf8(bytes(content), _DEEPEST)) >= 0:
+            raise DictionaryError(f"body, byte {start + at}", _NOT_UTF8, rule="R42") from None
         match = _POSITION.search(str(error))
         where = f"body, byte {start + int(match[1])}" if match else f"body, byte {start + len(content)}"
         raise DictionaryError(where, str(error)) from None
     except UnicodeDecodeError as error:
         at = bytes(content).find(error.object) if error.object else -1
         where = f"body, byte {start + at + error.start}" if at >= 0 else "body"
-        raise DictionaryError(where, f"a name or text is not UTF-8: {error.reason}", rule="R42") from None
+        raise DictionaryError(where, _NOT_UTF8, rule="R42") from None
     except RecursionError:
         raise DictionaryError("body", "arrays are nested too deeply") from None
+
+
+def _not_utf8(packed: bytes, deepest: int) -> int:
+    """Return where in MessagePack the first byte is that makes a string no UTF-8; -1 if there is none.
+
+    Arrays are searched to the depth ``deepest``.
+    """
+    try:
+        parts = msgspec.msgpack.decode(packed, type=list[msgspec.Raw])
+    except msgspec.MsgspecError:
+        head = {0xD9: 2, 0xDA: 3, 0xDB: 5}.get(packed[0], 1) if packed and packed[0] in _STRINGS else 0
+        try:
+            packed[head:].decode() if head else None
+        except UnicodeDecodeError as error:
+            return head + error.start
+        return -1
+    at = 0
+    for part in map(bytes, parts if deepest else ()):
+        at = packed.find(part, at)
+        if (found := _not_utf8(part, deepest - 1)) >= 0:
+            return at + found
+        at += len(part)
+    return -1
 
 
 def wire_id(body: Body) -> bytes:

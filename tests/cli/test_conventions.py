@@ -121,10 +121,10 @@ def calls(text: str) -> list[list[str]]:
 #: What they import is imported once.
 RUNNER: Final = """
 import json, os, sys, tempfile
-import dissect.online.alerts, dissect.files.anonymize.rewriter, dissect.files.anonymize.survey, dissect.output.baseline,
-dissect.testing.golden.reading
-import dissect.online.live.lines, dissect.online.live.session, dissect.files.recording.cutter, dissect.testing.playback.client,
-dissect.meaning.report.tree
+import dissect.online.alerts, dissect.files.anonymize.rewriter, dissect.files.anonymize.survey, dissect.output.baseline
+import dissect.testing.golden.reading
+import dissect.online.live.lines, dissect.online.live.session, dissect.files.recording.cutter, dissect.testing.playback.client
+import dissect.meaning.report.tree
 import dissect.scd.codec, dissect.scd.loading, dissect.packets.source.live.opening
 from dissect.cli.main import COMMANDS, group, main
 for name in COMMANDS:

@@ -15,6 +15,7 @@ import pytest
 import dissect
 from dissect.engine.transactions.transaction import Transaction
 from dissect.packets.source.files import open_capture
+from dissect.wire.build import COMPILED
 from tests.cli.support import Ran, run, simple
 from tests.meaning.report.support import WORD, begun, read, saved
 from tests.packets.source.craft import Frame, Pcapng, drain
@@ -255,6 +256,7 @@ def test_what_is_around_goes_along(
     assert (f"{len(kept) - 2} of them for being near" in ran.err) == (len(kept) > 2)
 
 
+@pytest.mark.skipif(COMPILED, reason="compiled constants cannot be changed")
 def test_memory_for_what_is_around_is_bounded_and_told(
     tmp_path: Path, capfdbinary: Capfd, mixed: list[Packet], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -131,7 +131,7 @@ def test_a_damaged_file_is_told(capfdbinary: pytest.CaptureFixture[bytes], tmp_p
             "expected connections, transactions, operations, findings, devices, scd, got 'nothing'",
         ),
         (["-i", "lo", "--only", ""], "devices, scd, got ''"),
-        (["-i", "lo", "-b", "files:3"], "files:N says"),
+        (["-i", "lo", "-b", "files:3"], "files:N limits"),
         (["-i", "lo", "-b", "filesize:3"], "need -w, where"),
         (["-i", "lo", "--keep-around", "error", "30s"], "need -w, where"),
         (

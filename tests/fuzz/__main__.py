@@ -40,14 +40,12 @@ SHARES: Final = {
 _LEFT_OUT: Final = (
     "cli",
     "layers",
-    "live",
-    "metrics",
-    "monitor",
-    "oracle",
-    "proxy",
-    "replay",
-    "server",
-    "testing",
+    "online.live",
+    "online.metrics",
+    "online.monitor",
+    "online.proxy",
+    "testing.oracle",
+    "testing.plugin",
     "__main__",
 )
 _HINT: Final = "fuzzing needs one more package: pip install atheris (or '.[fuzz]' in this folder); Linux on x86-64"

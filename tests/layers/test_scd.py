@@ -304,7 +304,7 @@ def test_what_is_wrong_is_told(od: Dictionary) -> None:
 
 
 def test_a_dictionary_with_an_envelope_of_its_own_is_refused() -> None:
-    with pytest.raises(Error, match="envelope of its own"):
+    with pytest.raises(Error, match="its own envelope"):
         SCD.using(dictionary(envelope=REFERENCE))
     assert SCD.using(dictionary(envelope=DEFAULT))(READ).tid == 7
 

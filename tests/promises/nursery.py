@@ -14,11 +14,12 @@ import pytest
 #: Reads requests, a JSON object a line, and answers each with a line: the number of a process made, or an exit code.
 _MOTHER: Final = """
 import importlib, json, os, signal, sys
-for name in ("alerts", "anonymize.rewriter", "anonymize.survey", "baseline", "baseline.loading", "golden.reading",
-             "live.evidence", "live.json_lines", "live.lines", "live.session", "recording.cutter",
-             "recording.ring_buffer", "playback.client", "playback.client.run", "report.tree", "scd.codec",
-             "scd.loading", "source.live.opening",
-             "oracle.verification", "testing.golden_check"):
+for name in ("engine", "files.anonymize.rewriter", "files.anonymize.survey", "files.recording.cutter",
+             "files.recording.ring_buffer", "meaning.report.tree", "online.alerts", "online.live.evidence",
+             "online.live.json_lines", "online.live.lines", "online.live.session", "output.baseline",
+             "output.baseline.loading", "packets.source.live.opening", "scd.codec", "scd.loading",
+             "testing.golden.reading", "testing.golden_check", "testing.oracle.verification",
+             "testing.playback.client", "testing.playback.client.run"):
     importlib.import_module("dissect." + name)
 from dissect.cli.main import COMMANDS, group, main
 for name in COMMANDS:

@@ -12,6 +12,7 @@ from dissect.engine.stations import facts
 from dissect.engine.stations.facts import Fact, Station, Stretch
 from dissect.meaning.report.latencies import Latencies
 from dissect.packets.tcp.link import within
+from dissect.wire.copies import leaves
 
 # Roles.
 CPU: Final = "CPU"
@@ -503,3 +504,6 @@ class Device(Seen):
         begun = f"{facts.BLOCKS} "
         said = {key: found for (_, key), found in self.station.facts.items() if key.startswith(begun)}
         return {key.removeprefix(begun): int(facts.last_of(found).value) for key, found in sorted(said.items())}
+
+
+leaves(Area, Asked, Beyond, Device, Names, Reason, Talk, Use)
