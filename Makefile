@@ -35,7 +35,7 @@ ONCE := $(wildcard tests/packets/source/test_live_*.py tests/packets/source/test
 # What the tests of each part share (imports, asserts rewritten, captures) is made once for each process, and a worker of xdist
 # collects every test there is. So these parts, about equally long, take a process each, and make keeps JOBS of them running.
 # Those that take longest begin; what none of the others names is in the rest.
-INSTALLED := browser program scd rest cli layers oracle captures
+INSTALLED := rest program cli browser scd layers oracle captures
 installed-browser := tests/output/browser
 installed-oracle := tests/testing/oracle tests/testing/golden tests/protocols/tls
 installed-cli := tests/cli
@@ -81,7 +81,7 @@ test: test-environment lint checks
 checks:
 	@answers=$$(mktemp -d); trap 'rm -rf "$$answers"' EXIT; \
 	S7DISSECT_TSHARK_ANSWERS=$$answers $(MAKE) --no-print-directory --keep-going --output-sync=target -j $(JOBS) BESIDE=yes \
-		types test-interpreted test-installed container-steps
+		test-installed test-interpreted types container-steps
 
 # The analyzer as one page; packages of npm and PyPI are kept beside the environment.
 browser: environment

@@ -60,7 +60,7 @@ def test_a_file_that_is_no_index_stays_as_it_is(tmp_path: Path) -> None:
         base.execute("CREATE TABLE mine (a)")
     text = tmp_path / "text"
     text.write_bytes(b"this is no database at all\n" * 100)
-    for path, what in ((other, "another program"), (text, "no index of s7dissect")):
+    for path, what in ((other, "another program"), (text, "not an index of s7dissect")):
         before = path.read_bytes()
         with pytest.raises(StoreError, match=f"{what}.*--file"), Store(path, "1"):
             pass
