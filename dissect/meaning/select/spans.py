@@ -16,9 +16,8 @@ from dissect.packets.tcp.stream import MASK, HalfStream
 MAX_SPANS: Final = 65_536
 MAX_DIRECTIONS: Final = 16_384
 
-#: Sequence numbers of one block of a `SpanIndex`: about what a segment, and what most PDUs, have.
-_BLOCK_BITS: Final = 10
-_LAST_BLOCK: Final = MASK >> _BLOCK_BITS
+#: A block of a `SpanIndex` has at least two to the power of this sequence numbers: about what a segment, and most PDUs, have.
+_LEAST_BITS: Final = 10
 
 #: COTP: the code of a DT, and the octet and bit (EOT) that mark the last DT of a message.
 _DT: Final = 0xF0
@@ -56,32 +55,41 @@ class TimedSpan:
 
 
 class SpanIndex:
-    """Spans of one direction by the blocks of sequence numbers that they touch, so that a search looks at few of them."""
+    """Spans of one direction by the blocks of sequence numbers that they touch, so that a search looks at few of them.
 
-    __slots__ = ("_blocks",)
+    Blocks are as large as the span or larger, so that however long a span is, it touches two of them at most.
+    """
+
+    __slots__ = ("_levels",)
 
     def __init__(self) -> None:
-        self._blocks: dict[int, list[TimedSpan]] = {}
+        self._levels: dict[
+            int, dict[int, list[TimedSpan]]
+        ] = {}  # by the bits of a number within a block, then by block
 
     def add(self, timed: TimedSpan) -> None:
         """Make a span known."""
-        for block in _touched(timed.span.seq, timed.span.size):
-            self._blocks.setdefault(block, []).append(timed)
+        span = timed.span
+        bits = max(_LEAST_BITS, span.size.bit_length())
+        blocks = self._levels.setdefault(bits, {})
+        for block in _touched(span.seq, span.size, bits):
+            blocks.setdefault(block, []).append(timed)
 
     def carries(self, time_ns: int, seq: int, size: int) -> bool:
         """Return whether a segment with ``size`` octets from ``seq`` on, at this time, carries octets of a span."""
-        for block in _touched(seq, size):
-            for one in self._blocks.get(block, ()):
-                if one.from_ns <= time_ns <= one.to_ns and one.span.overlaps(seq, size):
-                    return True
+        for bits, blocks in self._levels.items():
+            for block in _touched(seq, size, bits):
+                for one in blocks.get(block, ()):
+                    if one.from_ns <= time_ns <= one.to_ns and one.span.overlaps(seq, size):
+                        return True
         return False
 
 
-def _touched(seq: int, size: int) -> list[int]:
+def _touched(seq: int, size: int, bits: int) -> list[int]:
     """Return the blocks with any of ``size`` sequence numbers from ``seq`` on; the last number is followed by the first."""
     if size <= 0:
         return []
-    return [block & _LAST_BLOCK for block in range(seq >> _BLOCK_BITS, (seq + size - 1 >> _BLOCK_BITS) + 1)]
+    return [block & MASK >> bits for block in range(seq >> bits, (seq + size - 1 >> bits) + 1)]
 
 
 class _Direction:

@@ -196,3 +196,21 @@ def test_a_search_looks_at_few_of_many_spans() -> None:
     assert index.carries(0, 3_000_000, 300)
     assert not index.carries(0, 7_000_000, 300)
     assert Counted.looked < 20
+
+
+def test_a_span_over_a_huge_gap_takes_no_more_room_than_another(monkeypatch: pytest.MonkeyPatch) -> None:
+    touched: list[int] = []
+    found = spans._touched
+
+    def counted(seq: int, size: int, bits: int) -> list[int]:
+        blocks = found(seq, size, bits)
+        touched.append(len(blocks))
+        return blocks
+
+    monkeypatch.setattr(spans, "_touched", counted)
+    index = SpanIndex()
+    for size in (1, 1500, 1 << 20, (1 << 31) + 5, MASK):
+        for seq in (0, 77, MASK - 3):
+            index.add(TimedSpan(Span(b"", seq, size), 0, 1))
+    assert max(touched) <= 2
+    assert index.carries(0, 1 << 30, 1)
