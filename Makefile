@@ -159,7 +159,7 @@ format: test-environment
 
 # Only interpreted code can be traced.
 coverage: test-environment
-	PYTHONPATH=$(CURDIR) $(PYTEST) $(WORKERS) -m "not measured" --cov --cov-report=term $(ENGINE)
+	PYTHONPATH=$(CURDIR) $(PYTEST) $(WORKERS) -m "not measured" -p pytest_cov --cov --cov-report=term $(ENGINE)
 
 # Every property test with fresh seeds, round after round; a round that fails is repeated with SEED=the one it printed.
 properties: test-environment

@@ -43,7 +43,7 @@ same "$sdist"
 try() { # NAME OF THE BUILD, WHEEL
   echo "wheels: trying $2"
   "$python" -m venv "$work/$1"
-  "$work/$1/bin/python" -m pip --disable-pip-version-check -q install "$2" "pytest>=8.2" "hypothesis>=6.100"
+  "$work/$1/bin/python" -m pip --disable-pip-version-check -q install "$2" "pytest>=8.4" "hypothesis>=6.100"
   # From the source distribution: what it lacks cannot be tested from it.
   "$work/$1/bin/python" "$work/source/scripts/try_install.py" "$1"
 }

@@ -28,6 +28,8 @@ import dissect  # noqa: E402 - which package that is was decided above
 from dissect.wire.build import COMPILED  # noqa: E402
 
 pytest_plugins: Final = ("dissect.testing.plugin", "tests.skips")
+#: The plugins of others that the tests use, by the names of their entry points. No other is loaded (pyproject.toml).
+OTHERS: Final = ("hypothesispytest", "xdist")
 
 LOCATION: Final = Path(dissect.__file__).resolve().parent
 MODE: Final = "compiled" if COMPILED else "interpreted"
@@ -38,6 +40,8 @@ sys.path.append(str(ROOT))
 
 # Processes that tests start find the same package: never by the folder they happen to run in.
 os.environ["PYTHONSAFEPATH"] = "1"
+# Nor do runs of pytest that tests start load what happens to be installed.
+os.environ["PYTEST_DISABLE_PLUGIN_AUTOLOAD"] = "1"
 if LOCATION.parent == ROOT:
     os.environ["PYTHONPATH"] = str(ROOT)
 
@@ -51,6 +55,12 @@ os.environ.setdefault("S7DISSECT_TSHARK_ANSWERS", os.environ["XDG_STATE_HOME"])
 os.environ["XDG_CONFIG_HOME"] = os.environ["XDG_STATE_HOME"]
 os.environ["XDG_CACHE_HOME"] = os.environ["XDG_STATE_HOME"]
 atexit.register(shutil.rmtree, os.environ["XDG_STATE_HOME"], ignore_errors=True)
+
+
+def pytest_addoption(pluginmanager: pytest.PytestPluginManager) -> None:
+    """Load the plugins that are used, where they are installed and `-p no:NAME` does not forbid it."""
+    for name in OTHERS:
+        pluginmanager.load_setuptools_entrypoints("pytest11", name)
 
 
 def pytest_configure(config: pytest.Config) -> None:

@@ -19,6 +19,7 @@ from dissect.online.live import iterating
 from dissect.testing.playback.server import Server
 from tests.extras import hiding
 from tests.test_sources import Line
+from tests.testing.projects import PLUGIN
 
 ROOT: Final = Path(__file__).resolve().parents[1]
 FOLDER: Final = ROOT / "docs" / "examples"
@@ -119,7 +120,8 @@ def test_a_program_is_a_test(tmp_path: Path) -> None:
     (tmp_path / "tests").mkdir()
     (tmp_path / "tests" / "test_plant.py").write_text(PROGRAMS["test_plant.py"], encoding="utf-8")
     bare = {name: value for name, value in os.environ.items() if not name.startswith("PYTEST_")}
-    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-p", "no:xdist"]
+    bare["PYTEST_DISABLE_PLUGIN_AUTOLOAD"] = "1"  # what else is installed here
+    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", *PLUGIN]
     for options, code, told in ([], 1, "4 passed"), (["--s7-update", "new"], 0, "5 passed"), ([], 0, "5 passed"):
         done = subprocess.run(
             [*command, *options], cwd=tmp_path, env=bare, capture_output=True, text=True, check=False, timeout=120

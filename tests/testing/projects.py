@@ -11,9 +11,9 @@ from typing import Final
 import pytest
 
 ROOT: Final = Path(__file__).resolve().parents[2]
-#: Where the package is installed, pytest finds the plugin by itself.
+#: Where the package is installed, pytest finds the plugin by the name of its entry point.
 INSTALLED: Final = any(entry.name == "s7dissect" for entry in importlib.metadata.entry_points(group="pytest11"))
-PLUGIN: Final = [] if INSTALLED else ["-p", "dissect.testing.plugin"]
+PLUGIN: Final = ["-p", "s7dissect" if INSTALLED else "dissect.testing.plugin"]
 #: The beginning of a module of tests: a client that disconnects.
 CLIENT: Final = """
 import contextlib

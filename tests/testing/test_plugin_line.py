@@ -305,7 +305,7 @@ def test_pump(s7_server, s7_record, s7_golden):
 def test_the_plugin_is_an_entry_point() -> None:
     settings = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
     assert settings["project"]["entry-points"]["pytest11"] == {"s7dissect": "dissect.testing.plugin"}
-    assert (PLUGIN == []) == INSTALLED
+    assert (PLUGIN == ["-p", "s7dissect"]) == INSTALLED
 
 
 def loaded(statement: str) -> set[str]:
@@ -319,7 +319,7 @@ def loaded(statement: str) -> set[str]:
 
 def run_loads(*arguments: str) -> set[str]:
     """Return the same of a run of pytest."""
-    options = ["-q", "-p", "no:hypothesispytest", *PLUGIN, *arguments]
+    options = ["-q", *PLUGIN, *arguments]
     return loaded(f"assert pytest.main({options!r}) == 0")
 
 

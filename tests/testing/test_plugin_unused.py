@@ -114,11 +114,9 @@ def test_many_unused_are_counted(two: Project) -> None:
 
 
 def distributed(project: Project, *arguments: str) -> pytest.RunResult:
-    """Run with workers that load no other plugins, which is where their time goes."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("PYTEST_DISABLE_PLUGIN_AUTOLOAD", "1")
-        plugins = ["-p", "xdist.plugin", "-p", "dissect.testing.plugin", "-p", "no:cacheprovider"]
-        return project.pytester.runpytest_inprocess(*plugins, *arguments)
+    """Run with workers."""
+    plugins = ["-p", "xdist.plugin", "-p", "dissect.testing.plugin", "-p", "no:cacheprovider"]
+    return project.pytester.runpytest_inprocess(*plugins, *arguments)
 
 
 def test_under_xdist_workers_write_and_the_controller_tells(project: Project) -> None:
