@@ -21,6 +21,7 @@ from dissect.engine.transactions.transaction import ANSWERED, CONNECTION_CLOSED,
 from dissect.meaning.report.certainty import add_doubt
 from dissect.meaning.report.kept import FIRST, Findings
 from dissect.meaning.report.latencies import Latencies
+from dissect.meaning.report.servers import Servers
 from dissect.meaning.report.words import Places
 from dissect.packets.source.packet import SourceFile
 from dissect.packets.tcp.stream import Endpoint
@@ -30,7 +31,7 @@ from dissect.protocols.s7.tables import USERDATA
 from dissect.protocols.s7plus.parameters import PlusParameters
 from dissect.wire.copies import keep_out, leaves
 
-#: Connections that are kept and described one by one; further ones are only counted.
+#: Connections that are kept and described one by one: those with most errors, then the busiest; others are only counted.
 MAX_CONNECTIONS: Final = 1000
 #: Slowest and failed transactions kept for showing.
 MAX_SLOWEST: Final = 10
@@ -240,6 +241,8 @@ class Analysis(Observer):
         self.unanswered_reasons: dict[str, int] = {}
         self.connections: list[Connection] = []
         self._shared: Shared = Shared()  # values that `connections` have in common
+        self._least: list[tuple[int, int, int, int]] = []  # ranks of `connections` with their places, the least first
+        self.servers: Servers = Servers()
         self.connections_not_listed: i64 = 0
         self._findings: Findings = Findings()
         self._first_findings: list[Finding] = self._findings.first
@@ -387,12 +390,9 @@ class Analysis(Observer):
             self._keep_failed(transaction)
 
     def connection_closed(self, connection: Connection) -> None:
-        """Keep a connection for the list, or only count it where the list is full."""
-        if len(self.connections) < MAX_CONNECTIONS:
-            self.connections.append(connection)
-            self._shared.take(connection)
-        else:
-            self.connections_not_listed += 1
+        """Count a connection, and keep it for the list if there is room, or one there matters less."""
+        self.servers.take(connection)
+        self._list(connection)
 
     def operation(self, operation: Operation) -> None:
         """Count an operation by its kind and result."""
@@ -445,7 +445,8 @@ class Analysis(Observer):
             self.functions[key].merge(statistics)
         add_counts(self.unanswered_reasons, later.unanswered_reasons)
         for connection in later.connections:
-            self.connection_closed(connection)
+            self._list(connection)
+        self.servers.merge(later.servers)
         self.connections_not_listed += later.connections_not_listed
         for kind, results in later.operations.items():
             add_counts(self.operations.setdefault(kind, {}), results)
@@ -461,6 +462,22 @@ class Analysis(Observer):
             self.part.merge(later.part)
 
     # ---- what is kept -----------------------------------------------------------------------------------------------
+
+    def _list(self, connection: Connection) -> None:
+        """Keep a connection for the list; where that is full, in place of the one that matters least, or not at all."""
+        if len(self.connections) < MAX_CONNECTIONS:
+            self.connections.append(connection)
+            self._shared.take(connection)
+            return
+        self.connections_not_listed += 1
+        if not self._least:
+            self._least = [_rank(one, place) for place, one in enumerate(self.connections)]
+            heapq.heapify(self._least)
+        place = self._least[0][3]
+        if _is_worse(connection, self.connections[place]):
+            self.connections[place] = connection
+            self._shared.take(connection)
+            heapq.heapreplace(self._least, _rank(connection, place))
 
     def _statistics(self, parameters: Parameters) -> FunctionStatistics:
         key: i64 = parameters.function
@@ -528,6 +545,11 @@ def _is_worse(one: Connection, other: Connection) -> bool:
     if one.pdus != other.pdus:
         return one.pdus > other.pdus
     return one.number < other.number
+
+
+def _rank(connection: Connection, place: int) -> tuple[int, int, int, int]:
+    """Return what `_is_worse` compares, and the place of a connection in the list."""
+    return int(_trouble(connection)), int(connection.pdus), -int(connection.number), place
 
 
 def _trouble(connection: Connection) -> i64:

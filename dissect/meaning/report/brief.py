@@ -27,19 +27,6 @@ _CONNECTIONS: Final = 8
 _TEXT: Final = 120
 
 
-class Plc:
-    """A server: its connections and PDUs, and what became of the requests that it got."""
-
-    def __init__(self) -> None:
-        self.connections = 0
-        self.pdus = 0
-        self.answered = 0
-        self.errors = 0
-        self.missed = 0
-        self.still_open = 0
-        self.not_captured = 0
-
-
 def brief_lines(
     analysis: Analysis, interrupted: bool = False, clock: Clock | None = None, hosts: Mapping[str, str] | None = None
 ) -> Iterator[Line]:
@@ -116,28 +103,9 @@ def _findings(analysis: Analysis, places: Places, told: Told) -> Iterator[Line]:
 
 
 def _plcs(analysis: Analysis, places: Places) -> Iterator[Line]:
-    found: dict[str, Plc] = {}
-    shown: dict[str, str] = {}
-    for connection in analysis.connections:
-        if connection.pdus:
-            host, vlan = str(connection.server.host), connection.tcp.vlan
-            name = within(host, vlan)
-            shown[name] = within(places.name(host), vlan)
-            plc = found.setdefault(name, Plc())
-            plc.connections += 1
-            plc.pdus += int(connection.pdus)
-            plc.answered += int(connection.answered)
-            plc.errors += int(connection.errors)
-            plc.missed += int(connection.missed)
-            plc.still_open += int(connection.still_open)
-            plc.not_captured += int(connection.not_captured)
+    found = analysis.servers.found
     if not found:
         return
-    for connection in analysis.connections:
-        host = within(str(connection.server.host), connection.tcp.vlan)
-        silent = found.get(host) if not connection.pdus else None
-        if silent is not None:  # refused, or given up: a connection to this PLC all the same
-            silent.connections += 1
     yield Line("PLCs", HEADING)
     stations = analysis.stations.stations
     some_open = any([plc.still_open for plc in found.values()])
@@ -156,10 +124,13 @@ def _plcs(analysis: Analysis, places: Places) -> Iterator[Line]:
             numbers.append(plc.still_open)
         if some_lost:
             numbers.append(plc.not_captured)
-        rows.append([shown[host], *told, *[str(number) if number else "." for number in numbers]])
+        rows.append(
+            [within(places.name(plc.host), plc.vlan), *told, *[str(number) if number else "." for number in numbers]]
+        )
     yield from table(rows, frozenset(range(4, 11)))
     if len(order) > _PLCS:
-        yield Line(f"  and {len(order) - _PLCS} more; `s7dissect devices` lists them", DIM)
+        least = "at least " if analysis.servers.further else ""
+        yield Line(f"  and {least}{len(order) - _PLCS} more; `s7dissect devices` lists them", DIM)
 
 
 def _connections(analysis: Analysis, places: Places) -> Iterator[Line]:

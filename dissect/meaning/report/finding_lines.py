@@ -9,6 +9,7 @@ from dissect.engine.findings.catalogue import CATALOGUE, Rule
 from dissect.engine.findings.reporter import Finding
 from dissect.meaning.report import words
 from dissect.meaning.report.analysis import Analysis
+from dissect.meaning.report.examples import Examples
 from dissect.meaning.report.happened import Told, by_gravity, times_of
 from dissect.meaning.report.styled import DIM, HEADING, PLAIN, Line
 from dissect.meaning.report.words import Places
@@ -41,23 +42,29 @@ def findings_lines(analysis: Analysis, places: Places, told: Told) -> Iterator[L
 
 
 def _shown(findings: Iterable[Finding]) -> dict[str, list[Finding]]:
-    """Return, by slug, only the findings that the lines will show: there may be thousands of others."""
-    shown: dict[str, list[Finding]] = {}
+    """Return, by slug, those that are shown one by one, then some of the others: there may be thousands."""
+    shown: dict[str, Examples] = {}
+    early: dict[str, list[Finding]] = {}
     more: dict[str, set[int]] = {}
     for finding in findings:
         slug = finding.slug
-        here = shown.get(slug)
+        here = early.get(slug)
         if here is None:
-            here = shown[slug] = []
-        elif len(here) >= _DETAILS:
-            frames = more.get(slug)
-            if frames is None:
-                frames = more[slug] = set()
-            elif len(frames) > _MORE_FRAMES:
-                continue
+            here = early[slug] = []
+            shown[slug] = Examples(_DETAILS)
+            more[slug] = set()
+        shown[slug].take(finding)
+        frames = more[slug]
+        if len(frames) > _MORE_FRAMES:
+            continue
+        if len(here) >= _DETAILS:
             frames.update(finding.frames[-1:])
         here.append(finding)
-    return shown
+    found: dict[str, list[Finding]] = {}
+    for slug, examples in shown.items():
+        chosen = examples.chosen()
+        found[slug] = [*chosen, *[one for one in early[slug] if one not in chosen]]
+    return found
 
 
 def finding_lines(

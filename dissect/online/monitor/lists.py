@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections import OrderedDict, deque
+from collections import Counter, OrderedDict
 from collections.abc import Mapping
 from typing import Final, NamedTuple
 
@@ -159,10 +159,13 @@ class FindingFacts(NamedTuple):
 
 
 class FindingList:
-    """The findings by rule; there are no more rules than in the catalogue."""
+    """The findings by rule; there are no more rules than in the catalogue.
+
+    Of too many findings of a rule the oldest goes of the pair of hosts that has most, so that many of one hide none of another.
+    """
 
     def __init__(self) -> None:
-        self._details: dict[str, deque[Finding]] = {}
+        self._details: dict[str, list[Finding]] = {}
 
     def note(self, finding: Finding) -> None:
         """Note a finding, unless another one explains it, or it only sums up others."""
@@ -170,8 +173,11 @@ class FindingList:
             return
         kept = self._details.get(finding.slug)
         if kept is None:
-            kept = self._details[finding.slug] = deque(maxlen=MAX_DETAILS)
+            kept = self._details[finding.slug] = []
         kept.append(finding)
+        if len(kept) > MAX_DETAILS:
+            most = Counter([_hosts(one) for one in kept]).most_common(1)[0][0]
+            del kept[next(place for place, one in enumerate(kept) if _hosts(one) == most)]
 
     def facts(self, counts: Mapping[str, int]) -> list[FindingFacts]:
         """Return the rules that applied, by severity, the newest first. ``counts`` are exact and may precede details."""
@@ -179,6 +185,10 @@ class FindingList:
             FindingFacts(CATALOGUE[slug], count, tuple(self._details.get(slug, ()))) for slug, count in counts.items()
         ]
         return sorted(found, key=lambda one: (SEVERITIES.index(one.rule.severity), -_last(one), one.key))
+
+
+def _hosts(finding: Finding) -> tuple[str, str]:
+    return finding.client, finding.server
 
 
 def _last(facts: FindingFacts) -> int:

@@ -7,6 +7,7 @@ from typing import Any, Final
 from dissect.engine.findings.catalogue import CATALOGUE
 from dissect.engine.findings.reporter import Finding
 from dissect.meaning.report import words
+from dissect.meaning.report.examples import examples_of
 from dissect.meaning.report.happened import facts_of, times_of
 from dissect.output.page.gathered import Gathered
 from dissect.output.page.numbers import how_often
@@ -30,7 +31,8 @@ def findings_of(gathered: Gathered) -> list[dict[str, Any]]:
     facts = facts_of(gathered.analysis, gathered.rows.clock)
     for rule in by_weight(gathered.analysis):
         times = times_of(rule.slug, counts[rule.slug], facts.ledger)
-        shown = sorted(details.get(rule.slug, []), key=lambda one: int(one.time_ns))[:_DETAILS]
+        found = sorted(details.get(rule.slug, []), key=lambda one: int(one.time_ns))
+        shown = examples_of(found, _DETAILS)
         rows = [_occurrence(gathered, one, listed) for one in shown]
         told.append(
             {
@@ -39,6 +41,7 @@ def findings_of(gathered: Gathered) -> list[dict[str, Any]]:
                 "times": how_often(times),
                 "facts": facts.phrase(rule) if times > 1 else "",
                 "rows": rows,
+                "earliest": shown == found[:_DETAILS],
                 "explains": words.explained(explained.get(rule.slug, {})),
                 "techniques": ", ".join([str(technique) for technique in rule.techniques]),
             }
