@@ -28,7 +28,7 @@ def note_syn(counters: Counters, table: ConnectionTable, key: bytes, seq: i64, l
 
 
 def note_reset(counters: Counters, table: ConnectionTable, key: bytes) -> None:
-    """Take a RST with ``key`` that belongs to no connection: it may refuse an attempt, which is reported on port 102."""
+    """Take a RST with ``key`` that belongs to no connection: it may refuse an attempt; refusals on port 102 are reported."""
     if table.refused(key):
         server, client = endpoints(key)
         if server.port != ISO_TSAP_PORT:
@@ -40,7 +40,7 @@ def note_reset(counters: Counters, table: ConnectionTable, key: bytes) -> None:
 
 
 def finish(counters: Counters, table: ConnectionTable) -> None:
-    """The capture ends: report attempts that were repeated and are still unanswered."""
+    """The capture ends: report repeated attempts that are still unanswered."""
     for key, attempt in table.unanswered():
         _note_unanswered(counters, key, attempt)
 

@@ -1,10 +1,10 @@
-"""TCP connections that were opened and closed without an octet, as port scanners and connection tests make them.
+"""TCP connections that were opened and closed without any data, as port scanners and connection tests make them.
 
-They speak no protocol, so that nothing else reports them. Only at the end is it known which of their ports matter: port 102,
-and ports on which another connection of this capture spoke ISO-on-TCP or another protocol that is followed.
+They speak no protocol, so nothing else reports them. Only at the end is it known which of their ports matter: port 102, and the
+ports on which other connections of the capture spoke a supported protocol.
 
-Connections to port 102 that were open before the capture began, and of which it has no more than a FIN, are counted apart: who
-closed them first is all that is known.
+A connection to port 102 that was open before the capture began may show only its FINs; these are counted separately, by the
+side that closed first, because nothing else is known of them.
 """
 
 from __future__ import annotations
@@ -18,14 +18,14 @@ from dissect.engine.transactions.side import Side
 from dissect.packets.tcp.stream import FIN, MASK
 from dissect.wire.octets import u16
 
-#: How many ports they are counted on, besides 102.
+#: Maximum number of ports, besides 102, with a counter.
 MAX_PORTS: Final = 1024
-#: Which side closed a connection of which only FINs were captured: the keys of `BareConnections.ends`.
+#: The side that closed a connection of which only FINs were captured: the keys of `BareConnections.ends`.
 BY_SERVER: Final = 0
 BY_CLIENT: Final = 1
 #: The key in `BareConnections.first` of the first of these.
 _ENDS: Final = -1
-#: How many of these are distinguished; each has a FIN of either side.
+#: Maximum number of such connections that are told apart; each one has a FIN from either side.
 MAX_ENDS: Final = 4096
 #: Octets of the key of a connection: both addresses, then both ports.
 _IPV4: Final = 4
@@ -34,10 +34,10 @@ _PORTS: Final = 4
 
 
 class BareConnections:
-    """Counts connections without octets by server port: ``counts``; ``first`` has the first packet of each port.
+    """Counts connections without data by server port in ``counts``; ``first`` has the first packet of each port.
 
-    ``spoken`` counts the followed connections on ports other than 102. All three have at most `MAX_PORTS` ports besides 102.
-    ``ends`` counts connections to port 102 of which only FINs were captured, by who closed first.
+    ``spoken`` counts the connections of supported protocols on ports other than 102. Each of the three has at most `MAX_PORTS`
+    ports besides 102. ``ends`` counts connections to port 102 of which only FINs were captured, by the side that closed first.
     """
 
     def __init__(self) -> None:
@@ -53,7 +53,7 @@ class BareConnections:
             _count(self.spoken, port)
 
     def take(self, side: Side, peer: Side) -> None:
-        """Count a connection that is over, if both SYNs were captured and its sequence numbers show that no octet was sent."""
+        """Count a finished connection if both SYNs were captured and its sequence numbers show that no data were sent."""
         tcp = side.tcp
         if tcp.initiator < 0 or not tcp.closed or not _is_bare(side, peer) or not _is_bare(peer, side):
             return
@@ -62,9 +62,9 @@ class BareConnections:
             self.first[port] = tcp.first_frame
 
     def take_end(self, key: bytes, flags: i64, frame: i64) -> None:
-        """Take a FIN or RST of a connection without earlier packets; ``key``: addresses and ports of its packet.
+        """Take a FIN or RST of a connection without earlier packets; ``key`` has the addresses and ports of its packet.
 
-        A RST may also refuse what was sent to a closed port, so only a FIN shows that there was a connection.
+        A RST may also answer a packet to a closed port, so only a FIN proves that there was a connection.
         """
         if not flags & FIN:
             return
@@ -73,7 +73,7 @@ class BareConnections:
         if (source != ISO_TSAP_PORT and target != ISO_TSAP_PORT) or key in self._ended or len(self._ended) >= MAX_ENDS:
             return
         ports = key[2 * size + 2 : 2 * size + _PORTS] + key[2 * size : 2 * size + 2]
-        answer = key[size : 2 * size] + key[:size] + ports + key[2 * size + _PORTS :]  # after them comes the VLAN
+        answer = key[size : 2 * size] + key[:size] + ports + key[2 * size + _PORTS :]  # the VLAN follows them
         if answer in self._ended:
             return
         self._ended.add(key)
@@ -82,7 +82,7 @@ class BareConnections:
         self.first.setdefault(_ENDS, int(frame))
 
     def first_end(self) -> int:
-        """Return the packet that closes the first connection of which only FINs were captured, 0 for none."""
+        """Return the packet that closed the first connection of which only FINs were captured, 0 for none."""
         return self.first.get(_ENDS, 0)
 
     def found(self) -> tuple[int, int]:
@@ -103,7 +103,7 @@ def _is_bare(side: Side, peer: Side) -> bool:
 
 
 def _count(counts: dict[int, int], port: i64) -> int:
-    """Count once more and return the new count; 0 if there is no room for another port."""
+    """Increase a count and return it; return 0 if there is no room for another port."""
     known = counts.get(port, 0)
     if not known and len(counts) > MAX_PORTS and port != ISO_TSAP_PORT:
         return 0

@@ -1,9 +1,9 @@
-"""Connections from their first octets to their end: they get a protocol and a number; at the end all that is open is closed.
+"""Connections from their first data to their end: each one gets a protocol and a number, and is closed properly at the end.
 
-Every connection begins with `Recognition`. The first octets say which protocol it is, on any port (docs/decisions/0005): a
-protocol of ours takes it with `Connections.open`, anything else goes to `Foreign`, which only counts connections, and names
-the messages it meets inside ISO-on-TCP. `Connections.end` closes whatever is still open, in the one order in which nothing is
-reported twice: buffers first, then the ending is judged, then open requests, and the observer last.
+Every connection begins with `Recognition`. The first octets show the protocol, on any port (docs/decisions/0005): a supported
+protocol gets the connection by `Connections.open`, any other connection goes to `Foreign`, which only counts connections and
+names the messages that it finds inside ISO-on-TCP. `Connections.end` closes what is still open, in the only order that reports
+nothing twice: first the buffers, then the judgement of the ending, then the open requests, and the observer last.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ from dissect.protocols.s7plus.parameters import PLUS
 from dissect.protocols.tls.handshake import chosen_version
 from dissect.wire.octets import u16
 
-#: Before the version in `Connection.identified_by` that a ServerHello chose.
+#: In `Connection.identified_by`, this text precedes the version that a ServerHello chose.
 _CHOSE: Final = ", the server chose "
 
 
@@ -53,10 +53,13 @@ class Foreign(Protocol):
     def __init__(self, exchange: Exchange) -> None:
         super().__init__(FOREIGN)
         self._exchange: Exchange = exchange
-        self._named: dict[int, int] = {}  # by connection: a bit for each protocol that was reported of it
+        self._named: dict[int, int] = {}  # by connection: a bit for each protocol that was reported on it
 
     def take(self, side: Side, name: str, frame: i64, time_ns: i64, identity: str = "") -> None:
-        """Another protocol: its packets are counted from now on. ``identity`` says what it was identified by."""
+        """Take note of an unsupported protocol: the packets of its connection are counted from now on.
+
+        ``identity`` says how it was identified.
+        """
         connection = side.connection
         for end in (side, side.peer):
             if end is not None:
@@ -68,7 +71,7 @@ class Foreign(Protocol):
             self._note(connection, name, connection.identified_by, frame, time_ns)
 
     def feed(self, side: Side, buf: bytes, at: i64, size: i64, frame: i64, time_ns: i64) -> None:
-        """Count octets of a connection that speaks something else."""
+        """Count octets of a connection that speaks an unsupported protocol."""
         if side.connection.protocol == UPPER_NAMES[TLS]:
             if side.index != side.connection.client_side:
                 side.connection.last_encrypted_ns = time_ns
@@ -76,7 +79,7 @@ class Foreign(Protocol):
         side.framer.skipped += size
 
     def tsdu(self, side: Side, upper: i64, buf: bytes, at: i64, size: i64, frame: i64, time_ns: i64) -> None:
-        """Name a TSDU of protocol ``upper``; on port 102 that is reported once for a protocol and connection."""
+        """Name a TSDU of protocol ``upper``; on port 102 report each protocol once per connection."""
         connection = side.connection
         name = UPPER_NAMES[upper]
         if upper == TLS:
@@ -89,13 +92,13 @@ class Foreign(Protocol):
             return
         identity = identify(upper, buf, at, at + size)
         if upper == RDP and connection.pdus == 0:
-            self.take(side, name, frame, time_ns, identity)  # not all that RDP sends is in TPKTs
+            self.take(side, name, frame, time_ns, identity)  # RDP also sends messages that are not TPKTs
             return
         if fresh:
             connection.protocol = name
             connection.identified_by = identity
         if (upper == UNKNOWN and side.holes) or named:
-            return  # the rest of a message whose beginning is missing, or reported before
+            return  # the rest of a message whose beginning is missing or was reported before
         self._name(connection, upper)
         if upper == TLS and connection.protocol == UPPER_NAMES[S7COMM_PLUS]:
             after = "InitSSL" if connection.identified_by == "InitSSL" else "S7comm-plus"
@@ -108,7 +111,7 @@ class Foreign(Protocol):
             self._note(connection, name, identity, frame, time_ns)
 
     def inside(self, side: Side, upper: i64, octets: bytes, frame: i64, time_ns: i64) -> None:
-        """Name a decrypted message of protocol ``upper``, as `tsdu` does what came in clear."""
+        """Name a decrypted message of protocol ``upper``, as `tsdu` does for plain text."""
         if upper == TLS:
             upper = UNKNOWN
         connection = side.connection
@@ -126,7 +129,7 @@ class Foreign(Protocol):
             connection.identified_by = f"{connection.identified_by}{_CHOSE}{chosen}".removeprefix(", ")
 
     def forget(self, connection: Connection) -> None:
-        """A connection is over: its number may be forgotten."""
+        """A connection is over: forget what was reported on it."""
         if self._named:
             self._named.pop(connection.number, None)
 
@@ -144,10 +147,10 @@ class Foreign(Protocol):
 
 
 class Unread(Protocol):
-    """Takes the connections that a selection leaves out.
+    """Takes the connections that the user's selection excludes.
 
-    It reads only the type of the TPDU that a segment begins with: a connect request after data begins another connection in
-    their place, which has a number of its own and may be selected.
+    It reads only the TPDU type at the beginning of a segment: a connect request after data begins another connection in its
+    place, which has its own number and may be selected.
     """
 
     def __init__(self, connections: Connections) -> None:
@@ -155,7 +158,7 @@ class Unread(Protocol):
         self._connections: Connections = connections
 
     def feed(self, side: Side, buf: bytes, at: i64, size: i64, frame: i64, time_ns: i64) -> None:
-        """Look at a segment, all of whose octets are new."""
+        """Examine a segment whose octets are all new."""
         octets = buf[at : at + size]
         if size <= 6 or not plausible(octets, 0, size):
             return
@@ -180,13 +183,13 @@ class Unread(Protocol):
 
 
 class Connections:
-    """Gives connections to protocols and takes them back. ``count`` is how many were opened so far.
+    """Gives connections to protocols and takes them back. ``count`` is the number of connections opened so far.
 
-    ``forgotten`` counts those that were evicted without a loss: nothing on them was open or unread. Later packets of one form a
-    new connection; ``twice`` counts connections that may be such.
+    ``forgotten`` counts connections that were evicted without a loss: they had nothing open or unread. Later packets of an
+    evicted connection form a new one; ``twice`` counts connections that may be such duplicates.
 
-    A connection that ``only`` does not want only gets its number; ``left_out`` counts those. ``iso`` takes a connection that
-    replaces one of them.
+    A connection that ``only`` rejects gets a number and nothing else; ``left_out`` counts these connections. ``iso`` takes a
+    connection that replaces a rejected one.
     """
 
     def __init__(self, exchange: Exchange, only: Callable[[Connection], bool] | None = None) -> None:
@@ -200,10 +203,10 @@ class Connections:
         self.iso: Protocol = self._unread
         self.foreign: Foreign = Foreign(exchange)
         self.scans: ScanWatch = ScanWatch(exchange.reporter)
-        self.table: ConnectionTable = ConnectionTable()  # that of the pipeline, once it has one
+        self.table: ConnectionTable = ConnectionTable()  # the table of the pipeline, once the pipeline has one
 
     def open(self, side: Side, protocol: Protocol, at_start: bool) -> None:
-        """The protocol of a connection is known; ``at_start``: what comes next of ``side`` begins a message."""
+        """Open a connection whose protocol is now known; with ``at_start`` the next octets of ``side`` begin a message."""
         connection = side.connection
         self.count += 1
         connection.number = self.count
@@ -222,7 +225,7 @@ class Connections:
         self._exchange.watch.opened(connection)
 
     def note_evicted(self, counters: Counters, side: Side, detail: str) -> None:
-        """Too much is open at once, and the connection of ``side`` has to go: report it if something of it is lost."""
+        """Report a loss of the connection of ``side``, which is dropped because too much is open at once."""
         connection = side.connection
         if not connection.followed:
             return
@@ -233,7 +236,7 @@ class Connections:
             self.table.forget(side)
 
     def begin_anew(self, side: Side) -> None:
-        """A connection that is not read is over, because another transport connection begins on the same TCP connection."""
+        """Begin a new transport connection on the same TCP connection, in place of one that is not read."""
         peer = side.peer
         assert peer is not None
         connection = Connection(0, side.tcp)
@@ -242,7 +245,7 @@ class Connections:
         self.open(side, self.iso, True)
 
     def replace(self, side: Side, frame: i64, now_ns: i64) -> None:
-        """Another transport connection begins on the same TCP connection: what was between them was not captured."""
+        """Begin a new transport connection on the same TCP connection; the packets between the two were not captured."""
         peer = side.peer
         assert peer is not None
         old = side.connection
@@ -251,7 +254,7 @@ class Connections:
         self.count += 1
         connection = Connection(self.count, side.tcp)
         connection.state = old.state
-        connection.told = old.told  # of the octets that are still on their way
+        connection.told = old.told  # these reports concern octets that still wait to be passed on
         connection.naming = old.naming
         for end in (side, peer):
             end.connection = connection
@@ -260,9 +263,10 @@ class Connections:
         self._exchange.observer.connection_opened(connection)
 
     def end(self, side: Side, reason: str, frame: i64, now_ns: i64) -> None:
-        """A connection is over (``reason`` is why its open requests stay unanswered): close what is open on both sides.
+        """Close what is open on both sides of a finished connection; ``reason`` is why its open requests stay unanswered.
 
-        ``frame`` is the packet at hand, which need not be one of its own: unfinished messages are reported with its last one.
+        ``frame`` is the current packet, which may belong to another connection; unfinished messages are reported with their own
+        last packet.
         """
         if side.connection.state == LEFT_OUT:
             return
@@ -302,8 +306,8 @@ class Connections:
 class Recognition(Protocol):
     """The protocol that every connection begins with: examines octets until the protocol of the connection is certain.
 
-    ``streams`` are asked in their order. ISO-on-TCP is looked for last, and over several segments, because a capture may begin
-    in the middle of anything.
+    ``streams`` are the protocols to try, in this order. ISO-on-TCP is tried last, and over several segments, because a capture
+    may begin in the middle of a message.
     """
 
     def __init__(self, connections: Connections, iso: Protocol, streams: list[Protocol]) -> None:
@@ -313,7 +317,7 @@ class Recognition(Protocol):
         self._streams: list[Protocol] = streams
 
     def feed(self, side: Side, buf: bytes, at: i64, size: i64, frame: i64, time_ns: i64) -> None:
-        """Look at octets of a connection that is not recognised yet; give it, with them, to the protocol they are of."""
+        """Examine octets of a connection that is not recognised yet; once it is, give it with them to its protocol."""
         octets = buf[at : at + size]
         known_start: bool = side.tcp.known_start
         at_start: bool = known_start and (side.end_seq - size) & MASK == side.stream.start_seq
@@ -342,11 +346,11 @@ class Recognition(Protocol):
         side.framer.skipped += size
 
     def end(self, side: Side, frame: i64, time_ns: i64) -> None:
-        """A connection was never recognised: that is reported on port 102, unless little of it was seen."""
+        """Report a connection on port 102 that was never recognised, unless too little of it was captured."""
         if side.tcp.known_start or side.connection.probed >= PROBES:
             self._take_other(side)
 
     def _take_other(self, side: Side) -> None:
-        """The connection speaks something else: report it at its first octets, not at those that made it certain."""
+        """Report an unsupported protocol with the first octets of the connection, not with those that made it certain."""
         connection = side.connection
         self._connections.foreign.take(side, connection.protocol, connection.probed_frame, connection.probed_ns)

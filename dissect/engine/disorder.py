@@ -16,7 +16,7 @@ from dissect.packets.tcp import stream
 
 
 def take(counters: Counters, timers: Timers, side: Side, seq: i64, octets: bytes, missing: i64) -> i64:
-    """Take a segment where it belongs, pass on what is in order now; return what became of it (`transactions.accounts`)."""
+    """Insert a segment where it belongs, pass on all that is in order now, and return its account (`transactions.accounts`)."""
     connection = side.connection
     half = side.stream
     peer = side.peer
@@ -51,7 +51,7 @@ def take(counters: Counters, timers: Timers, side: Side, seq: i64, octets: bytes
     if connection.state == LEFT_OUT:
         return accounts.LEFT_OUT
     if connection.state == FOREIGN or (connection.state == PROBING and half.held is None):
-        return accounts.OTHER_PROTOCOL  # unused, even if it is not yet reported as a different protocol
+        return accounts.OTHER_PROTOCOL  # unused even now, before it is reported as a different protocol
     if what == stream.NEW or what == stream.OLD:
         return PAYLOAD if what == stream.NEW else accounts.RETRANSMISSION
     return accounts.KEEP_ALIVE if what == stream.KEEP_ALIVE else accounts.BEFORE_START

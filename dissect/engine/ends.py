@@ -1,9 +1,9 @@
-"""Ends of connections: RST and FIN, also false ones, and a SYN that begins another connection with the same addresses.
+"""Ends of connections: real and false RSTs and FINs, and SYNs that begin another connection with the same addresses.
 
-Anybody who can send packets with the addresses of a connection can send any of these; the receiver checks their sequence
-numbers, and continues if they are wrong. So a RST or FIN with a number that its receiver need not accept counts as the end only
-as long as the connection does not continue (`dissect.packets.tcp.doubt`). And a SYN ends an open connection only once something
-confirms it: the SYN/ACK or the RST that acknowledges it, or data with the sequence numbers that follow it.
+Any host that can forge the addresses of a connection can send such packets; the receiver checks their sequence numbers, and
+ignores those that are wrong. So a RST or FIN with a number that its receiver may reject counts as the end only as long as the
+connection does not continue (`dissect.packets.tcp.doubt`). A SYN ends an open connection only once something confirms it: a
+SYN/ACK or a RST that acknowledges it, or data with the sequence numbers that follow it.
 """
 
 from __future__ import annotations
@@ -21,10 +21,10 @@ from dissect.packets.tcp.doubt import HOLDS, REFUTED
 from dissect.packets.tcp.stream import ACK, FIN, MASK, RST, SYN, WINDOW
 from dissect.wire.text import count
 
-#: After a reset, a segment at most this far ahead may have been captured out of order; any other comes too late.
+#: After a reset, a segment at most this far ahead may be out of order; any other segment comes too late.
 AFTER_RESET: Final = 65536
 
-# What `judge` returns for a SYN or RST: of this connection, of a new one in its place, or a SYN to be confirmed first.
+# What `judge` returns for a SYN or RST: it belongs to this connection, begins a new one in its place, or needs a confirmation.
 SAME: Final = 0
 ANOTHER: Final = 1
 HELD_BACK: Final = 2
@@ -46,7 +46,7 @@ def take(counters: Counters, side: Side, seq: i64, flags: i64, size: i64, link: 
     in_doubt: bool = tcp.doubt is not None
     if flags & RST:
         if not read:
-            seq = side.stream.next_seq  # its octets are not followed, so the expected number is not known
+            seq = side.stream.next_seq  # its octets are not followed, so no sequence number is expected
         if not tcp.note_reset(side.index, seq, counters.frames, counters.now_ns):
             counters.note_ignored(side, "reset")
             return False
@@ -58,7 +58,7 @@ def take(counters: Counters, side: Side, seq: i64, flags: i64, size: i64, link: 
 
 
 def look(counters: Counters, side: Side) -> None:
-    """If the end of the connection is in doubt, check whether both sides continued since; withdraw the end if they did."""
+    """If the end of the connection is in doubt, check whether both sides continued since then; if so, withdraw the end."""
     tcp = side.tcp
     doubt = tcp.doubt
     peer = side.peer
@@ -82,7 +82,7 @@ def look(counters: Counters, side: Side) -> None:
 
 
 def note_quiet(side: Side, flags: i64) -> None:
-    """At a FIN or RST, perhaps after idle time: octets that are acknowledged but not captured by then were missing before."""
+    """At a FIN or RST, perhaps after idle time, report octets as missing that were acknowledged but not captured by then."""
     peer = side.peer
     if peer is None or not flags & (FIN | RST):
         return
@@ -93,9 +93,9 @@ def note_quiet(side: Side, flags: i64) -> None:
 
 
 def note_unseen(counters: Counters, side: Side, peer: Side) -> bool:
-    """The connection is over: what a side is known to have sent and the capture does not have is a gap; return whether any is.
+    """Report as a gap what a side of a finished connection sent but the capture lacks; return whether there is a gap.
 
-    That is what the other side acknowledged, and what comes before a FIN or RST of the side that is still believed (`look`).
+    Such octets were acknowledged by the other side, or precede a FIN or RST of the side that still counts (`look`).
     """
     if not side.connection.followed or not (side.unseen or peer.unseen or side.tcp.doubt is not None):
         return False
@@ -122,7 +122,7 @@ def _unseen(side: Side) -> i64:
 
 
 def finish(counters: Counters, table: ConnectionTable, side: Side, peer: Side) -> None:
-    """The connection is over, and all its octets were passed on: decide about an end in doubt and unconfirmed SYNs."""
+    """Decide about a doubtful end and unconfirmed SYNs of a finished connection whose octets were all passed on."""
     if side.tcp.doubt is not None:
         look(counters, side)
         side.tcp.doubt = None
@@ -138,7 +138,7 @@ def judge(
 ) -> i64:
     """Return whether a SYN or RST that ``side`` sent is of its connection: SAME, ANOTHER or HELD_BACK.
 
-    ``data``: it comes with octets; ``link`` is as in `take`.
+    With ``data`` it carries octets; ``link`` is as in `take`.
     """
     if flags & SYN:
         if not side.tcp.is_new_connection(side.index, seq):
@@ -156,7 +156,7 @@ def judge(
 def _hold_back(
     counters: Counters, table: ConnectionTable, side: Side, seq: i64, ack: i64, flags: i64, link: bytes
 ) -> i64:
-    """Take a SYN with a new sequence number on an open connection: keep it as the `Rival` of ``side`` until confirmed."""
+    """Keep a SYN with a new sequence number on an open connection as the `Rival` of ``side`` until it is confirmed."""
     peer = side.peer
     assert peer is not None
     rival = side.rival
@@ -187,7 +187,7 @@ def follows(side: Side, peer: Side, seq: i64) -> bool:
 
 
 def give_way(counters: Counters, side: Side) -> None:
-    """Another connection takes the addresses of this one, which is over."""
+    """Another connection replaces this one, which is over."""
     tcp = side.tcp
     frame: i64 = counters.frames
     time_ns: i64 = counters.now_ns
@@ -210,7 +210,7 @@ def give_way(counters: Counters, side: Side) -> None:
 
 
 def _silent(side: Side, rival: Rival) -> bool:
-    """Return whether neither side sent octets since the SYN."""
+    """Return whether both sides sent octets since the SYN; one side alone may have sent them before it got the SYN."""
     peer = side.peer
     return peer is not None and side.stream.octets == rival.octets and peer.stream.octets == rival.answered
 

@@ -1,12 +1,11 @@
-"""`Exchange`: every protocol hands it its requests, responses and indications, to be paired and judged.
+"""`Exchange` takes the requests, responses and indications of all protocols, pairs them and has them judged.
 
-When a message completes a transaction, the rules about transactions judge it first (`judge_transaction`), then the observer is
-notified, then `Watch` sees it, which knows operations, security and stations. Findings go through the one `Reporter` of this
-object, so that they are counted and bounded in one place, whatever protocol they are about. A read without an error is only
-paired and reported to the observer.
+When a message completes a transaction, the rules judge it first (`judge_transaction`), then the observer gets it, then `Watch`,
+which handles operations, security and stations. All findings go through the one `Reporter` of this object, so they are counted
+and bounded in one place for all protocols. A read without an error is only paired and reported to the observer.
 
-`PayloadDecoder` looks for another protocol inside what passes (`dissect.meaning.bindings`: SCD). It hands what it finds back to
-`Exchange`, like any protocol.
+`PayloadDecoder` looks for another protocol inside the payloads (`dissect.meaning.bindings`: SCD). It hands what it finds back
+to `Exchange`, as all protocols do.
 """
 
 from __future__ import annotations
@@ -47,37 +46,40 @@ if TYPE_CHECKING:
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class PayloadDecoder:
-    """Looks for messages of another protocol; this base class finds none. ``udp_ports``: whose datagrams it wants to see."""
+    """Looks for messages of another protocol; this base class finds none.
+
+    ``udp_ports`` are the UDP ports whose datagrams it wants.
+    """
 
     def __init__(self) -> None:
         self.udp_ports: set[int] = set()
 
     def attach(self, exchange: Exchange) -> None:
-        """Take the exchange that messages are handed to; called once, before the first packet."""
+        """Set the exchange that gets the messages; called once, before the first packet."""
 
     def claims_port(self, transport: str, connection: Connection) -> bool:
-        """Return whether a new conversation is its own, and set the client of one that is; ``transport`` is "tcp" or "udp"."""
+        """Return whether the decoder claims a new conversation, and set its client if so; ``transport`` is "tcp" or "udp"."""
         return False
 
     def datagram(self, side: Side, octets: bytes, missing: i64, frame: i64, time_ns: i64) -> None:
-        """Take a UDP payload of a conversation that was claimed; ``missing`` octets of it were not captured."""
+        """Take a UDP payload of a claimed conversation; ``missing`` octets of it were not captured."""
 
     def stream(self, side: Side, octets: bytes, frame: i64, time_ns: i64) -> None:
-        """Take the next octets of a TCP connection that was claimed."""
+        """Take the next octets of a claimed TCP connection."""
 
     def hole(self, side: Side, size: i64, frame: i64, time_ns: i64) -> None:
-        """``size`` octets are missing here from a TCP connection that was claimed."""
+        """Take note that ``size`` octets of a claimed TCP connection are missing here."""
 
     def claims_tsdus(self, connection: Connection) -> bool:
-        """Return whether the TSDUs of a connection are its own, judged by the TSAPs that are known so far."""
+        """Return whether the decoder claims the TSDUs of a connection, judged by the TSAPs that are known so far."""
         return False
 
     def tsdu(self, side: Side, octets: bytes, frame: i64, time_ns: i64) -> bool:
-        """Take a TSDU that is neither S7comm nor S7comm-plus; False when it is not its own."""
+        """Take a TSDU that is neither S7comm nor S7comm-plus; False if it is not of the decoder's protocol."""
         return False
 
     def transaction(self, transaction: Transaction) -> None:
-        """Look at an S7 transaction before it is reported, and at one of its own unless that is `ScdParameters.settled`."""
+        """Take an S7 transaction before it is reported, and those of the decoder itself except `ScdParameters.settled`."""
 
     def restart(self) -> None:
         """Another capture begins: forget what was seen."""
@@ -95,7 +97,7 @@ class PayloadDecoder:
 
 
 class Watch:
-    """Sees what is more than polling: all transactions but reads and writes; makes operations, findings and facts of them."""
+    """Takes all transactions except plain reads and writes, and makes operations, findings and facts of them."""
 
     def __init__(self, observer: Observer, reporter: Reporter) -> None:
         self._observer = observer
@@ -127,7 +129,7 @@ class Watch:
         if head is not None and head.group == GROUP_CPU:
             judge_szl(self._reporter, transaction)
         elif not (transaction.has_errors or transaction._outcome == UNANSWERED):
-            judge_body(self._reporter, transaction)  # of one that failed this came first
+            judge_body(self._reporter, transaction)  # a failed one was judged before
         if transaction._flags:
             judge_strays(self._reporter, transaction)
         self.security.take(transaction, act)
@@ -136,7 +138,7 @@ class Watch:
         self._tell()
 
     def behind(self, transaction: Transaction) -> None:
-        """Take a message behind a malformed header that is in no pair: it is judged for security, and means nothing else."""
+        """Take an unpaired message behind a malformed header: it counts for security, and for nothing else."""
         function: i64 = transaction.parameters.function
         if transaction.is_plus:
             self.plus.behind(transaction)
@@ -149,7 +151,7 @@ class Watch:
         self.tell_acts()
 
     def end(self, connection: Connection, reason: str) -> None:
-        """A connection is over; ``reason`` is one of those of transactions."""
+        """A connection is over; ``reason`` is one of the reasons of transactions."""
         if connection.plus is not None:
             self.plus.finish(connection)
         self.operations.end(connection, reason)
@@ -161,11 +163,11 @@ class Watch:
         self._tell()
 
     def forget(self) -> None:
-        """Nothing more comes: forget what stations said; it was kept to find contradictions."""
+        """Nothing more comes: forget the statements of stations, which were only needed to find contradictions."""
         self.stations = StationWatch(self._reporter)
 
     def tell_acts(self) -> None:
-        """Hand the acts that are over to the observer."""
+        """Pass the finished acts to the observer."""
         if self.acts.fresh:
             fresh = self.acts.fresh
             self.acts.fresh = []
@@ -198,7 +200,7 @@ class Watch:
 
     def _look_at_block(self, operation: Operation) -> None:
         if operation.connection.plus is not None:
-            return  # it is not known which parts of an S7comm-plus block the CPU changes by itself
+            return  # unknown: which parts of an S7comm-plus block the CPU changes by itself
         if self._blocks is None:
             from dissect.engine.findings.block_rules import BlockWatch  # late: few captures have blocks
 
@@ -218,9 +220,9 @@ class Exchange:
         self.behind: Behind = Behind(self.dialogue)
         self.watch: Watch = Watch(observer, self.reporter)
         self.decoder: PayloadDecoder | None = decoder
-        self.naming: Naming | None = None  # knows names for addresses, where the user has given any
+        self.naming: Naming | None = None  # names of addresses, if the user gave any
         self.strict: bool = strict
-        self.bug: Exception | None = None  # the first one, until `Run` has looked whose it is
+        self.bug: Exception | None = None  # the first one, until `Run` has found out whose fault it is
         self._slow_ns: i64 = slow_ns
         if decoder is not None:
             decoder.attach(self)
@@ -233,7 +235,7 @@ class Exchange:
         """Take a request that ``side`` sent; ``reference`` is what its response will repeat."""
         size: i64 = len(octets)
         done = self.dialogue.ask(side, parameters.rosctr, reference, parameters, octets, 0, size, frame, time_ns)
-        self.dialogue.shared = False  # in these protocols a number that comes twice is judged by rules of its own
+        self.dialogue.shared = False  # other protocols have their own rules for a number that is used twice
         self.completed(done, frame, time_ns)
 
     def response(
@@ -247,7 +249,7 @@ class Exchange:
     def indication(
         self, side: Side, reference: i64, parameters: Parameters, octets: bytes, frame: i64, time_ns: i64
     ) -> None:
-        """Take what ``side`` sent without being asked."""
+        """Take a message that ``side`` sent without a request."""
         size: i64 = len(octets)
         self.completed(self.dialogue.push(side, reference, parameters, octets, 0, size, frame, time_ns), frame, time_ns)
 
@@ -267,7 +269,7 @@ class Exchange:
             and transaction.rosctr == JOB
             and 0 <= transaction.response_ns - transaction.request_ns <= self._slow_ns
         ):
-            self.observer.transaction(transaction)  # like most transactions: there is nothing to judge
+            self.observer.transaction(transaction)  # the usual case: nothing to judge
         else:
             self._complete(transaction)
 
@@ -330,7 +332,7 @@ class Exchange:
         self.causes.close()
 
     def _judge_command(self, transaction: Transaction) -> None:
-        """Judge what a command or service that failed says, before its outcome: the one may explain the other."""
+        """Judge the content of a failed command or service before its outcome: the content may explain the outcome."""
         head = transaction.parameters.userdata
         if (transaction.has_errors or transaction._outcome == UNANSWERED) and (head is None or head.group != GROUP_CPU):
             if transaction.rosctr <= USERDATA:
@@ -347,7 +349,7 @@ class Exchange:
             self.note_bug(bug, max(transaction.request_frame, transaction.response_frame), transaction.response_ns)
 
     def _watch(self, transaction: Transaction) -> None:
-        """Show `Watch` what it wants of a transaction: of reads and writes only samples, new areas and refusals."""
+        """Pass to `Watch` the transactions that it needs: of reads and writes only samples, new areas and refusals."""
         parameters = transaction.parameters
         function: i64 = parameters.function
         if function != READ_VAR and function != WRITE_VAR:
@@ -370,7 +372,7 @@ class Exchange:
                 self.watch.tell_acts()
 
     def _write_again(self, transaction: Transaction, traits: Traits) -> None:
-        """Count a write to areas that the connection wrote to before; what is sound is added up before it is counted."""
+        """Count a write to areas that the connection wrote to before; faultless writes are added up and counted later."""
         if transaction.has_errors or self.reporter.every:
             self.watch.security.write_again(transaction)
             return
@@ -387,7 +389,7 @@ class Exchange:
 
     @property
     def ledger(self) -> Ledger:
-        """The facts of each rule; where the observer selects, of the findings that are selected."""
+        """The facts of each rule; if the observer selects, only those of the selected findings."""
         selected = self.observer.own_ledger
         return selected if selected is not None else self.reporter.ledger
 
@@ -397,7 +399,7 @@ class Exchange:
         self.reporter.tick(now_ns)
 
     def finish(self) -> None:
-        """The capture ends: say what was only counted."""
+        """The capture ends: report the findings that were only counted."""
         self.reporter.remind()
         self.report_findings()
 
@@ -415,13 +417,16 @@ class Exchange:
                 if self.strict:
                     raise
                 self.bug = self.bug or bug
-                # Counted only: reporting it would fail as well.
+                # Only count it: reporting it would fail as well.
                 self.reporter.count("internal.bug", 0, finding.frames[-1] if finding.frames else 0, finding.time_ns)
 
     def note_bug(self, bug: Exception, frame: i64, time_ns: i64) -> None:
-        """Report a bug of ours, or of an observer: the current packet is lost, and the analysis continues. Strict: raise it."""
+        """Report a bug of the analyzer or of an observer: the current packet is lost, and the analysis continues.
+
+        Strict: raise it.
+        """
         if self.strict:
             raise bug
         self.bug = self.bug or bug
-        self.causes.close()  # perhaps it came up while something was judged
+        self.causes.close()  # the bug may have occurred during a judgement
         self.reporter.note("internal.bug", 0, [frame], time_ns, f"{type(bug).__name__}: {bug}")

@@ -1,4 +1,4 @@
-"""IBH-NetLink: packets of a gateway in place of TPKTs, with the same S7 PDUs in them (docs/ibh.md)."""
+"""IBH-NetLink: packets of a gateway, used instead of TPKTs, with the same S7 PDUs in them (docs/ibh.md)."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ class IbhNetLink(Protocol):
             del framer.ends[0]
 
     def _packet(self, side: Side, octets: bytes, frame: i64, time_ns: i64) -> None:
-        """Take a complete packet: count it, and take the part of a message that it carries."""
+        """Take a complete packet: count it, and use the part of a message that it carries."""
         exchange = self._exchange
         if exchange.observer.wants_tpdus:
             exchange.observer.ibh_packet(frame, time_ns, side, octets)
@@ -125,7 +125,7 @@ class IbhNetLink(Protocol):
         self._abandon(side, "the capture truncated one of its packets" if cut else "bytes were lost", frame, time_ns)
 
     def _cut_packet(self, side: Side, octets: bytes, frame: i64, time_ns: i64) -> None:
-        """Take a packet that the capture cut: a complete S7 header in it still shows the request or response."""
+        """Take a packet that the capture cut off: a complete S7 header in it still shows the request or response."""
         packet = parse_packet(octets)
         pdu = packet.data
         if packet.kind != KIND_DATA or side.assembler.parts is not None or len(pdu) < 10 or pdu[0] != 0x32:
@@ -141,7 +141,7 @@ class IbhNetLink(Protocol):
             self._exchange.reporter.note("ibh.unfinished", side.connection.number, [frame], time_ns, detail)
 
     def finish(self, side: Side, frame: i64, time_ns: i64) -> None:
-        """No more octets come: report a message and a packet of ``side`` that are unfinished."""
+        """No more octets come: report an unfinished message and an unfinished packet of ``side``."""
         framer = side.ibh
         assert framer is not None
         self._messages.finish(side, frame, time_ns)

@@ -1,10 +1,10 @@
-"""ISO-on-TCP (RFC 1006, X.224): turns the octets of a stream into TPKTs, TPDUs and TSDUs; hands TSDUs to their protocol.
+"""ISO-on-TCP (RFC 1006, X.224): turns the octets of a stream into TPKTs, TPDUs and TSDUs; passes TSDUs to their protocol.
 
-The stages, in the order in which a byte passes them:
+A byte passes these stages in this order:
 
     feed → _tpkt → _fragment → _tsdu → message → S7, S7Plus, Tls; other protocols are only named and counted
 
-`usual` is the fast path: it takes a TPKT with one DT and in it one whole S7 PDU, straight to `S7.take`.
+`usual` is the fast path: it takes a TPKT that contains one DT with one whole S7 PDU, and goes straight to `S7.take`.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ from dissect.wire.build import COMPILED
 from dissect.wire.octets import Tally, u16, u32
 from dissect.wire.text import count
 
-#: The size of a TPKT with a DT and just the header of an S7 PDU, in octets.
+#: The size of a TPKT with a DT and only the header of an S7 PDU, in octets.
 LEAST: Final = 17
 #: TPKT, DT and the header of an S7 PDU: the interpreted code reads them with one call.
 _FUSED: Final = struct.Struct(">HHIB2xHHH")
@@ -66,8 +66,8 @@ _TPKT: Final = 0x0300
 #: A DT with EOT, and the first octet of S7comm. The mask leaves out the number of the DT, which class 0 does not use.
 _PLAIN: Final = 0x02F08000 | PROTOCOL_ID
 _ALL_BUT_NUMBER: Final = 0xFFFF80FF
-#: A TPKT with a DT that has neither EOT nor data: the everyday acknowledgement of Siemens stacks (reference 2.5).
-#: It is read by its first four octets and its last four.
+#: A TPKT with a DT without EOT and data: the frequent acknowledgement of Siemens stacks (reference 2.5). It is read by its
+#: first four octets and its last four.
 _EMPTY_BEGIN: Final = 0x03000007
 _EMPTY_END: Final = 0x0702F000
 _EMPTY_SIZE: Final = 7
@@ -78,7 +78,7 @@ _ALWAYS: Final = frozenset(("s7comm", "s7comm_plus", "mms", "tls", "unknown"))
 class IsoOnTcp(Protocol):
     """Takes octets in order; counts TPDUs by type and TSDUs by the protocol in them.
 
-    ``s7``, ``plus`` and ``tls`` take the TSDUs of their protocols. The payload decoder, if there is one, is asked before them.
+    ``s7``, ``plus`` and ``tls`` take the TSDUs of their protocols. The payload decoder, if there is one, gets them first.
     """
 
     def __init__(self, exchange: Exchange, connections: Connections, s7: S7, plus: Protocol, tls: Tls) -> None:
@@ -104,11 +104,11 @@ class IsoOnTcp(Protocol):
     # ---- octets → TPKT ----------------------------------------------------------------------------------------------
 
     def feed(self, side: Side, buf: bytes, at: i64, size: i64, frame: i64, time_ns: i64) -> None:
-        """Take the next octets of a connection: whole TPKTs directly from ``buf``, the rest through the framer."""
+        """Take the next octets of a connection: whole TPKTs directly from ``buf``, the others through the framer."""
         self._take(side, buf, at, at, at + size, frame, time_ns)
 
     def rest(self, side: Side, buf: bytes, at: i64, end: i64, frame: i64, time_ns: i64) -> bool:
-        """Take ``buf[at:end]`` of a segment where `longest` allows `usual`; return whether that and `empty` took all of it."""
+        """Take ``buf[at:end]`` of a segment if `longest` allows `usual`; return whether `usual` and `empty` took all of it."""
         while end - at >= _EMPTY_SIZE:
             length: i64 = 0
             if self.empty(side, buf, at, frame, time_ns):
@@ -124,7 +124,7 @@ class IsoOnTcp(Protocol):
         return False
 
     def _take(self, side: Side, buf: bytes, start: i64, at: i64, end: i64, frame: i64, time_ns: i64) -> None:
-        """Take ``buf[at:end]``, of octets that begin at ``start``."""
+        """Take ``buf[at:end]``, part of the octets that begin at ``start``."""
         framer = side.framer
         if framer.pending is not None and side.stray is None:
             at = self._completed(side, buf, at, end, frame, time_ns)
@@ -153,7 +153,7 @@ class IsoOnTcp(Protocol):
                         break
                     framer.framed += length
                 elif length > 7 and not is_sound(buf, at + 7, at + length):
-                    break  # not exactly one S7 PDU: the framer checks what else the TPKT's length covers
+                    break  # not exactly one S7 PDU: the framer checks the rest of the TPKT's length
                 else:
                     framer.framed += length
                 at += length
@@ -170,7 +170,7 @@ class IsoOnTcp(Protocol):
         self._frame(side, buf, at, at == start, frame, time_ns)
 
     def _completed(self, side: Side, buf: bytes, at: i64, end: i64, frame: i64, time_ns: i64) -> i64:
-        """Take the TPKT that earlier octets began if ``buf[at:end]`` ends it, and it is a usual one; return where it ends."""
+        """Take a TPKT that earlier octets began, if it is a usual one and ``buf[at:end]`` ends it; return where it ends."""
         framer = side.framer
         begun = framer.pending
         packet = framer.joined(buf, at, end)
@@ -202,7 +202,7 @@ class IsoOnTcp(Protocol):
                 place = side.begun_tpkt
                 try:
                     if begun and place is not None and framer.ends[0] <= given:
-                        # This TPKT was whole before these octets came; they only show that its length field is wrong.
+                        # This TPKT was complete before these octets came; they only show that its length field is wrong.
                         self._take_back(side, packet, len(packet), place, True)
                     else:
                         self._tpkt(side, packet, 0, len(packet), frame, time_ns)
@@ -234,10 +234,10 @@ class IsoOnTcp(Protocol):
         return connection.dt_limit + 4
 
     def usual(self, side: Side, buf: bytes, at: i64, most: i64, frame: i64, time_ns: i64) -> i64:
-        """Take the TPKT at ``at`` if it is one like most: a DT with EOT, and in it one whole S7 PDU; return its size.
+        """Take the TPKT at ``at`` if it is an ordinary one (a DT with EOT and one whole S7 PDU); return its size.
 
-        Return 0, and do nothing, when it is not like that or has more than ``most`` octets. At least 17 octets must be there.
-        This skips `_tpkt`, `_tsdu` and `message`; where `longest` allows it, they would only count.
+        Return 0, and do nothing, if it is different or has more than ``most`` octets. At least 17 octets must be available.
+        This skips `_tpkt`, `_tsdu` and `message`, which would only count if `longest` allows it.
         """
         length: i64
         number: i64
@@ -246,7 +246,7 @@ class IsoOnTcp(Protocol):
         param_length: i64
         stated: i64
         if COMPILED:
-            # Two reads: up to the protocol id of the PDU, then from after its ROSCTR to the end of the ten-octet header.
+            # Two reads: up to the protocol id of the PDU, and from the octet after its ROSCTR to the end of its header.
             head: i64 = read_i64_be(buf, at)
             if head & _ALL_BUT_NUMBER != _PLAIN or head >> 48 != _TPKT:
                 return 0
@@ -280,9 +280,9 @@ class IsoOnTcp(Protocol):
         return length
 
     def empty(self, side: Side, buf: bytes, at: i64, frame: i64, time_ns: i64) -> bool:
-        """Count the TPKT at ``at`` if it is a DT that has neither EOT nor data; else return False. Seven octets must be there.
+        """Count the TPKT at ``at`` if it is a DT that has neither EOT nor data; else return False.
 
-        Such a DT begins and ends no TSDU. Call this only where `longest` allows `usual`.
+        Seven octets must be available. Such a DT neither begins nor ends a TSDU. Call this only where `longest` allows `usual`.
         """
         if u32(buf, at + 3) != _EMPTY_END or u32(buf, at) != _EMPTY_BEGIN:
             return False
@@ -295,7 +295,7 @@ class IsoOnTcp(Protocol):
     def _take_back(self, side: Side, buf: bytes, size: i64, place: Place, tpkt: bool) -> None:
         """Take a TPKT (``tpkt``) or a TSDU that an earlier packet completed, with the numbers and time of that packet.
 
-        ``place`` is that packet. Only what came later showed where the TPKT or TSDU ends.
+        ``place`` is that packet. Only later octets showed where the TPKT or TSDU ends.
         """
         end_seq: i64 = side.end_seq
         ack: i64 = side.last_ack
@@ -336,7 +336,7 @@ class IsoOnTcp(Protocol):
             self._other_tpdu(side, parse_tpdu(octets), octets, frame, time_ns)
 
     def _numbered(self, side: Side, number: i64, buf: bytes, at: i64, frame: i64, time_ns: i64) -> None:
-        """Take note of a DT with a number; what it carries begins at ``at``."""
+        """Take note of a numbered DT; its data begin at ``at``."""
         exchange = self._exchange
         judge_number(exchange.reporter, side, number, frame, time_ns)
         if side.numbers_fine or (len(buf) > at + 1 and buf[at + 1] == ACK_DATA):
@@ -345,7 +345,7 @@ class IsoOnTcp(Protocol):
         side.numbers_fine = way is not None and way.fine
 
     def _sent(self, side: Side, slug: str, said: str, octets: bytes, frame: i64, time_ns: i64) -> Way | None:
-        """A message is sent in a way that some devices do not take: if it is a request, that may be why nothing answers it.
+        """A message is sent in a way that some devices do not accept: if it is a request, that may be why it stays unanswered.
 
         Return that way, None for any other message.
         """
@@ -355,7 +355,7 @@ class IsoOnTcp(Protocol):
         waited: bool = exchange.causes.waits(side.connection)
         way = exchange.causes.sent(side, slug, said, exchange.dialogue.count + 1, frame, time_ns)
         if not waited and exchange.causes.waits(side.connection):
-            exchange.dialogue.holding.append(side)  # findings may wait from now on: the timers have to run
+            exchange.dialogue.holding.append(side)  # findings may wait from now on, so the timers have to run
         return way
 
     def _fragment(self, side: Side, data: bytes, eot: bool, frame: i64, time_ns: i64) -> None:
@@ -379,7 +379,7 @@ class IsoOnTcp(Protocol):
             self._tsdu(side, tsdu, 0, len(tsdu), frame, time_ns)
 
     def end_of_parts(self, side: Side, tsdu: bytes | None, data: bytes, slug: str, frame: i64, time_ns: i64) -> None:
-        """The last part of a message is a sound PDU by itself: take it as one, unless the whole message is sound as well.
+        """Take the last part of a message as a PDU if it is a sound one by itself, unless the whole message is sound as well.
 
         ``tsdu`` is the whole message, None if it was dropped; ``data`` its last part. ``slug`` is the finding to report.
         """
@@ -392,7 +392,7 @@ class IsoOnTcp(Protocol):
         detail = f"from {side.tcp.ends[side.index]}: a complete PDU follows it"
         self._exchange.reporter.note(slug, side.connection.number, [frame], time_ns, detail)
         if tsdu is not None and is_sound(tsdu, 0, before):
-            # The parts before it are a sound PDU too: only the end mark (EOT) of that one was missing.
+            # The earlier parts are a sound PDU too: only its end mark (EOT) was missing.
             place = side.begun_tsdu
             if place is not None:
                 self._take_back(side, tsdu[:before], before, place, False)
@@ -403,7 +403,7 @@ class IsoOnTcp(Protocol):
         self._tsdu(side, data, 0, len(data), frame, time_ns)
 
     def _odd_data(self, side: Side, tpdu: Tpdu, octets: bytes, place: i64, frame: i64, time_ns: i64) -> None:
-        """Report a DT that is malformed, or whose length indicator is not that of class 0; it begins and ends no TSDU.
+        """Report a DT that is malformed, or whose length indicator does not fit class 0; it neither begins nor ends a TSDU.
 
         ``place`` is where a whole PDU begins in it, -1 for none.
         """
@@ -414,7 +414,7 @@ class IsoOnTcp(Protocol):
             side.assembler.dropped += len(tpdu.data)
 
     def _behind(self, side: Side, tpdu: Tpdu, octets: bytes, place: i64, frame: i64, time_ns: i64) -> None:
-        """Take a whole PDU, from ``place`` on, behind a header that has no place for a class 0 DT."""
+        """Take a whole PDU, from ``place`` on, behind a header that does not fit a class 0 DT."""
         plus: bool = octets[place] != PROTOCOL_ID
         name = "S7comm-plus" if plus else "S7comm"
         said = f"{tpdu.name}: {tpdu.malformed[0]}; behind it {name}, {count(len(octets) - int(place), 'byte')}"
@@ -430,7 +430,7 @@ class IsoOnTcp(Protocol):
         self._exchange.reporter.note("cotp.malformed", side.connection.number, [frame], time_ns, said)
 
     def _other_tpdu(self, side: Side, tpdu: Tpdu, octets: bytes, frame: i64, time_ns: i64) -> None:
-        """Take any TPDU but the plain DT; ``octets`` are the whole TPDU."""
+        """Take any TPDU except the plain DT; ``octets`` are the whole TPDU."""
         reporter = self._exchange.reporter
         connection = side.connection
         type_: i64 = tpdu.type
@@ -476,8 +476,8 @@ class IsoOnTcp(Protocol):
         if tpdu.malformed and connection.established:
             return  # reported already; a damaged CR does not begin another connection
         if connection.established and (connection.cr_seen or connection.tpdu_size == 0):
-            # Another transport connection begins; the TCP close and open in between were not captured.
-            # (A CC that came before this CR, with no CR so far, is of the same connection: packets out of order.)
+            # Another transport connection begins; the TCP close and open in between were not captured. (A CC before this CR,
+            # with no CR so far, belongs to the same connection: the packets are out of order.)
             self._connections.replace(side, frame, time_ns)
             connection = side.connection
         elif connection.cr_seen:
@@ -494,7 +494,7 @@ class IsoOnTcp(Protocol):
         self.message(side, buf, at, size, frame, time_ns)
 
     def message(self, side: Side, buf: bytes, at: i64, size: i64, frame: i64, time_ns: i64) -> None:
-        """Take a whole message, which is a TSDU or comes from an IBH-NetLink packet: hand it to its protocol."""
+        """Take a whole message, which is a TSDU or comes from an IBH-NetLink packet: pass it to its protocol."""
         session = side.connection.tls
         if session is not None and self._tls.wants(side, session, buf, at, size):
             self.tsdus.add(TLS)
@@ -537,7 +537,7 @@ class IsoOnTcp(Protocol):
         self._plus.gap(side, size, cut, frame, time_ns)
 
     def _cut_tpkt(self, side: Side, packet: bytes, frame: i64, time_ns: i64) -> None:
-        """Take a TPKT that the capture cut off: a header of S7 that is there still shows the request or response."""
+        """Take a TPKT that the capture cut off: an S7 header that is still there shows the request or response."""
         if packet[4] != 2 or packet[5] != 0xF0 or packet[6] < 0x80 or side.assembler.parts is not None:
             return
         pdu = packet[7:]
@@ -547,7 +547,7 @@ class IsoOnTcp(Protocol):
         self.cut(side, pdu, frame, time_ns)
 
     def cut(self, side: Side, octets: bytes, frame: i64, time_ns: i64) -> None:
-        """Take the beginning of a message whose rest the capture cut off; it is one of S7comm or S7comm-plus."""
+        """Take the beginning of an S7comm or S7comm-plus message whose rest the capture cut off."""
         plus: bool = octets[0] == 0x72
         self.tsdus.add(S7COMM_PLUS if plus else S7COMM)
         (self._plus if plus else self._s7).cut(side, octets, frame, time_ns)
@@ -560,7 +560,7 @@ class IsoOnTcp(Protocol):
     # ---- the end ----------------------------------------------------------------------------------------------------
 
     def finish(self, side: Side, frame: i64, time_ns: i64) -> None:
-        """Nothing more comes from ``side``: let `Tls` and `S7Plus` take what they have of unfinished messages."""
+        """Nothing more comes from ``side``: let `Tls` and `S7Plus` use what they have of unfinished messages."""
         self._tls.finish(side, frame, time_ns)
         self._plus.finish(side, frame, time_ns)
 

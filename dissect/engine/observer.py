@@ -22,11 +22,11 @@ from dissect.wire.copies import derived, keep_out
 class Observer:
     """Gets every event; override the methods you need. The ``wants_`` flags must be set before the first packet.
 
-    An observer that keeps what stations say may set ``own_book`` before the pipeline is made. The engine then notes each fact
-    in that book, instead of one of its own, before it calls `fact`. Clear ``wants_facts`` if the book is enough.
+    An observer that keeps what stations say may set ``own_book`` before the pipeline is made. The engine then writes each fact
+    into that book, instead of its own, before it calls `fact`. Clear ``wants_facts`` if the book is enough.
 
-    With ``wants_every_finding`` it gets each finding, before any bound, and each event without a finding (`Finding.bare`). An
-    observer that passes on only what is selected has ``own_ledger``: the facts of the findings that are.
+    With ``wants_every_finding`` it gets each finding, before any limit, and each event without a finding (`Finding.bare`). An
+    observer that passes on only selected findings has ``own_ledger``, with the facts of these findings.
     """
 
     def __init__(self) -> None:
@@ -41,7 +41,7 @@ class Observer:
         return derived(self)
 
     def connection_opened(self, connection: Connection) -> None:
-        """A protocol that the engine reads was recognised on a connection: ISO-on-TCP, IBH-NetLink, or SCD on a bound port."""
+        """A connection is recognised as a protocol that the engine reads: ISO-on-TCP, IBH-NetLink, or SCD on a bound port."""
 
     def connection_closed(self, connection: Connection) -> None:
         """A connection is over; all its transactions were reported before."""
@@ -53,22 +53,22 @@ class Observer:
         """A whole IBH-NetLink packet, header included (only with ``wants_tpdus``)."""
 
     def pdu(self, frame: i64, time_ns: i64, side: Side, octets: bytes, cut: bool) -> None:
-        """A whole S7 PDU, or one the capture cut (only with ``wants_pdus``)."""
+        """A whole S7 PDU, or a PDU that the capture cut off (only with ``wants_pdus``)."""
 
     def plus_pdu(self, frame: i64, time_ns: i64, side: Side, octets: bytes, cut: bool) -> None:
-        """A whole S7comm-plus PDU, its frames joined, or as much of one as was captured (only with ``wants_pdus``)."""
+        """A whole S7comm-plus PDU, its frames joined, or the captured part of one (only with ``wants_pdus``)."""
 
     def scd(self, frame: i64, time_ns: i64, side: Side, found: ScdMessage) -> None:
         """An SCD message that is not in an item of S7 (only with ``wants_pdus``)."""
 
     def transaction(self, transaction: Transaction) -> None:
-        """A transaction is complete, or will not become so."""
+        """A transaction is complete, or will never be."""
 
     def operation(self, operation: Operation) -> None:
         """An operation (several transactions that belong together) is over."""
 
     def act(self, act: Act) -> None:
-        """A client did something to a device, or tried to; comes before the operation that it was, if it took several steps."""
+        """A client did something to a device, or tried to; comes before the operation of this act, if it took several steps."""
 
     def finding(self, finding: Finding) -> None:
         """Something deserves attention."""
@@ -77,7 +77,7 @@ class Observer:
         """Note findings of a rule that were only counted since the last report: ``finding.repeated`` is their number."""
 
     def fact(self, fact: Fact) -> None:
-        """A station stated a fact about itself, new or not; comes after the event in which it did (with ``wants_facts``)."""
+        """A station stated a fact about itself, new or not; comes after the event that stated it (with ``wants_facts``)."""
 
     def comment(self, frame: i64, text: str) -> None:
         """The capture holds a comment about a packet."""

@@ -18,17 +18,17 @@ MEMORY: Final = 128 * 1024 * 1024
 
 
 class Options:
-    """What a user can set.
+    """The settings of a user.
 
-    ``slow_ns``: an answer that takes longer is slow (nanoseconds). ``strict``: a bug of ours raises, instead of becoming the
-    finding ``internal.bug``. ``decoder`` looks for another protocol inside what passes (SCD). ``overdue_ns``: a request that is
-    open for longer is reported at once, before it is known how it ends (nanoseconds; 0 for never: in a file it is known).
-    ``memory``: the octets that all connections together may keep of unfinished packets, PDUs and transactions. If they keep
-    more (checked every `dissect.engine.pipeline.LOOK_OCTETS`), those that keep most are dropped and reported
-    (``stream.evicted``). ``checksums``: TCP segments and UDP datagrams with a wrong checksum are left out, as their receivers
-    leave them out. ``tls_keys`` open TLS, besides the keys that a capture holds itself. ``only`` is asked about each connection
-    that was recognised and has its number: True to read it. Nothing is read or reported of the others, but they keep their
-    numbers. ``naming`` knows names for addresses (tags).
+    ``slow_ns``: an answer that takes longer is slow (nanoseconds). With ``strict`` a bug of ours raises, instead of becoming
+    the finding ``internal.bug``. ``decoder`` looks for another protocol in the payloads (SCD). ``overdue_ns``: a request that
+    is open for longer is reported at once, before its end is known (nanoseconds; 0 for never, as for files, where the end is
+    known). ``memory``: the octets that all connections together may keep of unfinished packets, PDUs and transactions. If they
+    keep more (checked every `dissect.engine.pipeline.LOOK_OCTETS`), those that keep most are dropped and reported
+    (``stream.evicted``). With ``checksums`` TCP segments and UDP datagrams with a wrong checksum are ignored, as their
+    receivers ignore them. ``tls_keys`` decrypt TLS, in addition to the keys in the capture. ``only`` decides about each
+    connection that was recognised and has its number: True to read it. Nothing is read or reported of the others, but they keep
+    their numbers. ``naming`` knows names for addresses (tags).
     """
 
     def __init__(

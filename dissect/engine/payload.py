@@ -1,4 +1,4 @@
-"""Hands octets of TCP connections and UDP conversations on bound ports to the payload decoder (SCD, docs/scd-traffic.md)."""
+"""Passes octets of TCP connections and UDP conversations on bound ports to the payload decoder (SCD, docs/scd-traffic.md)."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from dissect.engine.transactions.side import Side
 
 
 class PayloadStream(Protocol):
-    """Hands octets in order to the decoder, which frames and pairs them by itself."""
+    """Passes octets in order to the decoder, which does its own framing and pairing."""
 
     def __init__(self, exchange: Exchange, decoder: PayloadDecoder) -> None:
         super().__init__(FOLLOWED)

@@ -1,18 +1,18 @@
-"""The whole path of a byte: from packet to TCP segment, to octets in order, to the protocol that its connection speaks.
+"""The whole path of a byte: from the packet to the TCP segment, to octets in order, to the protocol of the connection.
 
-Read this file first. `Pipeline.frame` takes one packet; whatever that packet completes is reported before it returns. There is
-no clock, file or thread in here: time comes in with each packet. The stages, in the order in which a byte passes them:
+Read this file first. `Pipeline.frame` takes one packet, and reports everything that this packet completes before it returns.
+There is no clock, file or thread here: the time comes with each packet. A byte passes these stages in this order:
 
     Pipeline     frame → _packet → _segment           packets to octets in order, gaps reported as gaps
     IsoOnTcp     feed → _tpkt → _tsdu, or usual       octets to messages (`dissect.engine.iso`)
     S7           take                                  messages to requests and responses (`dissect.engine.s7`)
     Exchange     completed                             transactions and findings, to the `Observer` (`dissect.engine.exchange`)
 
-The fast path goes from `_packet` (`_packet6` for IPv6), whatever the link, by `_known` straight to `IsoOnTcp.usual`. It takes
-a segment that is next in order and holds TPKTs with one DT each, and in that a whole S7 PDU.
-Everything else takes a slower path, through `_slow_frame`, `_lifecycle` or `_irregular`.
-Sides with something that has to wait are in `Timers`; `Timers.chunks` passes on what is in order again. Every connection begins
-with the protocol `Recognition`, which gives it to the one that it speaks; a new protocol is one more entry of ``streams``.
+The fast path goes from `_packet` (`_packet6` for IPv6), for all link types, through `_known` straight to `IsoOnTcp.usual`. It
+takes a segment that is the next in order and contains TPKTs with one DT each, each with a whole S7 PDU. Everything else takes a
+slower path, through `_slow_frame`, `_lifecycle` or `_irregular`. Sides on which something waits are in `Timers`;
+`Timers.chunks` passes on what is in order again. Every connection begins with the protocol `Recognition`, which gives it to its
+real protocol; a new protocol is one more entry of ``streams``.
 """
 
 from __future__ import annotations
@@ -64,7 +64,7 @@ __all__ = ["Observer", "Options", "Pipeline"]
 #: Size of the headers of Ethernet, IPv4 without options, and TCP.
 _HEADERS: Final = 54
 
-#: Interval, in captured octets, at which the contents of all buffers are added up; they cannot grow by more in between.
+#: After this many captured octets the contents of all buffers are added up; they cannot grow by more in between.
 LOOK_OCTETS: Final = 32 * 1024 * 1024
 
 
@@ -90,9 +90,9 @@ class Pipeline(PacketSink):
         self.iso: IsoOnTcp = IsoOnTcp(self.exchange, self.connections, self.s7, self.plus, self.tls)
         self.connections.iso = self.iso
         self.ibh: IbhNetLink = IbhNetLink(self.exchange, self.iso)
-        #: The protocols besides ISO-on-TCP that frame a stream; `Recognition` asks them in this order. Add a new one here.
+        #: The protocols besides ISO-on-TCP that frame a stream; `Recognition` tries them in this order. Add a new one here.
         streams: list[Protocol] = [self.ibh]
-        #: The protocols that have sections in reports, in the order of those.
+        #: The protocols with sections in reports, in the order of the sections.
         self.protocols: list[Protocol] = [self.iso, *streams, self.s7, self.plus, self.tls]
         self.datagrams: Datagrams | None = None
         if chosen.decoder is not None:
@@ -113,12 +113,12 @@ class Pipeline(PacketSink):
 
     @property
     def frames(self) -> int:
-        """How many packets were taken so far, which is the number of the latest one."""
+        """Number of packets taken so far, which is also the number of the latest one."""
         return self.counters.frames
 
     @property
     def first_ns(self) -> int:
-        """Time of the first packet, nanoseconds since 1970; 0 before it."""
+        """Time of the first packet, nanoseconds since 1970; 0 before there is one."""
         return self.counters.first_ns
 
     @property
@@ -144,14 +144,14 @@ class Pipeline(PacketSink):
         self.counters.note("capture.damaged", detail)
 
     def note_dropped(self, detail: str) -> None:
-        """Report that the source lost packets since it was last asked."""
+        """Report that the source lost packets since the last report."""
         self.counters.note("capture.dropped", detail)
         self.exchange.reporter.lost_ns = self.counters.now_ns
 
     def restart_clock(self, time_ns: i64) -> None:
-        """Another capture begins at ``time_ns``; it may be older than the one before, and nothing in it depends on that one.
+        """Another capture begins at ``time_ns``; it may be older than the previous one, and is independent of it.
 
-        The caller has closed every connection. Connection attempts and IP fragments that wait are forgotten, but stay counted.
+        The caller has closed every connection. Waiting connection attempts and IP fragments are forgotten, but stay counted.
         """
         self.counters.restart(time_ns)
         self.table = self.table.anew()
@@ -196,7 +196,7 @@ class Pipeline(PacketSink):
             self.exchange.report_findings()
 
     def _make_room(self) -> None:
-        """Evict the connections that hold most while all together hold too much; do a bounded part of that with each packet."""
+        """While the connections together keep too much, evict those that keep most, a few with each packet."""
         if self._taken >= LOOK_OCTETS:
             self._taken = 0
             self._room.begin(self.table.all_open())
@@ -206,7 +206,7 @@ class Pipeline(PacketSink):
         self._look_at = 0 if self._room.busy else LOOK_OCTETS
 
     def _turn(self, time_ns: i64) -> None:
-        """Set the clock by the first packet, by one older than the packet before it, or by one at which something is due."""
+        """Set the clock: by the first packet, by a packet older than the one before it, or when something is due."""
         counters = self.counters
         if time_ns < counters.now_ns:
             self.timers.step_back(time_ns)
@@ -222,7 +222,8 @@ class Pipeline(PacketSink):
         self._finish(side, CONNECTION_EVICTED)
 
     def _packet(self, buf: bytes, start: i64, end: i64, link_type: i64) -> i64:
-        # Few and wide reads: EtherType to IP identification, fragment offset to IP protocol, TCP sequence and ACK numbers.
+        # A few wide reads: from EtherType to IP identification, from fragment offset to IP protocol, TCP sequence and ACK
+        # numbers.
         at: i64 = start + 14
         vlan: i64 = 0
         length: i64 = -1
@@ -232,7 +233,7 @@ class Pipeline(PacketSink):
             head = read_i64_be(buf, start + 12)
             if head >> 40 == 0x080045:
                 length = head >> 16 & 0xFFFF
-        if length < 0:  # in a VLAN, of another link type, or no IPv4 without options
+        if length < 0:  # in a VLAN, of another link type, or not IPv4 without options
             at, vlan = usual_ip(buf, start, end, link_type)
             if at < 0:
                 return self._slow_frame(buf, start, end, link_type)
@@ -255,7 +256,7 @@ class Pipeline(PacketSink):
         return self._known(side, buf, at + 20, word, data, stop)
 
     def _packet6(self, buf: bytes, start: i64, at: i64, stop: i64, end: i64, vlan: i64, link_type: i64) -> i64:
-        """Take a packet with IPv6 at ``at``, and TCP behind that, as `_packet` does."""
+        """Take a packet with IPv6 at ``at`` and TCP after it, as `_packet` does for IPv4."""
         if stop > end or at + 60 > stop or self._checksums:
             return self._slow_frame(buf, start, end, link_type)
         side = self.table.find6(buf, at + 8, vlan)
@@ -271,13 +272,13 @@ class Pipeline(PacketSink):
     def _at_ends(
         self, side: Side | None, buf: bytes, first: i64, tcp: i64, vlan: i64, word: i64, data: i64, stop: i64
     ) -> i64:
-        """Take the first packet of a connection, or one with SYN, FIN or RST: its key is at ``first``, TCP at ``tcp``."""
+        """Take the first packet of a connection, or one with SYN, FIN or RST; its key is at ``first``, TCP at ``tcp``."""
         key = buf[first : tcp + 4] + self.table.tag_of(vlan)
         seq, ack = u32(buf, tcp + 4), u32(buf, tcp + 8)
         return self._lifecycle(side, key, vlan, seq, ack, word & 0x3F, buf[data:stop], 0)
 
     def _known(self, side: Side, buf: bytes, at: i64, word: i64, data: i64, stop: i64) -> i64:
-        """Take a packet of a known connection without SYN, FIN and RST: TCP is at ``at``, the payload ``buf[data:stop]``."""
+        """Take a packet of a known connection without SYN, FIN or RST; TCP is at ``at``, the payload is ``buf[data:stop]``."""
         head: i64 = read_i64_be(buf, at + 4)
         seq: i64 = head >> 32 & 0xFFFFFFFF
         ack: i64 = head & 0xFFFFFFFF
@@ -363,7 +364,8 @@ class Pipeline(PacketSink):
                     self.silent.take(key, seq, ack)
                 return NO_PAYLOAD
             if key != own and (before := self.table.sides.get(key)) is not None:
-                self._give_way(before)  # `judge` would have said so if `side` had been looked up in the VLAN of the SYN
+                # `judge` would have found this if `side` had been looked up in the VLAN of the SYN
+                self._give_way(before)
             side = self._open(key, vlan)
             if key != own:
                 self.table.add(side, own)
@@ -384,12 +386,12 @@ class Pipeline(PacketSink):
             self.timers.doubt(side)
         if side.tcp.closed and not was_closed:
             self.table.linger(side)
-            self._forget_closed()  # here too, not only in `_tick`: in some captures time never passes
+            self._forget_closed()  # here as well as in `_tick`, because in some captures the time never changes
         self.timers.wake()
         return category
 
     def _give_way(self, side: Side) -> None:
-        """Another connection takes the addresses of this one, which is over."""
+        """Another connection replaces this one, which is over."""
         ends.give_way(self.counters, side)
         self._finish(side, CONNECTION_CLOSED)
 
@@ -424,10 +426,10 @@ class Pipeline(PacketSink):
             self.timers.passing(side, peer, ack, flags & ACK != 0)
         if flags & ACK:
             side.last_ack = ack
-            if not flags & RST or seq == side.end_seq:  # any other reset may be someone else's
+            if not flags & RST or seq == side.end_seq:  # any other reset may belong to another connection
                 side.note_ack(seq, ack)
         else:
-            side.last_ack = -1  # if/else, because mypyc makes int objects for a conditional expression
+            side.last_ack = -1  # if/else, because mypyc creates int objects for a conditional expression
         size: i64 = len(octets)
         if size == 0 and missing == 0:
             side.note_bare(seq, flags & NO_PROBE != 0)
@@ -444,7 +446,7 @@ class Pipeline(PacketSink):
         return self._irregular(side, seq, octets, missing)
 
     def _feed(self, side: Side, octets: bytes, at: i64, size: i64) -> None:
-        """Hand ``octets[at:size]`` to ISO-on-TCP, then set `Side.longest`: what the fast path may take next."""
+        """Pass ``octets[at:size]`` to ISO-on-TCP, then set `Side.longest`, the limit for what the fast path may take next."""
         frame: i64 = self.counters.frames
         time_ns: i64 = self.counters.now_ns
         if not side.longest:
@@ -461,7 +463,7 @@ class Pipeline(PacketSink):
             peer.longest = self.iso.longest(peer)
 
     def _irregular(self, side: Side, seq: i64, octets: bytes, missing: i64) -> i64:
-        """Take a segment that is not the next one in order, or whose connection was not recognised as ISO-on-TCP."""
+        """Take a segment that is not the next in order, or whose connection was not recognised as ISO-on-TCP."""
         connection = side.connection
         half = side.stream
         peer = side.peer
@@ -470,7 +472,7 @@ class Pipeline(PacketSink):
             return self._reopen(side, seq, octets, missing)
         if connection.state == FOREIGN:
             if len(octets) > MIN_LENGTH and sound_length(octets, 0, len(octets)):
-                return self._reopen(side, seq, octets, missing)  # a TPKT: what passed before must not hide S7
+                return self._reopen(side, seq, octets, missing)  # a TPKT: the earlier data must not hide S7
             return accounts.OTHER_PROTOCOL
         if half.next_seq >= 0:
             ahead: i64 = (seq - half.next_seq) & stream.MASK
@@ -483,14 +485,14 @@ class Pipeline(PacketSink):
             size: i64 = len(octets)
             end_seq: i64 = (seq + size + missing) & stream.MASK
             if half.next_seq < 0 or 0 < (end_seq - half.next_seq) & stream.MASK < stream.HALF_SPACE:
-                half.next_seq = end_seq  # so that the sequence numbers of its FIN and RST can be checked
+                half.next_seq = end_seq  # needed to check the sequence numbers of its FIN and RST
                 side.end_seq = end_seq
                 side.protocol.feed(side, octets, 0, size, self.counters.frames, self.counters.now_ns)
             if side.connection.state == LEFT_OUT:
                 return accounts.LEFT_OUT
             return PAYLOAD
         if half.next_seq < 0 and missing == 0 and may_be_probe(side, octets):
-            # The keep-alive probe of an idle connection: one octet that was sent before (RFC 1122 4.2.3.6).
+            # The keep-alive probe of an idle connection: one octet that was already sent (RFC 1122 4.2.3.6).
             side.begin(seq + 1)
             side.note_probe(self.counters.frames, self.counters.now_ns, True)
             return accounts.KEEP_ALIVE
@@ -501,10 +503,10 @@ class Pipeline(PacketSink):
     # ---- what waits for time to pass --------------------------------------------------------------------------------
 
     def tick(self, now_ns: i64) -> None:
-        """Time passed without a packet: it is ``now_ns`` by the clock of the capture.
+        """Time passed without a packet; the clock of the capture now shows ``now_ns``.
 
-        Everything that has waited too long is dropped, as if a packet had come. The next packet may be a little older than
-        ``now_ns``: it was under way. Nothing happens when ``now_ns`` is not after the last packet.
+        Everything that has waited too long is dropped, as after a packet. The next packet may be a little older than
+        ``now_ns``, because it was still on its way. If ``now_ns`` is not later than the last packet, nothing happens.
         """
         counters = self.counters
         packet_ns: i64 = counters.now_ns
@@ -519,7 +521,7 @@ class Pipeline(PacketSink):
             self.exchange.report_findings()
 
     def _tick(self) -> None:
-        """Time has passed: give up what waited too long, and finish connections that are over."""
+        """Time has passed: drop what waited too long, and finish connections that are over."""
         timers = self.timers
         timers.deadline_ns = next_tick(self.counters.now_ns)
         try:
@@ -536,7 +538,7 @@ class Pipeline(PacketSink):
             self._finish(side, CONNECTION_CLOSED)
 
     def _finish(self, side: Side, reason: str) -> None:
-        """A connection is over: pass on the octets held back, close its open requests, add up its octets, forget it."""
+        """Finish a connection: pass on the octets held back, close its open requests, add up its octets, forget it."""
         peer = side.peer
         if peer is None:
             return  # finished before
@@ -544,7 +546,7 @@ class Pipeline(PacketSink):
             self._end(side, peer, reason)
         except Exception as bug:
             self.exchange.note_bug(bug, self.counters.frames, self.counters.now_ns)
-        # A connection that was never recognised counts only on port 102, where it ought to be ISO-on-TCP.
+        # A connection that was never recognised counts only on port 102, where ISO-on-TCP is expected.
         if side.connection.state != LEFT_OUT and (side.connection.number or on_102(side)):
             self.counters.add_up(side)
             self.counters.add_up(peer)
@@ -573,13 +575,13 @@ class Pipeline(PacketSink):
             judge_silent(self.counters, side, peer)
 
     def forget(self) -> None:
-        """No more packets come: free what only further packets would need, to have memory for the report."""
+        """No more packets come: free what only further packets would need, so that the report has memory."""
         self.s7.forget()
         self.exchange.watch.forget()
         self.exchange.reporter.forget()
 
     def finish(self) -> None:
-        """The capture ends: close every connection that is still open, and report everything that was held back."""
+        """The capture ends: close every open connection, and report everything that was held back."""
         self.timers.look_at_ends()
         for side in self.table.closed(self.counters.now_ns, True):
             self._finish(side, CONNECTION_CLOSED)

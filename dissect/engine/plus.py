@@ -33,33 +33,33 @@ from dissect.protocols.s7plus.tables import (
 )
 from dissect.wire.octets import Tally, u16
 
-#: The functions that have names are among this many codes from this one on.
+#: The functions with names are within this many codes from this one on.
 _FIRST: Final = 0x0480
 _CODES: Final = 0x0200
-#: Functions with which a client may restart its sequence numbers.
+#: Functions after which a client may restart its sequence numbers.
 _BEGINNING: Final = frozenset((CREATE_OBJECT, INIT_SSL))
-#: How many requests in several frames are remembered by their first packet, for one connection.
+#: Maximum number of requests in several frames, per connection, whose first packet is remembered.
 _MAX_BEGUN: Final = 64
 
 
 class S7Plus(Protocol):
     """Takes S7comm-plus frames. Counts PDUs by version, opcode and function.
 
-    A request and its response share a sequence number; a response has no session id, so that nothing else can be checked. A
-    request that wants no response, and a notification, are transactions with one half.
+    A request and its response share a sequence number; a response has no session id, so nothing else can be checked. A request
+    that needs no response, and a notification, are transactions with one half.
     """
 
     def __init__(self, exchange: Exchange) -> None:
         super().__init__()
         self._exchange: Exchange = exchange
         self.pdus: i64 = 0
-        self.cut_pdus: i64 = 0  # not complete: the capture ends or has a gap, or they were too long
+        self.cut_pdus: i64 = 0  # incomplete: the capture ends or has a gap, or the PDUs were too long
         self.unpaired: i64 = 0  # without an opcode, with an unknown one, or too damaged
-        self.behind_malformed: i64 = 0  # whole PDUs behind malformed TPDU headers, which none of the other counts has
+        self.behind_malformed: i64 = 0  # whole PDUs behind malformed TPDU headers, which are in no other count
         self.versions: Tally = Tally(256, V3, V2)
         self.opcodes: Tally = Tally(256, NOTIFICATION, REQUEST)
         self._functions: Tally = Tally(_CODES, GET_MULTI_VARIABLES - _FIRST, SET_MULTI_VARIABLES - _FIRST)
-        self._others: dict[int, int] = {}  # functions with codes beyond these
+        self._others: dict[int, int] = {}  # functions with codes outside this range
         self._parameters: PlusParameterCache = PlusParameterCache()
         self._head: Head = Head()  # of the current PDU
 
@@ -91,7 +91,7 @@ class S7Plus(Protocol):
             self._pdu(side, whole, False, frame, time_ns)
 
     def gap(self, side: Side, size: i64, cut: bool, frame: i64, time_ns: i64) -> None:
-        """Octets are missing: take what there is of an unfinished PDU; it is unknown which numbers were used in the gap."""
+        """Octets are missing: use what there is of an unfinished PDU; it is unknown which numbers were used in the gap."""
         self._finish(side)
         assembler = side.plus
         if assembler is not None:
@@ -103,11 +103,11 @@ class S7Plus(Protocol):
         assembler.notified = -1
 
     def finish(self, side: Side, frame: i64, time_ns: i64) -> None:
-        """No more octets come: take what there is of an unfinished PDU."""
+        """No more octets come: use what there is of an unfinished PDU."""
         self._finish(side)
 
     def _finish(self, side: Side) -> None:
-        """Take what there is of an unfinished PDU, with the packet that brought its last frame."""
+        """Take the captured part of an unfinished PDU, with the packet that brought its last frame."""
         assembler = side.plus
         if assembler is not None and assembler.parts is not None:
             octets = assembler.finish()
@@ -118,7 +118,7 @@ class S7Plus(Protocol):
             self._pdu(side, octets, True, frame, time_ns)
 
     def _note_too_long(self, side: Side, kept: i64, frame: i64, time_ns: i64) -> None:
-        """Report what was not kept of the PDU that the assembler returned."""
+        """Report how much was not kept of the PDU that the assembler returned."""
         left_out: i64 = side.plus.left_out if side.plus is not None else 0
         detail = f"{kept} bytes from {side.tcp.ends[side.index]} kept, {left_out} left out"
         self._exchange.reporter.note("s7.plus_too_long", side.connection.number, [frame], time_ns, detail)
@@ -129,7 +129,7 @@ class S7Plus(Protocol):
         self._pdu(side, octets, True, frame, time_ns)
 
     def _pdu(self, side: Side, octets: bytes, cut: bool, frame: i64, time_ns: i64) -> None:
-        """Take a PDU; ``cut``: octets are missing at its end."""
+        """Take a PDU; ``cut`` means that octets are missing at its end."""
         exchange = self._exchange
         connection = side.connection
         head = self._head
@@ -172,7 +172,7 @@ class S7Plus(Protocol):
             self._count_anew(assembler)
 
     def behind(self, side: Side, octets: bytes, frame: i64, time_ns: i64) -> None:
-        """Take a frame behind the malformed header of a TPDU: it is judged by itself, and continues no PDU."""
+        """Take a frame behind the malformed header of a TPDU: it is judged alone, and continues no PDU."""
         exchange = self._exchange
         connection = side.connection
         head = self._head
@@ -247,7 +247,7 @@ class S7Plus(Protocol):
             exchange.response(side, sequence, parameters, octets, frame, time_ns)
 
     def _note_beginning(self, side: Side, sequence: i64, frame: i64) -> None:
-        """Remember the first packet of a request in several frames, and what was left out: a transaction has only the last."""
+        """Remember the first packet of a request in several frames, and what was left out; a transaction has only the last."""
         assembler = side.plus
         if assembler is None:
             return
@@ -262,7 +262,7 @@ class S7Plus(Protocol):
     def _count_request(self, side: Side, frame: i64, time_ns: i64) -> None:
         """Report a request whose sequence number is not higher than the one before: clients count up by one.
 
-        A number that leaps ahead is not reported, because damaged or lost requests leave gaps.
+        A number that skips some is not reported, because damaged or lost requests leave gaps.
         """
         plus = side.plus
         if plus is None:
@@ -281,7 +281,7 @@ class S7Plus(Protocol):
     def _count_notification(self, side: Side, frame: i64, time_ns: i64) -> None:
         """Report missing notifications: those of a connection count up by one, across all its subscriptions.
 
-        Old S7-1200 count with one octet. Notifications in a gap of the capture are reported with the gap.
+        Old S7-1200 CPUs count with one octet. Notifications in a gap of the capture are reported with the gap.
         """
         plus = side.plus
         head = self._head
@@ -294,14 +294,14 @@ class S7Plus(Protocol):
         if head.subscription_id < SHORT_HEADS:
             expected = (before + 1) & 0xFF
         if before < 0 or number == expected or number == 1:
-            return  # the first one seen, the next one, or a new session
+            return  # the first one, the one after the previous, or a new session
         detail = (
             f"{side.tcp.ends[side.index]}, subscription 0x{head.subscription_id:08x}: number {number} follows {before}"
         )
         self._exchange.reporter.note("s7plus.notifications_lost", side.connection.number, [frame], time_ns, detail)
 
     def held(self, side: Side) -> i64:
-        """Return the octets of a PDU whose last frame is still to come."""
+        """Return the octets of a PDU whose last frame has not arrived yet."""
         assembler = side.plus
         return len(assembler.parts) if assembler is not None and assembler.parts is not None else 0
 
@@ -309,7 +309,7 @@ class S7Plus(Protocol):
 
     @property
     def functions(self) -> dict[int, int]:
-        """Number of PDUs by code of their function."""
+        """Number of PDUs per function code."""
         found = {_FIRST + at: count for at, count in enumerate(self._functions.counts()) if count}
         return {**found, **self._others}
 

@@ -39,7 +39,7 @@ from dissect.wire.octets import Tally, u16
 
 
 class S7(Protocol):
-    """Takes whole S7 PDUs, whatever carried them; counts them by ROSCTR and function."""
+    """Takes whole S7 PDUs from any transport; counts them by ROSCTR and function."""
 
     def __init__(self, exchange: Exchange) -> None:
         super().__init__()
@@ -49,11 +49,11 @@ class S7(Protocol):
         self.pdus: i64 = 0
         self.cut_pdus: i64 = 0
         self.unpaired: i64 = 0  # PDUs that cannot be paired: of an unknown kind, or too damaged
-        self.behind_malformed: i64 = 0  # whole PDUs behind malformed TPDU headers, which none of the other counts has
+        self.behind_malformed: i64 = 0  # whole PDUs behind malformed TPDU headers, which are in no other count
         self._parameters: ParameterCache = ParameterCache()
 
     def forget(self) -> None:
-        """Nothing more comes: forget the parameter blocks that were parsed."""
+        """Nothing more comes: forget the parsed parameter blocks."""
         self._parameters.clear()
 
     def feed(self, side: Side, buf: bytes, at: i64, size: i64, frame: i64, time_ns: i64) -> None:
@@ -79,7 +79,7 @@ class S7(Protocol):
         frame: i64,
         time_ns: i64,
     ) -> None:
-        """Take a whole PDU; ``param_length`` is -1 when its ROSCTR is unknown or its lengths do not add up to ``size``."""
+        """Take a whole PDU; ``param_length`` is -1 if its ROSCTR is unknown or its lengths do not add up to ``size``."""
         exchange = self._exchange
         connection = side.connection
         self.pdus += 1
@@ -156,7 +156,7 @@ class S7(Protocol):
         frame: i64,
         time_ns: i64,
     ) -> None:
-        """Take userdata of type push: an indication, or the request of a client that gives it the wrong type."""
+        """Take userdata of type push: an indication, or a request that the client marked with the wrong type."""
         exchange = self._exchange
         if self._pushed_by_client(side, parameters, frame, time_ns):
             # The client waits for an answer all the same.
@@ -166,7 +166,7 @@ class S7(Protocol):
             exchange.completed(pushed, frame, time_ns)
 
     def _pushed_by_client(self, side: Side, parameters: Parameters, frame: i64, time_ns: i64) -> bool:
-        """Return whether the client sent a push that only PLCs send, and report that it gave its request the wrong type."""
+        """Return whether a client sent a push of a kind that only PLCs send; report that this request has the wrong type."""
         connection = side.connection
         if not connection.client_known or side.index != connection.client_side or not is_plc_push(parameters):
             return False
@@ -174,7 +174,7 @@ class S7(Protocol):
         return True
 
     def _first_pdu(self, connection: Connection, frame: i64, time_ns: i64) -> None:
-        if connection.state == ISO:  # an IBH-NetLink gateway keeps its name, whatever it carries
+        if connection.state == ISO:  # the name of an IBH-NetLink gateway stays, whatever it carries
             connection.protocol = UPPER_NAMES[S7COMM]
         judge_port(self._exchange.reporter, connection, frame, time_ns)
 
@@ -226,7 +226,7 @@ class S7(Protocol):
     # ---- PDUs behind malformed headers ------------------------------------------------------------------------------
 
     def behind(self, side: Side, octets: bytes, frame: i64, time_ns: i64) -> None:
-        """Take a whole PDU behind the malformed header of a TPDU: it is judged by itself, and breaks no limit."""
+        """Take a whole PDU behind the malformed header of a TPDU: it is judged alone, and counts for no limit."""
         exchange = self._exchange
         self.behind_malformed += 1
         if exchange.observer.wants_pdus:
@@ -254,7 +254,7 @@ class S7(Protocol):
     # ---- PDUs that are damaged or cut -------------------------------------------------------------------------------
 
     def cut(self, side: Side, octets: bytes, frame: i64, time_ns: i64) -> None:
-        """Take a PDU of which the capture kept only the beginning, ten octets or more: its header can still be paired."""
+        """Take a PDU that the capture cut off after ten octets or more: its header can still be paired."""
         self.pdus += 1
         self.cut_pdus += 1
         self.rosctrs.add(octets[1])
@@ -266,7 +266,7 @@ class S7(Protocol):
         self._pair_damaged(side, octets, frame, time_ns)
 
     def _damaged(self, side: Side, octets: bytes, frame: i64, time_ns: i64) -> None:
-        """Report a PDU of an unknown ROSCTR or with wrong lengths; pair it as far as its header can be read."""
+        """Report a PDU with an unknown ROSCTR or wrong lengths; pair it if its header can be read."""
         if len(octets) >= 10 and octets[1] not in ROSCTR:
             number = side.connection.number
             self._exchange.reporter.note("s7.unknown_rosctr", number, [frame], time_ns, f"ROSCTR {octets[1]}")
@@ -323,7 +323,10 @@ class S7(Protocol):
             self._blame_next(connection, octets, "session.read_too_long")
 
     def _blame_next(self, connection: Connection, octets: bytes, slug: str) -> None:
-        """A PDU has a fault. If it is a request, it becomes the next transaction: `Dialogue.ask` comes after this."""
+        """A PDU has a fault.
+
+        If the PDU is a request, it will be the next transaction, because `Dialogue.ask` is called after this.
+        """
         if is_request(octets):
             exchange = self._exchange
             exchange.causes.blame(connection, exchange.dialogue.count + 1, slug)
@@ -349,11 +352,11 @@ class S7(Protocol):
 
 
 def _surely_open(answering: Side, open_now: i64) -> i64:
-    """Return ``open_now``, or 0 while octets of ``answering`` that may be answers are missing, out of order or unfinished.
+    """Return ``open_now``, or 0 while octets of ``answering`` are missing, out of order or unfinished: they may be answers.
 
-    A declared gap may contain answers as well. `judge_request` allows for that; it examines few requests only, because
-    thousands of open ones for each new one would take seconds.
+    A declared gap may contain answers as well. `judge_request` takes that into account; it examines only a few requests,
+    because with thousands of open ones a full check for each new request would take seconds.
     """
     if answering.unfinished or answering.stream.held is not None or answering.unseen:
-        return 0  # the asking side has acknowledged octets that the capture did not show, or not yet
+        return 0  # the asking side has acknowledged octets that the capture did not show, at least not so far
     return open_now

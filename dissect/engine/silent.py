@@ -1,9 +1,9 @@
-"""Silent connections: open on port 102, but nothing except keep-alive probes was captured of them.
+"""Silent connections: open on port 102, but only keep-alive probes of them were captured.
 
-A probe (RFC 1122, 4.2.3.6) has the sequence number before the next one, with one octet or none; the other side repeats its
-last acknowledgement. An empty probe looks like any acknowledgement until that of the other side is known: the sequence number
-of a probe is one below it. A single such segment may also belong to a FIN that was not captured. Two of them with a pause in
-between are probes, as long as no number of the connection ever changes.
+A probe (RFC 1122, 4.2.3.6) has the sequence number just before the next one, with one octet or none; the other side repeats its
+last acknowledgement. An empty probe looks like a normal acknowledgement, as long as the acknowledgements of the other side are
+unknown: its sequence number is one below them. A single such segment may also belong to a FIN that was not captured. Two of
+them with a pause in between are probes, if no number of the connection ever changes.
 """
 
 from __future__ import annotations
@@ -25,14 +25,14 @@ from dissect.wire.text import count
 
 #: A segment with one of these flags is not a keep-alive probe.
 NO_PROBE: Final = SYN | FIN | RST
-#: Connections watched at once; when there are more, the one not seen for longest is forgotten.
+#: Maximum number of connections that are watched at once; beyond that the one with the oldest last packet is forgotten.
 MAX_SILENT: Final = 4096
-#: Probes of one side are at least a second apart, less some tolerance; one that comes earlier was captured twice.
+#: Probes of one side are at least one second apart, minus some tolerance; an earlier one was captured twice.
 _PAUSE_NS: Final = 900_000_000
 
 
 class _Way:
-    """One direction of a silent connection: what it acknowledges, and its probes."""
+    """One direction of a silent connection: its acknowledgements and its probes."""
 
     __slots__ = ("ack", "probes", "seq")
 
@@ -43,7 +43,7 @@ class _Way:
 
 
 class Silent:
-    """A connection that has carried no octet so far; ``key`` is that of its first packet."""
+    """A connection that has carried no octet so far; ``key`` is the key of its first packet."""
 
     __slots__ = ("_ways", "key", "moved")
 
@@ -53,7 +53,7 @@ class Silent:
         self.moved: bool = False  # its numbers changed: something was sent that was not captured, or is not a probe
 
     def take(self, way: i64, seq: i64, ack: i64, frame: i64, now_ns: i64) -> None:
-        """Take an empty segment, packet ``frame``; ``way`` is 0 for the direction of the first packet, else 1."""
+        """Take an empty segment, packet ``frame``; ``way`` is 0 for the direction of the first packet, otherwise 1."""
         mine, other = self._ways[way], self._ways[1 - way]
         if mine.ack < 0:
             mine.ack = ack
@@ -84,13 +84,13 @@ class Silent:
 
     @property
     def probes(self) -> Probes:
-        """The probes of both sides; none while it is not certain that they are probes."""
+        """The probes of both sides; empty while it is not certain that they are probes."""
         first, second = self._ways
         return self.likely if max(first.probes.count, second.probes.count) > 1 else Probes()
 
 
 class SilentConnections:
-    """Watches connections to port 102 without octets, at most `MAX_SILENT`, and reports those that only sent probes."""
+    """Watches at most `MAX_SILENT` connections to port 102 without octets, and reports those that only sent probes."""
 
     def __init__(self, counters: Counters) -> None:
         self._counters: Counters = counters
@@ -123,7 +123,7 @@ class SilentConnections:
                 self._counters.note_once("stream.evicted", "connections without data, first here")
 
     def begin(self, side: Side) -> None:
-        """The connection of ``side`` carries octets now. They may be those of a probe, so the probes so far go to ``side``."""
+        """The connection of ``side`` carries octets now. They may belong to a probe, so ``side`` gets the probes so far."""
         entry = self._leave(side.key)
         if entry is not None:
             likely = entry.likely
@@ -157,7 +157,7 @@ class SilentConnections:
 
 
 def judge_silent(counters: Counters, side: Side, peer: Side) -> None:
-    """Report a connection that is over without any examined octet: it was idle, or opened and never used."""
+    """Report a finished connection of which no octet was examined: it was idle, or was opened and never used."""
     if not side.probes and not peer.probes:
         counters.bare.take(side, peer)
     elif on_102(side):
@@ -166,10 +166,10 @@ def judge_silent(counters: Counters, side: Side, peer: Side) -> None:
 
 
 def note_idle(counters: Counters, first: Endpoint, second: Endpoint, probes: Probes) -> None:
-    """Report a connection of which only keep-alive probes were captured, by the first and the last of them."""
+    """Report a connection of which only keep-alive probes were captured; the first and last probe are its packets."""
     client, server = (first, second) if second.port == ISO_TSAP_PORT else (second, first)
     detail = f"{client} and {server}: {count(int(probes.count), 'probe')}"
-    # The report's section Completeness counts packets whose bytes came before; an empty probe has no byte.
+    # The report's section Completeness counts packets whose bytes came before, but an empty probe has no byte.
     every = "all " if probes.count > 1 else ""
     filled = every if probes.filled == probes.count else f"{probes.filled} of them " if probes.filled else "none "
     said = f"{detail}, {filled}with a byte"
@@ -177,13 +177,13 @@ def note_idle(counters: Counters, first: Endpoint, second: Endpoint, probes: Pro
 
 
 def untold(side: Side) -> bool:
-    """Return whether ``side`` belongs to a connection to port 102 without any examined octet."""
+    """Return whether ``side`` belongs to a connection to port 102 of which no octet was examined."""
     return side.connection.state == PROBING and side.connection.probed == 0 and on_102(side)
 
 
 def may_be_probe(side: Side, octets: bytes) -> bool:
-    """Return whether ``octets``, the first that were captured of ``side``, may be those of a keep-alive probe.
+    """Return whether the first captured octets of ``side`` may be those of a keep-alive probe.
 
-    The octet of a probe is arbitrary. But on a connection with examined octets, only a zero counts as a probe.
+    The octet of a probe is arbitrary. On a connection with examined octets, only a zero octet counts as a probe.
     """
     return len(octets) == 1 and not side.tcp.known_start and (octets == b"\0" or untold(side))

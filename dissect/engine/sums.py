@@ -1,4 +1,4 @@
-"""What a pipeline counted, as plain values: to add it up over several runs, and to copy or pickle a pipeline."""
+"""The counts of a pipeline as plain values: to add them up over several runs, and to copy or pickle a pipeline."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ _COUNTERS: Final = (
 
 
 class Counted(NamedTuple):
-    """What a pipeline counted; ``keys`` is how many session keys of TLS it had, ``bare`` the first packets of each kind."""
+    """The counts of a pipeline; ``keys`` is its number of TLS session keys, ``bare`` has the first packet of each kind."""
 
     counters: list[Any]
     waiting: int
@@ -50,7 +50,7 @@ class Counted(NamedTuple):
 
 
 def counted_by(pipeline: Pipeline) -> Counted:
-    """Return what a pipeline counted so far."""
+    """Return the counts of a pipeline so far."""
     return Counted(
         [_plain(attrgetter(path)(pipeline)) for path in _COUNTERS],
         int(pipeline.counters.fragments.waiting),
@@ -86,7 +86,7 @@ def add_counted(pipeline: Pipeline, counted: Counted, packets: int, given_keys: 
         else:
             setattr(holder, name, known + more)
     counters = pipeline.counters
-    counters.fragments.dropped += counters.fragments.waiting  # a file ended: they will not become complete
+    counters.fragments.dropped += counters.fragments.waiting  # a file ended, so they will never be complete
     counters.fragments.waiting = counted.waiting
     if counted.first_ns or counted.now_ns:
         if begun:
@@ -98,7 +98,7 @@ def add_counted(pipeline: Pipeline, counted: Counted, packets: int, given_keys: 
 
 
 class Section(Protocol):
-    """The section of a protocol in reports, when what counted it is gone."""
+    """The section of a protocol in reports, for a pipeline whose protocol objects no longer exist."""
 
     def __init__(self, section: dict[str, object], counted: list[tuple[int, str]]) -> None:
         self._section = section
@@ -114,7 +114,7 @@ class Section(Protocol):
 
 
 def counts_of(pipeline: Pipeline) -> tuple[Any, ...]:
-    """Return a pipeline in the form in which `copy` and `pickle` take it apart: a copy has its counts and takes no packets."""
+    """Return the form of a pipeline for `copy` and `pickle`: a copy has its counts, but takes no packets."""
     ours = (pipeline.iso, pipeline.ibh, pipeline.s7, pipeline.plus, pipeline.tls)
     more = [(one.describe(), one.counted()) for one in pipeline.protocols if not any(one is each for each in ours)]
     return _with_counts, (counted_by(pipeline), more)

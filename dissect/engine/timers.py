@@ -1,14 +1,14 @@
 """`Timers`: everything that waits for time to pass, and `OverdueWatch`, which reports requests that wait too long.
 
-Segments wait for those before them, responses for their requests, and closed connections for late packets. Time is the clock of
-the capture: packets move it, and while none arrive `Pipeline.tick` does. The pipeline compares the time of each packet with
-``deadline_ns``, and calls these classes when it is reached.
+Segments wait for those before them, responses for their requests, and closed connections for late packets. The time is that of
+the capture: packets advance it, and while none arrive `Pipeline.tick` does. The pipeline compares the time of each packet with
+``deadline_ns``, and calls these classes when that is reached.
 
 `OverdueWatch` reports a request that is overdue while it is still open. A capture may hold thousands of connections, and most
 requests are answered at once, so nothing is stored for a request. Instead, a side that sends a request is checked when that
-request is due, and again when its next open request is; a side without open requests is not checked until it sends one. So a
-polling side costs one look per `Options.overdue_ns`. A request is not reported if the capture may just not show its answer: the
-answering side has a gap, or was not captured.
+request is due, and again when its next open request is; a side without open requests is not checked until it sends a request.
+So a polling side costs one check per `Options.overdue_ns`. A request is not reported if its answer may be missing from the
+capture: the answering side has a gap, or was not captured.
 """
 
 from __future__ import annotations
@@ -32,12 +32,12 @@ from dissect.engine.transactions.transaction import Transaction
 from dissect.packets.tcp.stretches import Chunk
 from dissect.wire.text import duration_text
 
-#: Sides, and open requests, that are checked at once; the others have to wait for the next one.
+#: Maximum number of sides, and of open requests, that are checked at once; the others wait for the next check.
 _SIDES_AT_ONCE: Final = 1024
 _REQUESTS_AT_ONCE: Final = 8192
 #: The shortest time between two checks of a side with open requests.
 _PAUSE_NS: Final = 50_000_000
-#: When there are this many sides, more than can be open, those whose connection is over are dropped.
+#: When the list has this many sides, more than can be open, those of finished connections are dropped.
 _MANY: Final = 8 * MAX_CONNECTIONS
 
 
@@ -55,7 +55,7 @@ class _Entry:
 
 
 class OverdueWatch:
-    """Looks at the sides that have sent requests, in the order in which these become overdue."""
+    """Checks the sides that have sent requests, in the order in which these become overdue."""
 
     def __init__(self, reporter: Reporter, dialogue: Dialogue, limit_ns: i64) -> None:
         self._reporter: Reporter = reporter
@@ -65,7 +65,7 @@ class OverdueWatch:
         dialogue.watching = True
 
     def look(self, now_ns: i64) -> None:
-        """It is ``now_ns``: report the requests that are overdue by now and were not reported before."""
+        """At time ``now_ns``, report the overdue requests that were not reported before."""
         self._take_new()
         due = self._due
         sides: i64 = 0
@@ -83,7 +83,7 @@ class OverdueWatch:
             heapq.heappush(due, _Entry(self._look_at(side, now_ns), side))
 
     def _take_new(self) -> None:
-        """Add the sides that asked since the last look; each is due when the latest request of its connection is."""
+        """Add the sides that sent requests since the last check; each is due when the latest request of its connection is."""
         fresh = self._dialogue.asking
         if not fresh:
             return
@@ -121,14 +121,14 @@ class OverdueWatch:
             self._reporter.detail("transaction.overdue", connection.number, [frame], now_ns, detail)
 
 
-#: How often waiting sides are checked, in capture time: always at multiples of this, so that the results for a connection do
-#: not depend on the other ones in the capture.
+#: Waiting sides are checked this often in capture time, always at multiples of it, so that the results for a connection do not
+#: depend on other connections in the capture.
 TICK_NS: Final = 50_000_000
-#: When the list of sides that wait has grown to this, those whose connection is over are dropped.
+#: When the list of waiting sides has grown to this size, those of finished connections are dropped.
 _MANY_WAITING: Final = 4 * MAX_CONNECTIONS
-#: Octets of one or two DTs without data between two messages: nothing else is as short, so no request and no answer is missing.
+#: Sizes of one or two DTs without data between two messages: nothing else is as short, so no request and no answer is missing.
 _EMPTY_DTS: Final = (7, 14)
-#: How a TPKT begins: version and reserved octet (RFC 1006, 6).
+#: The beginning of a TPKT: version and reserved octet (RFC 1006, 6).
 _BEGINS: Final = b"\x03\x00"
 #: The deadline while nothing waits.
 FAR_FUTURE: Final = 0x7FFFFFFFFFFFFFFF
@@ -140,13 +140,13 @@ def next_tick(now_ns: i64) -> i64:
 
 
 class Timers:
-    """Keeps the sides on which something waits, and passes it on, or gives it up, when it is time."""
+    """Keeps the sides on which something waits; passes it on, or drops it when it has waited too long."""
 
     def __init__(self, counters: Counters, exchange: Exchange, overdue_ns: i64) -> None:
         self._counters: Counters = counters
         self._exchange: Exchange = exchange
         self._waiting: list[Side] = []  # sides with held segments or held answers
-        self._doubts: list[Side] = []  # sides whose end is in doubt, and that sent something since the last look
+        self._doubts: list[Side] = []  # sides whose end is in doubt, and that sent something since the last check
         self._overdue: OverdueWatch | None = None
         self._rest_ns: i64 = FAR_FUTURE  # the deadline while nothing waits
         if overdue_ns:
@@ -157,14 +157,14 @@ class Timers:
     # ---- octets in order, and gaps ----------------------------------------------------------------------------------
 
     def chunks(self, side: Side, cut: bool = False) -> None:
-        """Pass on what the stream of ``side`` has ready: octets and gaps, in order; ``cut``: the capture cut a frame there."""
+        """Pass on what is ready in the stream of ``side``, octets and gaps in order; ``cut``: the capture cut a frame there."""
         for chunk in self._take_ready(side):
             self._pass_on(side, chunk, cut)
 
     def both(self, side: Side) -> None:
-        """Pass on what both directions of the connection of ``side`` have ready, in the order of their packets.
+        """Pass on what is ready in both directions of the connection of ``side``, in the order of the packets.
 
-        So an answer comes after its request if both waited because of gaps.
+        So an answer follows its request if both waited because of gaps.
         """
         peer = side.peer
         if peer is None:
@@ -190,7 +190,7 @@ class Timers:
     def _pass_on(self, side: Side, chunk: Chunk, cut: bool) -> None:
         """Hand octets of ``side`` to its protocol, or report a gap to it."""
         if not chunk.hole and side.at_rest:
-            # No message is unfinished, so messages in these octets were whole when their own packet came.
+            # No message is unfinished, so the messages in these octets were complete when their own packet came.
             chunk.frame = chunk.own_frame
             chunk.time_ns = chunk.own_ns
         side.end_seq = chunk.end_seq
@@ -228,7 +228,7 @@ class Timers:
     # ---- waiting sides ----------------------------------------------------------------------------------------------
 
     def wait(self, side: Side) -> None:
-        """Look at ``side`` again when time passes, or with the next packet of its connection."""
+        """Check ``side`` again when time passes, or with the next packet of its connection."""
         if not side.waiting:
             side.waiting = True
             side.longest = 0
@@ -254,18 +254,18 @@ class Timers:
         self.wake()
 
     def wake(self) -> None:
-        """Something waits from now on: set the deadline if there is none."""
+        """Something waits from now on: set the deadline unless there is one."""
         if self.deadline_ns == FAR_FUTURE:
             self.deadline_ns = next_tick(self._counters.now_ns)
 
     def step_back(self, time_ns: i64) -> None:
-        """The clock of the capture went back to ``time_ns``: so does the deadline, or whatever waits would wait too long."""
+        """The clock of the capture went back to ``time_ns``: move the deadline back as well, so that nothing waits too long."""
         self._counters.note_step_back(time_ns)
         if self.deadline_ns != FAR_FUTURE:
             self.deadline_ns = min(self.deadline_ns, next_tick(time_ns))
 
     def expire_answers(self, side: Side) -> None:
-        """Give up answers of ``side`` that were held for their request too long."""
+        """Drop answers of ``side`` that waited too long for their request."""
         exchange = self._exchange
         exchange.dialogue.expire(side, self._counters.now_ns)
         if side.connection.aside is not None:
@@ -274,7 +274,7 @@ class Timers:
             exchange.beside(self._counters.frames, self._counters.now_ns)
 
     def passing(self, side: Side, peer: Side, ack: i64, acknowledges: bool) -> None:
-        """Take a packet of a connection on which something waits: it may be what that waited for."""
+        """Take a packet of a connection on which something waits, because it may end the waiting."""
         now_ns: i64 = self._counters.now_ns
         if side.tcp.doubt is not None:
             ends.look(self._counters, side)
@@ -286,12 +286,12 @@ class Timers:
                 end.stream.passing(now_ns)
         if side.stream.ready or peer.stream.ready:
             self.both(peer)
-        # The answers come last: their requests may just have been passed on.
+        # Answers come last, because their requests may just have been passed on.
         self.expire_answers(peer)
         self.expire_answers(side)
 
     def give_up_waiting(self) -> None:
-        """Time has passed: give up whatever waited too long."""
+        """Time has passed: drop everything that waited too long."""
         waiting = list(self._waiting)
         self.look_at_ends()
         for side in waiting:
@@ -299,7 +299,7 @@ class Timers:
         for side in waiting:
             if side.stream.ready:
                 self.both(side)
-        for side in waiting:  # a loop of its own: the request of an answer may just have been passed on
+        for side in waiting:  # a separate loop, because the request of an answer may just have been passed on
             self.expire_answers(side)
             asked = side.connection.open_requests[1 - side.index]
             side.waiting = (
@@ -310,9 +310,9 @@ class Timers:
             )
 
     def look_at_ends(self) -> None:
-        """Look at the connections whose end is in doubt, and on which something passed since the last look.
+        """Check the connections whose end is in doubt and that had packets since the last check.
 
-        Nothing new can be known about the others, and there may be thousands until the end of the capture.
+        The others have nothing new, and there may be thousands of them until the end of the capture.
         """
         held: list[Side] = []
         for side in self._doubts:
@@ -323,25 +323,25 @@ class Timers:
             doubt.due = False
             ends.look(self._counters, side)
             if side.stream.time_bound or peer.stream.time_bound:
-                held.append(side)  # look again once the held segments are passed on
+                held.append(side)  # check again once the held segments are passed on
         self._doubts = []
         for side in held:
             self.doubt(side)
 
     def look_overdue(self) -> None:
-        """Report the requests that have been open longer than the limit, if there is one."""
+        """Report the requests that have been open for longer than the limit, if there is a limit."""
         if self._overdue is not None:
             self._overdue.look(self._counters.now_ns)
 
     def settle(self, lingering: bool) -> None:
-        """Forget the sides on which nothing waits any longer; rest when none is left, unless closed connections linger."""
+        """Forget the sides on which nothing waits any longer; clear the deadline if none is left and nothing lingers."""
         self._waiting = [side for side in self._waiting if side.waiting]
         causes = self._exchange.causes
         if self._overdue is None and not self._waiting and not self._doubts and not lingering and not causes.waiting:
             self.deadline_ns = FAR_FUTURE
 
     def oldest_held(self) -> i64:
-        """Return the first packet whose segment or answer is held back, 0 when nothing is held back."""
+        """Return the first packet whose segment or answer is held back, 0 if there is none."""
         oldest: i64 = 0
         for side in self._waiting:
             held = side.stream.held

@@ -1,7 +1,7 @@
-"""TLS inside ISO-on-TCP: what its handshake says, and, if the session keys are known, the S7 messages in it.
+"""TLS inside ISO-on-TCP: the content of its handshake, and, if the session keys are known, the S7 messages in it.
 
-An S7-1200 or 1500, asked by TIA Portal V17 or later, answers InitSSL and continues in TLS. Each TSDU then carries records, and
-their content is S7comm-plus (docs/tls.md).
+An S7-1200 or 1500 answers InitSSL from TIA Portal V17 or later, and continues in TLS. Each TSDU then carries TLS records, whose
+content is S7comm-plus (docs/tls.md).
 """
 
 from __future__ import annotations
@@ -25,7 +25,10 @@ if TYPE_CHECKING:
 
 
 class Tls(Protocol):
-    """Takes TSDUs with TLS. Counts connections with TLS (``sessions``), decrypted records (``opened``), others (``shut``)."""
+    """Takes TSDUs with TLS.
+
+    Counts connections with TLS (``sessions``), decrypted records (``opened``) and records that stay encrypted (``shut``).
+    """
 
     def __init__(self, exchange: Exchange, foreign: Foreign, s7: Protocol, plus: Protocol, keys: KeyLog | None) -> None:
         super().__init__()
@@ -35,7 +38,7 @@ class Tls(Protocol):
         self._plus: Protocol = plus
         self._waiting: Waiting | None = None
         self.keys: KeyRing = KeyRing(keys)
-        self.more_keys: i64 = 0  # found by other runs, whose counts were added to these
+        self.more_keys: i64 = 0  # keys found by other runs, whose counts were added to these
         self.sessions: i64 = 0
         self.decrypted: i64 = 0  # sessions with decrypted content
         self.opened: i64 = 0
@@ -43,7 +46,7 @@ class Tls(Protocol):
         self.other: i64 = 0  # decrypted messages that are neither S7comm nor S7comm-plus
 
     def secrets(self, text: bytes) -> None:
-        """Take a key log that is in the capture."""
+        """Take a key log that the capture contains."""
         self.keys.found.add(text)
 
     def wants(self, side: Side, session: TlsSession, buf: bytes, at: i64, size: i64) -> bool:
@@ -119,11 +122,11 @@ class Tls(Protocol):
             self._message(side, rest, frame, time_ns)
 
     def finish(self, side: Side, frame: i64, time_ns: i64) -> None:
-        """No more octets come: take what there is of an unfinished frame."""
+        """No more octets come: use what there is of an unfinished frame."""
         self._cut(side, frame, time_ns)
 
     def end(self, side: Side, frame: i64, time_ns: i64) -> None:
-        """The connection is over: report why records stayed encrypted. Called for both sides, done once."""
+        """The connection is over: report why records stayed encrypted. Called for both sides, but acts only once."""
         side.inner = None
         connection = side.connection
         session = connection.tls
@@ -137,7 +140,7 @@ class Tls(Protocol):
         judge_closed(self._exchange.reporter, connection, session, frame, time_ns)
 
     def held(self, side: Side) -> i64:
-        """Return the octets of unfinished records and frames; what is kept for both sides counts for side 0."""
+        """Return the octets of unfinished records and frames; those kept for both sides count for side 0."""
         session = side.connection.tls
         if session is None:
             return 0
@@ -148,7 +151,7 @@ class Tls(Protocol):
     # ---- what was counted -------------------------------------------------------------------------------------------
 
     def describe(self) -> dict[str, object]:
-        """Return the section ``tls``: never a key, only how many there are."""
+        """Return the section ``tls``: it never has a key, only the number of keys."""
         keys = self.keys
         return {
             "tls": {

@@ -1,6 +1,6 @@
-"""Conversations over UDP: datagrams of the ports that a payload decoder has bound.
+"""Conversations over UDP: datagrams on the ports that a payload decoder has bound.
 
-They have no beginning and no end, and nothing is put in order: a datagram is a message. So a conversation is open from its
+They have neither beginning nor end, and nothing is reordered: each datagram is a message. So a conversation is open from its
 first datagram until the capture ends, or until too many are open at once.
 """
 
@@ -21,7 +21,7 @@ from dissect.packets.tcp.segment import Segment
 
 
 class Datagrams:
-    """Datagrams in, handed to the decoder of the conversation, which is informed when a flow begins and ends."""
+    """Passes datagrams to the decoder of the conversation, and informs it when a flow begins and ends."""
 
     def __init__(
         self, counters: Counters, connections: Connections, decoder: PayloadDecoder, protocol: Protocol
@@ -40,7 +40,7 @@ class Datagrams:
             if side is None:
                 return accounts.NOT_TCP
         if side.stream.next_seq < 0:
-            side.stream.start(0)  # there is no sequence, but this side was captured
+            side.stream.start(0)  # there are no sequence numbers, but this side was captured
         counters = self._counters
         side.tcp.packets += 1
         side.tcp.last_frame = counters.frames
@@ -68,11 +68,11 @@ class Datagrams:
         return side
 
     def restart(self) -> None:
-        """Another capture begins; the decoder forgets what it knows of devices, too."""
+        """Another capture begins; the decoder also forgets what it knows of devices."""
         self._decoder.restart()
 
     def finish(self) -> None:
-        """The capture ends: so do all conversations."""
+        """The capture ends, and with it all conversations."""
         for side in self.flows.all_open():
             self._finish_flow(side, CAPTURE_ENDED)
 

@@ -1,9 +1,9 @@
 """Finds the connection of a packet that was captured in another VLAN (docs/decisions/0021).
 
-A mirror port may show the two directions of a connection with different VLAN tags, or every packet twice where a router is
-between two VLANs. `elsewhere` is called only when a packet belongs to no connection of its own VLAN. But identical machines may
-use the same addresses in separate VLANs. So a packet counts as of the same connection only if its sequence and acknowledgement
-numbers fit, which those of a separate connection do not.
+A mirror port may show the two directions of a connection with different VLAN tags, or every packet twice if a router connects
+two VLANs. `elsewhere` is called only if a packet belongs to no connection of its own VLAN. But identical machines may use the
+same addresses in separate VLANs. So a packet belongs to the same connection only if its sequence and acknowledgement numbers
+fit; those of a separate connection do not.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from dissect.engine.transactions.side import Side
 from dissect.engine.transactions.table import ConnectionTable, base_and_tag, reverse_key
 from dissect.packets.tcp.stream import ACK, MASK, RST, SYN, WINDOW, HalfStream
 
-#: The least octets for a copy to be recognised; fewer may be equal by chance.
+#: Minimum size of a copy to be recognised, in octets; fewer octets may be equal by chance.
 _COMPARED: Final = 8
 
 
@@ -25,8 +25,8 @@ def elsewhere(
 ) -> tuple[Side | None, bytes, i64]:
     """Return the side that sent a packet, if its connection is in another VLAN, else None; then a key and a VLAN.
 
-    With these the caller opens a new connection if there is no side. They are ``key`` and ``vlan`` of the packet itself, or
-    those of another VLAN where a connection attempt is that the packet answers.
+    With these the caller opens a new connection if there is no side. They are the packet's own ``key`` and ``vlan``, or those
+    of another VLAN with a connection attempt that the packet answers.
     """
     base, tag = base_and_tag(key)
     table.note_tag(tag)
@@ -51,7 +51,7 @@ def elsewhere(
         attempt = None if other == tag else table.attempt(reverse + other)
         if attempt is None or not _near(ack, attempt.seq + 1, flags):
             continue
-        # A packet without SYN may be of the connection that is already open there, if there is one.
+        # A packet without SYN may belong to the connection that is already open there, if there is one.
         if flags & SYN or base + other not in table.sides:
             return None, base + other, int.from_bytes(other, "big")
     return None, key, vlan
@@ -76,10 +76,10 @@ def _answers(peer: Side, seq: i64, ack: i64, flags: i64) -> bool:
 
 
 def _repeats(side: Side, peer: Side, seq: i64, ack: i64, flags: i64, octets: bytes, size: i64) -> bool:
-    """Return whether a segment is a copy of one that ``side`` sent before, or exactly what comes next from it."""
+    """Return whether a segment is a copy of one that ``side`` sent before, or exactly the next one from it."""
     mine, theirs = side.stream, peer.stream
     if flags & SYN:
-        # Both copies pass before the SYN/ACK is answered; a later one is of another machine with equal numbers.
+        # Both copies are captured before the SYN/ACK is answered; a later one is from another machine with equal numbers.
         begins: bool = mine.start_seq == (seq + 1) & MASK and theirs.start_seq == ack
         return begins and mine.next_seq == mine.start_seq and theirs.next_seq == ack
     place: i64 = mine.next_seq if mine.next_seq >= 0 else peer.last_ack

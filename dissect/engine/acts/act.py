@@ -1,4 +1,4 @@
-"""`Act`: something that a client did to a device, or tried to, with its outcome and the packets that show it."""
+"""`Act`: an action of a client on a device, done or only tried, with its outcome and the packets that show it."""
 
 from __future__ import annotations
 
@@ -40,16 +40,15 @@ _OUTCOMES: Final[dict[str, str]] = {
 
 
 class Act:
-    """What a client did to a device.
+    """An action of a client on a device.
 
     ``kind`` is one of `dissect.engine.acts.tables`, ``slug`` the finding that it makes, and ``command`` the kind of operation
-    of its
-    one request, empty for none. Side ``asked_by`` of ``connection`` did it. ``subject`` is its object (text from the wire, not
-    escaped); ``text`` is for a finding, empty if the finding should name the request. ``frames`` are the packets that show it,
-    ``transactions`` the numbers of its requests, ``octets`` is the size of what it carried. ``error`` is why it was refused,
-    ``reason`` why there is no answer. ``operation`` is that of a transfer. ``shown`` is the packet that completes its first
-    request, and ``likely`` is True if a request and its answer are only likely a pair. ``number`` counts the acts of a run, 0
-    for an unfinished one.
+    of its one request, empty for none. Side ``asked_by`` of ``connection`` did it. ``subject`` is its object (text from the
+    wire, not escaped); ``text`` is for a finding, empty if the finding should name the request. ``frames`` are the packets that
+    show it, ``transactions`` the numbers of its requests, ``octets`` is the size of what it carried. ``error`` is why it was
+    refused, ``reason`` why there is no answer. ``operation`` is the operation of a transfer, None for other acts. ``shown`` is
+    the packet that completes its first request; ``likely`` is True if a request and its answer only probably belong together.
+    ``number`` is the number of the act in its run, 0 while it is unfinished.
     """
 
     __slots__ = (
@@ -96,12 +95,12 @@ class Act:
 
     @property
     def client(self) -> str:
-        """Address of who did it."""
+        """Address of the client that did it."""
         return str(self.connection.tcp.ends[self.asked_by].host)
 
     @property
     def server(self) -> str:
-        """Address of the device that it was done to."""
+        """Address of the device that was the target."""
         return str(self.connection.tcp.ends[1 - self.asked_by].host)
 
     @property
@@ -110,7 +109,7 @@ class Act:
         return self.error.code if self.error is not None else 0
 
     def blocks(self) -> list[CarvedBlock]:
-        """Return the blocks that it carried, in wire order; call this while its operation has its contents."""
+        """Return the blocks that the act carried, in wire order; call this while its operation still has its contents."""
         from dissect.engine.program.carved import carve  # late: few captures have transfers
 
         operation = self.operation
@@ -125,7 +124,7 @@ leaves(Act, taken=_arguments)
 
 
 def act_of(kind: str, transaction: Transaction, subject: str, code: int = -1) -> Act:
-    """Return an act that one transaction is, or begins.
+    """Return the act that a transaction is or begins.
 
     ``code`` is the error of its item, 0 for none; by default the error of the transaction counts.
     """
@@ -147,7 +146,7 @@ def act_of(kind: str, transaction: Transaction, subject: str, code: int = -1) ->
 
 
 def outcome_of(transaction: Transaction, code: int = -1) -> tuple[str, TransactionError | None]:
-    """Return the outcome and the error of a request for an act; ``code`` as for `act_of`."""
+    """Return the outcome and the error of the request of an act; ``code`` is as for `act_of`."""
     if transaction.unseen:
         return NOT_CAPTURED, None
     if not transaction.response_frame:

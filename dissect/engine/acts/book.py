@@ -1,4 +1,4 @@
-"""`ActBook`: the list of acts. It takes what may be an act, makes the operations that are one command, and numbers acts."""
+"""`ActBook`: the list of acts. It checks what may be an act, makes an operation of each command, and numbers the acts."""
 
 from __future__ import annotations
 
@@ -25,13 +25,13 @@ from dissect.protocols.s7.services import BLOCK_SERVICES
 from dissect.protocols.s7.tables import PI_SERVICE, REQUEST_DOWNLOAD, START_UPLOAD
 from dissect.protocols.s7plus.event import Event
 
-#: Jobs that begin a transfer, which is an operation and becomes one act when it is over.
+#: Jobs that begin a transfer. A transfer is an operation, and becomes one act when it is over.
 _BEGINNINGS: Final = frozenset((REQUEST_DOWNLOAD, START_UPLOAD))
 _BLOCK: Final = "block "
 
 
 class ActBook:
-    """Collects acts. ``fresh`` are those that are over and not yet reported; ``count`` is how many there were."""
+    """Collects acts. ``fresh`` are the finished acts that are not reported yet; ``count`` is the number of all acts."""
 
     def __init__(self, operations: OperationBook) -> None:
         self.fresh: list[Act] = []
@@ -39,9 +39,9 @@ class ActBook:
         self._operations = operations
 
     def take(self, transaction: Transaction, alone: bool = False) -> Act | None:
-        """Return the act of a transaction of S7comm, or the act that it begins; make the operation of a command.
+        """Return the act that a transaction of S7comm is or begins; make the operation if it is a command.
 
-        ``alone``: it is part of no operation, because it followed a malformed header.
+        With ``alone`` it belongs to no operation, because it followed a malformed header.
         """
         if transaction.function == PI_SERVICE and not alone:
             self._follow_blocks(transaction)
@@ -57,9 +57,8 @@ class ActBook:
     def event(self, event: Event, transaction: Transaction, code: int, alone: bool = False) -> Act | None:
         """Return the act of an event of S7comm-plus, None if there is none; ``code`` is its error, 0 for none.
 
-        ``alone`` as for `take`. Operations of such events are made elsewhere (`dissect.engine.transactions.plus_operations`),
-        and
-        writes to outputs become acts where they are reported (`wrote`).
+        ``alone`` as for `take`. The operations of such events are made in `dissect.engine.transactions.plus_operations`; writes
+        to outputs become acts where they are reported (`wrote`).
         """
         act = act_of_event(event, transaction, code)
         if act is not None and (alone or not act.row.lasts):
@@ -67,7 +66,7 @@ class ActBook:
         return act
 
     def wrote(self, transaction: Transaction, what: str, code: int, refused: bool = False) -> None:
-        """Take a write to outputs that is the first of its connection, or the first that is ``refused``.
+        """Take the first write to outputs on a connection, or the first one that was ``refused``.
 
         ``code`` as for `dissect.engine.acts.act.act_of`. The device may refuse items of a request that it answers without an
         error.
@@ -78,7 +77,7 @@ class ActBook:
         self.add(act)
 
     def over(self, operation: Operation) -> Act | None:
-        """Return the act that an operation was, which is over; None for all but transfers of blocks."""
+        """Return the act of a finished operation; None for all operations but transfers of blocks."""
         if operation.kind not in TRANSFERS:
             return None
         act = act_of_operation(operation.kind, operation)
@@ -92,7 +91,7 @@ class ActBook:
         self.fresh.append(act)
 
     def _follow_blocks(self, transaction: Transaction) -> None:
-        """Note at the blocks that were loaded that a service activates or deletes them."""
+        """Note on the loaded blocks that a service activates or deletes them."""
         body = transaction.request_body
         if body is not None and body.text("service") in BLOCK_SERVICES:
             from dissect.engine.transactions.transfers import follow_blocks  # late, because few captures have transfers
@@ -100,7 +99,7 @@ class ActBook:
             follow_blocks(transaction, body)
 
     def _operate(self, act: Act, transaction: Transaction) -> None:
-        """Make the operation of an act that one transaction is."""
+        """Make the operation of an act that is a single transaction."""
         subject = act.subject
         if act.command == PASSWORD:
             if not transaction.request_frame:

@@ -1,7 +1,7 @@
 """Recognises the acts of S7comm: PI services, PLC stop, the functions of transfers, userdata, writes to outputs.
 
-What a request does is in the tables of functions, userdata subfunctions and PI services (`dissect.protocols.s7.tables`,
-`dissect.protocols.s7.services`); this module says which act that is.
+The tables of functions, userdata subfunctions and PI services (`dissect.protocols.s7.tables`, `dissect.protocols.s7.services`)
+state the effect of a request; this module states which act it is.
 """
 
 from __future__ import annotations
@@ -64,7 +64,7 @@ _ACTS: Final[dict[str, str]] = {
     STOP: kinds.STOP,
     TEST: kinds.MONITOR,
 }
-#: Acts of PI services; those of the others follow from their effects.
+#: Acts of some PI services; the acts of the others follow from their effects.
 _SERVICES: Final[dict[str, str]] = {
     LINK_IN: kinds.ACTIVATE,
     LINK_IN_SECOND: kinds.ACTIVATE,
@@ -78,15 +78,15 @@ _SERVICES: Final[dict[str, str]] = {
     "_N_F_PROT": kinds.PROTECTION,
     "_N_F_PROR": kinds.PROTECTION,
 }
-#: How the argument of a cold restart begins (reference 3.10).
+#: The argument of a cold restart begins with this (reference 3.10).
 _COLD: Final = b"C"
-#: How many variables a subject names.
+#: Maximum number of variables that a subject names.
 _NAMED: Final = 8
 _NC_COMMAND: Final = "security.nc_command"
 
 
 def recognise(transaction: Transaction) -> Act | None:
-    """Return the act of a transaction, or the act that it begins; None for all others. Reads and writes are not examined."""
+    """Return the act that a transaction is or begins; None for all other transactions. Reads and writes are not examined."""
     head = transaction.parameters.userdata
     if head is not None and transaction.rosctr == USERDATA:
         return None if is_push(transaction, head) or not asked(transaction) else _of_userdata(transaction, head)
@@ -137,13 +137,13 @@ def _of_userdata(transaction: Transaction, head: UserdataHead) -> Act | None:
 
 
 def _forced(transaction: Transaction) -> str:
-    """Return the function and the variables with the values that it sets; empty if the request does not name them."""
+    """Return the function name, and the variables with their new values; empty if the request does not name them."""
     said = items_said(transaction.connection.naming, transaction.s7_results, True, _NAMED)
     return f"{transaction.function_name} {said}" if said else ""
 
 
 def _of_service(transaction: Transaction) -> Act | None:
-    """Return the act of a PI service; None if it only reads, has no name, or its name was captured in part."""
+    """Return the act of a PI service; None if the service only reads, has no name, or its name was only partly captured."""
     body = transaction.request_body
     name = body.text("service") if body is not None else ""
     row = PI_SERVICES.get(name)
@@ -172,7 +172,7 @@ def _is_cold(body: Body | None) -> bool:
 
 
 def _is_cut_short(transaction: Transaction, name: str) -> bool:
-    """Return whether a request was captured in part, and ``name`` is how the name of a known PI service begins."""
+    """Return whether only part of a request was captured, and ``name`` is the beginning of the name of a known PI service."""
     request = transaction.request
     return request is not None and bool(request.malformed) and any([row.startswith(name) for row in PI_SERVICES])
 

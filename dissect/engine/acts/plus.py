@@ -26,9 +26,9 @@ _ACTS: Final[dict[str, str]] = {
     loads.PROTECTED: kinds.PROTECTION,
     loads.FIRMWARE: kinds.FIRMWARE,
 }
-#: Kinds of operations, where they are not those of the act.
+#: Kinds of operations that differ from the kind of the act.
 _COMMANDS: Final[dict[str, str]] = {events.ORDERED: CONTROL, events.TEST_JOB: TEST_JOB}
-#: The client's action on the object that an event text names.
+#: The client's action on the object that the text of an event names.
 _VERBS: Final[dict[str, str]] = {loads.LOADED: "load ", events.REMOVED: "delete ", loads.PROTECTED: "write "}
 #: Longest text of an event in a finding, in characters.
 TEXT: Final = 200

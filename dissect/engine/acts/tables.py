@@ -1,4 +1,4 @@
-"""The kinds of acts: what each is, which finding it makes, which operation, and what it shows about the role of who did it.
+"""The kinds of acts: for each its meaning, its finding, its operation, and the role of the client that it shows.
 
 An act is what a client did, or tried to do, to a device: stop it, load it, force its outputs. Findings of security, operations,
 the inventory, the table `acts` of exports and baselines all read this one table.
@@ -37,10 +37,10 @@ UNKNOWN: Final = "unknown_command"
 class Kind(NamedTuple):
     """A kind of act.
 
-    ``slug`` is the finding that it makes, empty for none; ``commands``: the finding says that the device accepted it, which is
-    then carried out. ``operation`` is the kind of operation that one transaction of it is, empty for none. ``lasts``: it takes
-    several transactions, and is over with its operation. ``deed`` and ``tried`` say what it shows about its client; they are
-    empty if any kind of client does it.
+    ``slug`` is the finding that it makes, empty for none; with ``commands`` the finding says whether the device accepted (and
+    so carries out) the command. ``operation`` is the kind of operation that a single transaction of this kind makes, empty for
+    none. With ``lasts`` it takes several transactions, and ends with its operation. ``deed`` and ``tried`` say what it shows
+    about its client; they are empty if clients of all kinds do it.
     """
 
     name: str
@@ -93,14 +93,14 @@ _ROWS: Final = (
 
 #: Every kind of act by its name.
 ACTS: Final[dict[str, Kind]] = {kind.name: kind for kind in _ROWS}
-#: What acts show about their client, and the text if the device refused them: in this order.
+#: What acts show about their client, and the text for an act that the device refused, in the order in which a role lists them.
 DEEDS: Final[dict[str, str]] = {
     ACTS[name].deed: ACTS[name].tried for name in (DOWNLOAD, UPLOAD, DELETE, TEST, STOP)
 }
 #: Findings about acts that mention whether the device accepted them.
 COMMANDS: Final = frozenset([kind.slug for kind in _ROWS if kind.commands and kind.slug])
 
-# How an act ended.
+# The outcomes of an act.
 ACCEPTED: Final = "accepted"
 REFUSED: Final = "refused"
 IN_PART: Final = "refused_in_part"

@@ -1,4 +1,4 @@
-"""Findings about the contents of loaded and read-out blocks: faults of a block, and changes since its previous version.
+"""Findings about the contents of transferred blocks: faults of a block, and changes since its previous version.
 
 S7comm-plus blocks are left out: it is not known which of their parts a CPU changes by itself.
 """
@@ -18,7 +18,7 @@ from dissect.protocols.s7.tables import CODE_BLOCKS
 if TYPE_CHECKING:
     from dissect.engine.findings.code_rules import CodeRules
 
-#: Bounds of what is remembered: blocks, and their octets together. The blocks that were seen longest ago are forgotten first.
+#: Bounds of what is remembered: blocks, and their octets together. Of more, the blocks seen longest ago are forgotten first.
 MAX_BLOCKS: Final = 4096
 MAX_OCTETS: Final = 16 * 1024 * 1024
 #: Parts that count as a change; header values, times and texts change without one.
@@ -26,7 +26,7 @@ _LOGIC: Final = frozenset((CODE, INTERFACE))
 
 
 class Known:
-    """What is known of one block of a PLC: the version that ``runs``, as far as known, and one that was ``loaded`` since."""
+    """The known versions of a block of a PLC: the one that ``runs``, if known, and one that was ``loaded`` since."""
 
     __slots__ = ("loaded", "runs")
 
@@ -36,13 +36,13 @@ class Known:
 
     @property
     def octets(self) -> int:
-        """Octets that are kept of both versions."""
+        """Size of both versions that are kept."""
         return sum([len(block.octets) for block in (self.runs, self.loaded) if block is not None])
 
     def settle(self) -> None:
-        """The version in ``loaded`` becomes the one that ``runs``, unless it was not activated.
+        """Make the version in ``loaded`` the one that ``runs``, unless it was not activated.
 
-        If the outcome of the download was not captured, either version may run, so that none is known to.
+        If the outcome of the download was not captured, either version may run, so the running version is unknown.
         """
         if self.loaded is not None:
             done = self.loaded.operation
@@ -63,7 +63,7 @@ class BlockWatch:
         self._code: CodeRules | None = None
 
     def take(self, operation: Operation) -> None:
-        """Take a transfer that is over."""
+        """Take a finished transfer."""
         for block in carve(operation):
             if block.classic is not None and block.complete:
                 self._take(block, operation)
@@ -104,7 +104,7 @@ class BlockWatch:
                 self._note(slug, operation, before, what)
 
     def _running(self, plc: str) -> list[CarvedBlock]:
-        """Return the blocks that run in a PLC, as far as they were captured."""
+        """Return the captured blocks that run in a PLC."""
         return [known.runs for (host, _), known in self._known.items() if host == plc and known.runs is not None]
 
     def _judge_change(self, before: CarvedBlock, block: CarvedBlock, operation: Operation) -> None:

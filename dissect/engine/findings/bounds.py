@@ -1,11 +1,11 @@
-"""Which findings are made in full: as many as a person can read, and the first of each pair of hosts and of each connection.
+"""Which findings are reported in detail: as many as a person can read, and the first of each connection and pair of hosts.
 
-What may flood is one rule between two hosts. So the bound is theirs, and hides nothing of a different pair: the first finding
-of a rule between two hosts, or on a connection, is always reported. The others are counted, and their number is reported once a
-minute of the capture's time (`Bounds.remind`).
+A flood is usually one rule between two hosts. So the limit applies per rule and pair of hosts: the first finding of a rule
+between two hosts, or on a connection, is always reported, whatever others there are. The others are only counted; their number
+is reported once a minute of capture time (`Bounds.remind`).
 
-Memory is bounded: of very many pairs those that are silent for longest are forgotten. The next finding of one is a first one
-again.
+Memory is bounded: if there are very many pairs, those without a finding for the longest time are forgotten. The next finding of
+a forgotten pair counts as a first one again.
 """
 
 from __future__ import annotations
@@ -16,27 +16,27 @@ from mypy_extensions import i64
 
 from dissect.wire.text import count
 
-#: This many findings of a rule are kept for two hosts, and in all; beyond those, one for each connection or pair of hosts.
+#: This many findings of a rule are kept per pair of hosts, and in all; beyond that one for each connection or pair of hosts.
 MAX_DETAILED: Final = 100
 MAX_DETAILED_ALL: Final = 1000
-#: This many pairs of hosts have one that is kept.
+#: For at most this many pairs of hosts one finding is kept.
 MAX_FIRST: Final = 10_000
-#: Rules on pairs of hosts that are remembered. Half of them, those with a finding least long ago, are never forgotten.
+#: Maximum number of rules on pairs of hosts that are remembered. The half of them with the latest findings is never forgotten.
 MAX_PLACES: Final = 16_384
-#: How often the number of omitted ones is reported.
+#: The number of omitted findings is reported this often.
 REMIND_NS: Final = 60_000_000_000
 
-#: What happens to a finding: it is counted only; it is reported; it is reported, and kept for the final report.
+#: What happens to a finding: it is only counted; or it is reported; or it is reported, and kept for the final report.
 COUNTED: Final = 0
 TOLD: Final = 1
 KEPT: Final = 2
 
-#: Pairs of hosts that a reminder names.
+#: Maximum number of pairs of hosts that a reminder names.
 _NAMED: Final = 3
 
 
 class _Place:
-    """A rule between two hosts: how many of its findings are kept, and how many were not made since the last reminder."""
+    """A rule between two hosts: how many of its findings are kept, and how many were only counted since the last reminder."""
 
     __slots__ = ("client", "frame", "kept", "left", "server", "slug", "time_ns")
 
@@ -46,14 +46,14 @@ class _Place:
         self.server: str = server
         self.kept: i64 = 0
         self.left: i64 = 0
-        self.frame: i64 = 0  # of the latest that was not made
+        self.frame: i64 = 0  # packet of the latest one that was only counted
         self.time_ns: i64 = 0
 
 
 class Reminder:
-    """How many findings of a rule were not made: ``repeated``, in words ``detail``; the packet and time of the latest.
+    """How many findings of a rule were only counted (``repeated``), as text (``detail``), with packet and time of the latest.
 
-    ``client`` and ``server`` are the hosts where there are no others, else empty.
+    ``client`` and ``server`` are the hosts if all were between the same two, else empty.
     """
 
     __slots__ = ("client", "detail", "frame", "repeated", "server", "slug", "time_ns")
@@ -69,7 +69,7 @@ class Reminder:
 
 
 class _Kept:
-    """How many findings of a rule are kept, and for how many pairs of hosts beyond `MAX_DETAILED_ALL` one is."""
+    """How many findings of a rule are kept, and for how many pairs of hosts one is kept beyond `MAX_DETAILED_ALL`."""
 
     __slots__ = ("findings", "pairs")
 
@@ -82,14 +82,15 @@ class Bounds:
     """Decides which findings are reported and kept, and remembers how many were counted only."""
 
     def __init__(self) -> None:
-        # Those with a finding since the last time that there were too many, and those with one in the time before that: to
-        # keep all in the order of their latest findings would cost more than all else here.
+        # Two generations: places with a finding since the last change of generation, and places with one in the generation
+        # before it. Keeping all places in the order of their latest findings would cost more than everything else here.
         self._places: dict[tuple[str, str, str], _Place] = {}
         self._older: dict[tuple[str, str, str], _Place] = {}
-        self._latest: _Place = _Place("", "", "")  # of the finding that was taken last
+        self._latest: _Place = _Place("", "", "")  # the place of the latest finding
         self._kept: dict[str, _Kept] = {}  # by slug
-        self._told: dict[int, list[str]] = {}  # by connection: the rules that made a finding of it, mostly one or two
-        self._left: list[_Place] = []  # those with something to remind of
+        # by connection: the rules that already made a finding of it, mostly one or two
+        self._told: dict[int, list[str]] = {}
+        self._left: list[_Place] = []  # places with findings that the next reminder has to mention
         self._due_ns: i64 = 0
 
     def take(self, slug: str, client: str, server: str, connection: i64) -> i64:
@@ -124,7 +125,7 @@ class Bounds:
         self._places[key] = place
 
     def _is_fresh(self, slug: str, connection: i64) -> bool:
-        """Return whether a rule made no finding of a connection so far; remember that it does."""
+        """Return whether this is the first finding of a rule on a connection, and remember it."""
         told = self._told.get(connection)
         if told is None:
             self._told[connection] = [slug]
@@ -135,7 +136,7 @@ class Bounds:
         return True
 
     def leave(self, frame: i64, time_ns: i64) -> None:
-        """Remember the finding that was taken last as one that is only counted."""
+        """Remember that the latest finding is one that is only counted."""
         place = self._latest
         if place.left == 0:
             self._left.append(place)
@@ -146,11 +147,11 @@ class Bounds:
             self._due_ns = time_ns + REMIND_NS
 
     def due(self, now_ns: i64) -> bool:
-        """Return whether it is time to say how many were only counted; also where the clock was set back."""
+        """Return whether a reminder is due; also True when the clock was set back."""
         return self._due_ns != 0 and not -2 * REMIND_NS <= now_ns - self._due_ns < 0
 
     def remind(self) -> list[Reminder]:
-        """Return how many findings of each rule were only counted since the last time."""
+        """Return how many findings of each rule were only counted since the last reminder."""
         self._due_ns = 0
         left, self._left = self._left, []
         by_slug: dict[str, list[_Place]] = {}
@@ -164,7 +165,7 @@ class Bounds:
             del self._told[connection]
 
     def renew(self) -> None:
-        """Start again, but keep what is not reported yet."""
+        """Start again, but keep the numbers that are not reported yet."""
         self._places = {(place.slug, place.client, place.server): place for place in self._left}
         self._older = {}
         for place in self._left:
@@ -174,7 +175,7 @@ class Bounds:
 
 
 def _reminder(slug: str, places: list[_Place]) -> Reminder:
-    """Sum up a rule, the pairs of hosts with most of it first."""
+    """Sum up a rule; the pairs of hosts with most findings come first."""
     made = Reminder(slug)
     by_number: list[tuple[int, str, str]] = []
     for place in places:

@@ -1,7 +1,7 @@
-"""The catalogue of findings: every slug that can appear, its severity, its kind, its sentence and its advice.
+"""The catalogue of findings: every slug, with its severity, kind, sentence and advice.
 
-Slugs are stable: reports, `--fail-on` and other people's scripts rely on them. The rules follow reference section 7. These rows
-are the only place that knows them: reports, alerts, exports, documentation and tests all read them.
+Slugs are stable, because reports, `--fail-on` and users' scripts rely on them. The rules follow reference section 7. They are
+defined only here: reports, alerts, exports, documentation and tests all read these rows.
 """
 
 from __future__ import annotations
@@ -19,8 +19,8 @@ NOTE: Final = "note"
 SEVERITIES: Final = (ERROR, WARNING, NOTE)
 
 
-#: What a rule is about: the capture itself; the octets of a protocol; what was negotiated; requests and answers; what an
-#: intruder would do; operations, which take several requests.
+#: What a rule is about: the capture itself; the octets of a protocol; what was negotiated; requests and answers; actions of a
+#: possible intruder; operations, which take several requests.
 CAPTURE: Final = "capture"
 PROTOCOL: Final = "protocol"
 NEGOTIATION: Final = "negotiation"
@@ -31,8 +31,8 @@ OPERATION: Final = "operation"
 KINDS: Final = (CAPTURE, PROTOCOL, NEGOTIATION, FUNCTION, SECURITY, OPERATION)
 
 
-#: How often a rule reports: each event; the first of a connection, counting the others; each distinct request once, and no
-#: count of how often it is sent; each event, of which the first of a capture (or of a kind) has the detail.
+#: How often a rule reports: each event; the first of a connection, with a count of the others; each distinct request once,
+#: without a count; each event, with the detail only for the first of a capture (or of a kind).
 EACH: Final = "each"
 CONNECTION: Final = "once a connection"
 REQUEST: Final = "once a distinct request"
@@ -70,8 +70,7 @@ _REPORTED: Final[dict[str, str]] = {
     "session.unusual_port": CONNECTION,
     "transaction.odd_data_code": CONNECTION,
 }
-#: What changes a running plant comes before everything else of its severity: whether it runs, its program, its outputs, its
-#: memory.
+#: Within a severity, events that change a running plant come first: its mode, its program, its outputs, its memory.
 _GRAVE: Final = (
     "security.plc_stop",
     "security.stopped",
@@ -81,7 +80,7 @@ _GRAVE: Final = (
     "security.force",
     "security.memory",
 )
-#: What the events of a rule are called where they are counted; those of all other rules are times.
+#: The noun for counted events of a rule; all other rules count "times".
 _NOUNS: Final[dict[str, str]] = {
     "s7.odd_address": "distinct request",
     "s7.unknown_code": "distinct request",
@@ -103,8 +102,8 @@ class Rule:
     """One row of the catalogue: a stable slug, its severity, what it is about (kind), one sentence, and advice what to do.
 
     ``techniques`` are the MITRE ATT&CK for ICS techniques that the finding may be part of; most rules have none. ``reported``
-    says how often the rule reports (`REPORTED`), ``noun`` what its events are called. ``gravity`` orders rules of one severity,
-    the lowest first.
+    says how often the rule reports (`REPORTED`); ``noun`` is the word for its events. ``gravity`` orders rules of one severity;
+    the lowest comes first.
     """
 
     __slots__ = ("advice", "gravity", "kind", "noun", "reported", "sentence", "severity", "slug", "techniques")
@@ -126,7 +125,7 @@ class Rule:
         return f"Rule({self.slug!r}, {self.severity!r})"
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return rule_of, (self.slug,)  # a copy of a finding has the rule of the catalogue
+        return rule_of, (self.slug,)  # a copied finding has the same rule object of the catalogue
 
 
 def rule_of(slug: str) -> Rule:
@@ -299,7 +298,7 @@ _ROWS: Final[tuple[tuple[str, str, str, str, str, str], ...]] = (
      "Renew it, or set the clock of the device that issued it. Clients that check it refuse the connection.", ""),
     ("security.certificate_weak", WARNING, SECURITY, "A certificate has a weak key or signature.",
      "It can be forged. Issue a new one, with RSA of 2048 bits or an elliptic curve, and SHA-256.", ""),
-    # SCD, where bindings say that it travels.
+    # SCD, where bindings say that it is transported.
     ("scd.malformed", ERROR, PROTOCOL, "An SCD message cannot be decoded.",
      "Its size or a value does not fit the dictionary: the binding, the dictionary or the sender is wrong.", ""),
     ("scd.crc", ERROR, PROTOCOL, "The checksum of an SCD message is wrong.",
@@ -403,7 +402,7 @@ _ROWS: Final[tuple[tuple[str, str, str, str, str, str], ...]] = (
      "Monitoring or safety functions may no longer run: compare with `s7dissect blocks --diff`.", "modify_program"),
     ("operation.stray_push", NOTE, OPERATION, "The PLC sends values or messages without a captured subscription.",
      "The capture lacks the subscription, or it had already been cancelled.", ""),
-    # Security: events that are normal in some hands and an attack in others (reference 7.4).
+    # Security: events that are normal for some people and an attack by others (reference 7.4).
     ("security.plc_stop", ERROR, SECURITY, "A client sent a PLC stop command.",
      "If the PLC accepted it, the process has stopped; the detail gives the outcome. Identify the host at that address.",
      "operating_mode command_message"),
@@ -483,7 +482,7 @@ _ROWS: Final[tuple[tuple[str, str, str, str, str, str], ...]] = (
      "A client without pauses, or an attempt to keep the PLC busy: identify the program that sends them.", "denial_of_service"),
     ("security.tsap_scan", WARNING, SECURITY, "A client tries one TSAP after another: a scan for racks and slots.",
      "Inventory and engineering tools also scan: suspicious if you run none from this host. Identify it.", "system_discovery"),
-    # Devices: facts that stay the same as long as the device does.
+    # Devices: facts that stay the same as long as the device is the same.
     ("device.order_number_changed", WARNING, SECURITY, "A device reports a different order number from before.",
      "A different device answers at this address, or a different module in its rack. If nobody replaced it, identify it.",
      "rogue_master"),

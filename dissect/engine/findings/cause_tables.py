@@ -1,38 +1,40 @@
-"""Which finding explains which: the table of causes and the findings that need no separate cause.
+"""Which finding explains which: the table of causes, and the findings that need no separate cause.
 
-A malformed request is refused, which is no probing; a message that does not fit is not answered. If a cause and its consequence
-appear together, the consequence is explained: it keeps its place in JSON with the number of its cause, and counts neither for
-``--fail-on`` nor for alerts. `dissect.engine.findings.explaining` finds the causes, `dissect.engine.findings.reporter` applies
-the table, and
-nothing else does.
+For example, a malformed request is refused, and this refusal is not probing; a message that does not fit is not answered. If
+cause and consequence appear together, the consequence counts as explained: in JSON it keeps its place and names the number of
+its cause, and it counts neither for ``--fail-on`` nor for alerts. Only `dissect.engine.findings.explaining` finds causes, and
+only `dissect.engine.findings.reporter` applies the table.
 
-Acts are never explained away: that a client stopped a PLC stays a finding, whatever else was wrong with its request. A cause is
-never lighter than what it explains, so that a gate for a severity still fails.
+Acts are never explained: a client that stopped a PLC remains a finding, whatever else was wrong with its request. A cause is
+never less severe than what it explains, so a limit by severity still fails.
 """
 
 from __future__ import annotations
 
 from typing import Final
 
-#: A cause and what it explains has the same request: the cause is wrong with that request.
+#: Cause and consequence concern the same request: something is wrong with that request.
 REQUEST: Final = "request"
-#: A cause explains what its connection ended with: requests that stayed unanswered, and the end itself.
+#: The cause explains how its connection ended: requests that stayed unanswered, and the end itself.
 CONNECTION: Final = "connection"
 
-#: The consequences of a request that is refused as a whole, and of one that is ignored.
+#: The consequences of a request that was refused as a whole, and of one that was ignored.
 _REFUSAL: Final = ("transaction.refused", "security.protected")
 _SILENCE: Final = ("transaction.unanswered", "session.cut")
 
 
-#: Error classes that do not concern the requested object: relationship, object definition, resources, service, frame. Only a
-#: refusal of these classes comes from a size or from a missing setup; the size is irrelevant for a block that does not exist.
+#: Error classes that do not concern the requested object: relationship, object definition, resources, service, frame. A refusal
+#: because of size or a missing setup always has one of these classes; size is irrelevant for a block that does not exist.
 VAGUE: Final = frozenset((0x81, 0x82, 0x83, 0x84, 0x85))
-#: Causes that explain a refusal with any code.
+#: Causes that explain a refusal with any error code.
 OUTRIGHT: Final = frozenset(("s7.malformed", "transaction.write_size", "transaction.bit_count"))
 
 
 class Cause:
-    """A row of the table: ``slug`` explains ``consequences``, ``when`` says when. ``scope`` is one of the words above."""
+    """A row of the table: ``slug`` explains ``consequences``, ``when`` is the condition.
+
+    ``scope`` is one of the words above.
+    """
 
     __slots__ = ("consequences", "scope", "slug", "when")
 
@@ -112,7 +114,7 @@ CAUSES: Final[tuple[Cause, ...]] = (
 #: What each cause explains, by its slug.
 EXPLAINS: Final[dict[str, frozenset[str]]] = {cause.slug: frozenset(cause.consequences) for cause in CAUSES}
 
-#: Findings that a cause explains which shows itself only later: they wait for it while there are signs of it.
+#: Findings that may be explained by a cause that appears only later: they wait while there are signs of it.
 WAITS: Final[frozenset[str]] = frozenset(
     slug for cause in CAUSES if cause.scope == CONNECTION for slug in cause.consequences
 )

@@ -1,8 +1,7 @@
-"""Findings about the code of loaded and read-out blocks, and about what changed in it.
+"""Findings about the code of transferred blocks, and about changes in it.
 
 This is a module of its own because it imports the tables of all instructions: `dissect.engine.findings.block_rules` imports it
-only
-when the first block with code is seen.
+only when the first block with code is seen.
 """
 
 from __future__ import annotations
@@ -28,13 +27,13 @@ from dissect.protocols.s7.blocks import HEADER
 from dissect.protocols.s7.tables import CODE_BLOCKS
 from dissect.wire.text import some
 
-#: Octets of distinct blocks whose code is decoded; the code of blocks beyond that is not judged.
+#: Maximum total size of the distinct blocks whose code is decoded; code beyond that is not judged.
 MAX_DECODED: Final = 4 * 1024 * 1024
-#: How many inconsistencies or calls of a block a finding names.
+#: Maximum number of inconsistencies or calls of a block that a finding names.
 _NAMED: Final = 3
-#: Size of the header of a block, which has its identity and the times of its last changes.
+#: Size of a block header, which has the identity of the block and the times of its last changes.
 _HEADS: Final = HEADER.size
-#: Effects of system calls that are reported even if no earlier version of the block was seen.
+#: Effects of system calls that are reported even without an earlier version of the block.
 _GRAVE: Final = frozenset((STOPS, DELETES))
 
 #: Slug and detail of a finding.
@@ -42,7 +41,7 @@ Remark = tuple[str, str]
 
 
 class CodeRules:
-    """Decodes the code of blocks and judges it; the same octets are decoded once. There is one object per analysis."""
+    """Decodes the code of blocks and judges it; identical code is decoded once. There is one object per analysis."""
 
     def __init__(self) -> None:
         self._decoded: dict[bytes, Block] = {}
@@ -85,18 +84,18 @@ class CodeRules:
         return remarks
 
     def _safety(self, running: list[CarvedBlock]) -> frozenset[str]:
-        """Return the labels of those ``running`` blocks that belong to a safety program."""
+        """Return the labels of the ``running`` blocks that belong to a safety program."""
         programs = [self._decode(each) for each in running]
         return frozenset([program.label for program in programs if program is not None and is_safety(program)])
 
     def changes(self, before: CarvedBlock, block: CarvedBlock) -> str:
-        """Return what changed in the code, in up to three lines; empty if one of the versions was not decoded."""
+        """Return the changes in the code, in up to three lines; empty if one of the versions was not decoded."""
         was, now = self._decode(before), self._decode(block)
         return "; ".join(summary(block.label, compare_blocks(was, now))) if was is not None and now is not None else ""
 
     @staticmethod
     def older(before: CarvedBlock, block: CarvedBlock) -> str:
-        """Return in what way a block is older than the version before it; empty if it is not. Works for blocks of any type."""
+        """Return how a block is older than the version before it; empty if it is not older. Works for blocks of any type."""
         return older_than(parse_block(before.octets[:_HEADS]), parse_block(block.octets[:_HEADS]))
 
     def _decode(self, block: CarvedBlock) -> Block | None:

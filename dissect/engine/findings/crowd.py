@@ -1,4 +1,4 @@
-"""Which connections were open when a further one was refused: a CPU has few of them, and some clients never close theirs."""
+"""Which connections were open when another one was refused: a CPU has few of them, and some clients never close theirs."""
 
 from __future__ import annotations
 
@@ -12,17 +12,17 @@ from dissect.engine.transactions.table import ConnectionTable
 from dissect.packets.tcp.stream import Endpoint
 from dissect.wire.text import count
 
-#: From this many connections of one client on, it looks like one that does not close them: small CPUs do not have more.
+#: A client with this many connections or more probably does not close them: small CPUs do not have more.
 PILED_UP: Final = 8
 
 
 def beside(table: ConnectionTable, connection: Connection) -> str:
-    """Return how many connections to the server of ``connection`` are open besides it, as text after a finding."""
+    """Return how many other connections to the server of ``connection`` are open, as text for a finding."""
     return open_to(table, connection.client, connection.server, connection.tcp.vlan)
 
 
 def open_to(table: ConnectionTable, client: Endpoint, server: Endpoint, vlan: i64) -> str:
-    """Return how many connections to a server are open, of a client and of all, as text after a finding; empty for none.
+    """Return how many connections to a server are open, from a client and in all, as text for a finding; empty for none.
 
     This examines each connection of the table, so call it only for detailed findings.
     """

@@ -1,13 +1,13 @@
-"""Finds the causes that explain other findings, and says when which of them is to blame.
+"""Finds the causes that explain other findings, and decides which of them applies.
 
 See `dissect.engine.findings.cause_tables`.
 
-What is wrong with a request is known when it comes: it is remembered by the number of its transaction, until that is answered
-or abandoned. Other causes show themselves only in what stays unanswered (`dissect.engine.findings.ways`). While there are signs
-of
-one, findings that it would explain wait; the end of the connection decides, or an answer that refutes it, or `WAIT_NS`.
+A fault of a request is known when the request comes; it is remembered by the number of its transaction, until that is answered
+or abandoned. Other causes appear only when requests stay unanswered (`dissect.engine.findings.ways`). While there are signs of
+such a cause, the findings that it would explain wait; the decision comes with the end of the connection, an answer that refutes
+the cause, or after `WAIT_NS`.
 
-Nothing is blamed while octets of the answering side are missing from the capture.
+No cause is given while octets of the answering side are missing from the capture.
 """
 
 from __future__ import annotations
@@ -34,9 +34,9 @@ from dissect.engine.transactions.transaction import (
 )
 from dissect.wire.text import count
 
-#: This long findings wait for their cause at most: clients wait a few seconds for an answer, and alerts must not be late.
+#: Findings wait at most this long for their cause: clients wait a few seconds for an answer, and alerts must not be late.
 WAIT_NS: Final = 5_000_000_000
-#: Requests at fault that are remembered of one connection, and on all of them.
+#: Maximum number of faulty requests that are remembered, of one connection and of all.
 _MOST: Final = 256
 _MOST_ALL: Final = 65536
 #: Known bugs, by the findings about ways of sending.
@@ -44,14 +44,14 @@ _KNOWN: Final[dict[str, str]] = {
     "cotp.number_unanswered": "numbered_tpdu",
     "cotp.fragments_unanswered": "fragments",
 }
-#: How many of the requests that are open at the end of a connection are examined.
+#: At the end of a connection at most this many open requests are examined.
 _LOOKED_AT: Final = 64
 
 
 class _Suspects:
-    """What is known of a connection: its requests at fault, by the number of their transaction, and how it sends requests.
+    """What is known of a connection: its faulty requests, by the number of their transaction, and how it sends requests.
 
-    ``small`` is the finding about its TPDU size, ``cut`` the cause that its end has.
+    ``small`` is the finding about its TPDU size, ``cut`` the cause of its end.
     """
 
     __slots__ = ("cut", "requests", "small", "ways")
@@ -64,7 +64,7 @@ class _Suspects:
 
 
 class Causes:
-    """Remembers causes by connection, and puts the one that is to blame into `Reporter.because` while something is judged.
+    """Remembers causes by connection, and sets `Reporter.because` to the right one during a judgement.
 
     `begin` and `close` surround the rules about a transaction, `at_end` and `close` those about the end of a connection.
     ``waiting`` are the connections on which findings may wait, each with the time since when.
@@ -86,7 +86,7 @@ class Causes:
     # ---- what is wrong with requests --------------------------------------------------------------------------------
 
     def blame(self, connection: Connection, number: i64, slug: str) -> None:
-        """The finding ``slug``, which was just noted, is about a request: that of transaction ``number``."""
+        """Remember that the finding ``slug``, which was just noted, is about the request of transaction ``number``."""
         finding = self._reporter.noted(slug)
         if finding is None:
             return
@@ -108,7 +108,7 @@ class Causes:
         return connection.number in self.waiting
 
     def sent(self, side: Side, slug: str, said: str, number: i64, frame: i64, time_ns: i64) -> Way:
-        """A request, which will be transaction ``number``, is sent in a way that some devices do not take: return that way."""
+        """Note that a request, future transaction ``number``, is sent in a way that some devices reject; return that way."""
         connection = side.connection
         suspects = self._suspects(connection)
         for way in suspects.ways:
@@ -125,7 +125,7 @@ class Causes:
     # ---- what waits -------------------------------------------------------------------------------------------------
 
     def _settle(self, connection: i64, suspects: _Suspects, now_ns: i64) -> None:
-        """Let findings wait while a way of sending may turn out to be their cause; report them once none can."""
+        """Let findings wait while a way of sending may still be their cause; report them once none can be."""
         for way in suspects.ways:
             if way.suspicious:
                 if connection not in self.waiting and way.told is None:
@@ -140,7 +140,7 @@ class Causes:
         self._reporter.release(connection, cause)
 
     def tick(self, now_ns: i64) -> None:
-        """Time has passed: decide about what has waited long enough."""
+        """Time has passed: decide about findings that have waited long enough."""
         for connection, since_ns in list(self.waiting.items()):
             if not 0 <= now_ns - since_ns < WAIT_NS:
                 suspects = self._of.get(connection)
@@ -148,7 +148,7 @@ class Causes:
                 self._release(connection, self._standing(suspects, before_ns, now_ns) if suspects is not None else None)
 
     def _standing(self, suspects: _Suspects, before_ns: i64, now_ns: i64) -> Finding | None:
-        """Return the finding about a way of sending without any answers; report it if that was not done yet.
+        """Return the finding about a way of sending that is never answered; report it if that was not done yet.
 
         Requests sent before ``before_ns`` have waited long enough.
         """
@@ -173,7 +173,7 @@ class Causes:
     # ---- while something is judged ----------------------------------------------------------------------------------
 
     def begin(self, transaction: Transaction, now_ns: i64) -> None:
-        """The rules about a transaction begin: find out what is to blame if it failed."""
+        """Before the rules about a transaction run, find out what caused its failure, if it failed."""
         connection = transaction.connection
         suspects = self._of.get(connection.number) if self._of else None
         cause: Finding | None = None
@@ -192,7 +192,7 @@ class Causes:
         self._reporter.because = cause
 
     def _silence(self, transaction: Transaction, suspects: _Suspects | None, now_ns: i64) -> Finding | None:
-        """Return why a request stays unanswered that is not at fault itself."""
+        """Return why a request that has no fault itself stays unanswered."""
         if transaction.unseen:
             return None
         ending = transaction.connection.ending
@@ -204,11 +204,11 @@ class Causes:
         return None
 
     def close(self) -> None:
-        """The rules are done: nothing is to blame for what comes next."""
+        """The rules are done: clear the cause for the next judgement."""
         self._reporter.because = None
 
     def _due(self, by_server: bool, now_ns: i64) -> i64:
-        """Return the time before which a request was sent whose answer was due: any, if the server ended the connection."""
+        """Return the time before which requests should have been answered: any time, if the server ended the connection."""
         return now_ns + 1 if by_server else now_ns - self._slow_ns
 
     # ---- answers that do not fit the TPDU size ----------------------------------------------------------------------
@@ -243,7 +243,7 @@ class Causes:
     # ---- the end of a connection ------------------------------------------------------------------------------------
 
     def at_end(self, side: Side, reason: str, asked: list[Transaction], ending: Ending) -> None:
-        """A connection is over, but its open requests are not finished yet: find out what its end is due to.
+        """Find the cause of the end of a connection, before its open requests are finished.
 
         ``asked`` are the requests that certainly have no answer.
         """
@@ -263,7 +263,7 @@ class Causes:
             self._release(connection.number, self._standing(suspects, self._due(False, now_ns), now_ns))
 
     def _of_pending(self, asking: Side, asked: list[Transaction], before_ns: i64, now_ns: i64) -> Finding | None:
-        """Return what is wrong with the open requests of a side that were sent before ``before_ns``, None for nothing."""
+        """Return what is wrong with the open requests of a side that were sent before ``before_ns``, None if nothing is."""
         suspects = self._of.get(asking.connection.number) if self._of else None
         pending = [
             transaction
@@ -282,7 +282,7 @@ class Causes:
         return self._standing(suspects, before_ns, now_ns) if suspects is not None else None
 
     def _at_fault(self, transaction: Transaction, suspects: _Suspects | None) -> Finding | None:
-        """Return what is wrong with an open request itself, None for nothing."""
+        """Return what is wrong with an open request itself, None if nothing is."""
         found = suspects.requests.get(transaction.number) if suspects is not None else None
         if found is None and transaction._flags:
             judge_written(self._reporter, transaction)
@@ -295,7 +295,7 @@ class Causes:
         return found
 
     def forget(self, connection: Connection) -> None:
-        """A connection is over, and everything about it was reported."""
+        """A connection is over and fully reported: forget it."""
         suspects = self._of.get(connection.number) if self._of else None
         if suspects is not None:
             self._release(connection.number, None)
@@ -304,7 +304,7 @@ class Causes:
 
 
 def _asked_for(connection: Connection) -> str:
-    """Return who chose the TPDU size, empty where that was not captured."""
+    """Return who chose the TPDU size, empty if that was not captured."""
     if not connection.cr_seen:
         return ""
     asked: i64 = connection.tpdu_size_asked

@@ -1,7 +1,7 @@
-"""Known bugs and habits of S7 clients, servers and gateways: their sign on the wire, who has them, and what helps.
+"""Known bugs and habits of S7 clients, servers and gateways: the sign on the wire, the products, and the remedy.
 
-The facts come from public issue threads of the projects that are named; ``sources`` has their numbers. The rules add the
-sentence of a bug to a finding where its sign is seen. A sign does not prove who sent it: other programs may do the same.
+The facts come from public issue threads of the named projects; ``sources`` has their numbers. The rules add the sentence of a
+bug to a finding when they see its sign. A sign does not prove which program sent it: others may do the same.
 """
 
 from __future__ import annotations
@@ -13,9 +13,10 @@ SEEN: Final = "; seen with "
 
 
 class KnownBug:
-    """A known bug: its ``sign`` on the wire, ``who`` is known for it, what it ``means``, the ``remedy``, and the ``sources``.
+    """A known bug: its ``sign`` on the wire, ``who`` has it, what it ``means``, the ``remedy``, and the ``sources``.
 
-    ``slugs`` are the findings that show it; ``told``: their detail mentions it where the sign is seen. ``note`` is that text.
+    ``slugs`` are the findings that show it; those in ``told`` mention it in their detail when the sign is seen. ``note`` is the
+    text for that.
     """
 
     __slots__ = ("key", "means", "remedy", "sign", "slugs", "sources", "told", "who")

@@ -1,8 +1,7 @@
-"""The facts of each rule: how often it applied, when first and last, on how many connections, and between which hosts.
+"""The facts of each rule: how often it applied, when first and last, on how many connections, between which hosts.
 
-They are numbers that are updated where a rule applies, before any bound is asked, so that the numbers in texts are counts of
-events. `Finding` objects are only samples. An event that a rule does not report, because it is reported once for a connection,
-counts here as well.
+They are updated whenever a rule applies, before any limit, so the numbers in texts are true counts of events. `Finding` objects
+are only samples. Events that a rule does not report, because it reports once per connection, count here as well.
 """
 
 from __future__ import annotations
@@ -16,19 +15,19 @@ from dissect.engine.transactions.connection import Connection
 from dissect.packets.tcp.link import within
 from dissect.wire.copies import leaves
 
-#: Pairs of hosts with facts of their own; the events of further pairs are added up in `Ledger.rest`.
+#: Maximum number of pairs of hosts with their own facts; the events of all other pairs are added up in `Ledger.rest`.
 MAX_PAIRS: Final = 4096
-#: Maximum number of connections that are distinguished per rule, and per rule and pair of hosts; of more, the later half.
+#: Maximum number of connections that are told apart per rule, and per rule and pair of hosts; the later half is kept.
 _LATEST: Final = 4096
 _LATEST_OF_PAIR: Final = 64
 
 
 class Occurrences:
-    """The events of one rule: ``events`` in all, and ``reports``, how many of them were findings.
+    """The events of one rule: ``events`` is their number, ``reports`` the number of those that became findings.
 
-    The first and the last are those by time; their packets are the first and the last that show them, 0 for none.
-    ``connections`` counts those that are numbered. It is exact while a connection does not come back after very many others
-    (``at_least`` is True where one did).
+    First and last event are chosen by time; with them are kept the first and last packets that show them, 0 for none.
+    ``connections`` counts the connections with a number. It is exact unless a connection returns after very many others; then
+    ``at_least`` is True.
     """
 
     __slots__ = (
@@ -57,8 +56,8 @@ class Occurrences:
         self.at_least: bool = False
         self._room: i64 = room
         self._latest: i64 = 0  # the connection of the latest event
-        self._forgotten: i64 = 0  # the highest connection that is no longer distinguished
-        # Made with the second connection: most rules on most pairs of hosts apply on one.
+        self._forgotten: i64 = 0  # the highest connection number that was forgotten
+        # Made only with the second connection: most rules apply on a single connection of a pair of hosts.
         self._known: set[int] | None = None
 
     def __repr__(self) -> str:
@@ -79,7 +78,7 @@ class Occurrences:
             self._meet(connection)
 
     def _meet(self, connection: i64) -> None:
-        """Count a connection that differs from that of the latest event, if it is unknown."""
+        """Count a connection, if unknown; it differs from the connection of the latest event."""
         latest: i64 = self._latest
         self._latest = connection
         if latest == 0:
@@ -99,20 +98,20 @@ class Occurrences:
             self._forget(known)
 
     def _forget(self, known: set[int]) -> None:
-        """Keep the half of the connections with the higher numbers, which came last."""
+        """Keep the half of the connections with the higher numbers, which are the latest."""
         ordered = sorted(known)
         half = len(ordered) // 2
         self._forgotten = ordered[half - 1]
         self._known = set(ordered[half:])
 
     def absorb(self, other: Occurrences, connection: i64) -> None:
-        """Add events that were counted apart, all of one connection, 0 for none."""
+        """Add events that were counted separately, all of one connection, 0 for none."""
         self._add(other)
         if connection != self._latest and connection > 0 and other.events:
             self._meet(connection)
 
     def merge(self, other: Occurrences) -> None:
-        """Add the events of a later part of a run, whose connections are all others."""
+        """Add the events of a later part of a run, which has only other connections."""
         self._add(other)
         self.connections += other.connections
         self.at_least = self.at_least or other.at_least
@@ -135,9 +134,9 @@ class Occurrences:
 
 
 class Pair:
-    """A client and a server by their addresses, with the VLAN where there is one, and the facts of each rule between them.
+    """A client and a server by address and VLAN, with the facts of each rule between them.
 
-    ``further`` is True for one of those that have no record of their own, because there are too many pairs.
+    ``further`` is True for a pair without its own record, because there are too many pairs.
     """
 
     __slots__ = ("client", "further", "records", "server")
@@ -159,7 +158,7 @@ NO_PAIR: Final = Pair("", "")
 class Ledger:
     """Facts by rule (``rules``), and by pair of hosts and rule (``pairs``, by client and server).
 
-    ``explained`` are the events that another finding explains, by the slugs of both. They are in no other record.
+    ``explained`` are the events that another finding explains, by the two slugs. They are in no other record.
     """
 
     __slots__ = ("_by_rule", "_met", "_of", "explained", "pairs", "rest", "rules")
@@ -170,8 +169,8 @@ class Ledger:
         self.pairs: dict[tuple[str, str], Pair] = {}
         self.rest: dict[str, Occurrences] = {}  # of pairs beyond `MAX_PAIRS`
         self._by_rule: dict[str, list[Pair]] = {}
-        self._met: dict[int, Connection] = {}  # connections that are open, by number
-        self._of: dict[int, Pair] = {}  # of those, the hosts of such with findings
+        self._met: dict[int, Connection] = {}  # open connections, by number
+        self._of: dict[int, Pair] = {}  # the hosts of those of them that have findings
 
     def __repr__(self) -> str:
         return f"Ledger({len(self.rules)} rules, {len(self.pairs)} pairs of hosts)"
@@ -183,7 +182,7 @@ class Ledger:
         self._met[connection.number] = connection
 
     def over(self, connection: i64) -> None:
-        """A connection is over, and everything about it was reported."""
+        """A connection is over and fully reported: forget it."""
         if connection in self._met:
             del self._met[connection]
         if connection in self._of:
@@ -205,7 +204,7 @@ class Ledger:
         return found
 
     def between(self, client: str, server: str) -> Pair:
-        """Return the pair of two hosts; one without a record of its own when there are too many."""
+        """Return the pair of two hosts; `further` is True for it when there are too many pairs."""
         found = self.pairs.get((client, server))
         if found is None:
             found = Pair(client, server, len(self.pairs) >= MAX_PAIRS)
@@ -214,7 +213,7 @@ class Ledger:
         return found
 
     def same(self, pair: Pair) -> Pair:
-        """Return the pair of this ledger for one of another."""
+        """Return the pair of this ledger that corresponds to a pair of another ledger."""
         return pair if pair is NO_PAIR else self.between(pair.client, pair.server)
 
     # ---- events -----------------------------------------------------------------------------------------------------
@@ -238,7 +237,7 @@ class Ledger:
         time_ns: i64,
         reported: bool,
     ) -> None:
-        """Count an event by the text of its finding: ``because`` is the rule that explains it, empty for none."""
+        """Count an event under the rule of its finding; ``because`` is the rule that explains it, empty for none."""
         first: i64 = 0
         last: i64 = 0
         if frames:
@@ -257,14 +256,14 @@ class Ledger:
         self.explanation(cause, slug).take(connection, first_frame, last_frame, time_ns, reported)
 
     def rule(self, slug: str) -> Occurrences:
-        """Return the facts of a rule, which may be new."""
+        """Return the facts of a rule; make them if they do not exist."""
         found = self.rules.get(slug)
         if found is None:
             found = self.rules[slug] = Occurrences()
         return found
 
     def explanation(self, cause: str, slug: str) -> Occurrences:
-        """Return the facts of a rule, as far as a different rule explains it; they may be new."""
+        """Return the facts of a rule as explained by a different rule; make them if they do not exist."""
         found = self.explained.get((cause, slug))
         if found is None:
             found = self.explained[cause, slug] = Occurrences()
@@ -286,7 +285,7 @@ class Ledger:
         return found
 
     def settle(self, slug: str, pair: Pair, connection: i64, events: Occurrences, cause: str) -> None:
-        """Add events of a connection that waited for their cause; ``cause`` is the rule that explains them, empty for none."""
+        """Add events of a connection that waited for a cause; ``cause`` is the rule that explains them, empty for none."""
         if cause:
             self.explanation(cause, slug).absorb(events, connection)
             return
@@ -295,7 +294,7 @@ class Ledger:
             self._of_hosts(pair, slug).absorb(events, connection)
 
     def merge(self, other: Ledger) -> None:
-        """Add the facts of a later part of a run, whose connections are all others."""
+        """Add the facts of a later part of a run, which has only other connections."""
         for slug, found in other.rules.items():
             self.rule(slug).merge(found)
         for (cause, slug), found in other.explained.items():
@@ -310,17 +309,17 @@ class Ledger:
     # ---- questions --------------------------------------------------------------------------------------------------
 
     def pairs_with(self, slug: str) -> list[Pair]:
-        """Return the pairs of hosts that a rule applied between, in the order in which it first did."""
-        return list(self._by_rule.get(slug, ()))  # a copy: a screen may ask while packets come
+        """Return the pairs of hosts between which a rule applied, in the order of their first events."""
+        return list(self._by_rule.get(slug, ()))  # a copy: a screen may read it while packets arrive
 
     def pairs_of(self, slug: str) -> list[Pair]:
-        """Return the pairs of hosts that a rule applied between: those with most events first, then the earliest."""
+        """Return the pairs of hosts between which a rule applied: those with most events first, then the earliest."""
         found = [(_weight(pair, slug), pair) for pair in self.pairs_with(slug)]
         found.sort(key=itemgetter(0))
         return [pair for _, pair in found]
 
     def hosts_of(self, slug: str) -> int:
-        """Return how many hosts a rule concerns, of the pairs with records of their own."""
+        """Return how many hosts a rule concerns, counted over the pairs with their own records."""
         hosts: set[str] = set()
         for pair in self.pairs_with(slug):
             hosts.add(pair.client)
@@ -328,7 +327,7 @@ class Ledger:
         return len(hosts)
 
     def further(self, slug: str) -> int:
-        """Return how many events of a rule were between hosts that have no record of their own."""
+        """Return how many events of a rule were between hosts without their own record."""
         found = self.rest.get(slug)
         return int(found.events) if found is not None else 0
 

@@ -1,7 +1,7 @@
-"""The one table of MITRE ATT&CK for ICS techniques that findings refer to, with their ids in releases v18 and v19.
+"""The only table of the MITRE ATT&CK for ICS techniques that findings refer to, with their ids in releases v18 and v19.
 
 Release 19 (April 2026) brought sub-techniques to the ICS matrix. It revoked nine techniques and reissued them as sub-techniques
-with new ids; all others kept their ids. Rules name techniques by key, so that a renumbering changes only this table.
+with new ids; all others kept their ids. Rules refer to techniques by key, so a renumbering changes only this table.
 """
 
 from __future__ import annotations

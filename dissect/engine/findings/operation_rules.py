@@ -1,4 +1,4 @@
-"""Findings about operations: those that failed or stopped early, and those that contradict themselves (reference 7.3)."""
+"""Findings about operations: those that failed or stopped early, and those with contradictions (reference 7.3)."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ from dissect.engine.transactions.results import NOT_LOADED, STRAY_PUSH
 from dissect.engine.transactions.transaction import CAPTURE_ENDED, HOLE, Transaction
 
 _TRANSFERS: Final = frozenset((DOWNLOAD, UPLOAD, BSEND, LONG_ANSWER))
-#: An answer in parts that is longer than this is called endless: no list of a device is this long.
+#: An answer in parts that is longer than this is called endless: no device has a list this long.
 _ENDLESS_OCTETS: Final = 1 << 20
-#: At the end of the capture: a transfer whose last step is older than this had stopped before.
+#: At the end of the capture, a transfer counts as stopped if its last step is older than this.
 _STOPPED_NS: Final = 1_000_000_000
-#: At the end of the capture: a block that was loaded longer ago than this should have been activated by then.
+#: At the end of the capture, a block loaded longer ago than this should have been activated.
 _FORGOTTEN_NS: Final = 30_000_000_000
 _SYSTEM_DATA: Final = "SDB "
 _ODDITIES: Final = {
@@ -39,10 +39,10 @@ _ODDITIES: Final = {
 
 
 def judge_operation(reporter: Reporter, operation: Operation) -> None:
-    """Note what is odd about an operation that is over.
+    """Note what is odd about a finished operation.
 
-    A single request that was refused or not answered is reported with its transaction. The findings here are about operations
-    that had begun already.
+    A single request that was refused or not answered is reported with its transaction. These findings are only about operations
+    that had begun.
     """
     for oddity in operation.oddities:
         _note(reporter, _ODDITIES[oddity.name], operation, oddity.detail, oddity.frame)
@@ -56,7 +56,7 @@ def judge_operation(reporter: Reporter, operation: Operation) -> None:
 
 
 def _ought_to_end(operation: Operation) -> bool:
-    """Return whether the operation should have ended within what was captured."""
+    """Return whether the operation should have ended within the captured time."""
     tcp = operation.connection.tcp
     if operation.reason == HOLE or tcp.has_holes:
         return False
@@ -67,10 +67,10 @@ def _ought_to_end(operation: Operation) -> bool:
 
 
 def judge_loaded(reporter: Reporter, connection: Connection, reason: str) -> None:
-    """Note blocks that were neither activated nor deleted after they were loaded, before their connection was over.
+    """Note loaded blocks that were neither activated nor deleted before their connection was over.
 
-    Nothing is noted where a gap may hide the activation, or the capture may have ended before it. System data blocks are left
-    out: they take effect with a restart.
+    Note nothing if a gap may hide the activation, or if the capture may have ended before it. System data blocks are left out:
+    they take effect with a restart.
     """
     if connection.tcp.has_holes:
         return
@@ -83,7 +83,7 @@ def judge_loaded(reporter: Reporter, connection: Connection, reason: str) -> Non
 
 
 def judge_strays(reporter: Reporter, transaction: Transaction) -> None:
-    """Note a push without a captured subscription, and the activation of a block that was not loaded."""
+    """Note a push whose subscription was not captured, and the activation of a block that was not loaded."""
     connection = transaction.connection
     time_ns = max(int(transaction.request_ns), int(transaction.response_ns))
     frames = [int(transaction.response_frame)]

@@ -1,6 +1,6 @@
 """Findings about S7comm-plus transactions, mostly by the security rules of S7comm, and the programs of CPUs.
 
-`dissect.protocols.s7plus.events` knows what a transaction means; this module makes findings of these events.
+`dissect.protocols.s7plus.events` finds out what a transaction means; this module makes findings of these events.
 """
 
 from __future__ import annotations
@@ -52,16 +52,17 @@ _SLUGS: Final[dict[str, str]] = {
     WRITTEN: "security.write",
     WRITTEN_OUTPUTS: "security.write_outputs",
 }
-#: The kind of area that an event of this kind writes to.
+#: The kind of area that an event of each kind writes to.
 _AREAS: Final[dict[str, int]] = {WRITTEN: WRITTEN_ELSEWHERE, WRITTEN_OUTPUTS: WRITTEN_IO}
 #: Return value "access denied": the client lacks the rights for a request.
 _PROTECTED: Final = 0xFF9C
-#: From this many Explore requests on, a connection is a reconnaissance, unless its client subscribes to anything at that CPU.
+#: From this many Explore requests on, a connection counts as reconnaissance, unless its client subscribes to something at that
+#: CPU.
 _EXPLORES: Final = 3
 _SUBSCRIBING: Final = frozenset((SUBSCRIBED, SUBSCRIBED_ALARMS))
-#: Subscribers that are remembered.
+#: Maximum number of subscribers that are remembered.
 MAX_SUBSCRIBERS: Final = 4096
-#: CPUs that are remembered; beyond that the one seen first is forgotten.
+#: Maximum number of CPUs that are remembered; beyond that the CPU seen first is forgotten.
 MAX_CPUS: Final = 256
 
 
@@ -123,7 +124,7 @@ class PlusWatch:
             self._security.tell("security.protected", transaction, transaction.function_name)
 
     def behind(self, transaction: Transaction) -> None:
-        """Take an unanswered request behind a malformed header: the request counts, and changes no session."""
+        """Take an unanswered request behind a malformed header: the request counts, but changes no session."""
         asked = transaction.request_octets
         if not asked:
             return
@@ -136,7 +137,7 @@ class PlusWatch:
                 self._odd_contents(transaction, facts)
 
     def _subscribes(self, connection: Connection) -> None:
-        """Remember that the client of ``connection`` subscribes to something at its CPU, or did before the capture began."""
+        """Remember that the client of ``connection`` subscribes to something at its CPU, or did before the capture."""
         if len(self._subscribers) < MAX_SUBSCRIBERS:
             self._subscribers.add(_stations(connection))
 
@@ -147,7 +148,7 @@ class PlusWatch:
         self._reporter.note(slug, transaction.connection.number, frames, time_ns, detail)
 
     def _odd_contents(self, transaction: Transaction, facts: Facts) -> None:
-        """Report contradictions, and once for each connection that its PDUs hold something of a kind that is not known."""
+        """Report contradictions; report once per connection that its PDUs contain elements of an unknown kind."""
         asked, told = facts.malformed[: facts.in_request], facts.malformed[facts.in_request :]
         self._faults("s7plus.malformed", transaction, _by_kind(asked, False), _by_kind(told, False))
         asked, told = _by_kind(asked, True), _by_kind(told, True)
@@ -184,7 +185,7 @@ class PlusWatch:
         return session
 
     def _tell(self, session: PlusSession, event: Event, transaction: Transaction, code: int, act: Act | None) -> None:
-        """Report an event; ``code`` is its error, 0 for none, ``act`` what the event is, None for something else."""
+        """Report an event; ``code`` is its error, 0 for none; ``act`` is the act of the event, None if it is not an act."""
         kind = event.kind
         if act is not None:
             if kind != READ_OUT or self._security.first_of(transaction, act.slug):
@@ -202,7 +203,7 @@ class PlusWatch:
     def _wrote(
         self, session: PlusSession, slug: str, area: int, event: Event, transaction: Transaction, code: int
     ) -> None:
-        """Report a write that was refused, or that goes to a kind of area that this connection did not write before."""
+        """Report a write that was refused, or that goes to a kind of area that this connection did not write to before."""
         if code in {0, PARTIAL_ERROR}:
             sure: bool = transaction._outcome not in {UNANSWERED, BEHIND_MALFORMED}
             if not self._security.wrote_before(slug, area, transaction, sure):
@@ -215,7 +216,7 @@ class PlusWatch:
             self._security.tell("security.write_refused", transaction, what, code)
 
     def programs(self) -> dict[str, Program]:
-        """Return the programs of CPUs by host, as far as they were captured; those without any captured part are left out."""
+        """Return the programs of CPUs by host, as far as they were captured; CPUs without any captured part are omitted."""
         return {host: program for host, (program, _) in self._cpus.items() if program.count}
 
     def finish(self, connection: Connection) -> None:
@@ -223,7 +224,7 @@ class PlusWatch:
         self._operations.finish(connection)
 
     def end(self, connection: Connection) -> None:
-        """A connection is over: a client that explored and subscribed to nothing was looking around."""
+        """A connection is over: report a reconnaissance if its client explored and subscribed to nothing."""
         self._operations.end(connection)
         session = connection.plus
         if session is None or session.explores < _EXPLORES:
@@ -238,12 +239,12 @@ class PlusWatch:
 
 
 def _by_kind(faults: list[Malformed], unknown: bool) -> list[Malformed]:
-    """Return those of ``faults`` that are of an unknown kind, or those that are contradictions."""
+    """Return either the elements of an unknown kind or the contradictions among ``faults``."""
     return [fault for fault in faults if fault.is_unknown == unknown]
 
 
 def _code_of(event: Event, transaction: Transaction) -> int:
-    """Return the error of an event: that of its own item, unless the answer refuses the whole request."""
+    """Return the error of an event: the error of its own item, unless the answer refuses the whole request."""
     code = int(transaction.error_code)
     return event.refusal if event.refusal >= 0 and code in {0, PARTIAL_ERROR} else code
 

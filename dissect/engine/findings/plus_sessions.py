@@ -18,13 +18,13 @@ from dissect.protocols.s7plus.tables import CREATE_OBJECT, DELETE_OBJECT, INIT_S
 from dissect.wire.octets import u32
 from dissect.wire.text import printable
 
-#: Ids up to this one are not sessions: a client that has none yet sends 288.
+#: Ids up to this one are not sessions: a client without a session sends 288.
 _NO_SESSION: Final = 288
-#: Sessions that are remembered; beyond that the one given first is forgotten.
+#: Maximum number of sessions that are remembered; beyond that the oldest is forgotten.
 MAX_GIVEN: Final = 4096
-#: The first firmware with secure PG/HMI communication (TIA Portal V17), by how an order number begins.
+#: The first firmware with secure PG/HMI communication (TIA Portal V17), by the beginning of the order number.
 _TLS_SINCE: Final[dict[str, tuple[int, int]]] = {"6ES7 21": (4, 5), "6ES7 51": (2, 9)}
-#: Longest number within a firmware version that is read, in digits.
+#: Longest number in a firmware version that is accepted, in digits.
 _VERSION_DIGITS: Final = 4
 _ERROR: Final = 0x8000
 
@@ -37,11 +37,11 @@ class PlusSessions:
         self._given: OrderedDict[tuple[str, int], int] = (
             OrderedDict()
         )  # the number of the connection, by CPU and session
-        self._judged: tuple[str, str] = ("", "")  # order number and firmware of the CPU that was judged last
+        self._judged: tuple[str, str] = ("", "")  # order number and firmware of the CPU that was checked last
         self._offers_tls = False  # whether it offers TLS
 
     def take(self, session: PlusSession, transaction: Transaction) -> None:
-        """Judge the use of a session; call this before the contents of the transaction are judged."""
+        """Judge the use of a session; call this before judging the contents of the transaction."""
         octets = transaction.request_octets
         if transaction.function == INIT_SSL:
             session.tls = transaction._outcome == ANSWERED and transaction.error_code < _ERROR
@@ -59,7 +59,7 @@ class PlusSessions:
             self._judge_authentication(session, number, transaction)
 
     def opened(self, session: PlusSession, number: int, transaction: Transaction) -> None:
-        """A client got the session ``number``, or was refused one (0)."""
+        """Take note that a client got the session ``number``, or was refused a session (0)."""
         connection = transaction.connection
         if number:
             if len(self._given) >= MAX_GIVEN:
@@ -75,17 +75,17 @@ class PlusSessions:
             self._security.tell("security.clear_text", transaction, text)
 
     def _offers(self, identity: Identity) -> bool:
-        """Return whether a CPU offers TLS; mostly it has order number and firmware of the one before it."""
+        """Return whether a CPU offers TLS; in most calls it has the same order number and firmware as in the call before."""
         if identity.firmware != self._judged[1] or identity.order_number != self._judged[0]:
             self._judged = (identity.order_number, identity.firmware)
             self._offers_tls = _offers_tls(identity)
         return self._offers_tls
 
     def _judge_owner(self, number: i64, transaction: Transaction) -> None:
-        """Report a session that was given to another connection.
+        """Report a session that was given to a different connection.
 
-        Nothing is reported where the capture began in the middle of this connection or has a gap: it may have got the session
-        there.
+        Report nothing if the capture began in the middle of this connection or has a gap, because the connection may have got
+        the session there.
         """
         connection = transaction.connection
         if len(self._given) == 0 or _incomplete(connection):
@@ -114,7 +114,7 @@ class PlusSessions:
 
 
 def _ends(session: PlusSession, connection: Connection) -> str:
-    """Return what client and server of a session are, as far as they state it: ``engineering to panel``."""
+    """Return what the client and the server of a session are, if they state it: ``engineering to panel``."""
     called = connection.tsap_called
     server = session.identity.kind or (PANEL if called is not None and called.of_panel else "")
     if not server:
@@ -123,7 +123,7 @@ def _ends(session: PlusSession, connection: Connection) -> str:
 
 
 def _in_tls(session: PlusSession, connection: Connection) -> bool:
-    """Return whether the connection uses TLS: the client requested it, or it was seen (InitSSL may not have been captured)."""
+    """Return whether the connection uses TLS: the client requested it, or TLS was seen (InitSSL may not have been captured)."""
     return session.tls or connection.tls is not None
 
 

@@ -1,13 +1,11 @@
-"""Findings: something in the traffic that deserves attention, with the packets that show it.
+"""Findings: notable events in the traffic, with the packets that show them.
 
-Rules report findings to the `Reporter`, which counts all of them and details a bounded number
-(`dissect.engine.findings.bounds`): a
-flood of a million bad PDUs must not become a million lines. The counters stay exact, and so do the facts of each rule
+Rules report to the `Reporter`, which counts all findings and details a limited number (`dissect.engine.findings.bounds`): a
+flood of a million bad PDUs must not become a million lines. The counters stay exact, as do the facts of each rule
 (`dissect.engine.findings.ledger`).
 
-A finding may be explained by its cause, also a finding (`dissect.engine.findings.cause_tables`). This is the one place where
-that
-table is applied: while `Reporter.because` is set, what that cause explains is counted apart, and names it.
+A finding may be explained by its cause, which is also a finding (`dissect.engine.findings.cause_tables`). Only this module
+applies that table: while `Reporter.because` is set, findings that it explains are counted separately and name it.
 """
 
 from __future__ import annotations
@@ -33,20 +31,19 @@ _SAID: Final = 200
 
 
 class Finding:
-    """A rule that applied once.
+    """One event that a rule reports.
 
     ``connection`` is the number of the connection, 0 for the capture as a whole. ``frames`` are the packets that show the
-    finding, ``time_ns`` is the time of the last of them, ``detail`` says what was seen this time.
+    finding, ``time_ns`` is the time of the last of them, ``detail`` describes this case.
 
-    ``number`` counts the findings of a run that are kept for its report, from 1, in the order in which they are reported; it is
-    0 before that, and for all others. ``because`` is the slug of the cause of a finding that is explained, empty for all
-    others, and ``explained_by`` the cause's number: 0 if the cause itself was only counted. ``client`` and ``server`` are the
-    hosts that it is about, empty for none.
+    ``number`` counts the findings that are kept for the report of a run, from 1, in the order in which they are reported; it is
+    0 before that, and for all others. ``because`` is the slug of the finding's cause if it is explained, else empty;
+    ``explained_by`` is the number of the cause, 0 if the cause itself was only counted. ``client`` and ``server`` are the hosts
+    that the finding is about, empty for none.
 
     ``room`` says what happens to it (`dissect.engine.findings.bounds`). ``bare`` is True for an event that is not reported,
-    because an
-    earlier one says everything; ``reported`` whether it counts as a finding. ``repeated`` is 0, or how many findings without
-    detail this one sums up (`Observer.repeated`).
+    because an earlier one is sufficient; ``reported`` is whether it counts as a finding. ``repeated`` is the number of findings
+    without detail that this one sums up (`Observer.repeated`), 0 for others.
     """
 
     __slots__ = (
@@ -71,7 +68,7 @@ class Finding:
     def __init__(self, rule: Rule, connection: i64, frames: list[int], time_ns: i64, detail: str) -> None:
         self.rule = rule
         self.connection: i64 = connection
-        # Thousands of findings are kept, most with one or two packets: these are kept without a list and int objects.
+        # Thousands of findings are kept, most with one or two packets: these need neither a list nor int objects.
         self._frames: list[int] | None = None
         self._first_frame: i64 = 0
         self._last_frame: i64 = 0
@@ -92,7 +89,7 @@ class Finding:
         return f"Finding({self.rule.slug!r}, connection={self.connection}, frames={self.frames})"
 
     def __str__(self) -> str:
-        """Return what was found and where: ``error security.plc_stop, packets 12, 13: …``."""
+        """Return the finding and its packets: ``error security.plc_stop, packets 12, 13: …``."""
         frames = self.frames
         where = (
             f", packet{'s' if len(frames) > 1 else ''} {', '.join([str(frame) for frame in frames])}" if frames else ""
@@ -128,9 +125,9 @@ class Finding:
 
 
 class _Waiting:
-    """Findings of a connection that wait for a cause: the facts of each rule, and the findings that are detailed.
+    """Findings of a connection that wait for a cause: the facts of each rule, and the detailed findings.
 
-    Once ``cause`` is known, what it explains waits no longer.
+    Once ``cause`` is known, findings that it explains no longer wait.
     """
 
     __slots__ = ("cause", "events", "findings")
@@ -144,43 +141,43 @@ class _Waiting:
 class Reporter:
     """Counts findings by slug and passes the detailed ones on.
 
-    ``counts`` is exact, ``explained`` as well: how many findings a cause explains, by the slugs of both. ``ledger`` has more
-    facts of each rule. ``fresh`` collects the detailed findings, also the explained ones, until the pipeline hands them to its
-    observer. ``because`` is the finding that is to blame for what is judged at the moment.
+    ``counts`` is exact; so is ``explained``: how many findings a cause explains, by the two slugs. ``ledger`` has more facts of
+    each rule. ``fresh`` collects the detailed findings, explained ones included, until the pipeline passes them to its
+    observer. ``because`` is the finding that explains findings of the current judgement.
 
-    With ``every`` each finding is passed on, and each event that is not reported (`Finding.bare`), for an observer that selects
-    before anything is bounded; ``room`` says which of them would have been.
+    With ``every`` each finding and each event that is not reported (`Finding.bare`) is passed on, for an observer that selects
+    before the limits apply; ``room`` says which of them would have been reported.
     """
 
     def __init__(self) -> None:
         self.counts: dict[str, int] = {}
         self.explained: dict[tuple[str, str], int] = {}
         self.ledger: Ledger = Ledger()
-        self.period: Ledger | None = None  # the same since a time of the reader's choice, where one wants that
+        self.period: Ledger | None = None  # the same since a time that the reader chose, if the reader wants that
         self.fresh: list[Finding] = []
         self.because: Finding | None = None
-        self.latest: Finding | None = None  # the one that was counted last, None if it was not detailed
+        self.latest: Finding | None = None  # the finding that was counted last, None if it was not detailed
         self.number: i64 = 0  # of the latest finding in `fresh`
-        self._pair: Pair = NO_PAIR  # the hosts of the one that was counted last
-        self._cause: Finding | None = None  # what explains it
+        self._pair: Pair = NO_PAIR  # the hosts of the finding that was counted last
+        self._cause: Finding | None = None  # the cause of that finding
         self.every: bool = False
         self._room: i64 = COUNTED  # of the finding that was counted last
         self._bounds: Bounds = Bounds()
-        self._explained_bounds: Bounds = Bounds()  # of explained ones, which must hide no others
+        self._explained_bounds: Bounds = Bounds()  # for explained findings, which must not use up the room of others
         self._waiting: dict[int, _Waiting] = {}  # by connection
-        #: When the source last said that it lost packets, of whichever connection; -1 for never.
+        #: When the source last reported lost packets, on whichever connection; -1 for never.
         self.lost_ns: i64 = -1
 
     # ---- findings ---------------------------------------------------------------------------------------------------
 
     def count(self, slug: str, connection: i64, frame: i64, time_ns: i64) -> None:
-        """Count a finding, which a detailed one already covers."""
+        """Count a finding that an earlier detailed one already covers."""
         self._count(slug, self.ledger.pair(connection), connection, frame, frame, time_ns, True)
         if self.every:
             self._pass_bare(slug, connection, frame, time_ns, True)
 
     def again(self, slug: str, connection: i64, frame: i64, time_ns: i64) -> None:
-        """Count an event that is not reported, because the rule reported an earlier one and reports no others."""
+        """Count an event that is not reported, because the rule reports only the first one."""
         self._count(slug, self.ledger.pair(connection), connection, frame, frame, time_ns, False)
         if self.every:
             self._pass_bare(slug, connection, frame, time_ns, False)
@@ -199,14 +196,14 @@ class Reporter:
         self.latest = None
 
     def many(self, slug: str, connection: i64, events: Occurrences) -> None:
-        """Count events of a connection that were added up, none of which is a finding, or waits for a cause."""
+        """Count events of a connection that were added up; none of them is a finding or waits for a cause."""
         pair = self.ledger.pair(connection)
         self.ledger.settle(slug, pair, connection, events, "")
         if self.period is not None:
             self.period.settle(slug, self.period.same(pair), connection, events, "")
 
     def first(self, connection: Connection, slug: str, frame: i64, time_ns: i64) -> bool:
-        """Return whether an event is the first of a connection, of which the rule reports no others; count the others."""
+        """Return whether an event is the first on a connection, for a rule that reports only the first; count the others."""
         if connection.traits.first(slug):
             return True
         self.again(slug, connection.number, frame, time_ns)
@@ -238,7 +235,10 @@ class Reporter:
                 self.counts[slug] = self.counts.get(slug, 0) + 1
 
     def wants(self, slug: str, connection: i64, first_frame: i64, last_frame: i64, time_ns: i64) -> bool:
-        """Count a finding of these packets; True if it should be detailed. Ask this first, to build no sentence in vain."""
+        """Count a finding of these packets; True if it should be detailed.
+
+        Ask this first, so that no unneeded sentence is built.
+        """
         self._count(slug, self.ledger.pair(connection), connection, first_frame, last_frame, time_ns, True)
         return self._has_room(slug, connection, last_frame, time_ns)
 
@@ -250,7 +250,7 @@ class Reporter:
         return self.wants(slug, transaction.connection.number, first or last, last or first, time_ns)
 
     def wants_between(self, slug: str, client: str, server: str, first_frame: i64, frame: i64, time_ns: i64) -> bool:
-        """Count a finding about two hosts that is on no connection, as `wants` does."""
+        """Count a finding about two hosts without a connection, as `wants` does."""
         self._count(slug, self.ledger.between(client, server), 0, first_frame, frame, time_ns, True)
         return self._has_room(slug, 0, frame, time_ns)
 
@@ -269,7 +269,7 @@ class Reporter:
         return self.every or self._room != COUNTED
 
     def remind(self) -> None:
-        """Pass on how many findings were only counted."""
+        """Report how many findings were only counted."""
         for one in self._bounds.remind():
             frames: list[int] = []
             if one.frame:
@@ -286,7 +286,7 @@ class Reporter:
             self.remind()
 
     def over(self, connection: i64) -> None:
-        """A connection is over, and everything about it was reported."""
+        """A connection is over and fully reported: forget it."""
         self.ledger.over(connection)
         self._bounds.over(connection)
         self._explained_bounds.over(connection)
@@ -326,7 +326,7 @@ class Reporter:
     # ---- causes -----------------------------------------------------------------------------------------------------
 
     def cause_of(self, slug: str, connection: i64) -> Finding | None:
-        """Return the finding that explains one of this rule, if that is made now; None for nothing."""
+        """Return the finding that would explain a finding of this rule now; None if there is none."""
         cause = self.because
         if cause is not None and slug in EXPLAINS[cause.slug]:
             return cause
@@ -337,24 +337,24 @@ class Reporter:
         return None
 
     def noted(self, slug: str) -> Finding | None:
-        """Return the finding that was noted last as a cause for others; None if it has a cause itself, or waits for one."""
+        """Return the latest finding as a cause for others; None if it has a cause itself or waits for one."""
         found = self.latest
         if found is None or found.slug != slug:
             return Finding(CATALOGUE[slug], 0, [], 0, "")  # it was only counted: there are too many of its kind
         return None if found.because or (found.number == 0 and found.room == KEPT) else found
 
     def blame(self, slug: str) -> None:
-        """The message that is being judged is the cause, according to the finding that was noted last."""
+        """Make the latest finding the cause for the rest of the current judgement of a message."""
         if self.because is None:
             self.because = self.noted(slug)
 
     def hold(self, connection: i64) -> None:
-        """Findings that a later cause may explain wait from now on, until `release`."""
+        """From now on, until `release`, findings that a later cause may explain have to wait."""
         if connection not in self._waiting:
             self._waiting[connection] = _Waiting()
 
     def release(self, connection: i64, cause: Finding | None) -> None:
-        """Report what waits on a connection: explained by ``cause``, like later ones, or unexplained if None."""
+        """Report the waiting findings of a connection: explained by ``cause`` (later ones too), or unexplained if None."""
         waiting = self._waiting.pop(connection, None) if self._waiting else None
         if cause is not None:
             follows = self._waiting[connection] = _Waiting()
@@ -388,18 +388,18 @@ class Reporter:
     # ---- bounds and losses ------------------------------------------------------------------------------------------
 
     def doubt(self, request_ns: i64) -> str:
-        """Return the text for a request of that time without an answer: packets were lost since, so it may have come."""
+        """Return a text for an unanswered request of that time: packets were lost since then, so the answer may have come."""
         return (
             "; packets were lost while capturing, the answer perhaps among them" if self.lost_ns >= request_ns else ""
         )
 
     def renew(self) -> None:
-        """Reset the bounds: a user who watches a line for days wants today's findings in detail, too."""
+        """Reset the limits: a user who watches a network for days wants details of today's findings, too."""
         self._bounds.renew()
         self._explained_bounds.renew()
 
     def forget(self) -> None:
-        """Nothing more comes: free what was remembered by connection."""
+        """Nothing more comes: free what was remembered per connection."""
         self._bounds = Bounds()
         self._explained_bounds = Bounds()
 

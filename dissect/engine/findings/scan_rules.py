@@ -1,6 +1,6 @@
 """A client that tries one TSAP after another: a scan for racks and slots (reference 7.1).
 
-A bounded number of pairs of client and server is remembered, with a bounded number of TSAPs each. The TSAPs of a pair are
+A limited number of pairs of client and server is remembered, each with a limited number of TSAPs. The TSAPs of a pair are
 counted for `WINDOW_NS` at a time, so that a client that talks to every module of a rack over several days is not reported.
 """
 
@@ -16,18 +16,18 @@ from dissect.engine.transactions.connection import Connection
 from dissect.wire.text import duration_text
 
 WINDOW_NS: Final = 60_000_000_000
-#: Pairs of client and server that are remembered, and TSAPs that are remembered of each pair.
+#: Maximum number of pairs of client and server that are remembered, and of TSAPs for each pair.
 MAX_PAIRS: Final = 1024
 MAX_TSAPS: Final = 32
-#: This many TSAPs of one server within the window are a scan, or this many refused ones.
+#: This many TSAPs of one server within the window are a scan; so are this many refused ones.
 TSAPS: Final = 6
 REFUSED: Final = 3
-#: How many TSAPs and packets a finding names.
+#: Maximum number of TSAPs and packets that a finding names.
 _NAMED: Final = 8
 
 
 class _Pair:
-    """The connect requests of a client to a server within the window. ``asked``: the packet of each called TSAP."""
+    """The connect requests of a client to a server within the window. ``asked`` has the packet for each called TSAP."""
 
     __slots__ = ("asked", "first_ns", "refused", "told")
 
@@ -39,7 +39,10 @@ class _Pair:
 
 
 class ScanWatch:
-    """Looks at the connect requests of all connections. ``forgotten``: how many pairs were dropped (`MAX_PAIRS`)."""
+    """Looks at the connect requests of all connections.
+
+    ``forgotten`` is the number of pairs that were dropped (`MAX_PAIRS`).
+    """
 
     def __init__(self, reporter: Reporter) -> None:
         self._reporter: Reporter = reporter

@@ -1,7 +1,7 @@
-"""Findings that matter for security (reference 7.4): who stopped, loaded, read out, wrote, forced, guessed or looked around.
+"""Findings that matter for security (reference 7.4): stops, loads, uploads, writes, forces, password guesses, inquiries.
 
-Most rules are about requests that were carried out; where the attempt matters, the attempt is reported. The detail of a finding
-says who did what to whom, and with which result.
+Most rules are about requests that were carried out; if the attempt itself matters, the attempt is reported. The detail of a
+finding names the client, its action, the target and the result.
 """
 
 from __future__ import annotations
@@ -56,65 +56,68 @@ from dissect.wire.text import duration_text, hex_number, titled
 #: SZL lists that identify a device (reference 7.4): list of ids, identification. The lists of communication capabilities (0x31,
 #: 0x32) are not among them, because panels read them at each start.
 _TELLING: Final = frozenset((0x00, 0x11, 0x1C))
-#: A connection is a reconnaissance from this many inquiries on, or this many distinct lists.
+#: A connection with this many inquiries, or this many distinct lists, counts as reconnaissance.
 _INQUIRIES: Final = 3
 _MANY_LISTS: Final = 10
 
-#: This many refused passwords in a row, of one client at one server, are guessing.
+#: This many refused passwords in a row, from one client at one server, count as guessing.
 _GUESSES: Final = 3
-#: The return code that denies access; the error codes that do are in `dissect.protocols.s7.errors`.
+#: The return code for denied access; the corresponding error codes are in `dissect.protocols.s7.errors`.
 _ACCESS_DENIED: Final = 0x03
-#: How many refused reads and writes of a connection are examined.
+#: Maximum number of refused reads and writes of a connection that are examined.
 _LOOKED_AT: Final = 100
 
-#: This many PDUs of one connection within a second are a flood: no PLC answers this many.
+#: This many PDUs of one connection within a second are a flood: no PLC answers as fast.
 PACE: Final = 2048
 #: Writes of one connection are judged in groups of this size; one write in `SAMPLED` is examined.
 _WRITES: Final = 256
 SAMPLED: Final = 16
-#: A group of writes is a flood if it came within `_WRITES_NS`, is at least the share `_MOST` of what the connection carries,
-#: repeats at most `_FEW_VARIABLES` requests, and the server was busy answering for the share `_BUSY` of the time or more. The
-#: writing of a recipe and a heartbeat do not meet all of these.
+#: A group of writes is a flood if it came within `_WRITES_NS`, is at least the share `_MOST` of the traffic of its connection,
+#: repeats at most `_FEW_VARIABLES` requests, and kept the server busy for at least the share `_BUSY` of the time. The writing
+#: of a recipe and a heartbeat do not meet all of these.
 _WRITES_NS: Final = 5_000_000_000
 _MOST: Final = 0.75
 _FEW_VARIABLES: Final = 4
 _BUSY: Final = 0.5
-#: Without answers, as when only the client was captured, a group is a flood if it came within this time: half of what the
-#: fastest PLCs take to answer this many.
+#: Without answers, for example if only the client was captured, a group is a flood if it came within this time: half the time
+#: that the fastest PLCs need to answer this many.
 _UNHEARD_NS: Final = 1_500_000_000
-#: How many variables a finding about modifying or forcing names, and how many return codes one about a refused write.
+#: Maximum number of variables in a finding about modifying or forcing, and of return codes in one about a refused write.
 _NAMED: Final = 8
 _SECOND_NS: Final = 1_000_000_000
 
-#: A diagnostic message at most this long before a STOP states its cause: a CPU sends it as it stops.
+#: A diagnostic message at most this long before a STOP states its cause, because a CPU sends it as it stops.
 _CAUSE_NS: Final = 5_000_000_000
 
-#: What a connection remembers once a write to outputs was refused.
+#: The connection remembers this text once a write to outputs was refused.
 _OUTPUTS_REFUSED: Final = "refused write to outputs"
 
-#: Events that a PLC reports about itself, whether it was asked or not.
+#: Events that a PLC reports about itself, on request or not.
 _REPORTS: Final = frozenset(("security.mode_changed", "security.stopped"))
 
 #: Kinds of areas, and the slug for writes to them.
 _WRITES_TO: Final = ((WRITTEN_IO, "security.write_outputs"), (WRITTEN_ELSEWHERE, "security.write"))
-#: Bound for each of the memories below: servers with their first writer, pairs of client and server.
+#: Limit of each of the two memories: servers with their first writer, and pairs of client and server.
 _MAX_REMEMBERED: Final = 4096
 
 
 class SecurityWatch:
-    """Judges transactions as security events. One object per analysis, because a new writer shows only across connections."""
+    """Judges transactions as security events.
+
+    One object per analysis, because a new writer can only be recognised across connections.
+    """
 
     def __init__(self, reporter: Reporter, acts: ActBook) -> None:
         self.acts = acts
         self._reporter = reporter
-        self._writers: dict[str, str] = {}  # server: the client that wrote first
-        self._pairs: set[tuple[str, str]] = set()  # pairs of client and server that were reported, or need no report
+        self._writers: dict[str, str] = {}  # server → the client that wrote first
+        self._pairs: set[tuple[str, str]] = set()  # pairs of client and server that were reported or need no report
         self._failures: dict[tuple[str, str], int] = {}
 
     # ---- writes -----------------------------------------------------------------------------------------------------
 
     def write(self, transaction: Transaction) -> None:
-        """Judge a write to kinds of areas that this connection did not write before, by the result of each item."""
+        """Judge a write to kinds of areas that this connection did not write to before, by the result of each item."""
         traits = transaction.connection.traits
         unanswered = transaction._outcome in {UNANSWERED, BEHIND_MALFORMED}
         if unanswered and not transaction.parameters.written & ~(traits.written | traits.sent):
@@ -127,13 +130,13 @@ class SecurityWatch:
             said = [items_said(naming, written, True)] if written else []
             if unsure:
                 said.append(f"{items_said(naming, unsure, True)}{'' if unanswered else ', without a return code'}")
-            if said:  # one write, whatever is known of its items
+            if said:  # one write, whatever the results of its items are
                 what = f"{transaction.function_name} {', '.join(said)}"
                 self.wrote(slug, area, transaction, what, sure=bool(written))
         self._refused(transaction, became)
 
     def _refused(self, transaction: Transaction, became: Became) -> None:
-        """Report the first write of a connection that was refused, or of which items were."""
+        """Report the first refused write of a connection, also one with only some refused items."""
         if written_areas([result.item for result in became.refused if result.item is not None]) & WRITTEN_IO:
             what = items_said(transaction.connection.naming, became.refused, True)
             self.refused_outputs(transaction, f"{transaction.function_name} {what}")
@@ -145,7 +148,7 @@ class SecurityWatch:
             self.tell("security.write_refused", transaction, what)
 
     def refused_outputs(self, transaction: Transaction, what: str, code: int = -1) -> None:
-        """Take a write to outputs that was refused: the first of a connection is an act."""
+        """Take a refused write to outputs: the first one of a connection is an act."""
         if transaction.connection.traits.first(_OUTPUTS_REFUSED):
             self.acts.wrote(transaction, what, code, refused=True)
 
@@ -160,7 +163,7 @@ class SecurityWatch:
         self._refused(transaction, became)
 
     def count_writes(self, connection: Connection) -> None:
-        """Count the writes of a connection that were added up so far."""
+        """Add the writes of a connection that were only added up so far to the counts."""
         writes = connection.counted_writes
         if writes is None:
             return
@@ -174,7 +177,7 @@ class SecurityWatch:
         writes.again = 0
 
     def _count_writes(self, transaction: Transaction, areas: i64 = WRITTEN_IO | WRITTEN_ELSEWHERE) -> None:
-        """Count a write for each kind of area that it writes to, of those in ``areas``; they are not reported."""
+        """Count a write once for each kind of area in ``areas`` that it writes to; these writes are not reported."""
         areas &= transaction.parameters.written
         frame: i64 = max(transaction.request_frame, transaction.response_frame)
         time_ns: i64 = max(transaction.request_ns, transaction.response_ns)
@@ -187,8 +190,7 @@ class SecurityWatch:
     ) -> None:
         """Report a write to a kind of area, if it is the first of this connection.
 
-        A write that may not have been carried out (``sure`` is False) is reported as well; the first sure one is reported after
-        it.
+        A write that may have failed (``sure`` is False) is reported, too; the first sure one is reported in addition.
         """
         if self.wrote_before(slug, area, transaction, sure):
             return
@@ -204,7 +206,7 @@ class SecurityWatch:
             self._writer(transaction)
 
     def wrote_before(self, slug: str, area: i64, transaction: Transaction, sure: bool) -> bool:
-        """Return whether this connection wrote to a kind of area before: then the write is only counted, whatever it writes."""
+        """Return whether this connection wrote to a kind of area before; then the write is only counted, for any target."""
         traits = transaction.connection.traits
         before: i64 = traits.written if sure else traits.written | traits.sent
         if before & area == 0:
@@ -222,7 +224,7 @@ class SecurityWatch:
             self._pairs.clear()
         first = self._writers.setdefault(server, client)
         if transaction.connection.mid_stream:
-            # a client that was connected before the capture began may have written long before
+            # a client that connected before the capture began may have written long before
             self._pairs.add((client, server))
         elif first != client and (client, server) not in self._pairs:
             self._pairs.add((client, server))
@@ -232,7 +234,7 @@ class SecurityWatch:
             self.tell("security.new_writer", transaction, what)
 
     def sample(self, transaction: Transaction) -> None:
-        """Take one write in `SAMPLED`; after each `_WRITES` of a connection, judge how fast they came."""
+        """Examine one write in `SAMPLED`; after each `_WRITES` of a connection, judge how fast they came."""
         connection = transaction.connection
         writes = connection.traits.writes
         self.count_writes(connection)
@@ -251,11 +253,11 @@ class SecurityWatch:
         writes.variables = set()
 
     def _judge_writes(self, transaction: Transaction, writes: Writes, took_ns: int) -> None:
-        """Judge a group of `_WRITES` writes of few variables that came within ``took_ns``."""
+        """Judge a group of `_WRITES` writes to few variables that came within ``took_ns``."""
         connection = transaction.connection
         answers = writes.answers_ns
         if not answers:
-            # The share of these writes in the traffic is known only at the `end`; of a capture of answers alone it is never
+            # The share of these writes in the traffic is known only at the `end`; if only answers were captured, it is never
             # known.
             if writes.hasty is None and took_ns <= _UNHEARD_NS and transaction._outcome == UNANSWERED:
                 writes.hasty = transaction
@@ -276,7 +278,7 @@ class SecurityWatch:
             self.tell("security.flood", transaction, f"{transaction.function_name} {items}: {what}")
 
     def end(self, connection: Connection) -> None:
-        """A connection is over, so that its requests are all counted: judge hasty writes without answers by their share."""
+        """A connection is over, so all its requests are counted: judge fast writes without answers by their share."""
         self.count_writes(connection)
         writes = connection.hasty_writes
         if writes is None or writes.hasty is None:
@@ -287,7 +289,7 @@ class SecurityWatch:
     # ---- everything else --------------------------------------------------------------------------------------------
 
     def take(self, transaction: Transaction, act: Act | None) -> None:
-        """Judge a transaction that is neither a read nor a write; ``act`` is what it is, or begins, None for nothing."""
+        """Judge a transaction that is neither a read nor a write; ``act`` is the act that it is or begins, None for none."""
         head = transaction.parameters.userdata
         if act is not None:
             self.act(act, transaction)
@@ -315,7 +317,7 @@ class SecurityWatch:
         codes = read_codes(transaction)
         if codes is None:
             codes = [int(result.return_code) for result in transaction.s7_results]
-        # If other items of the request succeeded, access is not denied as a whole, only these addresses are refused.
+        # If other items of the request succeeded, access is not denied as a whole; only these addresses are refused.
         denied = _ACCESS_DENIED in codes and SUCCESS not in codes
         code = int(transaction.error_code)
         perhaps = code != 0 and may_protect(code, transaction.function)
@@ -355,7 +357,7 @@ class SecurityWatch:
             self._reporter.detail(act.slug, number, act.frames, act.end_ns, f"{who}: {what}")
 
     def _mode(self, transaction: Transaction, head: UserdataHead) -> None:
-        """Report the mode that a PLC sends; for a STOP, with the cause that a diagnostic message stated just before."""
+        """Report the mode that a PLC announces; for a STOP, add the cause from a diagnostic message just before."""
         traits = transaction.connection.traits
         stated = traits.stop_event
         traits.stop_event = None
@@ -401,7 +403,7 @@ class SecurityWatch:
             self.tell("security.password_guessing", transaction, f"{failures} wrong passwords in a row", code)
 
     def pace(self, connection: Connection, frame: int, now_ns: int) -> None:
-        """Judge how long the latest `PACE` PDUs of a connection took; call it once for each `PACE` PDUs."""
+        """Judge the duration of the latest `PACE` PDUs of a connection; call it once for each `PACE` PDUs."""
         since = connection.traits.pace_ns or int(connection.tcp.first_ns)
         connection.traits.pace_ns = int(now_ns)
         if 0 <= now_ns - since < _SECOND_NS and self._reporter.first(connection, "security.flood", frame, now_ns):
@@ -411,19 +413,19 @@ class SecurityWatch:
             self._reporter.note("security.flood", connection.number, [frame], now_ns, detail)
 
     def _first(self, transaction: Transaction, slug: str) -> bool:
-        """Return whether to report what is reported once per connection; what has a cause does not count as the report."""
+        """Return whether to make a report that is due once per connection; a finding with a cause is not the report."""
         if self._reporter.cause_of(slug, transaction.connection.number) is not None:
             return True
         return self.first_of(transaction, slug)
 
     def first_of(self, transaction: Transaction, slug: str) -> bool:
-        """Return whether a transaction is the first of its connection that a rule applies to; count the others."""
+        """Return whether a transaction is the first on its connection to which a rule applies; count the others."""
         frame = int(max(transaction.request_frame, transaction.response_frame))
         time_ns = int(max(transaction.request_ns, transaction.response_ns))
         return self._reporter.first(transaction.connection, slug, frame, time_ns)
 
     def tell(self, slug: str, transaction: Transaction, what: str = "", code: int = -1, before: int = 0) -> None:
-        """Report an event. ``what`` says what it is; by default, the object of the request.
+        """Report an event. ``what`` describes the object; by default it is the object of the request.
 
         ``code`` is the error of the item that the event is about: 0 for none, -1 to use the transaction's. ``before`` is a
         packet of an earlier transaction that belongs to the event as well, 0 for none.
@@ -474,7 +476,7 @@ def _items_in(results: list[ItemResult], area: i64) -> list[ItemResult]:
 
 
 def _item_codes(refused: list[ItemResult]) -> str:
-    """Return the return codes of refused items as text; empty if the whole request was refused and there are none."""
+    """Return the return codes of refused items as text; empty if the whole request was refused."""
     codes = sorted({int(result.return_code) for result in refused if result.refused})
     said = [RETURN_CODES.coded(code) for code in codes[:_NAMED]]
     return f", refused: {', '.join(said)}" if said else ""
@@ -495,7 +497,7 @@ def _ends(transaction: Transaction) -> tuple[str, str]:
 
 
 def _szl_id(transaction: Transaction) -> int:
-    """Return the SZL-ID that a request reads; -1 if it has no payload, like a request for a further part of an answer.
+    """Return the SZL-ID that a request reads; -1 if it has no payload, like a request for the next part of an answer.
 
     It is read in place, because panels poll SZLs.
     """
@@ -505,7 +507,7 @@ def _szl_id(transaction: Transaction) -> int:
 
 
 def _pushed_event(transaction: Transaction) -> int:
-    """Return the event of a diagnostic message, the first word of its payload; -1 if the payload is shorter."""
+    """Return the event of a diagnostic message, which is the first word of its payload; -1 if the payload is shorter."""
     told = transaction.response_parameters
     if told is None:
         return -1
@@ -515,7 +517,7 @@ def _pushed_event(transaction: Transaction) -> int:
 
 
 def _named(transaction: Transaction) -> str:
-    """Return the name of the function, with what the request says."""
+    """Return the name of the function and the content of the request."""
     body = transaction.request_body
     notes = ", ".join(body.notes[:3]) if body is not None else ""
     return titled(transaction.function_name, notes)

@@ -1,4 +1,4 @@
-"""Findings about connections: negotiation, PDU sizes, number of open jobs, how it ended (reference 7.1 and 7.2)."""
+"""Findings about connections: negotiation, PDU sizes, number of open jobs, endings (reference 7.1 and 7.2)."""
 
 from __future__ import annotations
 
@@ -29,22 +29,22 @@ from dissect.wire.text import count
 _MIN_PDU_LENGTH: Final = 64
 #: A connection must have this many PDUs to be reported as captured on one side only.
 _ONE_SIDED_PDUS: Final = 3
-#: A bit of `Connection.told` for side 0, shifted by one for side 1; the bits below belong to the transport rules.
+#: A bit of `Connection.told` for side 0, shifted by one for side 1; the transport rules use the lower bits.
 _REDUNDANT: Final = 64
-#: Another bit: two requests under one reference were reported.
+#: Another bit: two open requests with the same reference were reported.
 _SHARED: Final = 512
-#: If this many requests were open when a connection was cut, one finding sums them up.
+#: If this many requests were open when a connection was cut, a single finding sums them up.
 _SEVERAL: Final = 2
-#: Reasons of a DR without information: not specified, normal disconnect.
+#: Reasons in a DR without information: not specified, normal disconnect.
 _NO_REASON: Final = frozenset((0x00, 0x80))
 
 
 def judge_request(
     reporter: Reporter, side: Side, parameters: Parameters, open_now: i64, frame: i64, time_ns: i64
 ) -> str:
-    """Report a request before communication was set up, or more open requests than were granted.
+    """Report a request before communication was set up, or more open requests than granted.
 
-    Return the slug of what is wrong with the request itself, empty for nothing.
+    Return the slug of the fault of the request itself, empty for none.
     """
     connection = side.connection
     fault = ""
@@ -63,12 +63,11 @@ def judge_request(
     allowed = connection.jobs_allowed(side.index)
     if allowed and open_now > allowed:
         if allowed < FEW_JOBS:
-            # Leave out requests that got no answer for so long that the client gave them up, and those whose answer a hole may
-            # hide.
+            # Leave out requests that the client has given up after a long wait, and those whose answer a gap may hide.
             peer = side.peer
             hole_frame: i64 = 0
             hole_end: i64 = -1
-            if peer is not None:  # as an expression it would make int objects (mypyc)
+            if peer is not None:  # as an expression it would create int objects (mypyc)
                 hole_frame = peer.hole_frame
                 hole_end = peer.hole_end
             requests = connection.open_requests[side.index]
@@ -84,7 +83,7 @@ def judge_request(
 
 
 def judge_shared(reporter: Reporter, side: Side, parameters: Parameters, frame: i64, time_ns: i64) -> None:
-    """Report a request with the reference of one that is still open; once per connection."""
+    """Report a request with the same reference as one that is still open; once per connection."""
     connection = side.connection
     if not connection.told & _SHARED:
         connection.told |= _SHARED
@@ -95,7 +94,7 @@ def judge_shared(reporter: Reporter, side: Side, parameters: Parameters, frame: 
 
 
 def _judge_again(reporter: Reporter, connection: Connection, parameters: Parameters, frame: i64, time_ns: i64) -> None:
-    """Report that communication is set up again on one connection."""
+    """Report a second setup of communication on one connection."""
     asked = parameters.setup
     before = connection.setup_asked
     if asked is not None and before is not None:
@@ -113,7 +112,7 @@ def judge_size(reporter: Reporter, connection: Connection, size: i64, frame: i64
 def judge_answer_size(
     reporter: Reporter, connection: Connection, parameters: Parameters, frame: i64, time_ns: i64
 ) -> None:
-    """Report a read whose answer would be longer than negotiated."""
+    """Report a read whose answer would be longer than the negotiated PDU length."""
     limit = connection.pdu_length
     size: i64 = parameters.answer_size
     detail = f"{parameters.subject}: the answer needs {size} bytes, {limit} negotiated"
@@ -140,14 +139,14 @@ def judge_header(
 
 
 def _too_early(side: Side) -> bool:
-    """Return whether a request comes before communication is set up: it was not requested, or the answer is still to come."""
+    """Return whether a request comes before communication is set up: no setup was requested, or its answer is still to come."""
     connection = side.connection
     if not connection.setup_seen:
         return True
     peer = side.peer
     if not connection.setup_open or peer is None:
         return False
-    # An acknowledged answer has arrived, even if the capture shows it later or not at all.
+    # An acknowledged answer has arrived, even if the capture shows it later or never.
     unseen: i64 = (side.last_ack - peer.stream.next_seq) & MASK
     return peer.captured and peer.holes == 0 and peer.stream.held is None and not 0 < unseen < HALF_SPACE
 
@@ -191,7 +190,7 @@ def judge_port(reporter: Reporter, connection: Connection, frame: i64, time_ns: 
 def judge_disconnect(
     reporter: Reporter, side: Side, tpdu: Tpdu, table: ConnectionTable, frame: i64, time_ns: i64
 ) -> None:
-    """Report a DR: the refusal of a connect request, or the end of a connection. ``table`` has the open connections."""
+    """Report a DR: it refuses a connect request or ends a connection. ``table`` has the open connections."""
     connection = side.connection
     reason = _reason(DR_REASONS, tpdu.field("reason"))
     who = connection.tcp.ends[side.index]
@@ -209,12 +208,12 @@ def judge_disconnect(
 
 
 def _reason(codes: CodeTable, number: i64) -> str:
-    """Return the name of a reason; -1 means that the TPDU ends before its reason."""
+    """Return the name of a reason; -1 means that the TPDU ended before the reason."""
     return codes.name(number) if number >= 0 else "no reason given"
 
 
 def _is_leave(connection: Connection, side: Side, tpdu: Tpdu) -> bool:
-    """Return whether a DR is a client's normal leave, as of python-snap7: without a particular reason, and nothing is open."""
+    """Return whether a DR is the normal leave of a client such as python-snap7: no special reason, and nothing is open."""
     leaves = connection.client_known and side.index == connection.client_side and tpdu.field("reason") in _NO_REASON
     return leaves and not connection.open_requests[0].count and not connection.open_requests[1].count
 
@@ -255,11 +254,11 @@ def judge_cut(reporter: Reporter, side: Side, ending: Ending, table: ConnectionT
 
 
 def judge_end(reporter: Reporter, side: Side) -> None:
-    """The connection is over: report if only one side of it was captured."""
+    """A connection is over: report if only one side of it was captured."""
     connection = side.connection
     peer = side.peer
     if peer is None or connection.pdus < _ONE_SIDED_PDUS or connection.udp:
-        return  # over UDP it is normal that one side sends nothing
+        return  # over UDP it is normal that one side is silent
     if not side.captured or not peer.captured:
         tcp = connection.tcp
         frames = [int(tcp.first_frame), int(tcp.last_frame)]

@@ -1,4 +1,4 @@
-"""Keeps what stations say about themselves; a contradiction to earlier facts is a finding."""
+"""Remembers what stations state about themselves; a contradiction to an earlier statement is a finding."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from dissect.packets.tcp.link import within
 from dissect.protocols.s7plus.session import Identity
 from dissect.wire.text import printable
 
-#: The finding for a fact that contradicts the one before it.
+#: The finding for each fact that contradicts the earlier one.
 _SLUGS: Final[dict[str, str]] = {
     ORDER_NUMBER: "device.order_number_changed",
     FIRMWARE: "device.firmware_changed",
@@ -33,15 +33,15 @@ _SLUGS: Final[dict[str, str]] = {
     MAC: "device.mac_changed",
 }
 
-#: The source of facts that are read from the Ethernet header.
+#: The source of facts from the Ethernet header.
 _ETHERNET: Final = "Ethernet"
 
 
 class StationWatch:
-    """Reads facts, keeps them in ``book`` and judges them; its methods return them for the observer. One object per analysis.
+    """Reads facts, stores them in ``book`` and judges them; its methods return them for the observer. One object per analysis.
 
-    Each VLAN is judged separately: machines of the same type may use the same addresses in VLANs of their own. ``book`` is the
-    observer's, which then need not note the facts again (`Book.filled`); None to keep one here.
+    Each VLAN is judged separately: identical machines may use the same addresses, each in its own VLAN. ``book`` is the
+    observer's book, which then already has the facts (`Book.filled`); with None this object makes its own.
     """
 
     def __init__(self, reporter: Reporter, book: Book | None = None) -> None:
@@ -49,25 +49,25 @@ class StationWatch:
         self.book.filled = True
         self._reporter = reporter
         self._evidence = Evidence()
-        self._macs: dict[bytes, str] = {}  # texts of MAC addresses: most were made before
+        self._macs: dict[bytes, str] = {}  # texts of MAC addresses: most calls need one that exists already
 
     def opened(self, connection: Connection, wanted: bool = True) -> list[Fact]:
-        """Take the source MAC addresses of both ends of a connection, when it is recognised.
+        """Take the source MAC addresses of both ends of a connection, once it is recognised.
 
-        A destination address proves nothing: packets go to a redundant router by its shared address, but come from its own. If
-        facts are not ``wanted``, return only those that contradict what was known.
+        A destination address proves nothing: packets to a redundant router use its shared address, but packets from it have its
+        own. If facts are not ``wanted``, return only those that contradict earlier ones.
         """
         tcp = connection.tcp
         found: list[Fact] = []
         ends = tcp.ends
         if ends[0].address == ends[1].address:
-            return found  # loopback has no network card, and a capture may show any address for each side
+            return found  # loopback has no network card, and captures of it may show any address for each side
         vlan = int(tcp.vlan)
         for side in range(2):
             if tcp.heard >> side & 1 and (mac := tcp.mac(side)):
                 host = ends[side].host
                 text = self._mac_text(mac)
-                # not as "*place": a call with a tuple of arguments takes several times as long, and each connection makes two
+                # not "*place": a call with a tuple of arguments takes several times as long, and each connection needs two
                 number, frame, time_ns = int(connection.number), int(tcp.last_frame), int(tcp.last_ns)
                 if wanted or not self.book.again(host, vlan, MAC_KEY, text, _ETHERNET, frame, time_ns):
                     found.append(Fact(host, "", MAC, text, _ETHERNET, number, [frame], time_ns, vlan))
@@ -86,11 +86,11 @@ class StationWatch:
         return self._noted(self._evidence.of_transaction(transaction), int(transaction.connection.tcp.vlan))
 
     def joined(self, operation: Operation) -> list[Fact]:
-        """Take the facts of an answer in several parts that is complete."""
+        """Take the facts from an answer in several parts that is complete."""
         return self._noted(self._evidence.of_operation(operation), int(operation.connection.tcp.vlan))
 
     def identified(self, identity: Identity, transaction: Transaction, wanted: bool = True) -> list[Fact]:
-        """Take what a CPU said about itself in S7comm-plus. ``wanted`` as for `opened`."""
+        """Take what a CPU stated about itself in S7comm-plus. ``wanted`` as for `opened`."""
         told = identity.told
         identity.told = []
         frames = transaction.frames
@@ -103,7 +103,7 @@ class StationWatch:
         number, vlan = int(connection.number), int(connection.tcp.vlan)
         found: list[Fact] = []
         for key, value, where in told:
-            # behind a new value all are noted in their order
+            # after a new value all are noted in their order
             if wanted or found or not self.book.again(host, vlan, (module, key), value, where, frame, time_ns):
                 found.append(Fact(host, module, key, value, where, number, frames, time_ns))
         return self._noted(found, vlan) if found else found

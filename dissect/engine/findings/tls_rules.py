@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 def judge_session(reporter: Reporter, connection: Connection, session: TlsSession, frame: int, time_ns: int) -> None:
-    """Judge version and cipher suite, once the server has chosen them."""
+    """Judge version and cipher suite once the server has chosen them."""
     name = session.suite_name
     if session.version < TLS_1_2 or not WEAK_WORDS.isdisjoint(name.split("_")):
         reporter.note("security.tls_weak", connection.number, [frame], time_ns, f"{session.version_name} with {name}")
@@ -23,7 +23,7 @@ def judge_session(reporter: Reporter, connection: Connection, session: TlsSessio
 def judge_certificates(
     reporter: Reporter, connection: Connection, session: TlsSession, frame: int, time_ns: int
 ) -> None:
-    """Judge the certificates that the ends have shown; only their own, not those of the issuers."""
+    """Judge the certificates that the two ends have shown; only their own certificates, not those of the issuers."""
     shown = session.shown
     session.shown = []
     for index in shown:
@@ -43,7 +43,7 @@ def _named(certificate: Certificate, connection: Connection, index: int) -> str:
 
 
 def judge_closed(reporter: Reporter, connection: Connection, session: TlsSession, frame: int, time_ns: int) -> None:
-    """The connection is over: if keys were given, say why records stay encrypted."""
+    """A connection is over: if keys were given, report why records stay encrypted."""
     why = session.why_closed
     if why:
         detail = f"{session.shut} of {session.shut + session.opened} encrypted records stay closed: {why}"

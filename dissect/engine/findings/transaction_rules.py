@@ -1,8 +1,7 @@
 """Findings about transactions and about the items they name (reference sections 7.2 and 7.3).
 
-A parameter block is judged where it is first seen (`Parameters.unjudged`): unknown codes, impossible addresses. Polling the
-same items for hours costs nothing then. The engine calls `judge_transaction` only for transactions that it found something odd
-in.
+A parameter block is judged when it is first seen (`Parameters.unjudged`): unknown codes, impossible addresses. So polling the
+same items for hours costs nothing. The engine calls `judge_transaction` only for transactions in which it found something odd.
 """
 
 from __future__ import annotations
@@ -92,23 +91,23 @@ from dissect.protocols.s7plus.tables import PARTIAL_ERROR
 from dissect.wire.octets import u16
 from dissect.wire.text import count, duration_text, over_limit, some
 
-#: Jobs that are commands, or that begin or end a transfer; the many jobs that carry pieces of blocks are left out.
+#: Jobs that are commands, or that begin or end a transfer; the many jobs that carry pieces of blocks are not in it.
 _COMMANDS: Final = frozenset((REQUEST_DOWNLOAD, DOWNLOAD_ENDED, START_UPLOAD, END_UPLOAD, PI_SERVICE, PLC_STOP))
-#: Two capture queues may swap packets that are so close in time; beyond that the clock runs backwards.
+#: Two capture queues may swap packets that are this close in time; a larger step means that the clock runs backwards.
 DISORDER_NS: Final = 1_000_000
 #: A request captured this long after its answer is not out of order: TCP sent it again (in practice after 20 ms or more).
 _SENT_AGAIN_NS: Final = 10_000_000
 #: Userdata groups whose payloads have the same length on every CPU, or state their length.
 _SERVICES: Final = frozenset((GROUP_PBC, GROUP_SECURITY, GROUP_TIME))
-#: The most that the length field of a data item can count.
+#: Maximum of the length field of a data item, in bits.
 _MOST_BITS: Final = 0xFFFF
 _DATA_BLOCK: Final = "the data block does not fit the item count"
-#: How many faults of a block a finding names.
+#: Maximum number of faults of a block that a finding names.
 _NAMED: Final = 3
 
 
 def judge_parameters(reporter: Reporter, side: Side, parameters: Parameters, frame: i64, time_ns: i64) -> None:
-    """Judge a parameter block that is seen for the first time."""
+    """Judge a parameter block when it is seen for the first time."""
     parameters.unjudged = False
     if parameters.malformed:
         return
@@ -133,14 +132,14 @@ def _note_items(
 
 
 def _unknown_codes(parameters: Parameters) -> list[str]:
-    """Return a text for each code of a parameter block that no table knows."""
+    """Return a text for each unknown code in a parameter block."""
     found: list[str] = []
     function: i64 = parameters.function
     head = parameters.userdata
     if head is not None:
         if head.group not in USERDATA_GROUPS:
             found.append(f"userdata group 0x{head.group:02x}")
-        # PBC has its own PDU type in place of a subfunction
+        # PBC has its own PDU type instead of a subfunction
         elif head.group != GROUP_PBC or function != CPU_SERVICES:
             subfunctions = USERDATA_SUBFUNCTIONS.get(head.group)
             if subfunctions is not None and head.subfunction not in subfunctions:
@@ -163,7 +162,7 @@ def odd_address(item: Item) -> str:
     """Return what is odd about the address of an S7ANY item; empty if nothing is (reference 3.5)."""
     area: i64 = item.area
     if area == RECORD_AREA or area not in AREAS:
-        return ""  # a record has a logical id in place of an address; the rules of an unknown area are unknown
+        return ""  # a record has a logical id instead of an address; the rules of an unknown area are unknown
     if item.db and area not in DB_AREAS:
         return f"DB number {item.db} outside a DB"
     if area in NUMBERED_AREAS:
@@ -181,9 +180,9 @@ _DATA_CODES: Final = 256
 
 
 def judge_transaction(reporter: Reporter, transaction: Transaction, slow_ns: i64) -> None:
-    """Report what is odd about a transaction that is over. This is slow; call it only for transactions with something odd."""
+    """Report what is odd about a finished transaction. This is slow; call it only for transactions with something odd."""
     if transaction.is_likely:
-        pass  # its time, and whether the two fit, mean nothing if the answer belongs to a different request
+        pass  # if the answer belongs to a different request, its time and fit mean nothing
     elif transaction._outcome == ANSWERED:
         _judge_flags(reporter, transaction)
         latency: int = transaction.response_ns - transaction.request_ns
@@ -194,7 +193,7 @@ def judge_transaction(reporter: Reporter, transaction: Transaction, slow_ns: i64
                 transaction,
                 over_limit(latency, int(slow_ns)) + _acknowledged(transaction) + _sent_again(transaction),
             )
-        elif -DISORDER_NS <= latency < 0 and not transaction._flags & REORDERED:  # else the clock stepped
+        elif -DISORDER_NS <= latency < 0 and not transaction._flags & REORDERED:  # otherwise the clock stepped
             detail = f"by the times of the packets the answer precedes the request by {duration_text(-latency)}"
             _note(reporter, "transaction.reordered", transaction, detail)
     elif transaction._outcome == ORPHAN and not transaction._flags & EXPECTED:
@@ -202,9 +201,9 @@ def judge_transaction(reporter: Reporter, transaction: Transaction, slow_ns: i64
     because = reporter.because
     code: i64 = transaction.error_code
     if because is not None and (protects(code) or (code and because.slug not in OUTRIGHT and code >> 8 not in VAGUE)):
-        reporter.because = None  # the answer says itself why the request is refused
+        reporter.because = None  # the answer itself states why the request was refused
     if transaction.has_errors:
-        # a push has no request that could be refused as a whole, but items that it subscribes may be refused
+        # a push has no request that could be refused as a whole, but single items of the subscription may be refused
         if transaction._outcome == PUSH:
             _judge_items(reporter, transaction)
         else:
@@ -212,7 +211,7 @@ def judge_transaction(reporter: Reporter, transaction: Transaction, slow_ns: i64
 
 
 def judge_szl(reporter: Reporter, transaction: Transaction) -> None:
-    """Report an SZL answer within one PDU that is shorter than the records that its head states."""
+    """Report an SZL answer in one PDU that is shorter than the records stated in its head."""
     head = transaction.parameters.userdata
     answer = transaction.response_parameters
     told = answer.userdata if answer is not None else None
@@ -243,9 +242,9 @@ def judge_szl(reporter: Reporter, transaction: Transaction) -> None:
 
 
 def judge_body(reporter: Reporter, transaction: Transaction) -> None:
-    """Report a command or service, or its answer, with parts that are too short or that state more than is there.
+    """Report a command or service, or its answer, whose parts are too short or state more than is there.
 
-    Octets after the last part are not reported, only shown with the PDU: some servers pad what they send.
+    Extra octets after the last part are not reported, only shown with the PDU: some servers pad what they send.
     """
     head = transaction.parameters.userdata
     if transaction.parameters.function not in _COMMANDS if head is None else head.group not in _SERVICES:
@@ -255,7 +254,7 @@ def judge_body(reporter: Reporter, transaction: Transaction) -> None:
         and head.group == GROUP_TIME
         and len(userdata_payload(transaction.response_octets)) == CLOCK.size
     ):
-        return  # a clock that was read, as panels do again and again
+        return  # a clock reading, as panels do it again and again
     response = transaction.response
     for pdu, body in (
         (transaction.request, transaction.request_body),
@@ -275,7 +274,7 @@ def judge_body(reporter: Reporter, transaction: Transaction) -> None:
 
 
 def judge_unanswered(reporter: Reporter, transaction: Transaction, now_ns: i64, slow_ns: i64) -> None:
-    """Report a request without an answer, unless the capture has a gap or ends too early to be certain."""
+    """Report an unanswered request, unless the capture has a gap or ends too early for certainty."""
     judge_written(reporter, transaction)
     if transaction._outcome != UNANSWERED:
         return
@@ -295,7 +294,7 @@ def judge_unanswered(reporter: Reporter, transaction: Transaction, now_ns: i64, 
 
 
 def _stays_encrypted(transaction: Transaction, side: i64) -> bool:
-    """Return whether ``side`` stays encrypted while the other side was decrypted: the key log is incomplete."""
+    """Return whether ``side`` stays encrypted although the other side was decrypted: then the key log is incomplete."""
     session = transaction.connection.tls
     return session is not None and session.is_open and not session.directions[side].content
 
@@ -306,7 +305,7 @@ def _orphan(transaction: Transaction) -> str:
 
 
 def _why(transaction: Transaction) -> str:
-    """Return why there is no answer; if the connection was closed, by whom."""
+    """Return why there is no answer, and who closed the connection if it was closed."""
     if _stays_encrypted(transaction, 1 - transaction.asked_by):
         return "the answer, if there was one, stays encrypted"
     connection = transaction.connection
@@ -319,7 +318,7 @@ def _why(transaction: Transaction) -> str:
 
 
 def _acknowledged(transaction: Transaction) -> str:
-    """Return a text if an empty DT acknowledged the request: the network is fast then, and the device slow with the data."""
+    """Return a text if an empty DT acknowledged the request: then the network is fast, and the device itself is slow."""
     early = transaction.connection.early_ack(transaction)
     if early is None:
         return ""
@@ -328,7 +327,7 @@ def _acknowledged(transaction: Transaction) -> str:
 
 
 def _sent_again(transaction: Transaction) -> str:
-    """Return a text if TCP sent the request again: the network may be slow or the device gone, and not only busy."""
+    """Return a text if TCP sent the request again: then the network may be slow, or the device gone, not only busy."""
     again = transaction.again
     return f"; {again.text(transaction.request_ns)} (packet {again.frame})" if again is not None else ""
 
@@ -378,7 +377,7 @@ def _judge_flags(reporter: Reporter, transaction: Transaction) -> None:
 
 
 def judge_written(reporter: Reporter, transaction: Transaction) -> None:
-    """Report what is wrong with the data of a write, unless that was done; it explains a refusal of the write."""
+    """Report what is wrong with the data of a write, unless already reported; it explains a refusal of the write."""
     if transaction._flags & ASKED_JUDGED:
         return
     if transaction._flags & WRITE_SIZE:
@@ -401,7 +400,7 @@ def _detail_malformed(reporter: Reporter, transaction: Transaction, pdu: Pdu | N
 
 
 def _early(transaction: Transaction, pdu: Pdu) -> str:
-    """Return which item of a write begins early because a fill byte is missing, empty if that is not what is wrong."""
+    """Return the item of a write that begins early because a fill byte is missing; empty if nothing of this kind is wrong."""
     asked = transaction.parameters
     if pdu.side != transaction.asked_by or not transaction._flags & BAD_REQUEST:
         return ""
@@ -476,7 +475,7 @@ def _judge_items(reporter: Reporter, transaction: Transaction) -> None:
         if error.part == ALARM:
             what = f"{error.address or error.where}: {error.coded}"
             _note(reporter, "transaction.alarm_refused", transaction, what)
-        # An item without a return code was not refused: the answer is too short, which has a finding of its own.
+        # An item without a return code was not refused: the answer is too short, which is a different finding.
         if error.part == ITEM and error.code != NO_CODE and reporter.wants_of(slug, transaction):
             reporter.detail(
                 slug,
@@ -486,11 +485,11 @@ def _judge_items(reporter: Reporter, transaction: Transaction) -> None:
                 f"{transaction.function_name} {_about(transaction, error)}: {error.coded}",
             )
     if alone:
-        reporter.because = None  # what follows is about all items
+        reporter.because = None  # the rest is about all items
 
 
 def _judge_codes(reporter: Reporter, transaction: Transaction, slug: str, codes: list[int]) -> None:
-    """Report the items of a plain read that were refused, for which nothing is to blame."""
+    """Report the refused items of a plain read that have no known cause."""
     for index in range(len(codes)):
         code: i64 = codes[index]
         if code != SUCCESS and reporter.wants_of(slug, transaction):
@@ -508,9 +507,9 @@ def _judge_codes(reporter: Reporter, transaction: Transaction, slug: str, codes:
 def _why_refused(
     reporter: Reporter, transaction: Transaction, error: TransactionError, because: Finding | None
 ) -> Finding | None:
-    """Return what explains the refusal of an item; ``because`` is what is wrong with the request as a whole.
+    """Return the cause of the refusal of an item; ``because`` is the fault of the request as a whole.
 
-    Items before the one at which the data of a write go wrong are sound, and data of a wrong size have a code of their own.
+    Items before the first wrong one in the data of a write are sound; data of a wrong size have their own code.
     """
     if error.part != ITEM:
         return because
@@ -524,7 +523,7 @@ def _why_refused(
 
 
 def _several_bits(reporter: Reporter, transaction: Transaction, error: TransactionError) -> Finding | None:
-    """Report an item that was refused because it is of type BIT, which takes the count 1; return that as a cause, else None."""
+    """Report an item that was refused because it has type BIT and a count other than 1; return it as a cause, else None."""
     if error.part != ITEM or error.code != TYPE_NOT_SUPPORTED or transaction.rosctr != JOB:
         return None
     results = transaction.s7_results
@@ -553,7 +552,7 @@ def _in_part(transaction: Transaction) -> bool:
 
 
 def _about(transaction: Transaction, error: TransactionError) -> str:
-    """Return what an item is: its tags where it has some, else its address and length, or its position."""
+    """Return a text for an item: its tags if it has some, else its address and length, or its position."""
     results = transaction.s7_results
     known = results[error.item - 1].item if 0 < error.item <= len(results) else None
     if known is not None and transaction.connection.naming is None and transaction.parameters.function != WRITE_VAR:

@@ -1,6 +1,6 @@
 """Findings about TPKTs and TPDUs (reference 7.1).
 
-They are about octets between TPKTs, the beginning of a connection, the connect confirm, and data after the end.
+They are about stray octets between TPKTs, the beginning of a connection, the connect confirm, and data after the end.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from dissect.protocols.iso.tpkt import BAD_VERSION, HIDING, VERSION
 from dissect.protocols.iso.tsap import Tsap
 from dissect.wire.text import count, duration_text
 
-# Bits of `Connection.told` for what was judged or reported: for side 0; shifted by one for side 1.
+# Bits of `Connection.told` for what was judged or reported on side 0; shifted by one for side 1.
 _BEGUN: Final = 1
 _NUMBERED: Final = 4
 _AFTER_END: Final = 16
@@ -31,7 +31,7 @@ _LARGE: Final = 1024
 #: The connect confirm has no TSAPs.
 _BARE: Final = 4096
 
-#: A stretch of stray octets that is longer than this is reported before it ends, as on a live line that may take days.
+#: A longer stretch of stray octets is reported before it ends, because that may take days on a live network.
 _LONG_STRAY: Final = 65536
 
 #: The header of a DT of class 0, in octets.
@@ -41,7 +41,7 @@ _LARGEST: Final = 65531
 
 
 def judge_faults(reporter: Reporter, side: Side, frame: i64, time_ns: i64) -> None:
-    """Report what the framer of ``side`` found wrong with headers of TPKTs, and let a stretch of stray octets begin there."""
+    """Report the faults of TPKT headers that the framer of ``side`` found; a stretch of stray octets may begin there."""
     number = side.connection.number
     who = side.tcp.ends[side.index]
     for fault in side.framer.faults:
@@ -52,7 +52,7 @@ def judge_faults(reporter: Reporter, side: Side, frame: i64, time_ns: i64) -> No
             reporter.note("tpkt.bad_length", number, [frame], time_ns, f"length {fault.value} from {who}")
         stray = side.stray
         if stray is None or stray.framed != fault.framed:
-            if stray is not None:  # these stray octets end, and others begin in the same packet
+            if stray is not None:  # one stretch ends and another begins in the same packet
                 judge_stray(reporter, side, stray, fault.skipped, f"; decoding resumed in packet {frame}")
             first: i64 = fault.value if fault.kind == BAD_VERSION else VERSION
             stray = side.stray = Stray(first, fault.skipped, fault.framed, frame, time_ns)
@@ -61,7 +61,10 @@ def judge_faults(reporter: Reporter, side: Side, frame: i64, time_ns: i64) -> No
 
 
 def judge_stray(reporter: Reporter, side: Side, stray: Stray, skipped: i64, how: str) -> None:
-    """Report a stretch of stray octets. ``skipped``: all octets that the framer has skipped; ``how``: how it continued."""
+    """Report a stretch of stray octets.
+
+    ``skipped`` counts all octets that the framer has skipped; ``how`` says how it continued.
+    """
     if stray.garbage and not stray.told:
         stray.told = True
         who = side.tcp.ends[side.index]
@@ -70,7 +73,7 @@ def judge_stray(reporter: Reporter, side: Side, stray: Stray, skipped: i64, how:
 
 
 def follow_stray(reporter: Reporter, side: Side, stray: Stray, frame: i64, time_ns: i64) -> None:
-    """A packet was read within a stretch of stray octets: report the stretch if the framer is in step again."""
+    """Follow a stretch of stray octets after a packet was read; report it if the framer found the next TPKT."""
     framer = side.framer
     skipped: i64 = framer.skipped
     if skipped != stray.seen:
@@ -85,7 +88,7 @@ def follow_stray(reporter: Reporter, side: Side, stray: Stray, frame: i64, time_
 
 
 def end_stray(reporter: Reporter, side: Side) -> None:
-    """No more octets of ``side`` are read as TPKTs: its stretch of stray octets, if any, has no end."""
+    """No more octets of ``side`` are read as TPKTs: its stretch of stray octets, if any, stays without an end."""
     stray = side.stray
     if stray is not None:
         side.stray = None
@@ -93,7 +96,7 @@ def end_stray(reporter: Reporter, side: Side) -> None:
 
 
 def judge_data(reporter: Reporter, side: Side, size: i64, frame: i64, time_ns: i64) -> bool:
-    """Judge a DT longer than `Connection.dt_limit`: it is too long, precedes the setup of the connection or follows its end.
+    """Judge a DT longer than `Connection.dt_limit`: it is too long, or comes before the setup or after the end.
 
     Return whether it is longer than the TPDU size.
     """
@@ -124,7 +127,7 @@ def sent_large(connection: Connection, side: i64) -> bool:
 
 
 def _watched(connection: Connection) -> bool:
-    """Return whether the order of further TPDUs still has to be judged."""
+    """Return whether the order of further TPDUs still needs a check."""
     if connection.iso_ended_how == DISCONNECT:
         return not connection.told & (_AFTER_END << connection.iso_ended_by)
     begun: i64 = 3 * _BEGUN
@@ -160,7 +163,7 @@ def judge_order(reporter: Reporter, side: Side, type_: i64, frame: i64, time_ns:
 
 
 def judge_number(reporter: Reporter, side: Side, number: i64, frame: i64, time_ns: i64) -> None:
-    """Report a TPDU number other than 0, which class 0 does not have; once per side."""
+    """Report a TPDU number other than 0, as class 0 has no numbers; once per side."""
     connection = side.connection
     told: i64 = _NUMBERED << side.index
     if not connection.told & told:
@@ -172,7 +175,7 @@ def judge_number(reporter: Reporter, side: Side, number: i64, frame: i64, time_n
 
 
 def note_early(reporter: Reporter, side: Side, frame: i64, time_ns: i64) -> None:
-    """Take an empty DT that ``side`` sent while a request to it was open, and report the first one of a server."""
+    """Take an empty DT that ``side`` sent while a request to it was open; report the first one of a server."""
     connection = side.connection
     traits = connection.traits
     traits.note_early(side.index, frame, time_ns)
@@ -188,13 +191,13 @@ def note_early(reporter: Reporter, side: Side, frame: i64, time_ns: i64) -> None
 
 
 def judge_expedited(reporter: Reporter, side: Side, size: i64, frame: i64, time_ns: i64) -> None:
-    """Report an ED with more user data than it may carry; ``size`` is how many octets it has."""
+    """Report an ED with more user data than allowed; ``size`` is the number of octets in it."""
     detail = f"{size} bytes from {side.tcp.ends[side.index]}"
     reporter.note("cotp.expedited_too_long", side.connection.number, [frame], time_ns, detail)
 
 
 def judge_confirm(reporter: Reporter, side: Side, tpdu: Tpdu, frame: i64, time_ns: i64) -> None:
-    """Report a connect confirm that does not fit its request: reference, class, TPDU size, TSAPs.
+    """Report a connect confirm that does not match its request: reference, class, TPDU size, TSAPs.
 
     Reference and class of a damaged request are -1.
     """
@@ -221,7 +224,7 @@ def judge_confirm(reporter: Reporter, side: Side, tpdu: Tpdu, frame: i64, time_n
 
 
 def judge_bare_confirm(reporter: Reporter, side: Side, ending: Ending) -> None:
-    """Report a client that ends its connection after a connect confirm without TSAPs, without having sent anything more."""
+    """Report a client that ends its connection right after a connect confirm without TSAPs."""
     connection = side.connection
     asking = side if side.index == connection.client_side else side.peer
     if not connection.told & _BARE or connection.pdus or connection.protocol or asking is None:

@@ -1,6 +1,6 @@
-"""Ways of sending requests that some devices do not take: in numbered TPDUs, or in several TPDUs each.
+"""Ways of sending requests that some devices do not accept: in numbered TPDUs, or in several TPDUs each.
 
-That no request sent in such a way is answered, while others are, is the sign. One answer refutes it.
+The sign of it: no request sent in such a way is answered, but others are. A single answer refutes it.
 """
 
 from __future__ import annotations
@@ -12,12 +12,13 @@ from mypy_extensions import i64
 from dissect.engine.findings.reporter import Finding
 from dissect.engine.transactions.side import Side
 
-#: This many requests of a way are remembered. More are not reported: no client waits for this many answers.
+#: Maximum number of requests of one way that are remembered. A way with more is not reported: no client waits for this many
+#: answers.
 _MOST: Final = 4096
 
 
 def whole(asking: Side) -> bool:
-    """Return whether the capture has all octets of both directions: what it does not show was not sent."""
+    """Return whether all octets of both directions are captured, so that nothing else was sent."""
     answering = asking.peer
     if answering is None or not answering.captured or answering.holes or asking.holes:
         return False
@@ -27,10 +28,10 @@ def whole(asking: Side) -> bool:
 
 
 class Way:
-    """The requests that ``side`` sent in one way; ``slug`` is the finding about it, and ``said`` describes it.
+    """The requests that ``side`` sent in one way; ``slug`` is the finding about this way, and ``said`` describes it.
 
-    ``frame`` and ``since_ns`` are packet and time of the first of them. ``unanswered`` counts those that were never answered.
-    ``fine``: nothing is wrong with this way. ``told`` is the finding, once it was made.
+    ``frame`` and ``since_ns`` are packet and time of the first of them. ``unanswered`` counts those that finally got no answer.
+    With ``fine`` nothing is wrong with this way. ``told`` is the finding, once it exists.
     """
 
     __slots__ = ("_numbers", "fine", "frame", "said", "side", "since_ns", "slug", "told", "unanswered")
@@ -56,7 +57,7 @@ class Way:
         return int(number) in self._numbers
 
     def note(self, number: i64) -> None:
-        """The next request is sent in this way: that of transaction ``number``."""
+        """The next request, that of transaction ``number``, is sent in this way."""
         opened = self.side.connection.open_requests[self.side.index]
         if self.sent - self.unanswered > opened.count or self.sent >= _MOST:
             self.fine = True  # one of them was answered
@@ -65,7 +66,7 @@ class Way:
         self._numbers.add(int(number))
 
     def give_up(self, number: i64, seen: bool) -> None:
-        """A request of the connection stays unanswered; not ``seen``: it may have been answered all the same."""
+        """A request of the connection stays unanswered; unless ``seen``, it may have been answered all the same."""
         if self.has(number) and seen:
             self.unanswered += 1
         else:
@@ -73,11 +74,11 @@ class Way:
 
     @property
     def suspicious(self) -> bool:
-        """True while this way may be why requests stay unanswered: others were answered."""
+        """True while this way may be the reason for unanswered requests: others were answered."""
         return not self.fine and self.side.connection.answered > 0
 
     def stands(self, before_ns: i64) -> bool:
-        """Return whether this way is why requests stay unanswered: others were answered, and of these not one.
+        """Return whether this way is the reason for unanswered requests: others were answered, but none of these.
 
         Of open requests, only those sent before ``before_ns`` have waited long enough.
         """

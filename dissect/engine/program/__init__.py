@@ -1,1 +1,1 @@
-"""Blocks of a PLC's program as they were transferred: facts in their headers, their parts, changes between two versions."""
+"""Blocks of a PLC's program as they were transferred: the facts in their headers, their parts, the changes between versions."""

@@ -1,7 +1,7 @@
-"""Builds blocks from their transfer: a download or upload of S7comm carries one block, one of S7comm-plus several.
+"""Builds blocks from their transfer: a download or upload of S7comm carries one block, a transfer of S7comm-plus several.
 
-`carve` takes an operation that is over. The name of a block comes from its header, or without one from the request: a client
-that is not STEP 7 (python-snap7) loads contents without a header.
+`carve` takes a finished operation. The name of a block comes from its header, or from the request if it has no header: some
+clients (python-snap7) load contents without a header.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from dissect.wire.text import count
 
 S7COMM: Final = "s7comm"
 S7COMM_PLUS: Final = "s7comm_plus"
-#: A transfer that has no block type and number, such as a file of an NC.
+#: The kind of a transfer that has no block type and number, such as a file of an NC.
 FILE: Final = "file"
 
 # Names of the parts of a block; `compare` says which of them changed.
@@ -35,11 +35,11 @@ _HEADER_ALONE: Final = ", header alone"
 class CarvedBlock:
     """A block that was downloaded, uploaded, or read from a file.
 
-    ``kind`` is its type (``DB``), ``number`` is -1 for a file; ``label`` is both together. ``octets`` are the block up to the
-    first gap; ``missing`` says what it lacks, empty for a complete one. ``behind_gap`` are octets that were captured after the
-    gap: their place in the block is unknown. ``operation`` is the transfer, None for a block from a file. ``activation`` says
-    what happened to a downloaded block. Texts are from the wire and not escaped. Times are ISO texts without a time zone, as
-    the engineering station wrote them, or empty. ``checksum`` is -1 for none.
+    ``kind`` is its type (``DB``), ``number`` its number, -1 for a file; ``label`` is both together. ``octets`` are the block up
+    to the first gap; ``missing`` describes what is missing, empty for a complete block. ``behind_gap`` are octets that were
+    captured after the gap: their place in the block is unknown. ``operation`` is the transfer, None for a block from a file.
+    ``activation`` says what happened to a downloaded block. Texts are from the wire and not escaped. Times are ISO texts
+    without a time zone, as the engineering station wrote them, or empty. ``checksum`` is -1 for none.
     """
 
     __slots__ = (
@@ -49,7 +49,7 @@ class CarvedBlock:
     def __init__(self, kind: str, number: int, octets: bytes, protocol: str) -> None:
         self.kind = kind
         self.number = number
-        self.title = ""  # its name in the request, if that is not the name of a block
+        self.title = ""  # its name in the request, if that is not a block name
         self.octets = octets
         self.protocol = protocol
         self.missing = ""
@@ -79,7 +79,7 @@ class CarvedBlock:
 
     @property
     def activated(self) -> bool | None:
-        """Whether a client activated it after the download; None for an upload, and if nothing has to be activated."""
+        """Whether a client activated it after the download; None for an upload, and if no activation is needed."""
         activation = self.activation
         if activation is None or not (activation.frame or activation.due or activation.deleted):
             return None
@@ -92,12 +92,12 @@ class CarvedBlock:
 
     @property
     def name(self) -> str:
-        """Its name: from the header, or the symbol in S7comm-plus."""
+        """Its name: the one in the header, or the symbol in S7comm-plus."""
         return self._said("name")
 
     @property
     def author(self) -> str:
-        """Who wrote it."""
+        """Its author."""
         return self._said("author")
 
     @property
@@ -122,7 +122,7 @@ class CarvedBlock:
 
     @property
     def checksum(self) -> int:
-        """The checksum in the footer, whose algorithm is not public."""
+        """The checksum in the footer; its algorithm is not public."""
         return self.classic.checksum if self.classic is not None else -1
 
     @property
@@ -141,7 +141,7 @@ class CarvedBlock:
         return str(operation.connection.tcp.ends[1 - operation.asked_by].host)
 
     def parts(self) -> dict[str, bytes]:
-        """Return its parts by name: code (for a data block values), interface, and the rest as header."""
+        """Return its parts by name: code (values for a data block), interface, and the rest as header."""
         if self.classic is not None:
             code = VALUES if self.kind in _VALUES else CODE
             rest = _rest(self.octets, self.classic)
@@ -169,7 +169,7 @@ def _rest(octets: bytes, block: ClassicBlock) -> bytes:
 
 
 def carve(operation: Operation) -> list[CarvedBlock]:
-    """Return the blocks that an operation carried; empty if it carried none, or was refused before."""
+    """Return the blocks that an operation carried; empty if there were none, or if it was refused first."""
     if operation.kind not in TRANSFERS:
         return []
     if operation.connection.plus is not None and operation.transactions and not _classic_name(operation):
@@ -186,7 +186,7 @@ def carve(operation: Operation) -> list[CarvedBlock]:
 
 
 def _sure(operation: Operation) -> int:
-    """Return how many octets of a transfer are in their right place: all, unless a piece in the middle is missing."""
+    """Return how many octets of a transfer are certainly at the right place: all, unless a piece in the middle is missing."""
     content = operation.content
     got = len(content)
     if not 0 <= operation.gap < got:
@@ -198,7 +198,7 @@ def _sure(operation: Operation) -> int:
 
 
 def block_of(octets: bytes, named: str = "") -> CarvedBlock:
-    """Return octets as a block; ``named`` is its name in the request (``DB 1, passive``), for octets without a header."""
+    """Return the block in ``octets``; ``named`` is its name in the request (``DB 1, passive``), used if it has no header."""
     classic = read_classic(octets)
     name = _NAMED.match(named)
     if classic is not None:
@@ -218,7 +218,7 @@ def _classic_name(operation: Operation) -> bool:
 
 
 def _missing(operation: Operation, block: CarvedBlock) -> str:
-    """Return what a transferred block lacks, as text."""
+    """Return, as text, what is missing of a transferred block."""
     lacks = _lacks(operation, block)
     if not lacks and operation.likely:
         number = count(int(operation.likely), "pair of request and answer is", "pairs of request and answer are")
@@ -272,7 +272,7 @@ def _pdus_of(operation: Operation) -> list[tuple[bytes, str]]:
         return [(content, ended)]
     found = []
     begin = 0
-    whole = all([step == DONE for step in operation.steps])  # then the end of the load has their outcome
+    whole = all([step == DONE for step in operation.steps])  # then the end of the load has the outcome of all of them
     for (end, _), result in zip(operation.places, operation.steps, strict=True):
         found.append((content[begin:end], ended if whole else result))
         begin = end

@@ -21,7 +21,7 @@ STATES: Final[dict[str, str]] = {
 }
 #: The order in which parts are named.
 _PARTS: Final = (CODE, VALUES, INTERFACE, HEADER)
-#: Facts in a header, and their names for a person.
+#: Facts in a header, and the words for them in texts.
 _FACTS: Final[dict[str, str]] = {
     "language": "language",
     "name": "name",
@@ -38,9 +38,9 @@ Fact = tuple[str, str, str]
 
 
 class BlockChange:
-    """What happened to one block: ``was`` and ``now`` are its two versions, None if it was not there.
+    """The change of one block: ``was`` and ``now`` are its two versions, None if it did not exist.
 
-    ``parts`` are the parts that differ (`STATES` explains ``state``), ``facts`` the differences between the headers.
+    ``parts`` are the parts that differ (`STATES` explains ``state``), ``facts`` the differences of the headers.
     """
 
     __slots__ = ("facts", "now", "parts", "state", "was")
@@ -64,7 +64,7 @@ class BlockChange:
 
     @property
     def comparable(self) -> bool:
-        """False if one of the two is incomplete: differences may only be missing octets."""
+        """False if one of the two is incomplete: then a difference may only be due to missing octets."""
         return all([block.complete for block in (self.was, self.now) if block is not None])
 
     def __repr__(self) -> str:
@@ -72,7 +72,7 @@ class BlockChange:
 
 
 def changed_parts(was: CarvedBlock, now: CarvedBlock) -> tuple[str, ...]:
-    """Return the parts in which two versions of a block differ; empty if there are none."""
+    """Return the parts in which two versions of a block differ."""
     before, after = was.parts(), now.parts()
     return tuple([name for name in _PARTS if before.get(name, b"") != after.get(name, b"")])
 
@@ -108,9 +108,9 @@ def versions(blocks: Iterable[CarvedBlock], by_plc: bool) -> dict[tuple[str, str
 
 
 def compare(first: list[CarvedBlock], second: list[CarvedBlock]) -> list[BlockChange]:
-    """Return what changed from one set to another, block by block; the latest version of each block counts.
+    """Return what changed from one set to another, block by block; only the latest version of each block counts.
 
-    Blocks of different PLCs are kept apart if one of the sets has blocks of several PLCs.
+    Blocks of different PLCs are compared separately if one of the sets has blocks of several PLCs.
     """
     by_plc = any([len({block.plc for block in blocks}) > 1 for blocks in (first, second)])
     before = {key: row[-1] for key, row in versions(first, by_plc).items()}
@@ -130,7 +130,7 @@ def compare(first: list[CarvedBlock], second: list[CarvedBlock]) -> list[BlockCh
 
 
 def over_time(blocks: list[CarvedBlock]) -> list[BlockChange]:
-    """Return what changed within one set: for each block from its first version to its latest."""
+    """Return the changes within one set: for each block from its first version to its latest."""
     by_plc = len({block.plc for block in blocks}) > 1
     found = [BlockChange(CHANGED, row[0], row[-1]) for row in versions(blocks, by_plc).values() if len(row) > 1]
     return [change for change in found if change.parts]
@@ -143,5 +143,5 @@ def _moved(was: CarvedBlock, now: CarvedBlock) -> bool:
     return same and was.kind == now.kind and len(before.get(CODE, b"") or before.get(VALUES, b"")) >= _LEAST
 
 
-#: Octets of code or values below which equality of two blocks proves nothing.
+#: Below this many octets of code or values, equality of two blocks proves nothing.
 _LEAST: Final = 8

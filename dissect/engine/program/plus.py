@@ -17,8 +17,9 @@ from dissect.protocols.s7plus.values import Blob, Struct, Value
 from dissect.protocols.s7plus.walk import FormatError, Walk
 
 _PROTECTION: Final = 2524
-_PROTECTION_MODE: Final = 3448  # a member of it: 0 for none; 3 in captures, as in the header of an S7-300/400 block
-#: Attributes of the code: XML source, the code that the CPU runs, references of both, called blocks, constants.
+# a member of the attribute above: 0 for none; 3 in captures, as in the header of an S7-300/400 block
+_PROTECTION_MODE: Final = 3448
+#: Attributes of the code: XML source, the code that the CPU runs, the references of both, called blocks, constants.
 BODY: Final = 2533
 _CODE: Final = frozenset((BODY, 2580, 2583, 2586, 2591, 8190))
 #: Attributes of a data block: initial and actual values.
@@ -30,14 +31,14 @@ _INTERFACE: Final = frozenset((INTERFACE, 4578))
 REFERENCES: Final = 2583
 #: Blobs that are written as separate files, and what they contain.
 TEXTS: Final[dict[int, str]] = {BODY: "body", INTERFACE: "interface", REFERENCES: "references"}
-#: How many blocks of one PDU are taken; a CPU has a few thousand.
+#: Maximum number of blocks taken from one PDU; a CPU has a few thousand.
 MAX_BLOCKS: Final = 8192
 
 
 class PlusBlock:
-    """A block of an S7-1200/1500: ``octets`` are its object in the PDU, as far as it could be read.
+    """A block of an S7-1200/1500: ``octets`` are its object in the PDU, as far as it is readable.
 
-    ``whole`` is False if the end of the object is missing. ``code`` (for a data block its values), ``interface`` and ``rest``
+    ``whole`` is False if the end of the object is missing. ``code`` (the values, for a data block), ``interface`` and ``rest``
     are the octets of its attributes as sent, for comparisons. Times are ISO texts.
     """
 
@@ -64,7 +65,7 @@ class PlusBlock:
         self.code, self.interface, self.rest = self._split(one, data)
 
     def _split(self, one: PlusObject, data: bytes) -> tuple[bytes, bytes, bytes]:
-        """Return the octets of the code's attributes, of the interface's attributes, and of the rest of the object, as sent."""
+        """Return the octets of the code attributes, of the interface attributes, and of the rest of the object, as sent."""
         code_ids = _VALUES if self.kind == "DB" else _CODE
         code, interface, rest = bytearray(), bytearray(), bytearray()
         at = one.offset
@@ -79,7 +80,7 @@ class PlusBlock:
         return bytes(code), bytes(interface), bytes(rest)
 
     def blobs(self) -> Iterator[tuple[int, bytes]]:
-        """Yield the compressed texts of body and interface: (id of the attribute, octets), in wire order."""
+        """Yield the compressed texts of body and interface as (attribute id, octets), in wire order."""
         for element in self._object.elements:
             if isinstance(element, Attribute) and element.id in TEXTS:
                 for octets in _blobs(element.value):
@@ -93,7 +94,7 @@ def _is_protected(value: Value | None) -> bool:
 
 
 def _end_of(one: PlusObject) -> int:
-    """Return where the last attribute of an object without an end ends; where the object begins, if it has no attribute."""
+    """Return the end of the last attribute of an object without an end, or its beginning if it has no attribute."""
     ends = [element.value.end for element in one.elements if isinstance(element, Attribute)]
     return ends[-1] if ends else one.offset
 
@@ -115,7 +116,7 @@ def _time(ns: int) -> str:
 
 
 def plus_blocks(octets: bytes) -> list[PlusBlock]:
-    """Return the blocks in a PDU in wire order, as far as it can be read. Never raises."""
+    """Return the readable blocks in a PDU in wire order. Never raises."""
     pdu = parse_plus(octets)
     found = parse_contents(pdu, False)
     every = every_object(found.objects or found.begun)
@@ -130,7 +131,7 @@ def plus_block_of(octets: bytes) -> PlusBlock | None:
 
 
 def _elements(octets: bytes) -> list[Element]:
-    """Return the elements in octets; if these end too soon or have a fault, those that could be read."""
+    """Return the elements in octets; if the octets are too short or faulty, only those before the fault."""
     elements: list[Element] = []
     try:
         read_into(Walk(octets, 0, len(octets), False), elements)

@@ -1,1 +1,1 @@
-"""What stations say about themselves: facts that are read from transactions, and the book that keeps them."""
+"""What stations state about themselves: facts that are read from transactions, and the book that stores them."""

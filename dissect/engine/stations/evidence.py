@@ -1,6 +1,6 @@
 """Reads facts about stations from S7comm transactions: SZL, clock, blocks and modes (reference sections 4.5, 4.6, 4.12).
 
-`dissect.protocols.s7plus.events` reads what CPUs say in S7comm-plus; it collects that in `Identity.told`.
+`dissect.protocols.s7plus.events` reads what CPUs state in S7comm-plus, and collects it in `Identity.told`.
 """
 
 from __future__ import annotations
@@ -47,11 +47,11 @@ from dissect.wire.text import hex_number
 
 #: Userdata groups with facts about a station.
 TELLING: Final = frozenset((GROUP_MODE, GROUP_BLOCKS, GROUP_CPU, GROUP_TIME))
-#: Names of modules by rack and slot, as the two numbers stand in an octet of a TSAP.
+#: Names of modules by rack and slot, which are the two numbers in an octet of a TSAP.
 _MODULES: Final = [f"rack {place >> 5} slot {place & 0x1F}" for place in range(256)]
-#: Partial lists with facts; a panel may poll other lists for hours.
+#: Partial lists with facts; other lists may be polled by a panel for hours.
 _LISTS: Final = frozenset((0x11, 0x1C, 0x24, 0x31, 0x32, 0x37))
-#: Answers whose facts are remembered, because polling returns the same answer again and again.
+#: Number of answers whose facts are remembered, because polling returns the same answer again and again.
 MAX_ANSWERS: Final = 512
 
 #: Components of list 0x1C by their number.
@@ -70,11 +70,11 @@ _GENERAL: Final = CAPABILITY_RECORDS[0x01]
 _TELLING_RECORDS: Final = _COMPONENT_LAYOUTS | frozenset(
     [id(layout) for layout in (IDENTIFICATION, OPERATING_MODE, PROTECTION, _GENERAL, ETHERNET)]
 )
-#: What a record of list 0x11 is about, by index.
+#: The subject of a record of list 0x11, by its index.
 _MODULE: Final = 0x0001
 _HARDWARE: Final = 0x0006
 _FIRMWARE: Final = 0x0007
-#: Offset of the DATE_AND_TIME within a clock; it is the end of the clock.
+#: Offset of the DATE_AND_TIME in a clock; it is the last part of the clock.
 _TIME: Final = 2
 _NS: Final = 1_000_000_000
 _EPOCH: Final = datetime(1970, 1, 1, tzinfo=UTC)
@@ -90,7 +90,7 @@ class Evidence:
         self._answers: dict[tuple[int, int, bytes, bytes], list[Said]] = {}
 
     def of_transaction(self, transaction: Transaction) -> list[Fact]:
-        """Return the facts about the station that answered or pushed; empty for transactions without facts."""
+        """Return the facts about the station that answered or pushed; empty if there are none."""
         head = transaction.parameters.userdata
         if head is None or transaction.rosctr != USERDATA:
             return []
@@ -112,7 +112,7 @@ class Evidence:
         return []
 
     def of_operation(self, operation: Operation) -> list[Fact]:
-        """Return the facts in an answer in several parts that is complete now."""
+        """Return the facts in an answer in several parts, which is now complete."""
         head = operation.content_head
         if head is None or not operation.content:
             return []
@@ -120,7 +120,7 @@ class Evidence:
             return []
         wanted = operation.subject if head.group == GROUP_BLOCKS else ""
         if len(operation.content) < operation.announced:
-            return []  # records are missing somewhere; later ones would be read from wrong offsets
+            return []  # records are missing; the later ones would be read at wrong offsets
         source = "block functions"
         if head.group == GROUP_CPU and head.subfunction == READ_SZL:
             szl_id = int.from_bytes(operation.content[:2], "big")
@@ -149,7 +149,7 @@ class Evidence:
         return _facts(transaction, self._said(transaction, asked, payload), "block functions") if payload else []
 
     def _said(self, transaction: Transaction, asked: bytes, payload: bytes) -> list[Said]:
-        """Return the facts in an answer; they are read only if the same answer was not seen before."""
+        """Return the facts in an answer; an answer that was seen before is not read again."""
         parameters = transaction.response_parameters
         head = parameters.userdata if parameters is not None else None
         if head is None or head.error_code or head.data_unit_ref or head.last_data_unit:
@@ -172,9 +172,9 @@ class Evidence:
 
 
 def _tells_by_itself(head: UserdataHead) -> bool:
-    """Return whether an answer names what it is about, so that its facts are true whichever request it belongs to.
+    """Return whether an answer itself names its subject, so that its facts are true for any request.
 
-    The list of the blocks of a type does not name that type, and who accepts a time does not repeat it.
+    The list of the blocks of a type does not name that type, and a station that accepts a time does not repeat it.
     """
     if head.group == GROUP_BLOCKS:
         return head.subfunction != LIST_OF_TYPE
@@ -182,7 +182,7 @@ def _tells_by_itself(head: UserdataHead) -> bool:
 
 
 def _records(payload: bytes) -> list[Part]:
-    """Parse the records with facts of a complete list; records that are missing are left out."""
+    """Parse the records with facts of a complete list; missing records are left out."""
     szl_id, length, count = u16(payload, 0), u16(payload, 4), u16(payload, 6)
     if extract(szl_id) == HEAD_ONLY or not length:
         return []
@@ -196,7 +196,7 @@ def _records(payload: bytes) -> list[Part]:
 
 
 def _answered(transaction: Transaction) -> bytes:
-    """Return the payload of a userdata answer, read in place because panels poll; empty if the answer was not successful."""
+    """Return the payload of a userdata answer, read in place because panels poll; empty if the answer is not a success."""
     parameters = transaction.response_parameters
     if parameters is None:
         return b""
@@ -218,7 +218,7 @@ def _payload(buf: bytes, offset: int, size: int, parameters: int) -> bytes:
 
 
 def said_by(parts: list[Part], wanted: str = "") -> list[Said]:
-    """Return the facts in the parts of an answer; ``wanted`` is the type of the blocks that are listed."""
+    """Return the facts in the parts of an answer; ``wanted`` is the type of the listed blocks."""
     said: list[Said] = []
     for part in parts:
         layout = part.layout
@@ -248,7 +248,7 @@ def said_by(parts: list[Part], wanted: str = "") -> list[Said]:
 
 
 def _identification(part: Part) -> list[Said]:
-    """Read a record of list 0x11: the order number, and the version of the component that its index names."""
+    """Read a record of list 0x11: the order number, and the version of the component given by its index."""
     index, version, release = part.number("index"), part.number("version"), part.number("release")
     said: list[Said] = []
     order = part.text("order_number").strip()
@@ -258,7 +258,7 @@ def _identification(part: Part) -> list[Said]:
     if index == _FIRMWARE and letter and release >= 0:
         said.append((facts.FIRMWARE, f"{letter}.{release >> 8}.{release & 0xFF}"))
     elif index == _HARDWARE and not letter and version not in {-1, 0, BLANK}:
-        said.append((facts.HARDWARE, str(version)))  # its release is that of a file of the programming device
+        said.append((facts.HARDWARE, str(version)))  # its release is the release of a file of the programming device
     return said
 
 
@@ -268,7 +268,7 @@ def _with_number(part: Part, name: str) -> str:
 
 
 def _clock(transaction: Transaction, head: UserdataHead) -> list[Fact]:
-    """Read a clock: the time that a station answers, or that it accepts to be set to."""
+    """Read a clock: the time that a station reports, or accepts as its new time."""
     setting = head.subfunction in SETTING
     if transaction._outcome != ANSWERED:
         return []
@@ -286,9 +286,9 @@ def _clock(transaction: Transaction, head: UserdataHead) -> list[Fact]:
 
 
 def clock_time(text: str) -> int | None:
-    """Return a DATE_AND_TIME ("DT#2026-11-21-01:31:15.556") as nanoseconds since 1970; None for other texts.
+    """Return a DATE_AND_TIME ("DT#2026-11-21-01:31:15.556") as nanoseconds since 1970; None for any other text.
 
-    It has no time zone and is taken as UTC.
+    It has no time zone and is interpreted as UTC.
     """
     try:
         found = datetime.fromisoformat(f"{text[3:13]} {text[14:]}").replace(tzinfo=UTC)
@@ -299,7 +299,7 @@ def clock_time(text: str) -> int | None:
 
 
 def module_asked(connection: Connection, asked_by: int) -> str:
-    """Return rack and slot in the called TSAP; empty if it has none, or if ``asked_by`` is not the client."""
+    """Return rack and slot of the called TSAP; empty if it has none, or if ``asked_by`` is not the client."""
     tsap = connection.tsap_called
     if tsap is None or tsap.rack < 0 or asked_by != connection.client_side:
         return ""

@@ -1,7 +1,7 @@
-"""Facts about stations, and the book that keeps them: what is known of an address, since when, and from which packets.
+"""Facts about stations, and the book that stores them: the facts of each address, since when, and from which packets.
 
-Everything is bounded: `MAX_STATIONS` stations, with `MAX_KEYS` kinds of facts each, of which each has `MAX_STRETCHES` values
-over time, and `MAX_BLOCKS` names of blocks. Facts beyond that are counted.
+All sizes are limited: `MAX_STATIONS` stations, `MAX_KEYS` kinds of facts for each, `MAX_STRETCHES` values over time for each
+kind, and `MAX_BLOCKS` names of blocks. Facts beyond that are counted.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ CLOCK_SET: Final = "clock_set"
 BLOCKS: Final = "blocks"
 BLOCK: Final = "block"
 
-#: Names of all keys for a person, in the order in which a person reads them.
+#: Names of all keys for people, in the order of display.
 KEYS: Final[dict[str, str]] = {
     ORDER_NUMBER: "order number",
     HARDWARE: "hardware version",
@@ -62,10 +62,10 @@ KEYS: Final[dict[str, str]] = {
     BLOCKS: "number of blocks",
     BLOCK: "block",
 }
-#: Facts that stay the same as long as it is the same device with the same firmware: a change is a finding.
+#: Facts that stay the same as long as device and firmware do: a change is a finding.
 LASTING: Final = frozenset((ORDER_NUMBER, FIRMWARE, SERIAL_NUMBER, MAC))
 
-#: A clock runs: only the latest value is kept of what was read, and of what was set.
+#: A clock runs, so only the latest value is kept, both of read clocks and of set clocks.
 CLOCKS: Final = frozenset((CLOCK, CLOCK_SET))
 
 #: The key of the MAC address in `Station.facts`; it belongs to no module.
@@ -80,12 +80,12 @@ MAX_VALUE: Final = 120
 
 
 class Fact:
-    """Something that a station said about itself, or was seen with, in the packets ``frames``.
+    """A fact that a station stated about itself or that was observed about it, in the packets ``frames``.
 
     ``host`` is the address of the station and ``vlan`` the VLAN key of its network (`link.find_ip`). ``module`` is the rack and
-    slot that were asked ("rack 0 slot 2"), empty if unknown. ``key`` is one of `KEYS`; ``value`` is text from the wire, not
-    escaped; ``source`` is what the fact was read from ("SZL 0x0011"). ``before`` is the value up to its time, empty for none;
-    ``after`` the next one, which is known already if files are not read in order of time; ``fresh`` says that ``value`` differs
+    slot that was addressed ("rack 0 slot 2"), empty if unknown. ``key`` is one of `KEYS`; ``value`` is text from the wire, not
+    escaped; ``source`` is where the fact was read ("SZL 0x0011"). ``before`` is the value until then, empty for none; ``after``
+    is the next value, which may be known already if files are not read in order of time; ``fresh`` means that ``value`` differs
     from both. ``connection`` is the number of the connection.
     """
 
@@ -135,7 +135,7 @@ class Fact:
 
 @mypyc_attr(acyclic=True)  # many are kept, and each is smaller without the header for the garbage collector
 class Stretch:
-    """A value, and how long it stayed the same: the number of facts, and packet and time of the first and the last one."""
+    """A value and how long it stayed the same: the number of facts, and packet and time of the first and the last of them."""
 
     __slots__ = ("count", "first_frame", "first_ns", "last_frame", "last_ns", "source", "value")
 
@@ -152,7 +152,7 @@ class Stretch:
         return f"Stretch({self.value!r}, {self.count})"
 
     def again(self, frame: int, time_ns: int) -> None:
-        """Take a fact with the same value, which is not older than the first one."""
+        """Take a fact with the same value; it is not older than the first one."""
         self.count += 1
         if time_ns >= self.last_ns:
             self.last_frame = frame
@@ -170,10 +170,10 @@ class Stretch:
 
 
 class Station:
-    """What is known about an address in one network: the same address in another VLAN is another station.
+    """What is known about an address in one network; the same address in another VLAN is another station.
 
-    ``facts`` has the values by (module, key), as they were noted; `timeline` puts them in order of time, because files may be
-    read in any order. ``blocks`` are the names of its blocks. ``not_kept`` counts facts beyond the bounds.
+    ``facts`` has the values by (module, key), in the order in which they were noted; `timeline` sorts them by time, because
+    files may be read in any order. ``blocks`` are the names of its blocks. ``not_kept`` counts facts beyond the limits.
     """
 
     __slots__ = ("blocks", "facts", "host", "not_kept", "vlan")
@@ -186,7 +186,7 @@ class Station:
         self.not_kept = 0
 
     def latest(self, key: str) -> str:
-        """Return the latest value of a kind, of any module; empty if there is none."""
+        """Return the latest value of a kind, from any module; empty if there is none."""
         found = [last_of(stretches) for (_, own), stretches in self.facts.items() if own == key]
         return max(found, key=lambda stretch: stretch.last_ns).value if found else ""
 
@@ -217,12 +217,12 @@ class Station:
         else:
             fact.before = last.value
             fact.fresh = True
-            source = last.source if last.source == fact.source else fact.source  # one object for equal texts
+            source = last.source if last.source == fact.source else fact.source  # one shared object for equal texts
             stretches.append(Stretch(_known(fact.value, stretches), source, frame, fact.time_ns))
             self._bound(stretches)
 
     def _note_earlier(self, fact: Fact, frame: int, stretches: list[Stretch]) -> None:
-        """Take a fact that is older than the value noted last: from a file that is read after a later one."""
+        """Take a fact that is older than the latest one: its file is read after a later file."""
         before = after = ""
         for one in timeline(fact.key, stretches):
             if one.first_ns <= fact.time_ns:
@@ -238,11 +238,11 @@ class Station:
 
     def _bound(self, stretches: list[Stretch]) -> None:
         if len(stretches) > MAX_STRETCHES:
-            del stretches[1]  # keep the first one, which is the value in the beginning
+            del stretches[1]  # keep the first one, which is the initial value
             self.not_kept += 1
 
     def again(self, key: tuple[str, str], value: str, source: str, frame: int, time_ns: int) -> bool:
-        """Take a value if it is the first of its kind or the same as before; False for a new one, which needs a `Fact`."""
+        """Take a value that is the first of its kind or the same as before; False for a new value, which needs a `Fact`."""
         stretches = self.facts.get(key) if self.facts else None
         if stretches is None:
             self._begin(key, value, source, frame, time_ns)
@@ -305,7 +305,7 @@ class Station:
 
 
 def last_of(stretches: list[Stretch]) -> Stretch:
-    """Return the stretch whose value was stated last."""
+    """Return the stretch with the value that was stated last."""
     found = stretches[0]
     for one in stretches:
         if one.last_ns >= found.last_ns:
@@ -317,7 +317,7 @@ def timeline(key: str, stretches: list[Stretch]) -> list[Stretch]:
     """Return the values of one kind in order of time; each differs from the one before it.
 
     Values are noted file by file. If two files state the same value before and after a different one in a third file, it
-    appears twice, with its first and its last time.
+    appears twice, each time with its own first and last time.
     """
     if all([one.last_ns <= other.first_ns for one, other in pairwise(stretches)]) and not _repeats(key, stretches):
         return stretches
@@ -344,7 +344,7 @@ def _repeats(key: str, stretches: list[Stretch]) -> bool:
 
 
 def _known(value: str, stretches: list[Stretch]) -> str:
-    """Return ``value``, or the equal text before the last one: most values alternate, so that one object is enough."""
+    """Return ``value``, or the equal text before the last one: most values alternate, so one object is enough."""
     if len(stretches) > 1 and stretches[-2].value == value:
         return stretches[-2].value
     return value
@@ -353,7 +353,7 @@ def _known(value: str, stretches: list[Stretch]) -> str:
 class Book:
     """Stations by address and VLAN (`within`). ``not_kept`` counts facts about stations beyond `MAX_STATIONS`.
 
-    ``filled``: the engine notes all facts in this book, so that its owner need not do it.
+    With ``filled`` the engine notes all facts in this book, so its owner need not do so.
     """
 
     def __init__(self) -> None:
@@ -370,12 +370,12 @@ class Book:
     def again(
         self, host: str, vlan: int, key: tuple[str, str], value: str, source: str, frame: int, time_ns: int
     ) -> bool:
-        """Take a value of ``host`` without a `Fact`, if that is enough (`Station.again`)."""
+        """Take a value of ``host`` without making a `Fact`, if possible (`Station.again`)."""
         station = self._of(host, vlan)
         return station is None or station.again(key, value, source, frame, time_ns)
 
     def _of(self, host: str, vlan: int) -> Station | None:
-        """Return the station with this address; None if there is no room for it, which is counted."""
+        """Return the station with this address; None if there is no room for it, which is then counted."""
         name = within(host, vlan) if vlan else host
         station = self.stations.get(name)
         if station is None:
@@ -416,7 +416,7 @@ class Book:
 
 
 def agree(key: str, one: str, other: str) -> bool:
-    """Return whether two values may mean the same: "V4.3" and "V4.3.1" may, as one source can be less exact."""
+    """Return whether two values may mean the same: "V4.3" and "V4.3.1" may, because one source can be less exact."""
     if one == other:
         return True
     if key == FIRMWARE:

@@ -1,1 +1,1 @@
-"""Who asked, who answered, how long it took and what failed."""
+"""Requests and answers: who asked, who answered, how long it took and what failed."""

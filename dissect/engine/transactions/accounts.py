@@ -1,4 +1,4 @@
-"""The categories that packets are counted by, and the account of all octets: nothing is lost without being counted."""
+"""The categories of packets, and the account of all octets, so that every lost octet is counted."""
 
 from __future__ import annotations
 
@@ -49,16 +49,16 @@ CATEGORIES: Final[list[str]] = [
     "failed",
     "left_out",
 ]
-#: From here on a category means that the packet was not used.
+#: From this category on, the packet was not used.
 FIRST_IGNORED: Final = NOT_IP
 
 
 class OctetAccount:
-    """Octets of TCP payload, summed over the directions of connections that ended.
+    """Octets of TCP payload, summed over the directions of finished connections.
 
     ``delivered`` equals ``framed`` + ``skipped`` + ``buffered`` unless the analyzer failed on something; ``failed`` is the
-    difference. ``missing`` counts octets in gaps, which were not delivered; ``holes`` counts the gaps, ``inside`` those of them
-    that begin inside a message.
+    difference. ``missing`` counts octets in gaps, which were not delivered; ``holes`` counts the gaps, ``inside`` the gaps that
+    begin inside a message.
     """
 
     __slots__ = ("buffered", "delivered", "framed", "holes", "inside", "missing", "skipped")
@@ -74,7 +74,7 @@ class OctetAccount:
 
     @property
     def failed(self) -> int:
-        """Octets that are in none of the other sums; 0 unless the analyzer has a bug (finding ``internal.bug``)."""
+        """Octets that are in no other sum; 0 unless the analyzer has a bug (finding ``internal.bug``)."""
         return self.delivered - self.framed - self.skipped - self.buffered
 
     def as_dict(self) -> dict[str, int]:

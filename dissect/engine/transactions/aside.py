@@ -1,4 +1,4 @@
-"""What waits aside on a connection: requests and answers behind malformed TPDU headers.
+"""Requests and answers behind malformed TPDU headers that wait on a connection, separately from ordinary ones.
 
 See `dissect.engine.transactions.behind`.
 """
@@ -12,15 +12,15 @@ from mypy_extensions import i64
 if TYPE_CHECKING:
     from dissect.engine.transactions.transaction import Transaction
 
-#: Bounds for one connection: how many wait, and how many octets they have together. The oldest give way.
+#: Limits for one connection: the number of waiting messages, and their total size in octets. The oldest give way.
 MAX_ASIDE: Final = 8
 MAX_OCTETS: Final = 65536
 
 
 class Held:
-    """A request, or an answer with the open request that it fits (``request``).
+    """A request, or an answer with the open request that it matches (``request``).
 
-    ``packet`` is how many packets of its connection had been seen by then.
+    ``packet`` is the number of packets of its connection seen until then.
     """
 
     __slots__ = ("packet", "request", "transaction")
@@ -32,12 +32,12 @@ class Held:
 
     @property
     def octets(self) -> i64:
-        """How many octets it has."""
+        """Its size in octets."""
         return self.transaction.request_size + self.transaction.response_size
 
 
 class Aside:
-    """The requests and answers that wait, oldest first."""
+    """The waiting requests and answers, oldest first."""
 
     __slots__ = ("held",)
 
@@ -50,14 +50,14 @@ class Aside:
 
     @property
     def octets(self) -> i64:
-        """How many octets all of them have."""
+        """The size of all of them in octets."""
         octets: i64 = 0
         for one in self.held:
             octets += one.octets
         return octets
 
     def add(self, held: Held) -> list[Held]:
-        """Hold a request or an answer; return those that give way to it, which may be the new one itself."""
+        """Keep a request or an answer; return those that it displaces, which may be the new one itself."""
         self.held.append(held)
         octets: i64 = self.octets
         gone: list[Held] = []

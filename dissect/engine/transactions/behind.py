@@ -1,15 +1,15 @@
 """`Behind` takes PDUs behind the malformed header of a TPDU (docs/decisions/0004-pairing.md).
 
-Such a header has no place for a class 0 DT, so a device that reads it drops the TPDU. One that skips three octets and reads on
-takes the PDU. Only an answer shows that a request was taken, and only that nothing better comes shows that an answer was. So
-both wait aside:
+Such a header does not fit a class 0 DT, so a device that checks it drops the TPDU. A device that skips three octets and reads
+on accepts the PDU. Only an answer shows that a request was accepted, and an answer counts only if no better one comes. So both
+wait separately:
 
-* a request opens nothing. An answer with its reference makes it a transaction, if no ordinary request of that reference is
-  open. Without one it ends as `BEHIND_MALFORMED`: its answer is not reported as missing;
-* an answer waits while an ordinary request is open that it fits. It completes that request once its client asks more than it
-  may without an answer, or when no other answer came in time.
+* a request is not opened. An answer with its reference makes it a transaction, if no ordinary request with that reference is
+  open. Without an answer it ends as `BEHIND_MALFORMED`, and its answer is not reported as missing;
+* an answer waits while a matching ordinary request is open. It completes that request once the client sends more requests than
+  it may have open, or when no other answer came in time.
 
-All of them are marked (`Transaction._flags` has `BEHIND`), and everything that ends goes to `Dialogue.also`.
+All of them are marked (`Transaction._flags` has `BEHIND`), and all that are finished go to `Dialogue.also`.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ if TYPE_CHECKING:
 
 
 class Behind:
-    """Takes requests, answers and pushes behind malformed headers, of all connections."""
+    """Takes requests, answers and pushes behind malformed headers, for all connections."""
 
     def __init__(self, dialogue: Dialogue) -> None:
         self.used: bool = False  # whether anything ever waited on any connection
@@ -50,7 +50,7 @@ class Behind:
     def ask(
         self, side: Side, rosctr: i64, pdu_ref: i64, parameters: Parameters, octets: bytes, frame: i64, time_ns: i64
     ) -> None:
-        """Take a request of ``side``: it waits for an answer."""
+        """Take a request of ``side``, which then waits for an answer."""
         dialogue = self._dialogue
         dialogue.count += 1
         request = Transaction(dialogue.count, side.connection, side.index, rosctr, pdu_ref, parameters)
@@ -78,7 +78,7 @@ class Behind:
     def answer(
         self, side: Side, rosctr: i64, pdu_ref: i64, parameters: Parameters, octets: bytes, frame: i64, time_ns: i64
     ) -> None:
-        """Take an answer of ``side``: it waits for a better one, or completes a request that waits here, too."""
+        """Take an answer of ``side``: it waits for a better one, or completes a request that also waits here."""
         told = self._told(side, rosctr, pdu_ref, parameters, octets, frame, time_ns)
         requests = side.connection.open_requests[1 - side.index]
         for one in requests.under(key_of(rosctr, pdu_ref)):
@@ -90,7 +90,7 @@ class Behind:
             self._alone(told)
 
     def push(self, side: Side, pdu_ref: i64, parameters: Parameters, octets: bytes, frame: i64, time_ns: i64) -> None:
-        """Take what ``side`` sent without being asked."""
+        """Take an unsolicited message that ``side`` sent."""
         self._alone(self._told(side, parameters.rosctr, pdu_ref, parameters, octets, frame, time_ns))
 
     def _told(
@@ -111,7 +111,7 @@ class Behind:
             self._end(gone, side if gone.transaction.asked_by != side.index else side.peer)
 
     def take(self, side: Side, told: Transaction) -> bool:
-        """Return whether ``told``, an answer of ``side`` that no ordinary request waits for, completes a request held aside."""
+        """Return whether an answer of ``side`` that belongs to no ordinary request completes a waiting request."""
         aside = side.connection.aside
         if aside is None:
             return False
@@ -132,13 +132,13 @@ class Behind:
         return False
 
     def take_orphan(self, side: Side, key: i64, told: Transaction) -> bool:
-        """Return whether an ordinary answer completes a request held aside: no ordinary request of its key may be open."""
+        """Return whether an ordinary answer completes a waiting request; no ordinary request with its key may be open."""
         if side.connection.aside is None or side.connection.open_requests[1 - side.index].find(key) is not None:
             return False
         return self.take(side, told)
 
     def _alone(self, transaction: Transaction) -> None:
-        """Nothing belongs to a request, an answer or a push: it is a transaction by itself."""
+        """Make a transaction of a request, an answer or a push that belongs to nothing else."""
         dialogue = self._dialogue
         if transaction.number == 0:
             dialogue.count += 1
@@ -149,7 +149,7 @@ class Behind:
         dialogue.also.append(transaction)
 
     def _end(self, held: Held, answering: Side | None) -> None:
-        """Nothing more is waited for: an answer completes the request that it fits if that is still open."""
+        """Stop waiting: an answer completes the request that it matches, if that is still open."""
         told = held.transaction
         request = held.request
         if request is None or answering is None or request._outcome != OPEN:
@@ -163,7 +163,7 @@ class Behind:
         self._dialogue.also.append(request)
 
     def asked(self, side: Side) -> None:
-        """``side`` asked: if it has more requests open than it may, it took the answers behind malformed headers."""
+        """``side`` sent a request: if it now has more open than allowed, it accepted the answers behind malformed headers."""
         aside = side.connection.aside
         requests = side.connection.open_requests[side.index]
         if aside is None or requests.count <= max(1, side.connection.jobs_allowed(side.index)):
@@ -186,14 +186,14 @@ class Behind:
         self._end_all(aside, over, side, 1 - side.index)
 
     def end(self, side: Side) -> None:
-        """The connection of ``side`` is over: end all that waits on it."""
+        """The connection of ``side`` is over: end everything that waits on it."""
         aside = side.connection.aside
         if aside is not None:
             for asked_by in (0, 1):
                 self._end_all(aside, list(aside.held), side, asked_by)
 
     def _end_all(self, aside: Aside, over: list[Held], side: Side, asked_by: i64) -> None:
-        """End those of ``over`` that belong to requests of ``asked_by``; ``side`` is one of the sides."""
+        """End those of ``over`` that belong to requests of ``asked_by``; ``side`` is either of the sides."""
         answering = side if side.index != asked_by else side.peer
         for held in over:
             if held.transaction.asked_by == asked_by:

@@ -1,6 +1,6 @@
-"""The first check of an answer: does it refuse anything, does it fit its request (reference 5.1 and 7.3).
+"""The first check of an answer: whether it refuses something, and whether it matches its request (reference 5.1 and 7.3).
 
-`check_answer` checks every answer. It steps over the items without making objects of them; those are made only when
+`check_answer` checks every answer. It steps over the items without making objects of them; objects are made only when
 `Transaction.s7_results` is read.
 """
 
@@ -35,7 +35,7 @@ from dissect.wire.octets import u16, u32
 
 
 def check_answer(transaction: Transaction, parameters: Parameters, data_at: i64) -> None:
-    """Look for errors and contradictions in an answer; ``data_at`` is where its data block begins in `response_buf`."""
+    """Find errors and contradictions in an answer; ``data_at`` is where its data block begins in `response_buf`."""
     buf = transaction._response_buf
     at: i64 = transaction._response_offset
     end: i64 = at + transaction.response_size
@@ -75,11 +75,11 @@ def _check_read(transaction: Transaction, count: i64, buf: bytes, at: i64, end: 
     if expected and parameters.plain and plainly_answered(parameters.octets, buf, at, end):
         if parameters.answer_unjudged:
             parameters.answer_unjudged = False
-        else:  # many reads come only once, so that what the next answers are compared with is kept at the second
+        else:  # many reads occur only once, so the data for comparison with later answers are stored at the second
             _keep_good(transaction, count, buf, at, end)
         return
     if not expected and not parameters.malformed:
-        transaction._flags |= COUNT_MISMATCH  # not for a malformed request, whose item count proves nothing
+        transaction._flags |= COUNT_MISMATCH  # not for a malformed request, whose item count is unreliable
     known: i64 = parameters.known_items
     good = expected and known == count
     begin: i64 = at
@@ -111,7 +111,7 @@ def _check_read(transaction: Transaction, count: i64, buf: bytes, at: i64, end: 
 
 
 def _keep_good(transaction: Transaction, count: i64, buf: bytes, at: i64, end: i64) -> None:
-    """Keep what the next answers are compared with: ``buf[at:end]`` are the data items of a good one."""
+    """Store the data for the comparison with later answers: ``buf[at:end]`` are the data items of a good answer."""
     parameters = transaction.parameters
     parameters.good_answer = item_heads(count, buf, at, end)
     if not COMPILED:
@@ -119,7 +119,7 @@ def _keep_good(transaction: Transaction, count: i64, buf: bytes, at: i64, end: i
 
 
 def _check_size(transaction: Transaction, index: i64, buf: bytes, at: i64, size: i64, end: i64) -> bool:
-    """Compare ``size``, the octets of a data item, with those requested; return whether they agree and nothing else varies."""
+    """Compare the size of a data item with the requested size; return whether they agree and nothing else may vary."""
     wanted: i64 = transaction.parameters.size_of(index)
     if wanted < 0:
         _check_areas(transaction, transaction.parameters.items[index], buf, at, min(at + size, end))
@@ -178,7 +178,7 @@ def check_data_codes(transaction: Transaction) -> None:
 
 
 def _check_plain_codes(transaction: Transaction, asked: Parameters) -> None:
-    """Do that for a plain block, without results; `check_answer` found the data items of the answer to be whole."""
+    """Do the same for a plain block, without results; `check_answer` found that the data items of the answer are whole."""
     answer = transaction.response_parameters
     if answer is None or answer.function != READ_VAR:
         return
@@ -196,5 +196,5 @@ def _check_plain_codes(transaction: Transaction, asked: Parameters) -> None:
             if expected and expected != transport_size:
                 transaction._flags |= ODD_DATA_CODE
             size: i64 = data_size_within(transport_size, head & 0xFFFF, end - at)
-            at += size + (size & 1)  # none comes after the last one, which may have no fill octet
+            at += size + (size & 1)  # no item follows the last one, which may lack its fill octet
         index += 1

@@ -1,4 +1,7 @@
-"""`Connection`: a transport connection as a user knows it. Its ends, TSAPs, what was negotiated, what is open, how it ended."""
+"""`Connection`: a transport connection from the user's point of view.
+
+Its ends, TSAPs, negotiated values, open requests, and its ending.
+"""
 
 from __future__ import annotations
 
@@ -41,15 +44,15 @@ if TYPE_CHECKING:
 
 # What is known of the protocol of a TCP connection (`Connection.state`); `Connection.protocol` has its name.
 PROBING: Final = 0
-ISO: Final = 1  # ISO-on-TCP; a value of its own, because nearly every packet needs it
+ISO: Final = 1  # ISO-on-TCP; a separate value, because nearly every packet checks for it
 FOREIGN: Final = 2  # not S7: its octets are only counted
 FOLLOWED: Final = 3  # read by another protocol of the engine: IBH-NetLink, SCD where a port is bound to it
 LEFT_OUT: Final = 4  # recognised and numbered, but not selected: its content is not read
 
-#: `Connection.dt_limit` while nothing is known against any size.
+#: `Connection.dt_limit` while no size is known to be wrong.
 NO_LIMIT: Final = 0x7FFFFFFF
 
-#: Jobs that identify the client (reference 5.3); in a download the PLC asks.
+#: Jobs that identify the client (reference 5.3); in a download the PLC sends the requests.
 _ASKED_BY_CLIENT: Final = frozenset(
     (
         READ_VAR,
@@ -68,18 +71,18 @@ _ASKED_BY_SERVER: Final = frozenset((DOWNLOAD_BLOCK, DOWNLOAD_ENDED))
 #: The port ISO-on-TCP is registered on.
 ISO_TSAP_PORT: Final = 102
 
-#: Distinct SZL-IDs, and blocks that were loaded, that are remembered of a connection.
+#: Maximum number of distinct SZL-IDs, and of loaded blocks, that are remembered per connection.
 MAX_REMEMBERED: Final = 256
 
-#: Empty DTs that are remembered of a connection: more than requests are open at once (AmQ).
+#: Maximum number of empty DTs that are remembered per connection: more than can be open at once (AmQ).
 MAX_EARLY: Final = 16
 
-#: The open requests of a connection that is over. Its sides are dropped, so that no further one is opened.
+#: The open requests of a finished connection. Its sides are dropped, so no further request is opened.
 _NONE_OPEN: Final[list[OpenRequests]] = [OpenRequests(), OpenRequests()]
 
 
 class EarlyAck:
-    """A DT without data that ``side`` sent while a request to it was open: its packet and its time."""
+    """A DT without data that ``side`` sent while a request to it was open: its packet and time."""
 
     __slots__ = ("frame", "side", "time_ns")
 
@@ -90,13 +93,12 @@ class EarlyAck:
 
 
 class Traits:
-    """What a connection was used for so far: the memory of the rules about security. Every part of it is bounded.
+    """What a connection was used for so far; the security rules need it. Every part of it is bounded.
 
     ``written`` has a bit for each kind of area that was written (`dissect.protocols.s7.items.written_areas`), ``sent`` for each
-    that may
-    have been written, because no answer came. ``told`` has the slugs that are reported only once for a connection, ``szl_ids``
-    the lists that were requested, ``loaded`` the blocks that were loaded, by name. ``stop_event`` is the latest diagnostic
-    message that states a STOP: its event, its packet and its time.
+    that may have been written, because there was no answer. ``told`` has the slugs that are reported only once per connection,
+    ``szl_ids`` the requested lists, ``loaded`` the loaded blocks by name. ``stop_event`` is the latest diagnostic message that
+    states a STOP: its event, packet and time.
     """
 
     __slots__ = (
@@ -122,7 +124,7 @@ class Traits:
         self.inquiries = 0
         self.refusals = 0
         self.stop_event: tuple[int, int, int] | None = None
-        # Made on first access: most connections only read and write.
+        # Created on first use: most connections only read and write.
         self._told: set[str] | None = None
         self._szl_ids: set[int] | None = None
         self._loaded: dict[str, Activation] | None = None
@@ -130,7 +132,7 @@ class Traits:
         self.aside: Aside | None = None
 
     def note_early(self, side: i64, frame: i64, time_ns: i64) -> None:
-        """Remember that ``side`` acknowledged a request with an empty DT; of many the latest are kept."""
+        """Remember that ``side`` acknowledged a request with an empty DT; only the latest ones are kept."""
         found = self._early
         if found is None:
             found = self._early = []
@@ -147,7 +149,7 @@ class Traits:
 
     @property
     def told(self) -> set[str]:
-        """The slugs that were reported of it."""
+        """The slugs that were already reported on it."""
         found = self._told
         if found is None:
             found = self._told = set()
@@ -163,7 +165,7 @@ class Traits:
 
     @property
     def loaded(self) -> dict[str, Activation]:
-        """The blocks that were loaded, by name."""
+        """The loaded blocks, by name."""
         found = self._loaded
         if found is None:
             found = self._loaded = {}
@@ -176,13 +178,13 @@ class Traits:
 
     @property
     def hasty(self) -> Writes | None:
-        """Its writes, where some came in a hurry and without an answer; else None."""
+        """Its writes, if some came fast and without an answer; else None."""
         found = self._writes
         return found if found is not None and found.hasty is not None else None
 
     @property
     def counted(self) -> Writes | None:
-        """Its writes, where some are not in the facts of findings yet; else None."""
+        """Its writes, if some are not yet in the facts of findings; else None."""
         found = self._writes
         return found if found is not None and found.again > 0 else None
 
@@ -195,7 +197,7 @@ class Traits:
         return found
 
     def first(self, slug: str) -> bool:
-        """Return whether ``slug`` was not reported of this connection before, and remember it."""
+        """Return whether ``slug`` was not reported on this connection before, and remember it."""
         if slug in self.told:
             return False
         self.told.add(slug)
@@ -206,8 +208,8 @@ class Connection:
     """One transport connection over one TCP connection.
 
     ``number`` counts from 1 in order of first octets. Sides are those of ``tcp``. ``client_side`` is the side that opened the
-    connection, by the best evidence: SYN, CR, role of the jobs, port 102; ``client_known``: the evidence is more than a port
-    number. Values of a negotiation that was not captured are None or 0, never a guess.
+    connection, by the best evidence: SYN, CR, role of the jobs, port 102; ``client_known``: there is better evidence than a
+    port number. Negotiated values that were not captured are None or 0, never a guess.
     """
 
     __slots__ = (
@@ -280,27 +282,27 @@ class Connection:
         "unsolicited",
     )
 
-    #: Of the unanswered: the capture ended before their answer was due; their answer may be what the capture lacks.
+    #: Unanswered because the capture ended before their answer was due; the answer may just be missing from the capture.
     still_open: i64
     not_captured: i64
 
     def __init__(self, number: i64, tcp: TcpConnection) -> None:
         self.number: i64 = number
         self.tcp: TcpConnection = tcp
-        self.udp: bool = False  # a conversation over UDP, which has no beginning and no end
+        self.udp: bool = False  # a conversation over UDP, which has neither beginning nor end
         self.bound: i64 = -1  # number of the SCD binding for its TSAPs or ports, -1 while undetermined
-        self.naming: Naming | None = None  # knows names for addresses of this CPU
+        self.naming: Naming | None = None  # names for addresses of this CPU
         self.state: i64 = PROBING
         self.probed: i64 = 0  # segments with octets that were examined while probing
         self.probed_frame: i64 = 0  # the packet of the first of them, and its time
         self.probed_ns: i64 = 0
         self.plus: PlusSession | None = None  # facts of S7comm-plus about client, CPU and subscriptions
         #: S7comm-plus requests in several frames, by sequence number and packet of the last frame: packet and time of the first
-        #: frame, and the octets that were not kept.
+        #: frame, and the number of octets that were not kept.
         self.begun: dict[tuple[int, int], tuple[int, int, int]] | None = None
         self.tls: TlsSession | None = None  # there from the first record of TLS on
-        self.protocol: str = ""  # the name of what its TSDUs speak
-        self.identified_by: str = ""  # what a protocol other than S7 was identified by, in words
+        self.protocol: str = ""  # the name of the protocol in its TSDUs
+        self.identified_by: str = ""  # how a protocol other than S7 was identified, as text
         self.client_side: i64 = 0
         self.client_known: bool = False
         self._find_client(tcp)
@@ -308,13 +310,14 @@ class Connection:
         self.cr_seen: bool = False
         self.cr_ref: i64 = 0
         self.cr_class: i64 = 0
-        self.class_: i64 = -1  # chosen by the CC, -1 while none was seen
-        #: A larger DT is examined closely. -1, so that each one is, until the connection is set up and after its end.
+        self.class_: i64 = -1  # chosen by the CC, -1 if no CC was seen
+        #: A larger DT is examined closely. It is -1, so that every DT is examined, until the connection is set up and after its
+        #: end.
         self.dt_limit: i64 = -1 if tcp.known_start else NO_LIMIT
-        self.told: i64 = 0  # what was reported of it, a bit for each of some rules (dissect.engine.findings)
+        self.told: i64 = 0  # what was reported on it, one bit for each of some rules (dissect.engine.findings)
         self.tsap_calling: Tsap | None = None
         self.tsap_called: Tsap | None = None
-        self.tsap_frame: i64 = 0  # the packet with the TSAPs: the CR, else the CC
+        self.tsap_frame: i64 = 0  # the packet with the TSAPs: the CR, or else the CC
         self.tpdu_size_asked: i64 = 0
         self.tpdu_size: i64 = 0
         self.refused: str = ""
@@ -325,27 +328,28 @@ class Connection:
         self.iso_ended_ns: i64 = 0
         self.setup_asked: Setup | None = None
         self.granted: Setup | None = None
-        self.granted_for: Setup | None = None  # what was asked for then; a later setup may have been refused
+        self.granted_for: Setup | None = None  # the setup that was requested then; a later one may have been refused
         self._setup_by: i64 = 0
         self.setup_seen: bool = False
-        self.setup_open: bool = False  # a setup was asked and not answered yet
+        self.setup_open: bool = False  # a setup was requested and is not answered yet
         self.pdu_length: i64 = 0  # granted, 0 while unknown
         self.open_requests: list[OpenRequests] = [OpenRequests(), OpenRequests()]
-        # Made on first access, and released at the end: many connections do not need them.
+        # Created on first use, and released at the end: many connections do not need them.
         self._operations: OpenOperations | None = None
         self._traits: Traits | None = None
         self._subscriptions: dict[int, Subscription] | None = None
         self.pdus: i64 = 0
-        self.behind: i64 = 0  # not in ``pdus``: whole PDUs behind malformed TPDU headers
+        self.behind: i64 = 0  # whole PDUs behind malformed TPDU headers, which are not in ``pdus``
         self.answered: i64 = 0
         self.unanswered: i64 = 0
         self.still_open = self.not_captured = 0
         self.orphans: i64 = 0
         self.unsolicited: i64 = 0
-        self.one_way: i64 = 0  # of the unsolicited: requests that want no answer
-        self.system_events: i64 = 0  # of S7comm-plus: PDUs that are part of no transaction
+        self.one_way: i64 = 0  # requests that need no answer; ``unsolicited`` includes them
+        self.system_events: i64 = 0  # S7comm-plus PDUs that belong to no transaction
         self.errors: i64 = 0
-        # The latest request, answer and refusal: their parameter blocks, which polling shares, not whole transactions.
+        # The latest request, answer and refusal: only their parameter blocks, which are shared when a client polls, not the
+        # whole transactions.
         self.last_request: Parameters | None = None
         self.last_request_ns: i64 = 0
         self.last_answer: Parameters | None = None
@@ -356,10 +360,10 @@ class Connection:
         self.last_error_code: i64 = 0
         self.closed_reason: str = ""
         self.open_at_end: i64 = 0
-        self.ending: Ending | None = None  # once it is over
+        self.ending: Ending | None = None  # set once the connection is over
 
     def _find_client(self, tcp: TcpConnection) -> None:
-        """Find the client by the handshake, or else by the ports."""
+        """Find the client by the handshake, otherwise by the ports."""
         if tcp.initiator >= 0:
             self.set_client(tcp.initiator)
         elif tcp.ends[0].port == ISO_TSAP_PORT and tcp.ends[1].port != ISO_TSAP_PORT:
@@ -381,12 +385,12 @@ class Connection:
 
     @property
     def missed(self) -> i64:
-        """Requests whose answer was due and did not come (`Transaction.missed`)."""
+        """Number of requests whose answer was due and did not come (`Transaction.missed`)."""
         return self.unanswered - self.still_open - self.not_captured
 
     @property
     def operations(self) -> OpenOperations:
-        """The operations that are under way."""
+        """The unfinished operations."""
         found = self._operations
         if found is None:
             found = self._operations = OpenOperations()
@@ -409,7 +413,7 @@ class Connection:
         return found
 
     def early_ack(self, transaction: Transaction) -> EarlyAck | None:
-        """Return the empty DT by which the answering side acknowledged a request before its answer, None for none."""
+        """Return the empty DT by which the answering side acknowledged a request before its answer, None if there is none."""
         traits = self._traits
         if traits is None:
             return None
@@ -417,7 +421,7 @@ class Connection:
 
     @property
     def aside(self) -> Aside | None:
-        """Messages behind malformed TPDU headers that wait, None for none."""
+        """Waiting messages behind malformed TPDU headers, None if there are none."""
         aside = self._traits.aside if self._traits is not None else None
         return aside if aside is not None and aside.held else None
 
@@ -428,17 +432,17 @@ class Connection:
 
     @property
     def counted_writes(self) -> Writes | None:
-        """Its writes that are not in the facts of findings yet; None for none."""
+        """Its writes that are not yet in the facts of findings; None if there are none."""
         return self._traits.counted if self._traits is not None else None
 
     @property
     def hasty_writes(self) -> Writes | None:
-        """Its writes, where some came in a hurry and without an answer; None for nearly every connection."""
+        """Its writes, if some came fast and without an answer; None for nearly every connection."""
         return self._traits.hasty if self._traits is not None else None
 
     @property
     def subscriptions(self) -> dict[int, Subscription]:
-        """What its cyclic and test jobs send, by job (`dissect.engine.transactions.results`)."""
+        """The messages that its cyclic and test jobs send, by job (`dissect.engine.transactions.results`)."""
         found = self._subscriptions
         if found is None:
             found = self._subscriptions = {}
@@ -450,7 +454,7 @@ class Connection:
         return self._subscriptions is not None and len(self._subscriptions) > 0
 
     def let_go(self) -> None:
-        """It is over and reported: keep what reports show of it, and forget what it worked with."""
+        """After its end and report: keep what reports show of it, and release its working data."""
         self.open_requests = _NONE_OPEN
         self._operations = None
         self._traits = None
@@ -459,7 +463,7 @@ class Connection:
 
     @property
     def ended(self) -> str:
-        """How it ended (`Ending.how`): ``open`` while it is not over."""
+        """How it ended (`Ending.how`); ``open`` while it is not over."""
         return self.ending.how if self.ending is not None else OPEN
 
     @property
@@ -477,14 +481,14 @@ class Connection:
         return "client" if side == self.client_side else "server"
 
     def set_client(self, side: i64) -> None:
-        """Evidence says that ``side`` is the client; the first such evidence counts."""
+        """Note evidence that ``side`` is the client; the first evidence of this strength counts."""
         if not self.client_known:
             self.client_side = side
             self.client_known = True
 
     @property
     def followed(self) -> bool:
-        """True while the octets of the connection are read, by whatever protocol."""
+        """True while the octets of the connection are read, by any protocol."""
         return self.state == ISO or self.state == FOLLOWED
 
     @property
@@ -493,7 +497,7 @@ class Connection:
         return (self.state == ISO or self.state == LEFT_OUT) and (self.pdus > 0 or self.tpdu_size > 0)
 
     def note_cr(self, side: i64, tpdu: Tpdu, frame: i64) -> None:
-        """A connect request, in packet ``frame``: who asks, which TSAPs, which size."""
+        """A connect request in packet ``frame``: it names its sender, the TSAPs and the size."""
         self.cr_seen = True
         self.set_client(side)
         self.tsap_calling = tpdu.tsap(0xC1)
@@ -504,7 +508,7 @@ class Connection:
         self.cr_class = tpdu.field("class_")
 
     def note_cc(self, side: i64, tpdu: Tpdu, frame: i64) -> None:
-        """A connect confirm, in packet ``frame``: the size that holds; the TSAPs when the CR was not captured."""
+        """A connect confirm in packet ``frame``: it has the final size, and the TSAPs if the CR was not captured."""
         self.set_client(1 - side)
         self.class_ = max(0, tpdu.field("class_"))
         self.tpdu_size = tpdu.tpdu_size or 65531
@@ -520,7 +524,7 @@ class Connection:
         """Without a handshake, the request identifies the client (reference 5.3)."""
         userdata = parameters.userdata
         if userdata is not None:
-            if userdata.group != GROUP_PBC:  # BSEND is asked by either end
+            if userdata.group != GROUP_PBC:  # either end may send a BSEND request
                 self.set_client(side)
         elif parameters.function in _ASKED_BY_SERVER:
             self.set_client(1 - side)
@@ -542,7 +546,7 @@ class Connection:
         self.dt_limit = -1
 
     def note_one_way(self) -> None:
-        """A request that wants no answer."""
+        """Count a request that needs no answer."""
         self.unsolicited += 1
         self.one_way += 1
 
@@ -554,14 +558,14 @@ class Connection:
         self.last_error_code = code
 
     def grant(self, setup: Setup, asked_by: i64) -> None:
-        """An answer to the setup that ``asked_by`` sent: these values hold from now on."""
+        """Take the answer to the setup that ``asked_by`` sent: its values apply from now on."""
         self.granted = setup
         self.granted_for = self.setup_asked
         self._setup_by = asked_by
         self.pdu_length = setup.pdu_length
 
     def jobs_allowed(self, asked_by: i64) -> i64:
-        """Return how many requests ``asked_by`` may have open, 0 when that was not captured.
+        """Return how many requests ``asked_by`` may have open, 0 if that was not captured.
 
         "Calling" is the side that sent the setup job (reference 3.4).
         """

@@ -1,4 +1,4 @@
-"""Finds out whether an answer cannot belong to a request, where gaps make it likely that one of the two was not captured."""
+"""Finds out whether an answer cannot belong to a request, if one of the two was probably not captured because of gaps."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def is_strange(request: Transaction, answer: Transaction) -> bool:
 def contradicts(
     request: Transaction, rosctr: i64, parameters: Parameters, buf: bytes, at: i64, size: i64, data_at: i64
 ) -> bool:
-    """Return whether an answer cannot belong to ``request``: by its function, its item count or the size of its items."""
+    """Return whether an answer cannot belong to a request, judged by its function, its item count or the size of its items."""
     asked = request.parameters
     if (
         rosctr == ACK_DATA
@@ -32,12 +32,12 @@ def contradicts(
         and parameters.item_count == asked.item_count
         and begin_alike(asked.good_answer, buf, data_at, at + size)
     ):
-        return False  # `check_answer` would find nothing; this saves time where gaps make every answer come here
+        return False  # `check_answer` would find nothing; this saves time when gaps make every answer come here
     if mismatch(asked, parameters):
         return True
     if parameters.function != READ_VAR and parameters.function != WRITE_VAR:
         return False
-    # Put the answer into `request` to check it, then restore `request`: cheaper than a transaction made for the check.
+    # Put the answer into `request` to check it, then restore `request`: this is cheaper than a new transaction.
     flags: i64 = request._flags
     request._flags = 0
     request._response_buf = buf

@@ -1,4 +1,4 @@
-"""`Ending`: how a connection ended, which side ended it, what was open then, and what came before. It only states facts."""
+"""`Ending`: how a connection ended, which side ended it, what was open then, and what happened before. It only states facts."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from dissect.engine.transactions.transaction import Transaction
     from dissect.protocols.s7.parameters import Parameters
 
-# How a connection ends (`Ending.how`).
+# The ways in which a connection ends (`Ending.how`).
 FIN: Final = "fin"
 RESET: Final = "reset"
 DISCONNECT: Final = "disconnect"
@@ -25,7 +25,7 @@ EVICTED: Final = "evicted"
 OPEN: Final = "open"
 
 
-#: What a side did that ended a connection, by `Ending.how`.
+#: The action of a side that ended a connection, by `Ending.how`.
 _DEEDS: Final[dict[str, str]] = {
     FIN: "closed the connection",
     RESET: "reset the connection",
@@ -36,22 +36,22 @@ _DEEDS: Final[dict[str, str]] = {
 
 @mypyc_attr(acyclic=True)  # many are kept, and each is smaller without the header of the garbage collector
 class Ending:
-    """The end of a connection, or of the capture while it was open.
+    """The end of a connection, or of the capture if the connection was still open.
 
     ``how`` is one of the words above, ``side`` the side that ended it (-1: neither), ``frame`` the packet that shows it (0 for
     none) and ``time_ns`` its time. ``reset_side``, ``reset_frame`` and ``reset_ns`` are side, packet and time of a RST after an
     end of another kind, as S7-1200/1500 answer a FIN (-1, 0 and 0 for none).
 
-    ``last_frame`` and ``last_ns`` are the latest packet by then and its time: the TCP connection may continue with a new
+    ``last_frame`` and ``last_ns`` are the latest packet until then and its time: the TCP connection may continue with a new
     conversation.
 
-    ``open_requests`` is how many requests were open, without those whose answer may be in a gap or in a direction that was not
+    ``open_requests`` is the number of open requests, without those whose answer may be in a gap or in a direction that was not
     captured. ``oldest`` is the first of them, with its packet and time. ``connecting``: the connect request had no answer of
-    any kind yet.
+    any kind.
 
-    ``last_request``, ``last_answer`` and ``last_error`` (a refusal) are the parameters of the requests concerned, each with its
-    time (None and 0 for none); of the server's last message in TLS only the time is known. ``last_error_code`` is the error
-    code of the whole answer, 0 when only an item was refused.
+    ``last_request``, ``last_answer`` and ``last_error`` (a refusal) are the parameters of these requests, each with its time
+    (None and 0 for none); of the server's last message in TLS only the time is known. ``last_error_code`` is the error code of
+    the whole answer, 0 when only an item was refused.
     """
 
     __slots__ = (
@@ -80,7 +80,7 @@ class Ending:
     )
 
     def __init__(self, connection: Connection, asked: list[Transaction], frame: i64, now_ns: i64) -> None:
-        """``asked`` are the requests that were open, ``frame`` and ``now_ns`` the packet at hand and its time."""
+        """``asked`` are the open requests, ``frame`` and ``now_ns`` the current packet and its time."""
         tcp = connection.tcp
         self.how: str = tcp.ended or OPEN
         self.side: i64 = tcp.ended_by
@@ -141,7 +141,7 @@ class Ending:
         self.time_ns = time_ns
 
     def last_heard(self, answer: str = "answer") -> str:
-        """Return what the server sent last and when, empty for nothing: ``; last answer 1.20 s earlier``."""
+        """Return the last message of the server and its time, empty if there is none: ``; last answer 1.20 s earlier``."""
         if self.last_encrypted_ns > self.last_answer_ns:
             return f"; last encrypted message of the server {distance_text(self.time_ns - self.last_encrypted_ns)}"
         if self.last_answer is None:
@@ -149,7 +149,7 @@ class Ending:
         return f"; last {answer} {distance_text(self.time_ns - self.last_answer_ns)}"
 
     def deed(self, connection: Connection) -> str:
-        """Return who ended the connection and how, empty when neither side did: ``the server reset the connection``."""
+        """Return which side ended the connection and how, empty if neither did: ``the server reset the connection``."""
         if self.how not in _DEEDS:
             return ""
         if self.reset_frame and self.reset_side != self.side:
@@ -172,7 +172,7 @@ class Ending:
     def age(self) -> str:
         """Return how old the oldest open request was at the end: ``1.20 s old``.
 
-        It may also have been sent after the end had begun, because a side may still send requests after the other side's FIN.
+        It may even have been sent after the end began, because a side may still send requests after the other side's FIN.
         """
         asked_ns = self.oldest_ns
         if asked_ns > self.time_ns:
@@ -191,13 +191,13 @@ class Ending:
 
     @property
     def silence_ns(self) -> int | None:
-        """Time from the last request, answer or encrypted message to the end, None when there was none."""
+        """Time from the last request, answer or encrypted message to the end, None if there was none."""
         last: int = max(self.last_request_ns, self.last_answer_ns, self.last_encrypted_ns)
         return self.time_ns - last if last else None
 
 
 def _taken(_ending: Ending) -> tuple[Connection, list[Transaction], int, int]:
-    """An empty connection: the real one leads back to its ending."""
+    """An empty connection: the real one has a reference back to its ending."""
     from dissect.engine.transactions.connection import Connection
     from dissect.packets.tcp.connection import TcpConnection
     from dissect.packets.tcp.stream import Endpoint

@@ -1,4 +1,4 @@
-"""Finds the values of a read without errors, as most reads are, directly in its answer, without making results."""
+"""Finds the values of a read without errors, as most reads are, directly in its answer, without creating results."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ class GoodItems:
         self._end: i64 = 0
 
     def begin(self, transaction: Transaction) -> bool:
-        """Go before the first item of a transaction; return False if it cannot be a read without errors."""
+        """Move before the first item of a transaction; return False if it cannot be a read without errors."""
         self.whole = False
         answer = transaction.response_parameters
         asked = transaction.parameters
@@ -64,7 +64,7 @@ class GoodItems:
             return False
         flags: i64 = transaction._flags
         if flags & DOUBTS:
-            return False  # every output marks a pair that is only likely, or leaves it out
+            return False  # every output marks or omits a pair that is only likely
         self.buf = transaction._response_buf
         self.index = -1
         self._items = asked.items
@@ -74,7 +74,7 @@ class GoodItems:
         return True
 
     def step(self) -> bool:
-        """Go on to the next item; return False after the last one, and where something is wrong."""
+        """Move to the next item; return False after the last one, and if something is wrong."""
         index: i64 = self.index + 1
         count: i64 = len(self._items)
         if index == count:

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from dissect.protocols.s7.items import ItemResult
     from dissect.protocols.s7plus.items import PlusItem
 
-#: `TransactionItem.result` of an item that went well, and of those of which no answer says.
+#: `TransactionItem.result` of a successful item, and of one whose answer does not state a result.
 OK: Final = "ok"
 NOT_ANSWERED: Final = "not answered"
 NOT_CAPTURED: Final = "answer not captured"
@@ -20,13 +20,12 @@ UNCHANGED: Final = "unchanged"
 
 
 class TransactionItem(NamedTuple):
-    """An item that was read, written or pushed: a variable of the PLC, or with tags a part of what was read.
+    """An item that was read, written or pushed: a variable of the PLC, or, with tags, a part of such a variable.
 
-    ``address`` is where it is, as a person writes it ("DB10.DBD4", "0x6041:0"); ``tag`` its name from a file of tags, a
-    program or an SCD dictionary, empty for none. ``type`` is its type, empty where nothing says. ``value`` is the value in
-    ``unit``; None where there is none: then ``data`` has the octets, None for none. ``result`` is "ok", the name of the refusal
-    ("Object does not exist"), "not answered", "answer not captured", or "unchanged" (a push without a new value). Texts are as
-    on the wire, not escaped.
+    ``address`` is its address as people write it ("DB10.DBD4", "0x6041:0"); ``tag`` is its name from a file of tags, a program
+    or an SCD dictionary, empty for none. ``type`` is its type, empty if unknown. ``value`` is the value in ``unit``, or None if
+    there is none; then ``data`` has the octets, or None. ``result`` is "ok", the name of the refusal ("Object does not exist"),
+    "not answered", "answer not captured", or "unchanged" (a push without a new value). Texts are as on the wire, not escaped.
     """
 
     address: str
@@ -44,7 +43,7 @@ class TransactionItem(NamedTuple):
 
     @property
     def name(self) -> str:
-        """The tag, or else the address."""
+        """The tag, or the address if there is no tag."""
         return self.tag or self.address
 
 
@@ -68,7 +67,7 @@ def items_of(transaction: Transaction) -> list[TransactionItem]:
 
 
 def _unanswered(transaction: Transaction) -> str:
-    """Return the text for an item without an answer: a refusal of all, or that there is no answer."""
+    """Return the text for an item without an answer: the whole request was refused, or there is no answer."""
     errors = transaction.errors
     if errors:
         return str(errors[0].name)
@@ -110,7 +109,7 @@ def _plus_item(transaction: Transaction, item: PlusItem) -> TransactionItem:
 
 
 def _scd_items(transaction: Transaction) -> list[TransactionItem]:
-    """Return the values of the answer, or else of the request, or the object that was requested without any."""
+    """Return the values of the answer, or of the request, or the requested object if neither has values."""
     said = OK if transaction.outcome in {"answered", "unsolicited"} else _unanswered(transaction)
     if transaction.has_errors:
         said = _unanswered(transaction)

@@ -1,7 +1,7 @@
-"""`Room`: bounds the octets that all connections hold together, by evicting those that hold most.
+"""`Room`: limits the octets that all connections keep together, by evicting those that keep most.
 
-Each buffer has a bound of its own; this one is for thousands of connections that fill theirs. Nothing is counted while octets
-pass: buffers cannot grow by more than what was captured, so it is enough to add them up now and then.
+Each buffer has its own limit; this one is for thousands of connections that all fill theirs. Nothing is counted while octets
+pass: buffers cannot grow faster than the captured data, so they are added up now and then.
 """
 
 from __future__ import annotations
@@ -14,17 +14,17 @@ from dissect.engine.transactions.connection import PROBING
 from dissect.engine.transactions.open_requests import OpenRequests
 from dissect.engine.transactions.side import Side
 
-#: Maximum number of connections that are examined, and evicted, with one packet.
+#: Maximum number of connections that are examined and evicted with one packet.
 LOOK_AT_ONCE: Final = 64
 LEAVE_AT_ONCE: Final = 4
-#: Connections are sorted by the power of two of what they hold, up to this one.
+#: Connections are grouped by the power of two of the octets that they keep, up to this power.
 _SIZES: Final = 32
 
 
 def held_octets(side: Side) -> int:
-    """Return how many octets are held for the connection of ``side``, both directions together.
+    """Return how many octets are kept for the connection of ``side``, both directions together.
 
-    These are segments that wait and the latest ones that passed, unfinished TPKTs, TSDUs and PDUs, answers in parts, requests
+    These are waiting segments and the latest ones that passed, unfinished TPKTs, TSDUs and PDUs, answers in parts, requests
     without an answer, answers without a request, and messages behind malformed headers.
     """
     held: i64 = 0
@@ -55,10 +55,10 @@ def _open(requests: OpenRequests) -> i64:
 
 
 def holds_something(side: Side) -> bool:
-    """Return whether anything is open or unread on the connection of ``side``, so that forgetting it loses something."""
+    """Return whether anything is open or unread on the connection of ``side``, so that forgetting it would lose something."""
     connection = side.connection
     if connection.state == PROBING and connection.probed:
-        return True  # octets that were not recognised yet
+        return True  # octets of a protocol not recognised yet
     for end in (side, side.peer):
         if end is not None:
             requests = connection.open_requests[end.index]
@@ -68,12 +68,12 @@ def holds_something(side: Side) -> bool:
 
 
 class Room:
-    """Finds the connections to evict, in small steps, because a live capture must not wait while thousands are looked through.
+    """Finds the connections to evict, in small steps, because a live capture must not wait for a check of thousands.
 
-    `begin` takes one side of each open connection. Each `step` then examines `LOOK_AT_ONCE` of them. If all together hold more
+    `begin` takes one side of each open connection. Each `step` then examines `LOOK_AT_ONCE` of them. If all together keep more
     than ``most`` octets, each further step returns up to `LEAVE_AT_ONCE` to evict, the fullest first (by powers of two), until
-    half of ``most`` is left. ``busy`` is True until that is done; ``looks`` counts the examined connections; ``total`` is how
-    many octets those of the latest round hold.
+    half of ``most`` is left. ``busy`` is True until that is done; ``looks`` counts the examined connections; ``total`` is the
+    sum of octets in the latest round.
     """
 
     def __init__(self, most: int) -> None:
@@ -95,7 +95,7 @@ class Room:
             self._by_size = [[] for _ in range(_SIZES)]
 
     def step(self) -> list[tuple[int, Side]]:
-        """Do a bounded part of the work; return the connections to evict now, as (octets, side)."""
+        """Do a limited part of the work; return the connections to evict now, as (octets, side)."""
         gone: list[tuple[int, Side]] = []
         end: i64 = min(self._at + LOOK_AT_ONCE, len(self._sides))
         if self._at < end:

@@ -1,11 +1,11 @@
 """`Joiner`: joins userdata answers and BSENDs that come in several parts (reference sections 4.3 and 4.10).
 
-A long userdata answer may be cut anywhere. Each part has a request of its own; all parts have the same sequence number and data
-unit reference, and the last one is marked as the last. `Joiner` takes the transactions of one connection in the order in which
-they end, and returns whole payloads; `dissect.protocols.s7.bodies.parse_joined` reads these.
+A long userdata answer may be divided at any place. Each part has its own request; all parts have the same sequence number and
+data unit reference, and a mark shows the last one. `Joiner` takes the transactions of one connection in the order in which they
+end, and returns whole payloads; `dissect.protocols.s7.bodies.parse_joined` reads these.
 
-A long BSEND is cut by the side that sends it, and each piece is a request of its own. All pieces begin with the same R_ID, and
-have the sequence number that the partner gave in its answer to the first. Only the first has the length of the whole.
+A long BSEND is divided by its sender, and each piece is a separate request. All pieces begin with the same R_ID, and have the
+sequence number that the partner assigned in its answer to the first. Only the first has the length of the whole.
 """
 
 from __future__ import annotations
@@ -22,27 +22,27 @@ from dissect.protocols.s7.tables import BSEND, GROUP_PBC, USERDATA
 from dissect.wire.malformed import Malformed
 from dissect.wire.part import Part
 
-#: The most chains open at once on a connection; devices have one or two.
+#: Maximum number of chains that are open at once on a connection; devices have one or two.
 MAX_CHAINS: Final = 16
-#: The most octets of all open chains of a connection; the longest list seen has some thousand.
+#: Maximum size of all open chains of a connection, in octets; the longest list seen has some thousand.
 MAX_OCTETS: Final = 1 << 20
-#: For how many parts of a chain the packets are remembered.
+#: The packets are remembered for this many parts of a chain.
 MAX_PLACES: Final = 1024
-#: How many chains that never ended are remembered.
+#: Maximum number of chains without an end that are remembered.
 MAX_UNFINISHED: Final = 64
 
-#: In a whole BSEND, octets before the data that the program sent.
+#: In a whole BSEND, the number of octets before the program's data.
 _BEFORE_SENT: Final = PBC_ID.size + BSEND_LENGTH.size
-#: Added to the keys of BSENDs, so that they never equal those of answers.
+#: Added to the keys of BSENDs, so that they differ from those of answers.
 _SENDS: Final = 1 << 40
 
 
 class Chain:
     """The payloads of one userdata answer or BSEND, in one part or several.
 
-    ``octets`` are the joined payloads without data heads; ``whole``: the last part was there. ``first`` and ``last`` are the
-    transactions of the first and of the latest part, ``transactions`` counts them. ``places`` has for each part where it ends
-    in ``octets``, and its packet (for the first `MAX_PLACES` parts). ``r_id`` is -1 for anything but a BSEND.
+    ``octets`` are the joined payloads without data heads; ``whole``: the last part was included. ``first`` and ``last`` are the
+    transactions of the first and of the latest part, ``transactions`` counts them. ``places`` has, for each part, its end in
+    ``octets`` and its packet (for the first `MAX_PLACES` parts). ``r_id`` is -1 except for a BSEND.
     """
 
     __slots__ = (
@@ -72,7 +72,7 @@ class Chain:
         self.first: Transaction = transaction
         self.last: Transaction = transaction
         self.transactions: int = 0
-        self.missing: int = 0  # how many octets of its direction the capture lacked when the chain began
+        self.missing: int = 0  # number of octets missing in its direction when the chain began
         self.r_id: int = -1
         self.places: list[tuple[int, int]] = []
 
@@ -92,12 +92,12 @@ class Chain:
 
     @property
     def sent(self) -> bytes:
-        """The data that the program sent with a BSEND, without R_ID and length; empty for anything but a BSEND."""
+        """The data that the program sent with a BSEND, without R_ID and length; empty for other chains."""
         return bytes(self._octets[_BEFORE_SENT:]) if self.r_id >= 0 else b""
 
     @property
     def announced(self) -> int:
-        """The size of ``sent`` that the first piece of a BSEND announces; -1 for none, and for anything but a BSEND."""
+        """The size of ``sent`` that the first piece of a BSEND announces; -1 for none, and for other chains."""
         if self.r_id < 0 or self.size < _BEFORE_SENT:
             return -1
         return int.from_bytes(self._octets[PBC_ID.size : _BEFORE_SENT], "big")
@@ -111,17 +111,17 @@ class Chain:
         self.transactions += 1
 
     def parts(self, malformed: list[Malformed] | None = None) -> list[Part]:
-        """Cut the joined payload into parts; offsets are within ``octets``, faults are added to ``malformed``."""
-        from dissect.protocols.s7.bodies import parse_joined  # late: see `Pdu.body`
+        """Divide the joined payload into parts; offsets are within ``octets``, faults are added to ``malformed``."""
+        from dissect.protocols.s7.bodies import parse_joined  # imported late: see `Pdu.body`
 
         return parse_joined(self.group, self.subfunction, self.type, self.octets, malformed)
 
 
 class Joiner:
-    """Joins the answers and BSENDs of one connection. ``unfinished`` are chains whose last part never came, the oldest first.
+    """Joins the answers and BSENDs of one connection. ``unfinished`` are chains whose last part never came, oldest first.
 
-    ``unfinished_count`` counts all of them, also those no longer remembered. ``headless`` counts parts of a chain whose first
-    part was not captured, as at the beginning of a capture.
+    ``unfinished_count`` counts all of them, including those no longer remembered. ``headless`` counts parts of a chain whose
+    first part was not captured, as at the start of a capture.
     """
 
     __slots__ = ("_chains", "_octets", "headless", "unfinished", "unfinished_count")
@@ -135,16 +135,16 @@ class Joiner:
 
     @property
     def open_count(self) -> int:
-        """How many chains expect more parts."""
+        """Number of chains that expect more parts."""
         return len(self._chains)
 
     @property
     def octets(self) -> int:
-        """How many octets all open chains have."""
+        """Size of all open chains in octets."""
         return self._octets
 
     def feed(self, transaction: Transaction) -> Chain | None:
-        """Take a finished transaction; return the answer or BSEND that is whole now, even if it had only one part."""
+        """Take a finished transaction; return the answer or BSEND that is now complete, even if it had only one part."""
         begun = transaction.parameters.userdata if transaction.rosctr == USERDATA else None
         if begun is not None and begun.group == GROUP_PBC and begun.subfunction == BSEND:
             return self._send(transaction, begun)
@@ -173,9 +173,9 @@ class Joiner:
         return self._add(key, chain_of, payload, transaction, head.last_data_unit == 0)
 
     def _gap(self, key: int, transaction: Transaction, side: int) -> int:
-        """Return how many octets of ``side`` the capture lacks so far; give up the chain if it lacked fewer when that began.
+        """Return how many octets of ``side`` are missing so far; drop the chain if fewer were missing when it began.
 
-        The missing octets may have had a part of the chain; the parts before and after it must not be joined.
+        The missing octets may have contained a part of the chain, so the parts before and after it must not be joined.
         """
         stream = transaction.connection.tcp.streams[side]
         missing = int(stream.position) - int(stream.octets)
@@ -214,7 +214,7 @@ class Joiner:
     def _begun(
         self, key: int, head: UserdataHead, asked: UserdataHead | None, transaction: Transaction
     ) -> Chain | None:
-        """Return the chain that a part belongs to, a new one for a first part; None if the first part was not captured."""
+        """Return the chain of a part, a new chain for a first part; None if the first part was not captured."""
         chain = self._chains.get(key)
         if chain is not None and chain.data_unit_ref == head.data_unit_ref and (asked is None or asked.sequence):
             return chain
@@ -224,7 +224,7 @@ class Joiner:
         return self._open(key, head, transaction)
 
     def _open(self, key: int, head: UserdataHead, transaction: Transaction) -> Chain:
-        """Begin a chain; if there are too many, give up the oldest."""
+        """Begin a chain; if there are too many, drop the oldest."""
         chain = Chain(head, transaction)
         if len(self._chains) >= MAX_CHAINS:
             self._give_up(next(iter(self._chains)))
@@ -244,7 +244,7 @@ class Joiner:
         return None
 
     def close(self) -> list[Chain]:
-        """The connection ended: return the chains that never ended, if they are remembered."""
+        """The connection ended: return the remembered chains that never ended."""
         for key in list(self._chains):
             self._give_up(key)
         return self.unfinished
@@ -261,12 +261,12 @@ class Joiner:
 
 
 def _key(transaction: Transaction, head: UserdataHead) -> int:
-    """Return the key that all parts of an answer have: asking side, group, subfunction and sequence number."""
+    """Return the key that all parts of an answer share: asking side, group, subfunction and sequence number."""
     return transaction.asked_by << 24 | head.group << 16 | head.subfunction << 8 | head.sequence
 
 
 def _payload(answer: Pdu) -> bytes:
-    """Return the payload of a userdata PDU: as many octets as its data head states, as far as they are present."""
+    """Return the payload of a userdata PDU: the size is what its data head states, but at most what is present."""
     data = answer.data
     if len(data) < DATA_HEAD.size:
         return b""

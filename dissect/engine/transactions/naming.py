@@ -1,6 +1,6 @@
-"""Names for the values that a transaction carries, from tags (`dissect.meaning.tags`) or from SCD (`dissect.meaning.bindings`).
+"""Names for the values in a transaction, from tags (`dissect.meaning.tags`) or from SCD (`dissect.meaning.bindings`).
 
-Both give a `NamedValue`; `named_values` returns those of a transaction, whatever the source of the names.
+Both produce a `NamedValue`; `named_values` returns those of a transaction, from any source.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from dissect.engine.transactions.transaction import Transaction
     from dissect.protocols.s7.items import ItemResult
 
-#: Where a name comes from (`NamedValue.origin`).
+#: The origin of a name (`NamedValue.origin`).
 TAG: Final = "tag"
 SCD: Final = "scd"
 
@@ -28,10 +28,10 @@ class NamedValue:
     """A value with its name, from a file of tags or an SCD dictionary.
 
     ``address`` is where the value is ("DB10.DBD4", "0x6041:0"), ``offset`` its first octet within the item. ``type`` is the
-    declared type ("REAL"), ``origin`` is `TAG` or `SCD`. ``value`` is the value in ``unit``, scaled where the file gives a
-    scale, and ``raw`` the one on the wire; both are None when there is no value: then ``data`` has the octets and ``remark``
-    says why. ``text`` is the dictionary's text for the value. ``whole`` is False for a part of a variable. ``name`` is empty
-    for octets of an item without a name. Texts are as in the file or on the wire, not escaped.
+    declared type ("REAL"), ``origin`` is `TAG` or `SCD`. ``value`` is the value in ``unit``, scaled if the file gives a scale,
+    and ``raw`` the value on the wire; both are None if there is no value: then ``data`` has the octets and ``remark`` says why.
+    ``text`` is the dictionary's text for the value. ``whole`` is False for a part of a variable. ``name`` is empty for octets
+    of an item without a name. Texts are as in the file or on the wire, not escaped.
     """
 
     __slots__ = (
@@ -71,22 +71,22 @@ class NamedValue:
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class Naming:
-    """Gives names for the addresses of CPUs; `of` chooses the ones for a connection when that is recognised."""
+    """Gives names for the addresses of CPUs; `of` chooses the names for a connection when that is recognised."""
 
     def of(self, connection: Connection) -> Naming | None:
-        """Return the object with the names for a connection, None when there are no names."""
+        """Return the object with the names for a connection, None if there are no names."""
         return self
 
     def program(self, host: str) -> Program | None:
-        """Return the variables known for the CPU at ``host``, for S7comm-plus; None for none."""
+        """Return the variables known for the CPU at ``host``, for S7comm-plus; None if there are none."""
         return None
 
     def named(self, result: ItemResult) -> list[NamedValue]:
-        """Return the values of an item in the order of its octets, also those without a name; empty if none has a name."""
+        """Return the values of an item in the order of their octets, with and without names; empty if none has a name."""
         return []
 
 
-#: How many items and tags a subject names, and how many octets, elements and characters of a value it shows.
+#: Limits of a subject: items and tags that it names, and octets, elements and characters that it shows of a value.
 _NAMED: Final = 3
 _OCTETS: Final = 8
 _ELEMENTS: Final = 8
@@ -94,7 +94,7 @@ _TEXT: Final = 32
 
 
 def subject(transaction: Transaction) -> str:
-    """Return what is requested as text: the function and its items, for a write with the values.
+    """Return the request as text: the function and its items, with values for a write.
 
     For a read without tags this is `Parameters.subject`. Texts of the file and the wire are not escaped.
     """
@@ -106,7 +106,7 @@ def subject(transaction: Transaction) -> str:
 
 
 def items_said(naming: Naming | None, results: list[ItemResult], writes: bool, most: int = _NAMED) -> str:
-    """Return the first ``most`` items as text, each by its tags or its address and length; for ``writes`` with the values."""
+    """Return the first ``most`` items as text, each by its tags or its address and length; with values if ``writes`` is set."""
     said: list[str] = []
     for result in results:
         said += _item_said(naming, result, writes)
@@ -114,7 +114,7 @@ def items_said(naming: Naming | None, results: list[ItemResult], writes: bool, m
 
 
 def item_subject(transaction: Transaction, number: int, address: str) -> str:
-    """Return an item as text, as in `subject`; ``address`` when ``transaction.s7_results`` does not have it.
+    """Return an item as text, as in `subject`; return ``address`` if ``transaction.s7_results`` does not contain it.
 
     ``number`` is its place in ``transaction.s7_results``, counted from 1. Texts are not escaped.
     """
@@ -126,7 +126,7 @@ def item_subject(transaction: Transaction, number: int, address: str) -> str:
 
 
 def _item_said(naming: Naming | None, result: ItemResult, writes: bool) -> list[str]:
-    """Return an item as texts: each of its tags, or its address and length; for a write with the value."""
+    """Return an item as texts: each of its tags, or its address and length; with the value for a write."""
     names = [value for value in naming.named(result) if value.name] if naming is not None else []
     if names:
         return [_said(value, writes) for value in names]
@@ -146,14 +146,14 @@ def _said(named: NamedValue, writes: bool) -> str:
 
 
 def written(named: NamedValue) -> str:
-    """Return a tag with the value that is written to it as text: ``Tank.Setpoint = 80.0 °C (DB1.DBD4)``."""
+    """Return a tag with its written value as text: ``Tank.Setpoint = 80.0 °C (DB1.DBD4)``."""
     text = _value_said(None if isinstance(named.value, list) else named.value, named.data)
     unit = f" {named.unit}" if named.unit and named.value is not None else ""
     return f"{named.name} = {text}{unit} ({named.address})" if text else f"{named.name} ({named.address})"
 
 
 def _value_said(value: Value, data: bytes) -> str:
-    """Return a value as short text: the octets ``data`` if it is None, the beginning of a text or a list."""
+    """Return a value as short text: ``data`` in hexadecimal if it is None, the beginning of a text or a list."""
     if value is None:
         return data[:_OCTETS].hex(" ") + (" …" if len(data) > _OCTETS else "")
     if isinstance(value, list):
@@ -177,14 +177,14 @@ def named_items(transaction: Transaction) -> list[list[NamedValue]]:
 
 
 def plain(value: object) -> Value:
-    """Return a value of SCD as one of S7: numbers, booleans and texts stay, everything else becomes a text."""
+    """Return an SCD value as an S7 value: numbers, booleans and texts stay, everything else becomes a text."""
     if value is None or isinstance(value, (bool, int, float, str)):
         return value
     return value.hex(" ") if isinstance(value, bytes) else str(value)
 
 
 def named_values(transaction: Transaction) -> list[tuple[int, NamedValue]]:
-    """Return every value of a transaction that has a name: those with tags, item by item, then those of SCD.
+    """Return every value of a transaction that has a name: first those with tags, item by item, then those of SCD.
 
     Each is a pair with the number of its item, counted from 1, or 0 for SCD.
     """

@@ -1,4 +1,7 @@
-"""Names that `Transaction` had before its names followed one rule. They work in this version and go with the next one."""
+"""Former names of attributes of `Transaction`, before all its names followed one rule.
+
+They work in this version and will be removed in the next one.
+"""
 
 from __future__ import annotations
 

@@ -1,15 +1,15 @@
-"""The open requests of one side, and the answers that wait (reference section 5).
+"""The open requests of one side, and waiting answers (reference section 5).
 
-Each asking side of a connection has a table of its own, because either end may send requests and their references are
-independent. The key is ROSCTR and PDU reference, in one number (`key_of`). A reference is opaque: zero is valid, it wraps, and
-a client may use it again at once.
+Each asking side of a connection has its own table, because either end may send requests and their references are independent.
+The key is ROSCTR and PDU reference in one number (`key_of`). A reference is opaque: zero is valid, it wraps around, and a
+client may reuse it at once.
 
-A request leaves the table when it is answered, or when no answer to it can come; not because its reference is used again. The
-table holds the latest request of each key. Where several are open under one key, a `Row` has all of them, and the answers that
-fit more than one (`dissect.engine.transactions.alike`).
+A request leaves the table when it is answered, or when an answer can no longer come; reuse of its reference does not remove it.
+The table holds the latest request of each key. If several are open with one key, a `Row` has all of them, and the answers that
+match more than one (`dissect.engine.transactions.alike`).
 
-An answer that finds no request is held for a moment, because captures show packets out of order. A request that comes later
-takes it only if the answer acknowledged the request's octets (TCP ACK); so it cannot take an older answer.
+An answer without a request is kept for a moment, because captures show packets out of order. A request that comes later gets it
+only if the answer acknowledged the octets of the request (TCP ACK); so it cannot get an older answer.
 """
 
 from __future__ import annotations
@@ -23,30 +23,32 @@ from dissect.packets.tcp.stream import FAR_AHEAD, HALF_SPACE, MASK
 from dissect.protocols.s7.tables import USERDATA
 from dissect.protocols.s7plus.parameters import PLUS
 
-#: Bounds of the answers held per connection and side: how many, how long, for how many packets of the connection.
+#: Limits of the answers kept per connection and side: how many, how long, for how many packets of the connection.
 MAX_ORPHANS: Final = 64
 ORPHAN_HOLD_NS: Final = 1_000_000_000
 ORPHAN_HOLD_FRAMES: Final = 50
-#: They are held this many times longer while a message of the asking side is unfinished, because a whole request may be in it.
+#: They are kept this many times longer while a message of the asking side is unfinished, because it may contain a whole
+#: request.
 UNFINISHED_HOLD: Final = 10
-#: A client that repeats a request within this time got no answer in between and repeats it.
+#: A client that sends the same request again within this time got no answer and repeats it.
 REPEAT_NS: Final = 1_000_000_000
-#: The shortest time without an open request after which the next one does not wait for anything.
+#: After at least this time without an open request, the next request does not wait for anything.
 SHORT_REST_NS: Final = 100_000_000
-#: A client that got nothing for this long and asks again gave its request up: clients that have several open send one soon
-#: after the other, or after an answer.
+#: A client that got nothing for this long and sends another request gave the first one up: clients with several open requests
+#: send one soon after the other, or after an answer.
 BESIDE_NS: Final = 200_000_000
-#: Requests of a side that may wait in rows before the latest of their reference. The oldest of a row gives way.
+#: Maximum number of requests of a side that may wait in rows before the latest one with their reference. The oldest of a row
+#: gives way.
 MAX_BEHIND: Final = 256
-#: No server answers a request this long after it, once its reference is used again: clients give up after 2 to 5 s.
+#: No server answers a request after this long, once its reference is reused: clients give up after 2 to 5 s.
 NEVER_NS: Final = 10_000_000_000
 #: Clients wait at least two seconds before they give a request up (reference 5.6).
 GIVEN_UP_NS: Final = 2_000_000_000
-#: Only grants below this are checked closely; no device is known to grant more than 8.
+#: Only grants below this are checked exactly; no known device grants more than 8.
 FEW_JOBS: Final = 64
-#: `open_since` examines this many of the longest open requests before the latest ones.
+#: `open_since` examines this many of the oldest open requests before the latest ones.
 _FEW_OLD: Final = 8
-#: The table is rebuilt whenever this many requests were given up from its front.
+#: The table is rebuilt whenever this many requests were removed from its front.
 _FRESH: Final = 1024
 
 
@@ -54,12 +56,12 @@ _FRESH: Final = 1024
 USERDATA_KEY: Final = 0x10000
 #: Added to the sequence number of an S7comm-plus request.
 PLUS_KEY: Final = 0x20000
-#: Added to what identifies an SCD request: its transaction number, or its index and sub-index, together 25 bits.
+#: Added to the identifier of an SCD request: its transaction number, or its index and sub-index, together 25 bits.
 SCD_KEY: Final = 0x40000000
 
 
 def key_of(rosctr: i64, pdu_ref: i64) -> i64:
-    """Return the key of a request, or of the request that an answer belongs to."""
+    """Return the key of a request, or the key of the request that an answer belongs to."""
     if rosctr < USERDATA:
         return pdu_ref
     if rosctr == USERDATA:
@@ -67,15 +69,15 @@ def key_of(rosctr: i64, pdu_ref: i64) -> i64:
     return pdu_ref | (PLUS_KEY if rosctr == PLUS else SCD_KEY)
 
 
-#: What most tables have in place of a list; it is never appended to.
+#: Used by most tables instead of a list of their own; nothing is ever appended to it.
 _NONE: Final[list[Transaction]] = []
 
 
 class HeldAnswer:
-    """An answer that waits for its request, or until it is known which request it belongs to.
+    """An answer that waits for its request, or until its request is certain.
 
-    ``ack`` is the TCP acknowledgement it came with, -1 for none; ``packet`` how many packets of its connection had been seen by
-    then. ``fits`` are the open requests that it may belong to, oldest first.
+    ``ack`` is the TCP acknowledgement of its packet, -1 for none; ``packet`` is the number of packets of its connection seen
+    until then. ``fits`` are the open requests that it may belong to, oldest first.
     """
 
     __slots__ = ("ack", "fits", "key", "packet", "transaction")
@@ -89,9 +91,9 @@ class HeldAnswer:
 
 
 class Row:
-    """The open requests of one key, oldest first, where there are several, and the answers that fit more than one of them.
+    """The open requests with one key, oldest first, if there are several, and the answers that match more than one of them.
 
-    ``wanted`` are the numbers of the requests that these answers may belong to.
+    ``wanted`` are the numbers of the requests to which these answers may belong.
     """
 
     __slots__ = ("answers", "key", "requests", "wanted")
@@ -103,19 +105,19 @@ class Row:
         self.wanted: set[int] = set()
 
     def hold(self, answer: HeldAnswer) -> None:
-        """Keep an answer until it is known which of ``answer.fits`` it belongs to."""
+        """Keep an answer until it is known to which of ``answer.fits`` it belongs."""
         self.answers.append(answer)
         for request in answer.fits:
             self.wanted.add(request.number)
 
 
 def acknowledged(request: Transaction, end_seq: i64) -> bool:
-    """Return whether a request acknowledged the other side's octets up to ``end_seq``: then they were there before it."""
+    """Return whether a request acknowledged the other side's octets up to ``end_seq``, so that they existed before it."""
     return request._request_ack >= 0 and ((request._request_ack - end_seq) & MASK) < HALF_SPACE
 
 
 def excludes(request: Transaction, end_seq: i64, ack: i64) -> bool:
-    """Return whether an answer that ends at ``end_seq`` and acknowledges up to ``ack`` cannot be that of ``request``.
+    """Return whether an answer that ends at ``end_seq`` and acknowledges up to ``ack`` cannot be the one to ``request``.
 
     It cannot if it acknowledges nothing of the request's last segment, or if the request acknowledged it. An acknowledgement
     long after the request proves nothing.
@@ -126,15 +128,15 @@ def excludes(request: Transaction, end_seq: i64, ack: i64) -> bool:
 
 
 def no_answer(request: Transaction, before: Transaction) -> bool:
-    """Return whether the client, when it sent ``request``, had got nothing since ``before`` for so long that it gave up."""
+    """Return whether the client got nothing between ``before`` and ``request`` for so long that it gave ``before`` up."""
     return request.request_ns - before.request_ns > BESIDE_NS and request._request_ack == before._request_ack
 
 
 class OpenRequests:
-    """The open requests of one asking side, and the answers to it that wait.
+    """The open requests of one asking side, and the answers that wait for it.
 
-    Most clients wait for each answer, or have two requests open. So the two that were asked last need no dictionary and no int
-    object as a key, even where others are open whose answers were not captured.
+    Most clients wait for each answer, or have two requests open. So the two latest requests need neither a dictionary nor an
+    int object as a key, even if others are open whose answers were not captured.
     """
 
     __slots__ = (
@@ -160,26 +162,24 @@ class OpenRequests:
     )
 
     def __init__(self) -> None:
-        self.latest: Transaction | None = None  # sent after `_before`, which was sent after all those in `_table`
-        self.latest_key: i64 = -1  # of the request that was sent last, also once it was answered
+        self.latest: Transaction | None = None  # sent after `_before`, which was sent after all requests in `_table`
+        self.latest_key: i64 = -1  # key of the request that was sent last, even if it is answered
         self._before: Transaction | None = None
         self._before_key: i64 = 0
         self._table: dict[int, Transaction] = {}
         self._rows: dict[int, Row] | None = None
         self._given_up: i64 = 0
         self.answered: i64 = 0  # number of the request that was answered last
-        self.asked_frame: i64 = 0  # packet of the request that was sent last, and where it begins
+        self.asked_frame: i64 = 0  # packet of the request that was sent last, and the place where it begins
         self.asked_seq: i64 = 0
         self.orphan_frame: i64 = 0  # packet of the latest answer that was dropped because no request came
-        self.count: i64 = 0  # may be more than len(table): several requests may share a key
+        self.count: i64 = 0  # may be more than len(table), because several requests may share a key
         self.repeats: i64 = 0  # how often two requests in a row had the same key
-        self.beside: bool = False  # two requests of one key were open at once, and no gap explains it
-        self.rest_ns: i64 = (
-            SHORT_REST_NS  # how long no request has to be open until what comes next is no longer doubtful
-        )
-        self.doubtful: bool = False  # two answers could not be distinguished, so the later ones may be shifted
+        self.beside: bool = False  # two requests with one key were open at once, and no gap explains it
+        self.rest_ns: i64 = SHORT_REST_NS  # the time without open requests after which pairs are no longer doubtful
+        self.doubtful: bool = False  # two answers could not be told apart, so later answers may be shifted
         self.lost: list[Transaction] = (
-            _NONE  # requests that were answered in the latest gap, as the next answer will show
+            _NONE  # requests that were answered in the latest gap; the next answer will confirm it
         )
         self.orphans: list[HeldAnswer] | None = None
         self.undecided: list[Row] | None = None  # the rows that hold answers
@@ -199,7 +199,7 @@ class OpenRequests:
 
     @property
     def held(self) -> i64:
-        """How many answers are held that belong to open requests, but not yet to one of them."""
+        """Number of answers that belong to open requests, but to which one is not yet known."""
         held: i64 = 0
         if self.undecided is not None:
             for row in self.undecided:
@@ -207,7 +207,7 @@ class OpenRequests:
         return held
 
     def waiting(self) -> list[Transaction]:
-        """Return the answers that wait, for their request or until it is known which request they belong to."""
+        """Return the answers that wait for their request, or until their request is certain."""
         found = [answer.transaction for answer in self.orphans or []]
         if self.undecided is not None:
             for row in self.undecided:
@@ -231,12 +231,12 @@ class OpenRequests:
         return self._table.get(key) if self._table else None
 
     def row(self, key: i64) -> Row | None:
-        """Return the row of ``key``, None when at most one request is open under it."""
+        """Return the row of ``key``, None if at most one request is open with it."""
         rows = self._rows
         return rows.get(key) if rows is not None else None
 
     def add(self, key: i64, transaction: Transaction) -> Transaction | None:
-        """Open a request and return None; if its key is open already, only return what `find` does."""
+        """Open a request and return None; if its key is open already, only return the result of `find`."""
         latest = self.latest
         if latest is not None and key == self.latest_key:
             return latest
@@ -289,7 +289,7 @@ class OpenRequests:
         row.wanted.discard(chosen.number)
         if self._table[key] is chosen:
             self._table[key] = row.requests[len(row.requests) - 1]
-            if len(self._table) > 1:  # its place is before those that were sent later
+            if len(self._table) > 1:  # it comes before those that were sent later
                 self._table = dict(sorted(self._table.items(), key=_sent))
         if len(row.requests) == 1 and not row.answers:
             self._end_row(key)
@@ -302,10 +302,11 @@ class OpenRequests:
                 self._rows = None
 
     def repeat(self, opens: bool, answered: bool, since_ns: i64, gap_frame: i64) -> None:
-        """Two requests in a row have one reference: note that, and whether it is known which of them are open.
+        """Note that two requests in a row have the same reference, and whether it is known which of them are open.
 
         ``opens``: requests that were not captured may be open. ``answered``: there was an answer, ``since_ns`` ago;
-        ``gap_frame`` is the packet of the latest gap. A client that waits for each answer has none open one exchange after it.
+        ``gap_frame`` is the packet of the latest gap. A client that waits for each answer has no request open one exchange
+        later.
         """
         if self.repeats == 0:
             self.doubtful = opens
@@ -318,7 +319,7 @@ class OpenRequests:
         self.repeats += 1
 
     def under(self, key: i64) -> list[Transaction]:
-        """Return the open requests of ``key``, oldest first; they stay open."""
+        """Return the open requests with ``key``, oldest first; they stay open."""
         row = self.row(key)
         if row is not None:
             return list(row.requests)
@@ -334,7 +335,7 @@ class OpenRequests:
         row.hold(answer)
 
     def release(self, row: Row) -> list[HeldAnswer]:
-        """Remove and return the answers that ``row`` holds."""
+        """Remove and return the answers in ``row``."""
         answers = row.answers
         row.answers = []
         row.wanted = set()
@@ -345,10 +346,10 @@ class OpenRequests:
         return answers
 
     def oldest(self) -> tuple[int, Transaction] | None:
-        """Return the request that has been open longest, with its key, None when none is open; it stays open."""
+        """Return the request that has been open longest, with its key, None if none is open; it stays open."""
         self._given_up += 1
         if self._given_up % _FRESH == 0:
-            # Finding the first entry of a dict takes longer the more entries were deleted before it.
+            # Finding the first entry of a dict takes longer, the more entries were deleted before it.
             self._table = {key: found for key, found in self.table.items()}  # noqa: C416 - dict() copies the gaps too
         for key, found in self.table.items():
             row = self.row(key)
@@ -360,7 +361,7 @@ class OpenRequests:
         return self._found(number, 0)
 
     def recent(self, number: i64, enough: i64) -> list[Transaction]:
-        """Return what `asked_after` does, but stop looking once more than ``enough`` were found."""
+        """Return the same as `asked_after`, but stop after more than ``enough`` were found."""
         return self._found(number, enough)
 
     def _found(self, number: i64, enough: i64) -> list[Transaction]:
@@ -389,11 +390,11 @@ class OpenRequests:
     def open_since(self, time_ns: i64, frame: i64, ack: i64, enough: i64) -> i64:
         """Return how many of the requests sent at ``time_ns`` or later are certainly open.
 
-        Those up to packet ``frame`` may be answered in a gap, unless they acknowledged octets up to ``ack``, where that gap
-        ends (-1: unknown). Counting stops at ``enough``. Some requests of one key may be overlooked: they are at the place of
-        their latest.
+        Requests up to packet ``frame`` may be answered in a gap, unless they acknowledged octets up to ``ack``, the end of that
+        gap (-1: unknown). Counting stops at ``enough``. Requests that share a key may be overlooked: all of them are at the
+        place of their latest.
         """
-        # After a lost answer its request stays open and each new request calls this. So the oldest are examined first: they
+        # After a lost answer its request stays open, and each new request calls this. So the oldest are examined first: they
         # often show that fewer than ``enough`` are recent.
         spare: i64 = self.count - enough
         for transaction in self._table.values():
@@ -404,7 +405,7 @@ class OpenRequests:
             spare -= 1
         count: i64 = 0
         recent = self.latest
-        if recent is not None:  # alone under its key: requests that share one are in the table
+        if recent is not None:  # the only one with its key: requests that share a key are in the table
             if enough == 0 or not _certain(recent, time_ns, frame, ack):
                 return 0
             count = 1
@@ -426,7 +427,7 @@ class OpenRequests:
         return count
 
     def hold_orphan(self, key: i64, answer: Transaction, ack: i64, packet: i64) -> HeldAnswer | None:
-        """Hold an answer for its request; return the oldest held answer if there are too many, else None."""
+        """Keep an answer for its request; return the oldest kept answer if there are too many, else None."""
         orphans = self.orphans
         if orphans is None:
             orphans = self.orphans = []
@@ -436,14 +437,14 @@ class OpenRequests:
         return None
 
     def find_orphan(self, key: i64, end_seq: i64) -> HeldAnswer | None:
-        """Return the held answer that fits a request ending at sequence number ``end_seq``, None when there is none."""
+        """Return the kept answer that matches a request ending at sequence number ``end_seq``, None if there is none."""
         for orphan in self.orphans or []:
             if orphan.key == key and orphan.ack >= 0 and ((orphan.ack - end_seq) & MASK) < HALF_SPACE:
                 return orphan
         return None
 
     def was_passed(self, key: i64, end_seq: i64) -> bool:
-        """Return whether an answer came since the latest request, and not to the one at hand (``key``, up to ``end_seq``)."""
+        """Return whether an answer came since the latest request that is not for the one with ``key`` and ``end_seq``."""
         for orphan in self.orphans or []:
             covers: bool = orphan.ack >= 0 and ((orphan.ack - end_seq) & MASK) < HALF_SPACE
             if orphan.transaction.response_frame > self.asked_frame and not (covers and orphan.key == key):
@@ -457,9 +458,9 @@ class OpenRequests:
             self.orphans = self.orphans or None
 
     def passed_orphans(self, end_seq: i64) -> list[HeldAnswer]:
-        """Remove and return the held answers that acknowledge less than a request that ends at sequence number ``end_seq``.
+        """Remove and return the kept answers that acknowledge less than the end ``end_seq`` of a request.
 
-        Their own requests came before that one and were not captured: every later request ends further on.
+        Their own requests came before it and were not captured, because every later request ends later in the stream.
         """
         passed: list[HeldAnswer] = []
         kept: list[HeldAnswer] = []
@@ -473,9 +474,10 @@ class OpenRequests:
         return passed
 
     def expired_orphans(self, time_ns: i64, packet: i64, unfinished: bool = False) -> list[HeldAnswer]:
-        """Remove and return the held answers whose time is over.
+        """Remove and return the kept answers whose time is over.
 
-        ``packet`` is how many packets of the connection were seen. ``unfinished``: a message of the asking side is unfinished.
+        ``packet`` is the number of packets of the connection seen so far. ``unfinished``: a message of the asking side is
+        unfinished.
         """
         orphans = self.orphans
         times: i64 = UNFINISHED_HOLD if unfinished else 1

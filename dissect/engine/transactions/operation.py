@@ -20,10 +20,10 @@ if TYPE_CHECKING:
     from dissect.engine.transactions.plus_operations import PlusOpen
     from dissect.engine.transactions.transaction import Transaction
 
-#: The most operations open on one connection; of more, the oldest is closed.
+#: Maximum number of open operations on one connection; beyond that the oldest is closed.
 MAX_OPEN: Final = 64
 
-# What an operation is.
+# The kinds of operations.
 CONNECT: Final = "connect"
 DOWNLOAD: Final = "download"
 UPLOAD: Final = "upload"
@@ -59,7 +59,7 @@ KINDS: Final[dict[str, str]] = {
 #: Kinds that carry blocks.
 TRANSFERS: Final = frozenset((DOWNLOAD, UPLOAD))
 
-# How an operation ended.
+# The results of operations.
 DONE: Final = "done"
 REFUSED: Final = "refused"
 FAILED: Final = "failed"
@@ -78,7 +78,7 @@ RESULTS: Final[dict[str, str]] = {
 #: Results without a failure, as far as was captured.
 NO_FAILURES: Final = frozenset((DONE, RUNNING, NOT_CAPTURED))
 
-#: The subject of a transfer of which no step that names the block was captured.
+#: The subject of a transfer if no step that names the block was captured.
 NAMELESS: Final = "name not captured"
 
 # Contradictions in an operation (`Oddity.name`).
@@ -87,14 +87,14 @@ BEYOND_END: Final = "beyond_end"
 WRONG_SIZE: Final = "wrong_size"
 CUT_SHORT: Final = "cut_short"
 
-#: The end of the name of a block that has to be activated.
+#: The end of the name of a block that must be activated.
 _PASSIVE: Final = f", {FILE_SYSTEMS['P']}"
-#: How many transaction numbers and oddities of an operation are kept.
+#: Maximum number of transaction numbers, and of oddities, that are kept of an operation.
 _KEPT: Final = 1000
 _MAX_ODDITIES: Final = 8
-#: The most characters of the subject of an operation.
+#: Maximum number of characters in the subject of an operation.
 MAX_SUBJECT: Final = 200
-#: The most octets that are kept of one block or file while it is transferred, and of all of them together. Blocks of an
+#: Maximum size in octets that is kept of one block or file during its transfer, and of all of them together. Blocks of an
 #: S7-300/400 have up to 64 KiB, files of an NC a few MiB.
 MAX_CONTENT: Final = 8 * 1024 * 1024
 MAX_CONTENTS: Final = 64 * 1024 * 1024
@@ -114,8 +114,8 @@ class Oddity:
 class Activation:
     """The state of a block after its download: ``frame`` is the packet of the request that activated it, 0 for none yet.
 
-    ``name`` is the block with the file system that it was loaded to, as the download named it; ``frames`` are the first and
-    last packet of the download, ``time_ns`` is its end. ``deleted``: a client deleted the block instead.
+    ``name`` is the block with the file system into which it was loaded, as in the download request; ``frames`` are the first
+    and last packet of the download, ``time_ns`` is the time of its end. ``deleted``: a client deleted the block instead.
     """
 
     __slots__ = ("deleted", "frame", "frames", "name", "time_ns")
@@ -129,28 +129,28 @@ class Activation:
 
     @property
     def due(self) -> bool:
-        """True while the block is in the passive file system, where it has no effect before it is activated."""
+        """True while the block is in the passive file system, where it has no effect until it is activated."""
         return not self.frame and not self.deleted and self.name.endswith(_PASSIVE)
 
 
 class Operation:
     """Several transactions that belong together.
 
-    ``asked_by`` is the side of ``connection`` that began it; ``subject`` says what it is about (text from the wire, not
-    escaped). ``parts`` counts the transactions; ``transactions`` keeps the numbers of the first thousand; ``pushes`` counts
-    those that are pushes, ``likely`` pairs that are only likely. Times are nanoseconds since 1970. ``begun`` is False when the
-    beginning of a transfer is not in the capture; ``half_captured`` is True when requests or answers of it are not, because
-    only one direction was captured.
+    ``asked_by`` is the side of ``connection`` that began it; ``subject`` is its object (text from the wire, not escaped).
+    ``parts`` counts the transactions; ``transactions`` has the numbers of the first thousand; ``pushes`` counts the pushes
+    among them, ``likely`` the pairs that are only likely. Times are nanoseconds since 1970. ``begun`` is False if the beginning
+    of a transfer was not captured; ``half_captured`` is True if requests or answers of it are missing, because only one
+    direction was captured.
 
-    ``octets`` is the size of what was carried: block content, joined answer, values. ``announced`` is the size stated
+    ``octets`` is the size of the carried data: block content, joined answer, values. ``announced`` is the size stated
     beforehand, -1 for none. ``content`` depends on the kind. For a long answer or a BSEND it is the joined payload, once that
-    is whole; ``places`` then has for each part where it ends in ``content``, and its packet. For a download or upload it is
-    what was captured of the block or file, once the operation is over (in S7comm-plus the whole PDUs with the blocks, each with
-    its place, and in ``steps`` with its outcome); ``dropped`` is how many more octets were too many to keep. For other kinds it
-    is empty.
+    is complete; ``places`` then has, for each part, its end in ``content`` and its packet. For a download or upload it is the
+    captured part of the block or file, once the operation is over (in S7comm-plus the whole PDUs with the blocks, each with its
+    place, and in ``steps`` with its outcome); ``dropped`` is the number of further octets that were too many to keep. For other
+    kinds it is empty.
 
-    ``gap`` is how many octets of ``content`` came before the first gap in what the sender sent, where a piece may be missing;
-    -1 for no gap. ``activation`` is the state of a block that was loaded completely.
+    ``gap`` is the number of octets of ``content`` before the first gap in the sender's data, where a piece may be missing; -1
+    for no gap. ``activation`` is the state of a block that was completely loaded.
     """
 
     __slots__ = (
@@ -222,17 +222,17 @@ class Operation:
         self.places: list[tuple[int, int]] = []
         self.steps: list[str] = []  # of a load of S7comm-plus: the result of each request
         self.pieces: list[bytes] = []  # the pieces of a block while it is transferred
-        self.held = 0  # how many octets `pieces` have
+        self.held = 0  # size of `pieces` in octets
         self.dropped = 0
         self.gap = -1
-        self.lacking = 0  # how many octets of the pieces' sender the capture lacked when the latest piece was taken
+        self.lacking = 0  # number of octets missing from the sender of the pieces when the latest piece was taken
         self.activation: Activation | None = None
 
     def __repr__(self) -> str:
         return f"Operation({self.number}, {self.kind!r}, {self.subject!r}, {self.result!r})"
 
     def __str__(self) -> str:
-        """Return what it is about and how it ended: ``upload DB 1, active: done, 636 bytes``."""
+        """Return its kind, subject and result: ``upload DB 1, active: done, 636 bytes``."""
         carried = f", {self.octets} bytes" if self.octets else ""
         return printable(f"{self.kind.replace('_', ' ')} {self.subject}: {self.result or 'under way'}{carried}")
 
@@ -247,11 +247,11 @@ class Operation:
         return self.end_ns - self.begin_ns
 
     def content_parts(self) -> list[Part]:
-        """Return the parts of the joined answer or BSEND, cut again at each call; empty for other kinds (reference 4.3)."""
+        """Return the parts of the joined answer or BSEND, newly made at each call; empty for other kinds (reference 4.3)."""
         head = self.content_head
         if head is None:
             return []
-        from dissect.protocols.s7.bodies import parse_joined  # late: see `Pdu.body`
+        from dissect.protocols.s7.bodies import parse_joined  # imported late: see `Pdu.body`
 
         return parse_joined(head.group, head.subfunction, head.type, self.content)
 
@@ -279,12 +279,12 @@ class Operation:
         self.end_ns = max(self.end_ns, time_ns)
 
     def push(self, transaction: Transaction, octets: int) -> None:
-        """Add a push with so many octets to this operation."""
+        """Add a push with this many octets to this operation."""
         self.add(transaction)
         self.count_push(transaction, octets)
 
     def count_push(self, transaction: Transaction, octets: int) -> None:
-        """Count a transaction that was added already as a push with so many octets."""
+        """Count a transaction that is already in it as a push with this many octets."""
         if self.pushes == 0:
             self.first_push_ns = transaction.response_ns
         self.last_push_ns = transaction.response_ns
@@ -303,26 +303,26 @@ class Operation:
 
 
 class OpenOperations:
-    """The operations that are under way on a connection."""
+    """The unfinished operations of a connection."""
 
     __slots__ = ("halves", "joiner", "plus", "set_up", "these")
 
     def __init__(self) -> None:
         self.these: list[Operation] = []
         self.halves: list[Transaction] = []  # half-captured steps of transfers, until they can be put in order
-        self.joiner: Joiner | None = None  # there once something came in parts
+        self.joiner: Joiner | None = None  # exists once something came in parts
         self.plus: PlusOpen | None = None  # those of S7comm-plus
         self.set_up = False  # the first Setup communication was made an operation
 
     def find(self, kind: str, key: str) -> Operation | None:
-        """Return the open operation of a kind with this key, None when there is none."""
+        """Return the open operation of a kind with this key, None if there is none."""
         for operation in self.these:
             if operation.kind == kind and operation.key == key:
                 return operation
         return None
 
     def latest(self, kind: str, asked_by: int) -> Operation | None:
-        """Return the latest open operation of a kind that side ``asked_by`` began (-1: either), None when there is none."""
+        """Return the latest open operation of a kind that side ``asked_by`` began (-1: either), None if there is none."""
         for operation in reversed(self.these):
             if operation.kind == kind and asked_by in (-1, operation.asked_by):
                 return operation
@@ -330,13 +330,13 @@ class OpenOperations:
 
 
 class OperationBook:
-    """Begins and closes operations. ``over`` are those that are closed, numbered and not yet reported."""
+    """Begins and closes operations. ``over`` are the operations that are closed and numbered, but not reported yet."""
 
     def __init__(self) -> None:
         self.count = 0
         self.over: list[Operation] = []
         self.evicted = 0
-        self._held = 0  # how many octets the pieces of all open transfers have
+        self._held = 0  # size of the pieces of all open transfers, in octets
 
     def begin(self, kind: str, key: str, transaction: Transaction, subject: str) -> Operation:
         """Open an operation with its first transaction."""
@@ -355,12 +355,12 @@ class OperationBook:
         return operation
 
     def gather(self, operation: Operation, octets: bytes, alone: bool = False) -> bool:
-        """Keep a piece of what an operation transfers, if there is room (`MAX_CONTENT`, `MAX_CONTENTS`); return whether it was.
+        """Keep a piece of a transfer if there is room (`MAX_CONTENT`, `MAX_CONTENTS`); return whether there was.
 
-        ``alone``: the piece is complete without those before it.
+        ``alone``: the piece is complete without the earlier ones.
         """
         size = len(octets)
-        lacks = operation.dropped > 0 and not alone  # so are all later pieces: `content` must not have a gap
+        lacks = operation.dropped > 0 and not alone  # all later pieces are dropped, too: `content` must not have a gap
         if lacks or operation.held + size > MAX_CONTENT or self._held + size > MAX_CONTENTS:
             operation.dropped += size
             return False
@@ -386,7 +386,7 @@ class OperationBook:
         self.over.append(operation)
 
     def break_off(self, operation: Operation, reason: str) -> None:
-        """Close an operation that did not end; its result is not known if only one direction was captured."""
+        """Close an operation without its end; its result is unknown if only one direction was captured."""
         if operation.half_captured and not operation.connection.answered:
             self.close(operation, NOT_CAPTURED)
         else:
@@ -405,9 +405,10 @@ class OperationBook:
 def result_of(
     transaction: Transaction, went_well: str, went_wrong: str, code: int = -1
 ) -> tuple[str, str, TransactionError | None]:
-    """Return the result of a transaction as the last one of an operation, the reason, and the error if it went wrong.
+    """Return the result of a transaction as the end of its operation, the reason, and the error if it went wrong.
 
-    ``code`` is the error of an S7comm-plus item of that transaction, 0 for none; by default that of the transaction counts.
+    ``code`` is the error of an S7comm-plus item of that transaction, 0 for none; by default the error of the transaction
+    counts.
     """
     if transaction.unseen:
         return NOT_CAPTURED, "", None

@@ -1,9 +1,8 @@
-"""`Operations`: makes operations of transactions that belong together (reference 3.7, 3.8, 4.3, 4.7 to 4.11).
+"""`Operations`: combines transactions that belong together into operations (reference 3.7, 3.8, 4.3, 4.7 to 4.11).
 
 It takes every transaction except reads and writes, in the order in which they end, and collects finished operations in
 ``over``. It only states facts; findings are made elsewhere. Downloads and uploads are followed by
-`dissect.engine.transactions.transfers`; operations that are one command, such as a stop, are made by
-`dissect.engine.acts.book`.
+`dissect.engine.transactions.transfers`; operations of a single command, such as a stop, are made by `dissect.engine.acts.book`.
 """
 
 from __future__ import annotations
@@ -82,29 +81,29 @@ _ALARM_PUSHES: Final = frozenset((
 _ALARM_ABORTS: Final = frozenset((0, 4, 6, 8))
 _TEST_STARTS: Final = frozenset((BLOCK_STATUS_JOB, VARIABLE_STATUS, MODIFY_VARIABLE, FORCE_VARIABLES, BLOCK_STATUS_V2))
 
-#: Kinds that run until they are stopped.
+#: Kinds that continue until they are stopped.
 ENDLESS: Final = frozenset((CYCLIC, MESSAGES, TEST_JOB, SESSION, POLLING))
 #: Offset of the length of the data block in the header.
 _DATA_LENGTH_AT: Final = 8
-#: Protocols of connections where Setup communication is expected: S7comm, and connections without any message.
+#: Protocols of connections on which Setup communication is expected: S7comm, and connections without any message.
 _OURS: Final = frozenset(("", "s7comm"))
 
 
 def _went_well(transaction: Transaction) -> bool:
-    """Return whether a request was accepted; an answer without its request counts if only that was captured."""
+    """Return whether a request was accepted; if only the answer was captured, it counts alone."""
     answered = transaction._outcome == ANSWERED or (transaction._outcome == ORPHAN and half_captured(transaction))
     return answered and not transaction.refused
 
 
 def subject_of(transaction: Transaction) -> str:
-    """Return what a request is about: the notes of its parts, or else its function; text from the wire, not escaped."""
+    """Return the subject of a request: the notes of its parts, or else its function; text from the wire, not escaped."""
     body = transaction.request_body
     notes = dict.fromkeys(body.notes) if body is not None else {}
     return ", ".join(notes)[:MAX_SUBJECT] or transaction.function_name
 
 
 def _joined(subject: str, more: str) -> str:
-    """Return the subject of a subscription that is requested again: the messages so far (``subject``) and ``more``."""
+    """Return the subject of a repeated subscription: the messages so far (``subject``) and ``more``."""
     words = dict.fromkeys(subject.split(", "))
     for word in more.removeprefix("events: ").split(", "):
         if word not in words and f"events: {word}" not in words:
@@ -113,7 +112,7 @@ def _joined(subject: str, more: str) -> str:
 
 
 def payload_size(transaction: Transaction) -> int:
-    """Return the size of the payload of a userdata answer or push: of its data block without the head."""
+    """Return the size of the payload of a userdata answer or push, which is its data block without the head."""
     if transaction.response_size < HEADER_SIZE:
         return 0
     stated = u16(transaction._response_buf, transaction._response_offset + _DATA_LENGTH_AT)
@@ -121,7 +120,7 @@ def payload_size(transaction: Transaction) -> int:
 
 
 def subscription_of(push: Transaction) -> Operation | None:
-    """Return the open operation that a push of S7comm belongs to, None when there is none."""
+    """Return the open operation that a push of S7comm belongs to, None if there is none."""
     going = push.connection.operations
     head = push.parameters.userdata
     if head is None:
@@ -153,13 +152,14 @@ class Operations(OperationBook):
             self._set_up(transaction)
         elif REQUEST_DOWNLOAD <= parameters.function <= END_UPLOAD:
             if self._transfers is None:
-                from dissect.engine.transactions.transfers import Transfers  # late, because few captures have transfers
+                # imported late, because few captures have transfers
+                from dissect.engine.transactions.transfers import Transfers
 
                 self._transfers = Transfers(self)
             self._transfers.take(transaction)
 
     def end(self, connection: Connection, reason: str) -> None:
-        """A connection is over: close its operations. ``reason`` is one of those of transactions."""
+        """A connection is over: close its operations. ``reason`` is one of the reasons of transactions."""
         if connection.cr_seen and not connection.operations.set_up and connection.protocol in _OURS:
             self._never_set_up(connection, reason)
         if self._transfers is not None and connection.operations.halves:
@@ -209,16 +209,16 @@ class Operations(OperationBook):
             self._messages(transaction)
 
     def _part_of_long_answer(self, transaction: Transaction, head: UserdataHead, told: UserdataHead | None) -> bool:
-        """Follow an answer in parts: the first says that more follow, which are then requested by its sequence number.
+        """Follow an answer in parts: the first part says that more follow, which are then requested by its sequence number.
 
         Return False for an answer in one part.
         """
         more = told is not None and told.last_data_unit != 0
         if not more and not transaction.connection.operations.these:
-            return False  # an answer in one part, as nearly all are
+            return False  # an answer in one part, as most are
         sequence = told.sequence if told is not None else head.sequence
         if transaction.refused and head.sequence:
-            sequence = head.sequence  # a refusal of a further part need not name the answer that it belongs to
+            sequence = head.sequence  # a refusal of a further part need not name the answer
         key = f"{head.group}/{head.subfunction}/{sequence}"
         operation = transaction.connection.operations.find(LONG_ANSWER, key)
         if operation is not None and head.sequence == sequence:
@@ -243,11 +243,11 @@ class Operations(OperationBook):
         return True
 
     def _send(self, transaction: Transaction, head: UserdataHead) -> None:
-        """Follow a BSEND in pieces, each of which the partner answers; a BSEND in one PDU does not make an operation."""
+        """Follow a BSEND in pieces, each answered by the partner; a BSEND in one PDU is not an operation."""
         body = transaction.request_body
         if body is None:
             return
-        from dissect.protocols.s7.pbc import BSEND_DATA, goes_on  # late: see `Pdu.body`
+        from dissect.protocols.s7.pbc import BSEND_DATA, goes_on  # imported late: see `Pdu.body`
         from dissect.protocols.s7.syntaxes import r_id_text
 
         r_id = body.number("r_id")
@@ -285,7 +285,8 @@ class Operations(OperationBook):
                 changed.add(transaction)
                 changed.octets += payload_size(transaction)
         elif head.subfunction == UNSUBSCRIBE:
-            from dissect.protocols.s7.cyclic import CYCLIC_UNSUBSCRIBE  # late, as the others below: see `Pdu.body`
+            # imported late, like the others below: see `Pdu.body`
+            from dissect.protocols.s7.cyclic import CYCLIC_UNSUBSCRIBE
 
             body = transaction.request_body
             named = body.find(CYCLIC_UNSUBSCRIBE) if body is not None else None
@@ -352,19 +353,19 @@ class Operations(OperationBook):
             self.settle(operation, transaction, DONE, REFUSED)
 
     def _push(self, transaction: Transaction) -> None:
-        """Take a push: find the subscription that it belongs to."""
+        """Take a push and find its subscription."""
         operation = subscription_of(transaction)
         if operation is not None:
             operation.push(transaction, payload_size(transaction))
         elif not transaction.connection.mid_stream and not transaction.connection.tcp.has_holes:
             head = transaction.parameters.userdata
-            if head is None or not head.usend:  # a USEND comes from the PLC's program, without a subscription
+            if head is None or not head.usend:  # a USEND comes from the PLC's program and needs no subscription
                 transaction._flags |= STRAY_PUSH
 
 
 def _join(operation: Operation, transaction: Transaction) -> None:
     """Add a part of a long answer or BSEND; the last one gives the operation its ``content``."""
-    from dissect.engine.transactions.multipart import Joiner  # late, because few captures have long answers
+    from dissect.engine.transactions.multipart import Joiner  # imported late, because few captures have long answers
 
     going = operation.connection.operations
     if going.joiner is None:
@@ -380,7 +381,7 @@ def _join(operation: Operation, transaction: Transaction) -> None:
 
 def _hold_to_its_head(operation: Operation, frame: int) -> None:
     """Note an SZL in parts that has fewer records than its head states; packet ``frame`` ends it."""
-    from dissect.protocols.s7.szl import shortage, stated_size  # late: see `Pdu.body`
+    from dissect.protocols.s7.szl import shortage, stated_size  # imported late: see `Pdu.body`
 
     octets = operation.content
     operation.announced = stated_size(octets)
@@ -392,7 +393,7 @@ def _hold_to_its_head(operation: Operation, frame: int) -> None:
 
 
 def _from_the_beginning(operation: Operation) -> None:
-    """Let an operation begin with the SYN of its TCP connection, if that was captured."""
+    """Let an operation begin with the SYN of its TCP connection, if the SYN was captured."""
     tcp = operation.connection.tcp
     if tcp.known_start:
         operation.begin_ns = int(tcp.first_ns)

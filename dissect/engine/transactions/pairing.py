@@ -1,8 +1,8 @@
 """Pairing: finds the request that each answer belongs to; opens, completes and closes transactions (reference section 5).
 
 `Dialogue` takes every PDU in order and returns the transaction that the PDU completes. Others may end with the same PDU, such
-as a request whose reference is used again, or an answer that was held for its request for too long; these go into ``also``.
-`Dialogue` only states facts, as `Transaction._flags`; the rules in `dissect.engine.findings` judge them.
+as a request whose reference is reused, or an answer that was kept too long for its request; these go into ``also``. `Dialogue`
+only states facts, as `Transaction._flags`; the rules in `dissect.engine.findings` judge them.
 
 The asking side of a transaction sends the request, the answering side the response.
 """
@@ -85,31 +85,31 @@ if TYPE_CHECKING:
     from dissect.engine.transactions.behind import Behind
     from dissect.engine.transactions.side import Side
 
-#: Requests open at once per connection and side; the granted AmQ (parallel jobs) is 8 or less in practice.
+#: Maximum number of open requests per connection and side; the granted AmQ (parallel jobs) is 8 or less in practice.
 MAX_OPEN: Final = 4096
-#: Requests open at once on all connections. Beyond that, each new request of a side with more than `FEW_OPEN` drops its oldest.
+#: Maximum number of open requests on all connections; beyond it a new one drops its side's oldest, if that has over `FEW_OPEN`.
 MAX_OPEN_ALL: Final = 65536
 FEW_OPEN: Final = 16
-#: A client of one reference rests when no request is open for `SHORT_REST_NS`, and this many times as long as it last waited.
+#: A client with one reference is idle when no request is open for `SHORT_REST_NS` and for this many times its last wait.
 _MANY_TIMES: Final = 4
-#: When `Dialogue.asking` has this many sides, those of closed connections are removed. It is more than can be open at once.
+#: When `Dialogue.asking` has this many sides (more than can be open), those of closed connections are removed.
 _MANY_ASKING: Final = MAX_OPEN_ALL
 
 
 class Dialogue:
-    """Pairs the PDUs of all connections. ``count`` is how many transactions were numbered so far."""
+    """Pairs the PDUs of all connections. ``count`` is the number of transactions so far."""
 
     def __init__(self) -> None:
         self.count: i64 = 0
         self.open: i64 = 0  # requests without answer on all connections
-        self.also: list[Transaction] = []  # ended by the present PDU, too; `Exchange.beside` reports and clears them
-        self.holding: list[Side] = []  # sides whose answer is held for its request, since the pipeline last looked
-        self.several: bool = False  # other requests were open when the side of the latest request sent it
-        self.shared: bool = False  # ... one of them with its reference; set back by who reports it
-        self.cut: bool = False  # the message at hand ends in a gap, so that its time is not that of its last packet
+        self.also: list[Transaction] = []  # also ended by the current PDU; `Exchange.beside` reports and clears them
+        self.holding: list[Side] = []  # sides with a kept answer, since the pipeline last checked
+        self.several: bool = False  # other requests of its side were open when the latest request was sent
+        self.shared: bool = False  # ... and one of them has its reference; cleared by the code that reports it
+        self.cut: bool = False  # the current message ends in a gap, so its time is not that of its last packet
         self.lossy: bool = False  # the capture has a gap
         self.watching: bool = False  # an `OverdueWatch` takes the sides from `asking`
-        self.asking: list[Side] = []  # sides that sent requests since it last looked, except those it watches already
+        self.asking: list[Side] = []  # sides that sent requests since the last check, if not yet watched
         self.behind: Behind | None = None  # messages behind malformed headers, to which an answer may belong
 
     def ask(
@@ -124,7 +124,7 @@ class Dialogue:
         frame: i64,
         time_ns: i64,
     ) -> Transaction | None:
-        """Take a request: open a transaction. Return it only when its answer was captured before it."""
+        """Take a request: open a transaction. Return its transaction only if its answer was captured before it."""
         connection = side.connection
         side.requests += 1
         connection.last_request = parameters
@@ -175,14 +175,14 @@ class Dialogue:
         return None
 
     def _ask_after_gap(self, side: Side, requests: OpenRequests, key: i64, transaction: Transaction) -> None:
-        """Note if a request that was not captured may be answered in place of this one, or if this one is incomplete itself."""
+        """Note if the answer may belong to an uncaptured request instead of this one, or if this request is incomplete."""
         if self.cut:
             transaction._flags |= GAPS
         elif unasked_before(side, requests, key):
             transaction._flags |= ALIKE
 
     def find_answer(self, side: Side, requests: OpenRequests, key: i64, transaction: Transaction) -> bool:
-        """Return whether the answer to a new request is held, and join the two; give up answers to requests before it."""
+        """Return whether the answer to a new request is already kept, and join the two; drop answers to earlier requests."""
         orphan = requests.find_orphan(key, side.end_seq)
         if orphan is not None and (
             (orphan.ack == side.end_seq and not transaction._flags & ALIKE)
@@ -240,8 +240,8 @@ class Dialogue:
     ) -> Transaction | None:
         """Take an answer; ``data_at`` is where its data block begins in ``buf``.
 
-        Complete the oldest open request that the answer fits and return its transaction. Without one hold the answer for a
-        moment and return None.
+        Complete the oldest open request that the answer matches, and return its transaction. If there is none, keep the answer
+        for a moment and return None.
         """
         connection = side.connection
         if not connection.client_known:
@@ -263,10 +263,10 @@ class Dialogue:
             waiting = None
         if (
             waiting is not None
-            and (waiting._request_ack - side.end_seq) & MASK < HALF_SPACE  # part of `acknowledged`: enough for most
+            and (waiting._request_ack - side.end_seq) & MASK < HALF_SPACE  # the usual part of `acknowledged`
             and acknowledged(waiting, side.end_seq)
         ):
-            waiting = None  # the asking side had received this answer before it sent that request
+            waiting = None  # the asking side had received this answer before it sent the request
         asking = side.peer
         gaps: bool = side.holes > 0 or asking is None or asking.holes > 0 or asking.is_ahead(side.last_ack)
         if waiting is None or (
@@ -306,14 +306,14 @@ class Dialogue:
         return waiting
 
     def _note_gaps(self, side: Side, requests: OpenRequests, request: Transaction) -> None:
-        """``request`` is answered, and the capture has gaps: note the consequences for it and for the requests before it."""
+        """Note the consequences of gaps for the answered ``request`` and for the requests before it."""
         if self.cut or between(side, request):
             request._flags |= GAPS
         lost = requests.lost
         if lost:
             requests.lost = []
             if request in lost:
-                request._flags |= GAPS  # either this or what is missing is its answer
+                request._flags |= GAPS  # its answer is either this one or one that is missing
             for one in lost:
                 if one.number < request.number:  # servers answer in order
                     self._close(side, requests, key_of(one.rosctr, one.pdu_ref), one, HOLE, True)
@@ -321,7 +321,7 @@ class Dialogue:
     def _answer_one(
         self, side: Side, requests: OpenRequests, row: Row, answer: HeldAnswer, data_at: i64
     ) -> Transaction | None:
-        """Take an answer whose reference several open requests have: complete one, or hold it until it is known which."""
+        """Take an answer whose reference several open requests share: complete one of them, or keep it until that is sure."""
         told = answer.transaction
         gaps: bool = has_gaps(side)
         placed = possible(row, side.end_seq, answer.ack, side.hole_end if gaps else -1, requests.lost)
@@ -361,7 +361,7 @@ class Dialogue:
         self.join(request, answer)
 
     def _settle(self, answering: Side | None, requests: OpenRequests, row: Row, over: bool) -> None:
-        """Decide which request of a row each answer that it holds belongs to; the pairs go to ``also``."""
+        """Decide to which request of a row each of its answers belongs; the pairs go to ``also``."""
         if answering is None:
             return
         complete: bool = is_complete(row)
@@ -389,9 +389,9 @@ class Dialogue:
         requests.doubtful = requests.doubtful or not complete
 
     def lost(self, side: Side, size: i64) -> None:
-        """``size`` octets of ``side`` were not captured: remember the requests that were answered in them.
+        """Remember the requests that were answered in ``size`` octets of ``side`` that were not captured.
 
-        If it is not certain which were, or requests may be among them, a client of one reference may be shifted from here on.
+        If it is unclear which, or if requests may be among the octets, later pairs of a client with one reference may be wrong.
         """
         self.lossy = True
         first, second = side.connection.open_requests
@@ -402,7 +402,7 @@ class Dialogue:
         asks.doubtful = asks.doubtful or asks.beside
 
     def _answered(self, transaction: Transaction, parameters: Parameters, data_at: i64) -> None:
-        """The transaction has its answer, with ``parameters``: check the answer and count it."""
+        """Check and count the answer of a transaction; ``parameters`` are those of the answer."""
         transaction._outcome = ANSWERED
         asked = transaction.parameters
         if (
@@ -421,14 +421,14 @@ class Dialogue:
         connection.last_answer_ns = transaction.response_ns
 
     def waits(self, side: Side, rosctr: i64, pdu_ref: i64) -> bool:
-        """Return whether a request is open that an answer of ``side`` with this reference would complete."""
+        """Return whether an answer of ``side`` with this reference would complete an open request."""
         key: i64 = key_of(rosctr, pdu_ref)
         return side.connection.open_requests[1 - side.index].find(key) is not None
 
     def tell(
         self, side: Side, pdu_ref: i64, parameters: Parameters, octets: bytes, frame: i64, time_ns: i64
     ) -> Transaction:
-        """Take an S7comm-plus request that wants no answer: it is a whole transaction by itself."""
+        """Take an S7comm-plus request that needs no answer: it is a whole transaction."""
         self.count += 1
         transaction = Transaction(self.count, side.connection, side.index, PLUS, pdu_ref, parameters)
         transaction.request_frame = frame
@@ -442,7 +442,7 @@ class Dialogue:
     def push(
         self, side: Side, pdu_ref: i64, parameters: Parameters, buf: bytes, at: i64, size: i64, frame: i64, time_ns: i64
     ) -> Transaction:
-        """Take an unsolicited indication: it is a whole transaction by itself, with a response and no request."""
+        """Take an unsolicited indication: it is a whole transaction, with a response and no request."""
         self.count += 1
         rosctr: i64 = parameters.rosctr
         transaction = Transaction(self.count, side.connection, 1 - side.index, rosctr, pdu_ref, parameters)
@@ -458,7 +458,7 @@ class Dialogue:
         return transaction
 
     def expire(self, side: Side, time_ns: i64) -> None:
-        """Give up answers of ``side`` that were held for their request too long, or decide whose they are; see ``also``."""
+        """Drop answers of ``side`` kept too long for their request, or decide to which one they belong; see ``also``."""
         asking = side.peer
         requests = side.connection.open_requests[1 - side.index]
         if requests.undecided is not None:
@@ -475,7 +475,7 @@ class Dialogue:
     def certainly_open(self, side: Side) -> list[Transaction]:
         """The connection of ``side`` ends: return its open requests, without those whose answer may be in a gap.
 
-        Answers that are held go to the requests they belong to before, as `also`.
+        Kept answers first go to the requests that they belong to, as `also`.
         """
         requests = side.connection.open_requests[side.index]
         answering = side.peer
@@ -489,7 +489,7 @@ class Dialogue:
         ]
 
     def end(self, side: Side, reason: str, now_ns: i64) -> None:
-        """The connection of ``side`` ends: close all open requests of ``side``, and the answers held for its requests."""
+        """The connection of ``side`` ends: close all open requests of ``side``, and the answers kept for its requests."""
         connection = side.connection
         requests = connection.open_requests[side.index]
         answering = side.peer
@@ -521,9 +521,9 @@ class Dialogue:
     def _give_up(
         self, transaction: Transaction, answering: Side | None, reason: str, answered: bool, now_ns: i64 = 0
     ) -> None:
-        """End a request without an answer; where one was sent and not captured (``answered``), or perhaps so, say that.
+        """End a request without an answer; if an answer was sent but not captured (``answered``), or may have been, note that.
 
-        ``now_ns`` is when the capture ended, 0 if that is not why.
+        ``now_ns`` is the time at which the capture ended, 0 if the end has another reason.
         """
         self.open -= 1
         if not wants_answer(transaction):
@@ -551,7 +551,7 @@ class Dialogue:
         self.also.append(transaction)
 
     def _orphan(self, side: Side, key: i64, transaction: Transaction) -> None:
-        """Hold an answer of ``side`` for its request."""
+        """Keep an answer of ``side`` for its request."""
         behind = self.behind
         if behind is not None and behind.take_orphan(side, key, transaction):
             return
@@ -566,7 +566,7 @@ class Dialogue:
             self._give_up_orphan(pushed_out, side)
 
     def _give_up_orphan(self, orphan: HeldAnswer, side: Side) -> None:
-        """No request of a held answer came: the answer becomes a transaction by itself."""
+        """No request came for a kept answer: the answer becomes a transaction by itself."""
         transaction = orphan.transaction
         requests = transaction.connection.open_requests[transaction.asked_by]
         requests.orphan_frame = max(requests.orphan_frame, transaction.response_frame)

@@ -1,4 +1,4 @@
-"""What transactions hold of SCD: a decoded message, and its function in the form that pairing needs.
+"""SCD messages of transactions: the decoded message, and its function in the form that pairing needs.
 
 `dissect.meaning.bindings` decodes the messages.
 """
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 #: The value of `Parameters.rosctr` and `Transaction.rosctr` for SCD, which has no ROSCTR; never shown.
 SCD: Final = 0xDC
-#: Added to the number of an SCD function, so that it never equals one of S7comm or S7comm-plus.
+#: Added to the number of an SCD function, so that it differs from those of S7comm and S7comm-plus.
 _FUNCTION: Final = 0x40000
 
 #: The name of the protocol, which precedes the names of its functions.
@@ -38,13 +38,14 @@ def is_scd_key(key: int) -> bool:
 class ScdMessage:
     """An SCD message found in traffic: ``message`` is the decoded message, ``binding`` the name of the rule that found it.
 
-    A message whose values cannot be wrong is only decoded on demand: ``later`` makes it from ``octets`` and its transaction
-    number ``tid``.
+    A message whose values cannot be wrong is decoded only on demand: ``later`` decodes ``octets`` with transaction number
+    ``tid``.
 
     ``frame`` and ``time_ns`` are those of the packet that completed it (nanoseconds since 1970), ``connection`` is the number
-    of the connection, ``side`` the side that sent it. ``place`` names the S7 item or block that it was in, empty for a message
-    by itself; ``offset`` is its place in octets within that, or within the datagram or TSDU. ``octets`` is the message as on
-    the wire. ``mapping`` is the PDO with the mapping that it had when the message was sent, None for other messages.
+    of the connection, ``side`` the side that sent it. ``place`` names the S7 item or block that contains it, empty for a
+    message by itself; ``offset`` is its position in octets within that, or within the datagram or TSDU. ``octets`` is the
+    message as on the wire. ``mapping`` is the PDO with the mapping that it had when the message was sent, None for other
+    messages.
     """
 
     __slots__ = (
@@ -118,7 +119,7 @@ class ScdParameters(Parameters):
     """The function of an SCD message: ``key`` is its row of statistics, ``name`` its name without the protocol.
 
     ``index`` and ``sub`` are the object it addresses (-1 for none), ``err`` its ``scd_err_t``. ``refused``: it is an abort or
-    carries an error. ``settled``: nothing is left to judge when its transaction is over.
+    carries an error. ``settled``: nothing remains to be judged when its transaction is over.
     """
 
     __slots__ = ("err", "index", "name", "refused", "scd", "settled", "sub")
@@ -128,7 +129,7 @@ class ScdParameters(Parameters):
         self.function = _FUNCTION | key
         self.name: str = name
         self.scd: ScdMessage = scd
-        self.index: int = -1  # this and the next two are as wide as the dictionary's envelope says
+        self.index: int = -1  # this and the next two are as wide as the dictionary's envelope specifies
         self.sub: int = -1
         self.err: int = 0
         self.refused: bool = False
@@ -141,15 +142,16 @@ class ScdParameters(Parameters):
 
     @property
     def subject(self) -> str:
-        """What is requested or answered, for a person."""
+        """The request or answer as text."""
         return f"{TITLE} {self.scd.subject}"
 
 
 class Backlog(Kept):
     """The state of one direction of a TCP connection that carries SCD.
 
-    While the beginning of a message is searched for, ``pending`` are places in ``octets`` where one may begin, with its size,
-    and ``scan`` is where the search continues. ``owed`` is how many octets remain of a content whose beginning is missing.
+    During the search for the beginning of a message, ``pending`` are places in ``octets`` where one may begin, with its size,
+    and ``scan`` is where the search continues. ``owed`` is the number of remaining octets of a content whose beginning is
+    missing.
     """
 
     __slots__ = ("owed", "pending", "scan")
@@ -167,7 +169,7 @@ def _taken(found: ScdMessage) -> tuple[Message, Dictionary, str, bytes]:
         found.dictionary,
         found.binding,
         found.octets,
-    )  # decoded, because what decodes it later stays here
+    )  # decoded already, so that the decoder does not need this buffer later
 
 
 def _taken_function(function: ScdParameters) -> tuple[int, str, ScdMessage]:

@@ -1,7 +1,7 @@
-"""`Load`: all that a session of S7comm-plus loads, as one operation.
+"""`Load`: everything that a session of S7comm-plus loads, as one operation.
 
-An engineering tool loads a program in one request or in hundreds: an object for each block, in a sequence that it begins and
-ends, or without one. What it loads takes effect together. So these requests are one download, up to the end of the sequence or,
+An engineering tool loads a program in one request or in hundreds: an object for each block, inside a sequence that it begins
+and ends, or without one. All of it takes effect together. So these requests are one download, until the end of the sequence or,
 without a sequence, of the session.
 """
 
@@ -26,20 +26,20 @@ from dissect.protocols.s7plus.event import Event
 
 
 class Load:
-    """What a session loads: its operation, None until something was loaded, and how many sequences are open."""
+    """The load of a session: its operation, None until something was loaded, and the number of open sequences."""
 
     __slots__ = ("_depth", "_latest", "_operation", "_reason", "_results")
 
     def __init__(self) -> None:
         self._operation: Operation | None = None
         self._depth = 0
-        self._latest: i64 = 0  # the number of the transaction that was taken last
+        self._latest: i64 = 0  # the number of the latest transaction
         self._reason = ""
-        self._results: set[str] = set()  # those of all requests that loaded something
+        self._results: set[str] = set()  # results of all requests that loaded something
 
     @property
     def in_sequence(self) -> bool:
-        """Return whether a sequence was begun and not ended: what was loaded in it does not count yet."""
+        """Return whether a sequence is open: what was loaded in it does not count yet."""
         return self._depth > 0
 
     def take(self, book: OperationBook, event: Event, transaction: Transaction, code: int) -> None:
@@ -67,7 +67,7 @@ class Load:
         self._results.add(result)
 
     def confirm(self, transaction: Transaction, code: int) -> None:
-        """The client states that what it loaded is consistent."""
+        """The client states that the loaded objects are consistent."""
         operation = self._operation
         if operation is not None and not operation.result and code == 0 and transaction.response_frame:
             operation.add(transaction)
@@ -79,7 +79,7 @@ class Load:
             self._depth += 1
 
     def ended(self, book: OperationBook, transaction: Transaction) -> None:
-        """A sequence was ended; if the CPU refuses the end of the outer one, nothing that was loaded in it counts."""
+        """A sequence was ended; if the CPU refuses the end of the outer one, nothing loaded in it counts."""
         self._depth = max(0, self._depth - 1)
         operation = self._operation
         if self._depth or operation is None or operation.result:
@@ -105,7 +105,7 @@ class Load:
 
 
 def _result(results: set[str], ended: str) -> str:
-    """Return the result of a load by those of its requests and of its end."""
+    """Return the result of a load from the results of its requests and of its end."""
     if ended != DONE:
         return ended
     if REFUSED in results:
@@ -117,13 +117,13 @@ def _result(results: set[str], ended: str) -> str:
 
 
 def _name(operation: Operation, text: str) -> None:
-    """Add to the subject of an operation what is new in it."""
+    """Add new names to the subject of an operation."""
     if f", {text}," not in f", {operation.subject},":
         operation.subject = f"{operation.subject}, {text}".removeprefix(", ")[:MAX_SUBJECT]
 
 
 def beginning_of(transaction: Transaction) -> tuple[int, int, int]:
-    """Return packet and time of the first frame of a request, and how many octets of the request were not kept."""
+    """Return packet and time of the first frame of a request, and the number of its octets that were not kept."""
     begun = transaction.connection.begun
     found = begun.get((int(transaction.pdu_ref), int(transaction.request_frame))) if begun is not None else None
     if found is None:

@@ -1,4 +1,4 @@
-"""Operations of S7comm-plus: sessions, subscriptions with their notifications, blocks loaded, read out and deleted, test jobs.
+"""Operations of S7comm-plus: sessions, subscriptions with notifications, loaded, read and deleted blocks, test jobs.
 
 `dissect.protocols.s7plus.events` recognises which of these a transaction is about.
 """
@@ -48,37 +48,37 @@ from dissect.protocols.s7plus.plain import REQUEST_SIZE, data_of
 from dissect.protocols.s7plus.reads import Reads, reads_again
 from dissect.protocols.s7plus.session import PlusSession
 
-#: Kinds of operations by the events that begin them, without those that are acts (`dissect.engine.acts`).
+#: Kinds of operations by the events that begin them, except those that are acts (`dissect.engine.acts`).
 _KINDS: Final[dict[str, str]] = {
     SESSION: kinds.SESSION,
     SUBSCRIBED: kinds.CYCLIC,
     SUBSCRIBED_ALARMS: kinds.MESSAGES,
     STREAMED: kinds.TRANSFER,
 }
-#: Events whose operations last until their object is deleted; others are over with their transaction.
+#: Events whose operations last until their object is deleted; the others are over with their transaction.
 _LASTING: Final = frozenset((SESSION, SUBSCRIBED, SUBSCRIBED_ALARMS, TEST_JOB))
 #: Events that belong to the load of a session.
 _LOADING: Final = frozenset((LOADED, CONFIRMED, SEQUENCE_BEGUN, SEQUENCE_ENDED))
-#: How many reads of the same variables are polling, and how many different reads are remembered.
+#: This many reads of the same variables are polling; the same number of different reads is remembered.
 _POLLED: Final = 3
 MAX_POLLS: Final = 1024
 #: At this many open operations, those that the book has closed are removed.
 _MANY: Final = 1024
 #: Up to this size all captured octets of an answer are kept; if a larger one is incomplete, its rest may have been dropped.
 _ALL_KEPT: Final = MAX_PDU - 0x10004
-#: A poll is identified by its addresses if they have up to this many octets, else by a digest: a request may have 8 MiB.
+#: A poll is identified by its addresses if they have at most this size, else by a digest: a request may have 8 MiB.
 _LARGEST: Final = 2048
-#: What ends the addresses in a request.
+#: The addresses in a request end with this.
 _QUALIFIER: Final = b"\x00\x00\x04\xe8"
 _THIRD: Final = 0x04
 _LAST: Final = 0xE8
 
 
 class Poll:
-    """Reads of the same variables: how many there were, and their operation, None at first.
+    """Reads of the same variables: their number, and their operation, None at first.
 
-    ``asked`` are the addresses that are read, empty where the poll is identified by a digest; ``read`` is what the check of
-    such a request says. ``numbers`` are those of the transactions before the operation began.
+    ``asked`` are the addresses, empty if the poll is identified by a digest; ``read`` is the result of the check of such a
+    request. ``numbers`` are the transactions before the operation began.
     """
 
     __slots__ = ("asked", "count", "frame", "numbers", "operation", "read", "time_ns")
@@ -94,10 +94,10 @@ class Poll:
 
 
 class PlusOpen:
-    """What is under way on a connection: operations by their object, and polls by the addresses that they read.
+    """The unfinished operations of a connection by their object, and its polls by their addresses.
 
-    The next notification or read mostly belongs to the same operation as the last one. So ``pushing`` is the subscription that
-    was notified last, ``notified`` its object, and ``latest`` the poll of the last read.
+    The next notification or read usually belongs to the same operation as the last one. So ``pushing`` is the latest notified
+    subscription, ``notified`` its object, and ``latest`` the poll of the last read.
     """
 
     __slots__ = ("latest", "load", "notified", "number", "objects", "polls", "pushing")
@@ -113,13 +113,13 @@ class PlusOpen:
 
 
 def addresses_in(octets: bytes, end: i64 = 0) -> bytes:
-    """Return the addresses that a read requests: its body up to the qualifier, which begins at ``end`` (0: not known)."""
+    """Return the addresses of a read request: its body up to the qualifier, which begins at ``end`` (0: unknown)."""
     data, begin, size = data_of(octets)
     begin += REQUEST_SIZE
     if end > 0:
         return data[begin:end]
-    at: i64 = begin + len(_QUALIFIER) - 1  # where the last octet of the qualifier may be
-    while at < size:  # several times as fast as `bytes.find`: the octet there shows the least distance to skip
+    at: i64 = begin + len(_QUALIFIER) - 1  # possible place of the last octet of the qualifier
+    while at < size:  # several times as fast as `bytes.find`: the octet at this place shows the least distance to skip
         octet: i64 = data[at]
         if octet == _LAST and data[at - len(_QUALIFIER) + 1 : at + 1] == _QUALIFIER:
             return data[begin : at - len(_QUALIFIER) + 1]
@@ -133,20 +133,20 @@ def addresses_in(octets: bytes, end: i64 = 0) -> bytes:
 
 
 class PlusOperations:
-    """Follows the operations of all connections that speak S7comm-plus."""
+    """Follows the operations of all S7comm-plus connections."""
 
     def __init__(self, book: OperationBook) -> None:
         self._book = book
         self._holding: dict[int, PlusOpen] = {}  # connections with open operations, by number
-        self._count = 0  # how many operations these have
+        self._count = 0  # number of operations in these
         self._most = _MANY
         self._polling: OrderedDict[int, PlusOpen] = OrderedDict()  # connections with polls, by number
         self._poll_count = 0
 
     def take(self, event: Event, session: PlusSession, transaction: Transaction, code: int, kind: str = "") -> None:
-        """Take an event of a transaction: it may begin an operation, or end one.
+        """Take an event of a transaction, which may begin or end an operation.
 
-        ``code`` is its error, 0 for none; ``kind`` is the kind of operation that the event is as an act, empty for none.
+        ``code`` is its error, 0 for none; ``kind`` is the kind of operation of the event as an act, empty for none.
         """
         if event.kind == DELETED:
             if event.object_id in session.given:
@@ -177,14 +177,14 @@ class PlusOperations:
                 self._book.close(operation, NOT_CAPTURED)
                 return
         if kind == kinds.TRANSFER and transaction._outcome == PUSH:
-            self._book.close(operation, DONE)  # the request wanted no answer
+            self._book.close(operation, DONE)  # the request needed no answer
         elif event.kind not in _LASTING or transaction._outcome != ANSWERED or transaction.error_code >= 0x8000:
             self._book.settle(operation, transaction, DONE, REFUSED, code)
         else:
             self._remember(event.object_id, transaction, operation)
 
     def _load(self, event: Event, transaction: Transaction, code: int) -> None:
-        """Take an event of a load: all that a session loads is one operation (`dissect.engine.transactions.plus_loads`)."""
+        """Take an event of a load, all of which is one operation (`dissect.engine.transactions.plus_loads`)."""
         load = _open_on(transaction.connection).load
         if event.kind == LOADED:
             load.take(self._book, event, transaction, code)
@@ -215,7 +215,7 @@ class PlusOperations:
     def notified(self, subscription: i64, transaction: Transaction) -> bool:
         """Add a notification to the operation of its subscription; return True if that begins the operation.
 
-        It does for the first notification of a subscription that was made before the capture began.
+        It begins with the first notification of a subscription that was made before the capture.
         """
         here = _open_on(transaction.connection)
         operation = here.pushing
@@ -230,7 +230,7 @@ class PlusOperations:
         return False
 
     def _begin_before(self, subscription: int, transaction: Transaction) -> bool:
-        """Begin an operation with the first notification of a subscription that was made before the capture began.
+        """Begin an operation with the first notification of a subscription that was made before the capture.
 
         Return False if it may have been made later, or too many operations are open.
         """
@@ -259,7 +259,7 @@ class PlusOperations:
         self._holding[here.number] = here
 
     def _sweep(self) -> None:
-        """Forget the operations that the book has closed itself."""
+        """Forget the operations that the book itself has closed."""
         self._count = 0
         for number, here in list(self._holding.items()):
             here.pushing = None
@@ -270,7 +270,7 @@ class PlusOperations:
         self._most = max(_MANY, 2 * self._count)
 
     def polled(self, session: PlusSession, transaction: Transaction) -> Reads:
-        """Take a read of variables: the third read of the same ones begins an operation. Return what it requests."""
+        """Take a read of variables; the third read of the same ones begins an operation. Return what it requests."""
         octets = transaction.request_octets
         here = _open_on(transaction.connection)
         poll = here.latest
@@ -321,13 +321,13 @@ class PlusOperations:
             poll.numbers.append(int(transaction.number))
 
     def finish(self, connection: Connection) -> None:
-        """A connection is over, and its operations are still open: close the load that needs no further step."""
+        """A connection is over but its operations are still open: close a load that needs no further step."""
         here = connection.operations.plus
         if here is not None and not here.load.in_sequence:
             here.load.close(self._book)
 
     def end(self, connection: Connection) -> None:
-        """A connection is over: forget its operations, which the book closes, and its polls."""
+        """A connection is over: forget its polls and operations, which the book closes."""
         here = connection.operations.plus
         if here is None:
             return
@@ -356,7 +356,7 @@ def _addresses(poll: Poll, transaction: Transaction) -> list[Address]:
 
 
 def _open_on(connection: Connection) -> PlusOpen:
-    """Return what is under way on a connection."""
+    """Return the unfinished operations and the polls of a connection."""
     going = connection.operations
     here = going.plus
     if here is None:

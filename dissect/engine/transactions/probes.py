@@ -1,4 +1,4 @@
-"""`Probes`: the keep-alive probes of a connection, counted, with the packets of the first and the last."""
+"""`Probes`: the number of keep-alive probes of a connection, with the first and the last packet."""
 
 from __future__ import annotations
 
@@ -6,9 +6,9 @@ from mypy_extensions import i64
 
 
 class Probes:
-    """How many probes there were, the packets of the first and the last, and the time of the last; false for none.
+    """The number of probes, the first and last packet, and the time of the last; false if there are none.
 
-    ``filled`` counts those that carry an octet, which was sent before; the others are empty.
+    ``filled`` counts the probes that repeat an octet; the others are empty.
     """
 
     __slots__ = ("count", "filled", "first_frame", "last_frame", "last_ns")
@@ -30,7 +30,7 @@ class Probes:
         return [first] if first == last else [first, last]
 
     def add(self, frame: i64, time_ns: i64, filled: bool) -> None:
-        """Count the probe in packet ``frame``; ``filled``: it carries an octet."""
+        """Count the probe in packet ``frame``; ``filled``: it has an octet."""
         if self.count == 0:
             self.first_frame = frame
         self.count += 1

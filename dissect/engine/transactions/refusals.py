@@ -1,4 +1,4 @@
-"""The return codes of items without objects for them, where the items asked for are plain.
+"""The return codes of items, read without making objects, for requests with plain items.
 
 See `dissect.protocols.s7.plain_items`.
 """
@@ -15,7 +15,7 @@ from dissect.wire.octets import u32
 
 
 def read_codes(transaction: Transaction) -> list[int] | None:
-    """Return the return codes of the data items that answer a plain read, as `Transaction.s7_results` has them.
+    """Return the return codes of the data items that answer a plain read; they equal those in `Transaction.s7_results`.
 
     Return None for any other transaction, and for a read that was refused as a whole.
     """
@@ -37,6 +37,6 @@ def read_codes(transaction: Transaction) -> list[int] | None:
         codes.append(head >> 24)
         if head >> 24 == SUCCESS:
             size: i64 = data_size_within(head >> 16 & 0xFF, head & 0xFFFF, end - at)
-            at += size + (size & 1)  # none comes after the last one, which may have no fill octet
+            at += size + (size & 1)  # no item follows the last one, which may lack its fill octet
         left -= 1
     return codes

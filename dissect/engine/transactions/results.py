@@ -1,11 +1,9 @@
 """What is known about an answer: facts, refusals, and the items of userdata functions.
 
-`dissect.engine.transactions.transaction` checks every answer and keeps what it finds as facts: `Transaction._flags`,
-`has_errors`. The
-rules in `dissect.engine.findings` judge these. `userdata_results` joins the items of subscriptions (reference 4.7) and test
-functions
-(4.8) with their values; it is only called on demand. It takes parsed parameters and the octets of PDUs, so that it gives the
-same for a transaction of a capture and for one of a session file.
+`dissect.engine.transactions.transaction` checks every answer and stores the results as facts: `Transaction._flags`,
+`has_errors`. The rules in `dissect.engine.findings` judge these. `userdata_results` joins the items of subscriptions (reference
+4.7) and test functions (4.8) with their values; it is called only on demand. It takes parsed parameters and the octets of PDUs,
+so the result is the same for a capture and for a session file.
 """
 
 from __future__ import annotations
@@ -67,35 +65,39 @@ COUNT_MISMATCH: Final = 2
 SIZE_MISMATCH: Final = 4
 MISMATCHES: Final = FUNCTION_MISMATCH | COUNT_MISMATCH | SIZE_MISMATCH  # the answer does not fit the request
 REORDERED: Final = 8  # the answer was captured before its request
-BAD_DATA: Final = 16  # the data block of the answer does not fit its items
-EXPECTED: Final = 32  # the capture explains why a half is missing: mid-stream start, one direction only, or a gap
-BAD_REQUEST: Final = 64  # the data block of a write request does not fit its items
+BAD_DATA: Final = 16  # the data block of the answer does not match its items
+# the capture explains why a half is missing: it begins mid-stream, has one direction only, or a gap
+EXPECTED: Final = 32
+BAD_REQUEST: Final = 64  # the data block of a write request does not match its items
 WRITE_SIZE: Final = 128  # the data of a write have a different size from their item
-NOT_LOADED: Final = 512  # a block is activated that was not loaded on this connection
+NOT_LOADED: Final = 512  # activation of a block that was not loaded on this connection
 STRAY_PUSH: Final = 1024  # a push that belongs to no subscription of this connection
-ODD_DATA_CODE: Final = 256  # data of a read came with a different transport size from what CPUs answer with
+ODD_DATA_CODE: Final = 256  # the data of a read have a different transport size from the one that CPUs use
 UNCONFIRMED: Final = 2048  # the positive answer to a write has fewer return codes than items
-STILL_OPEN: Final = 4096  # the capture ended before the answer was due, so that nothing is wrong
-GAPS: Final = 8192  # likely only: octets of both directions are missing between request and answer
-ALIKE: Final = 16384  # likely only: several requests with one reference were pending, and the answer fits each of them
+STILL_OPEN: Final = 4096  # the capture ended before the answer was due, so nothing is wrong
+GAPS: Final = 8192  # only likely: octets of both directions are missing between request and answer
+ALIKE: Final = 16384  # only likely: several requests with one reference were open, and the answer matches each of them
 DOUBTS: Final = GAPS | ALIKE
-ASKED_JUDGED: Final = 32768  # what is wrong with the data of a write was reported
-BEHIND: Final = 65536  # a half of it is behind the malformed header of a TPDU (dissect.engine.transactions.behind)
+ASKED_JUDGED: Final = 32768  # the fault in the data of a write was reported
+BEHIND: Final = 65536  # one half of it is behind the malformed header of a TPDU (dissect.engine.transactions.behind)
 
 
 def went_wrong(transaction: Transaction) -> bool:
-    """Return whether a transaction failed, or has an answer that does not fit its request."""
+    """Return whether a transaction failed, or has an answer that does not match its request."""
     return transaction.failed or mismatches(transaction) != 0
 
 
 def mismatches(transaction: Transaction) -> i64:
-    """Return in what an answer does not fit its request (`MISMATCHES`); 0 for a pair that is only likely: it may be none."""
+    """Return how an answer does not match its request (`MISMATCHES`); 0 for a pair that is only likely, so perhaps none."""
     flags: i64 = transaction._flags
     return flags & MISMATCHES if flags & DOUBTS == 0 else 0
 
 
 def wants_answer(transaction: Transaction) -> bool:
-    """Return whether a request wants an answer. In S7comm-plus it may not; before version 3 it is answered all the same."""
+    """Return whether a request needs an answer.
+
+    In S7comm-plus it may not need one; before version 3 it is answered nevertheless.
+    """
     request = transaction.plus_request
     return request is None or request.wants_response
 
@@ -106,7 +108,7 @@ def half_captured(transaction: Transaction) -> bool:
 
 
 def check_other_answer(transaction: Transaction) -> None:
-    """Look for errors in an answer that is not an Ack or Ack_Data: S7comm-plus, SCD, or userdata without error code.
+    """Find errors in an answer that is not an Ack or Ack_Data: S7comm-plus, SCD, or userdata without error code.
 
     In S7comm-plus a negative return value or a partial error is an error, in SCD an abort or a negative ``scd_err_t``, in
     userdata the return code of an answer without its payload, or of an alarm.
@@ -128,7 +130,7 @@ def check_other_answer(transaction: Transaction) -> None:
 
 
 def data_code(transaction: Transaction) -> i64:
-    """Return the return code by which a userdata answer refuses its request as a whole; `NOT_REFUSED` for none."""
+    """Return the return code by which a userdata answer refuses the whole request; `NOT_REFUSED` for none."""
     told = transaction.response_parameters
     head = told.userdata if told is not None else None
     if head is None or transaction.response_rosctr != USERDATA:
@@ -167,7 +169,7 @@ def mismatch(request: Parameters, answer: Parameters) -> bool:
 def check_written(parameters: Parameters, buf: bytes, at: i64, size: i64) -> i64:
     """Check the data block of a write request against its items; return flags.
 
-    A PDU whose lengths are wrong gets none: it was reported already.
+    A PDU with wrong lengths gets none, because it was already reported.
     """
     data_at: i64 = at + HEADER_SIZE + len(parameters.octets)
     if parameters.malformed or data_at + u16(buf, at + 8) != at + size:
@@ -176,7 +178,7 @@ def check_written(parameters: Parameters, buf: bytes, at: i64, size: i64) -> i64
 
 
 def _check_data(parameters: Parameters, buf: bytes, at: i64, end: i64) -> i64:
-    """Step through the data items of a write as `parse_data_items` reads them, without making objects of them."""
+    """Step through the data items of a write as `parse_data_items` does, without making objects of them."""
     flags: i64 = 0
     count: i64 = parameters.item_count
     size: i64 = 0
@@ -198,7 +200,7 @@ def _check_data(parameters: Parameters, buf: bytes, at: i64, end: i64) -> i64:
 
 
 def error_code(rosctr: i64, octets: bytes, parameters: Parameters) -> i64:
-    """Return the error an answer carries: header class and code, or the userdata error code; 0 for none."""
+    """Return the error in an answer: header class and code, or the userdata error code; 0 for none."""
     head = parameters.userdata
     if head is not None:
         return head.error_code
@@ -207,7 +209,7 @@ def error_code(rosctr: i64, octets: bytes, parameters: Parameters) -> i64:
     return 0
 
 
-#: Subfunctions of the cyclic services that have items: cyclic transfer, change driven transfer, its modification.
+#: Subfunctions of the cyclic services with items: cyclic transfer, change driven transfer, and its modification.
 CYCLIC_ITEMS: Final = frozenset((0x01, 0x05, 0x07))
 VARIABLE_STATUS: Final = 0x02
 #: Test functions that write: modify variable and force.
@@ -225,36 +227,35 @@ _SENT_HEAD: Final = 2
 _TEST_SIZES: Final = 4
 
 
-#: Parts of an answer that can refuse (`TransactionError.part`).
+#: Parts of an answer that may contain a refusal (`TransactionError.part`).
 HEADER: Final = "header"
 PARAMETER: Final = "parameter"
-DATA: Final = "data"  # of userdata: the return code of an answer without payload
+DATA: Final = "data"  # for userdata: the return code of an answer without payload
 RETURN_VALUE: Final = "return value"  # of S7comm-plus
 ITEM: Final = "item"
-ALARM: Final = "alarm"  # one that the request acknowledges, locks or unlocks
+ALARM: Final = "alarm"  # an alarm that the request acknowledges, locks or unlocks
 MESSAGE: Final = "message"  # of SCD
 
 
-#: Code of an error that means: the answer has no return code.
+#: The code of an error that means: the answer has no return code.
 NO_CODE: Final = -1
 NO_CODE_TEXTS: Final = (
     "No return code",
     "The answer has no return code for this item: it is unknown whether it was written.",
 )
-#: The sentence of 0x0a where it refuses an answer's data: there it does not have the meaning that it has in other userdata.
+#: The sentence for 0x0a when it refuses an answer's data: its meaning differs from that in other userdata.
 _NO_DATA: Final = "The answer has this return code instead of data: the PLC does not have what was requested."
-#: Parts whose codes have one octet.
+#: Parts with codes of one octet.
 SHORT_CODES: Final = frozenset((DATA, ITEM, ALARM))
 
 
 class TransactionError:
-    """One thing that an answer refuses.
+    """One refusal in an answer.
 
-    ``part`` is the part of the answer with the error: `HEADER`, `PARAMETER`, `DATA`, `RETURN_VALUE`, `ITEM`, `ALARM` or
-    `MESSAGE`.
-    ``item`` is the number of the item or alarm, counted from 1; 0 for the other parts. ``code`` is the number on the wire, or
-    `NO_CODE` where the answer has none for a written item; ``name`` and ``text`` are its name and sentence. ``address`` is the
-    item's address, or the event id of the alarm, where there is one.
+    ``part`` is the part of the answer that contains it: `HEADER`, `PARAMETER`, `DATA`, `RETURN_VALUE`, `ITEM`, `ALARM` or
+    `MESSAGE`. ``item`` is the number of the item or alarm, counted from 1; 0 for the other parts. ``code`` is the number on the
+    wire, or `NO_CODE` if the answer has none for a written item; ``name`` and ``text`` are its name and sentence. ``address``
+    is the item's address, or the event id of the alarm, if there is one.
     """
 
     __slots__ = ("address", "code", "item", "name", "part", "text")
@@ -269,12 +270,12 @@ class TransactionError:
 
     @property
     def where(self) -> str:
-        """The part as people and JSON get it: its name, and the number of an item or alarm (``header``, ``item 2``)."""
+        """The part as shown to people and in JSON: its name, and the number of an item or alarm (``header``, ``item 2``)."""
         return f"{self.part} {self.item}" if self.item else self.part
 
     @property
     def coded(self) -> str:
-        """The code in hexadecimal and its name; the name alone where there is no code."""
+        """The code in hexadecimal and its name; only the name if there is no code."""
         if self.code == NO_CODE:
             return self.name
         return coded(hex_number(self.code, 2 if self.part in SHORT_CODES else 4), self.name)
@@ -283,7 +284,7 @@ class TransactionError:
         return f"TransactionError({self.where!r}, 0x{self.code:x}, {self.name!r})"
 
     def __str__(self) -> str:
-        """Return where and what it is: ``item 3 DB2.DBB400 x4: Object does not exist``."""
+        """Return the place and the error: ``item 3 DB2.DBB400 x4: Object does not exist``."""
         return printable(f"{self.where}{' ' if self.address else ''}{self.address}: {self.name}")
 
     def as_dict(self) -> dict[str, object]:
@@ -297,12 +298,12 @@ class TransactionError:
 
 
 def item_error(code: int, number: int, address: str) -> TransactionError:
-    """Return the error of an item that is refused by ``code``; ``number`` counts from 1."""
+    """Return the error of an item that was refused with ``code``; ``number`` counts from 1."""
     return TransactionError(ITEM, code, RETURN_CODES.name(code), RETURN_CODES.text(code), number, address)
 
 
 def refusal(transaction: Transaction) -> TransactionError | None:
-    """Return the error with which an answer refuses its request as a whole, None when it does not; SCD has messages instead."""
+    """Return the error with which an answer refuses its whole request, None for none; SCD has messages instead."""
     code = int(transaction.error_code)
     if not code:
         code = int(data_code(transaction)) if transaction.has_errors else NOT_REFUSED
@@ -318,7 +319,7 @@ def refusal(transaction: Transaction) -> TransactionError | None:
 
 
 def alarm_errors(transaction: Transaction) -> list[TransactionError]:
-    """Return the errors of alarms that an answer refuses to acknowledge, lock or unlock; none for other functions."""
+    """Return the errors of alarms that an answer refuses to acknowledge, lock or unlock; empty for other functions."""
     told = transaction.response_parameters
     head = told.userdata if told is not None else None
     if head is None or head.error_code or not answers_by_alarm(head):
@@ -357,9 +358,9 @@ class SentAgain:
 
 
 class Subscription:
-    """A subscription: the items that a job sends, and the PDU that requested them; ``head`` is that of its parameters.
+    """A subscription: the items that a job sends, and the PDU that requested them; ``head`` is the head of its parameters.
 
-    ``doubts`` are those of the flags `DOUBTS` that the answer has which began the job: another request may have begun it.
+    ``doubts`` are the flags among `DOUBTS` of the answer that began the job: a different request may have begun it.
     """
 
     __slots__ = ("doubts", "head", "items", "request")
@@ -372,19 +373,19 @@ class Subscription:
 
     @property
     def written(self) -> list[DataItem]:
-        """The values that the request modifies or forces its items to, read again at each call; none for other jobs."""
+        """The values to which the request modifies or forces its items, read again at each call; empty for other jobs."""
         return _test_values(self.head, self.request, len(self.items)) if self.head.group == GROUP_TEST else []
 
 
 def has_items(head: UserdataHead) -> bool:
-    """Return whether a userdata PDU has items: those of a cyclic service or of a test function on variables."""
+    """Return whether a userdata PDU has items: it belongs to a cyclic service, or to a test function on variables."""
     if head.group == GROUP_CYCLIC:
         return head.subfunction in CYCLIC_ITEMS
     return head.group == GROUP_TEST and head.subfunction in TEST_ITEMS
 
 
 def _test_data(payload: bytes) -> bytes:
-    """Return the data block of a programmer command, which comes after its sizes and its parameter block."""
+    """Return the data block of a programmer command, which follows its sizes and its parameter block."""
     if len(payload) < _TEST_SIZES:
         return b""
     at: i64 = _TEST_SIZES + u16(payload, 0)
@@ -392,7 +393,7 @@ def _test_data(payload: bytes) -> bytes:
 
 
 def requested_items(head: UserdataHead, octets: bytes) -> list[Item]:
-    """Return the items that a request of a cyclic service or test function names; ``octets`` is the PDU."""
+    """Return the items in a request of a cyclic service or test function; ``octets`` is the PDU."""
     if head.type != REQUEST or head.data_unit_ref or not has_items(head):
         return []
     payload = userdata_payload(octets)
@@ -408,8 +409,8 @@ def userdata_results(
 ) -> list[ItemResult]:
     """Join the items of a cyclic service or test function with their values.
 
-    ``request`` and ``response`` are PDUs, empty where there is none; ``asked`` and ``told`` are their parameters. A push has no
-    request: its items are those ``subscribed``; where these are not known, its values have no addresses.
+    ``request`` and ``response`` are PDUs, empty if missing; ``asked`` and ``told`` are their parameters. A push has no request:
+    its items are ``subscribed``; if these are unknown, its values have no addresses.
     """
     asks = asked.userdata if asked is not None and request else None
     tells = told.userdata if told is not None and response else None

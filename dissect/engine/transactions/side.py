@@ -1,4 +1,4 @@
-"""`Side`: one direction of a connection, with the state of everything that reads what that side sends."""
+"""`Side`: one direction of a connection, with the state of all code that reads what this side sends."""
 
 from __future__ import annotations
 
@@ -19,12 +19,13 @@ from dissect.protocols.iso.tpkt import MIN_LENGTH, Framer
 from dissect.protocols.s7plus.assembly import PlusAssembler
 from dissect.protocols.s7plus.stream import FrameStream
 
-#: More octets than this are not missing, as they exceed the largest window (RFC 7323, 2.3): the acknowledgement is not of them.
+#: More octets than this cannot be missing, because they exceed the largest window (RFC 7323, 2.3): the acknowledgement is not
+#: for them.
 _MOST_UNSEEN: Final = 1 << 30
 
 
 class Place:
-    """The position of a direction: a packet, the sequence number after its octets, and the acknowledgement it came with."""
+    """The position of a direction: a packet, the sequence number after its octets, and its acknowledgement."""
 
     __slots__ = ("ack", "end_seq", "frame", "time_ns")
 
@@ -36,7 +37,7 @@ class Place:
 
 
 class Side:
-    """One direction of a connection: what side ``index`` sends, and the state of everything that reads it."""
+    """One direction of a connection: the data that side ``index`` sends, and the state of all code that reads it."""
 
     __slots__ = (
         "acked",
@@ -86,48 +87,50 @@ class Side:
     def __init__(self, index: i64, key: bytes, tcp: TcpConnection, connection: Connection, protocol: Protocol) -> None:
         self.index: i64 = index
         self.key: bytes = key
-        self.also: list[bytes] | None = None  # further keys by which it is found: those of its packets in other VLANs
+        self.also: list[bytes] | None = None  # further keys that lead to it: those of its packets in other VLANs
         self.tcp: TcpConnection = tcp
         self.connection: Connection = connection
-        self.protocol: Protocol = protocol  # takes its octets; both sides of a connection have the same
+        self.protocol: Protocol = protocol  # takes its octets; the same for both sides of a connection
         self.stream: HalfStream = tcp.streams[index]
         self.framer: Framer = Framer()
         self.ibh: PacketFramer | None = None  # frames instead of `framer` once the connection speaks IBH-NetLink
         self.assembler: Assembler = Assembler()
         self.plus: PlusAssembler | None = None  # there from the first S7comm-plus frame on
-        self.inner: FrameStream | None = None  # frames what was decrypted; there once anything was
+        self.inner: FrameStream | None = None  # frames decrypted data; exists once there are any
         self.kept: Kept | None = None  # state of another protocol that frames the stream itself, instead of `framer`
         self.peer: Side | None = None
         self.place: i64 = -1  # where `ConnectionTable.find` found it last, by the next ones
         self.addresses: i64 = 0
         self.ports: i64 = 0
-        self.second: i64 = 0  # what IPv6 addresses have behind `addresses`
+        self.second: i64 = 0  # what IPv6 addresses have after `addresses`
         self.third: i64 = 0
         self.fourth: i64 = 0
         self.last_ack: i64 = -1  # TCP acknowledgement of the packet at hand
         #: The highest sequence number that the other side is known to have sent: this side acknowledged it, or the other side
-        #: continued after it. -1 for none.
+        #: continued after it; -1 for none.
         self.acked: i64 = -1
-        self.first_ack: i64 = -1  # the first one that this side acknowledged
+        self.first_ack: i64 = -1  # the first number that this side acknowledged
         self.end_seq: i64 = 0  # sequence number after the octets at hand
-        self.size: i64 = 0  # how many octets came with them, in one segment
+        self.size: i64 = 0  # number of octets in that segment
         self.begun_tpkt: Place | None = None  # the latest packet that left a TPKT unfinished
-        self.begun_tsdu: Place | None = None  # the latest one with a DT that left a TSDU unfinished
-        #: The longest TPKT that is taken straight if it comes next (`IsoOnTcp.longest`), 0 if more must be examined.
+        self.begun_tsdu: Place | None = None  # the latest packet with a DT that left a TSDU unfinished
+        #: The longest TPKT that the fast path may take next (`IsoOnTcp.longest`), 0 if more must be examined.
         self.longest: i64 = 0
         self.requests: i64 = 0
-        self.numbers_fine: bool = False  # the numbers of its TPDUs are known, and not why requests stay unanswered
+        # the numbers of its TPDUs are known not to be the reason for unanswered requests
+        self.numbers_fine: bool = False
         self.probes: Probes | None = None  # keep-alives before anything else was captured
         self.holes: i64 = 0
         self.missing: i64 = 0  # octets in holes
         self.hole_frame: i64 = 0  # packet at which the latest gap was declared
-        self.hole_end: i64 = -1  # sequence number after it, -1 for none, or if it is the rest of a cut packet
-        self.slight: Chunk | None = None  # a gap without a message if one begins right after it, until that is known
+        self.hole_end: i64 = -1  # sequence number after the gap, -1 for none, or if it is the rest of a cut packet
+        # a gap that contains no message unless another follows at once; kept until that is known
+        self.slight: Chunk | None = None
         self.waiting: bool = False  # it is in the list of sides that `Timers` checks when time passes
         self.watched: bool = False  # `OverdueWatch` checks its requests
-        self.told_jobs: i64 = 0  # packet of its latest request that was one more than was granted
+        self.told_jobs: i64 = 0  # packet of its latest request that exceeded the granted number
         self.told_overdue: i64 = 0  # number of its latest request that was reported as overdue
-        self.stray: Stray | None = None  # there while its octets belong to no TPKT
+        self.stray: Stray | None = None  # exists while its octets belong to no TPKT
         self.rival: Rival | None = None  # a SYN with new sequence numbers that nothing has confirmed yet
 
     def speak(self, protocol: Protocol) -> None:
@@ -138,7 +141,7 @@ class Side:
         self.connection.state = protocol.state
 
     def note_probe(self, frame: i64, time_ns: i64, filled: bool) -> None:
-        """Packet ``frame`` is a keep-alive that came before anything else; ``filled``: it has an octet."""
+        """Packet ``frame`` is a keep-alive before all other packets; ``filled``: it has an octet."""
         if self.probes is None:
             self.probes = Probes()
         self.probes.add(frame, time_ns, filled)
@@ -159,9 +162,9 @@ class Side:
         self.end_seq = self.stream.next_seq
 
     def begin_late(self, seq: i64) -> None:
-        """Its first captured octets are those from ``seq`` on; those that the other side had not acknowledged before are a gap.
+        """Begin with ``seq``, the first captured octets; earlier ones that the other side had not acknowledged are a gap.
 
-        A segment before these was sent again or captured late: it begins the stream.
+        A segment before these was retransmitted or captured late, and begins the stream.
         """
         peer = self.peer
         begin: i64 = seq
@@ -170,7 +173,7 @@ class Side:
         self.begin(begin)
 
     def note_ack(self, seq: i64, ack: i64) -> None:
-        """Take the acknowledgement of a packet of this side; one far off (``seq``) may belong to a different one."""
+        """Take the acknowledgement of a packet of this side; if its ``seq`` is far off, it may belong to another connection."""
         if self.stream.next_seq >= 0 and not -FAR_AHEAD <= self.stream.distance(seq) <= FAR_AHEAD:
             return
         if self.acked < 0:
@@ -180,23 +183,23 @@ class Side:
             self.acked = ack
 
     def note_bare(self, seq: i64, ends: bool) -> None:
-        """Take the sequence number of a packet without octets; ``ends``: it has SYN, FIN or RST, and may be a forgery."""
+        """Take the sequence number of a packet without data; ``ends``: it has SYN, FIN or RST, and may be forged."""
         peer = self.peer
         if self.stream.next_seq < 0 and peer is not None and peer.first_ack >= 0:
             if MIN_LENGTH <= (seq - peer.first_ack) & MASK <= FAR_AHEAD:
-                self.begin(peer.first_ack)  # what it sent since the other side acknowledged that is a gap
+                self.begin(peer.first_ack)  # what it sent after the other side's first acknowledgement is a gap
         if not ends:
             self.note_end(seq)
 
     def note_end(self, seq: i64) -> None:
-        """Take the sequence number of a packet without octets: those before it were sent, also where they are not captured."""
+        """Take the sequence number of a packet without data: earlier octets were sent, even if they were not captured."""
         peer = self.peer
         if peer is not None and peer.acked >= 0 and self.is_ahead(seq) and (seq - self.end_seq) & MASK <= WINDOW:
             if (seq - peer.acked) & MASK < HALF_SPACE:
                 peer.acked = seq
 
     def note_gap(self, frame: i64, end_seq: i64) -> None:
-        """Octets up to ``end_seq`` (-1: unknown) are declared at packet ``frame``; a message may have been in them."""
+        """Octets up to ``end_seq`` (-1: unknown) are declared missing at packet ``frame``; they may include a message."""
         self.hole_frame = frame
         self.hole_end = end_seq
 
@@ -206,9 +209,10 @@ class Side:
 
     @property
     def unseen(self) -> i64:
-        """How many octets of this side the other side acknowledged that were not passed on.
+        """Number of octets of this side that the other side acknowledged but that were not passed on.
 
-        0 for so few that they are no message, but the numbers that FINs take; for one, also where a message is begun.
+        0 if they are so few that they are only the numbers of FINs and not a message; a single one counts as 0 even while a
+        message is begun.
         """
         peer = self.peer
         if peer is None or peer.acked < 0:
@@ -222,7 +226,7 @@ class Side:
 
     @property
     def at_rest(self) -> bool:
-        """True when the octets passed on so far end with whole messages: none is begun."""
+        """True when the octets passed on so far end with a whole message."""
         if self.framer.buffered or self.framer.skip or not self.assembler.clear:
             return False
         if self.ibh is not None and self.ibh.buffered:
@@ -233,7 +237,7 @@ class Side:
 
     @property
     def unfinished(self) -> bool:
-        """True while a TPKT or a TSDU is begun; a wrong length, or a missing end mark, makes a whole one look like that."""
+        """True while a TPKT or a TSDU is unfinished; a wrong length or a missing end mark makes a whole one look unfinished."""
         return self.framer.buffered > 0 or not self.assembler.clear
 
     @property
@@ -243,10 +247,10 @@ class Side:
 
 
 class Rival:
-    """A SYN from the address of a side of an open connection, which would begin a new one; anybody can have sent it.
+    """A SYN with the address of a side of an open connection, which would begin a new one; it may be forged.
 
-    ``seq`` is the sequence number after it. ``octets`` is how many that side had sent by then, ``answered`` how many the other
-    side had; ``last_frame`` and ``last_ns`` are the latest packet of the open connection before the SYN.
+    ``seq`` is the sequence number after it. ``octets`` is the number of octets that this side had sent until then, ``answered``
+    the number of the other side; ``last_frame`` and ``last_ns`` are the latest packet of the open connection before the SYN.
     """
 
     __slots__ = ("answered", "frame", "last_frame", "last_ns", "octets", "seq", "time_ns")

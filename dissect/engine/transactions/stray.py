@@ -6,11 +6,11 @@ from mypy_extensions import i64
 
 
 class Stray:
-    """Stray octets: where they begin, and the last packet with some of them.
+    """Stray octets: where they begin, and the last packet that contains some of them.
 
-    ``first`` is the first octet. ``skipped`` and ``framed`` are what the framer had counted before it, ``seen`` what it had
-    skipped when `follow_stray` last looked. ``garbage``: a wrong octet is where a TPKT ought to begin, not just a header with a
-    wrong length. ``told``: they were reported before their end, because there are so many.
+    ``first`` is the first octet. ``skipped`` and ``framed`` are the framer's counts before it, ``seen`` what the framer had
+    skipped when `follow_stray` last checked. ``garbage``: there is a wrong octet where a TPKT should begin, not just a header
+    with a wrong length. ``told``: they were reported before their end, because there are so many.
     """
 
     __slots__ = ("first", "first_frame", "framed", "garbage", "last_frame", "last_ns", "seen", "skipped", "told")

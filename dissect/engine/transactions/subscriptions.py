@@ -1,4 +1,4 @@
-"""Finds the items of a push: those of the request that began its job (reference 4.7 and 4.8).
+"""Finds the items of a push, which are those of the request that began its job (reference 4.7 and 4.8).
 
 A job is identified by the sequence number of the answer that began it. A connection keeps only its latest jobs, and each job
 has no more items than fit one request.
@@ -20,15 +20,15 @@ from dissect.engine.transactions.transaction import ANSWERED, PUSH, Transaction
 from dissect.protocols.s7.parameters import UserdataHead
 from dissect.protocols.s7.tables import CHANGE_DRIVEN_MODIFY, GROUP_CYCLIC, GROUP_TEST, REPLACE_JOB, SUCCESS
 
-#: How many jobs of a connection are remembered.
+#: Maximum number of jobs that are remembered per connection.
 MAX_JOBS: Final = 64
 
 
 def follow(transaction: Transaction) -> None:
-    """Take a finished userdata transaction: remember what it subscribes to, or give a push its items.
+    """Take a finished userdata transaction: remember its subscription, or give a push its items.
 
-    If an item or area was refused, the transaction gets ``has_errors``. Where the pair that began a job is only likely, so are
-    the items of its pushes.
+    If an item or area was refused, the transaction gets ``has_errors``. If the pair that began a job is only likely, the items
+    of its pushes are only likely, too.
     """
     head = transaction.parameters.userdata
     if head is None:
@@ -61,13 +61,13 @@ def follow(transaction: Transaction) -> None:
 
 
 def _key(transaction: Transaction, head: UserdataHead, job: i64) -> int:
-    """Return the key of a job: the asking side, the group (for a test function also which one), the job's number."""
+    """Return the key of a job: the asking side, the group (and for a test function its number), the job's number."""
     kind: i64 = head.subfunction if head.group == GROUP_TEST else 0
     return ((transaction.asked_by << 8 | head.group) << 8 | kind) << 8 | job
 
 
 def _forget(transaction: Transaction) -> None:
-    """A test job was replaced, and its items are no longer those of its first request: forget the side's test jobs."""
+    """A test job was replaced, so its items are no longer those of its first request: forget the side's test jobs."""
     jobs = transaction.connection.subscriptions
     for key in list(jobs):
         if key >> 16 == transaction.asked_by << 8 | GROUP_TEST:

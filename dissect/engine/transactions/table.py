@@ -1,9 +1,9 @@
 """`ConnectionTable`: finds the side of a connection by the addresses and ports of a packet that it sent.
 
-Each packet costs at most one dictionary lookup, and everything is bounded. Connection attempts without a response wait in a
-small table of their own, so that a port scan cannot push out connections that carry traffic. When too many connections are
-open, those idle for longest are evicted. `IdleSearch` finds them ahead of time, a few with each connection that opens, because
-a live capture must not stall while thousands of connections are searched.
+Each packet costs at most one dictionary lookup, and all sizes are limited. Connection attempts without a response wait in a
+separate small table, so that a port scan cannot displace connections with traffic. When too many connections are open, those
+that were idle longest are evicted. `IdleSearch` finds them in advance, a few with each connection that opens, because a live
+capture must not stall during a search through thousands of connections.
 """
 
 from __future__ import annotations
@@ -21,12 +21,12 @@ from dissect.packets.tcp.connection import TcpConnection
 from dissect.packets.tcp.stream import MASK, Endpoint
 from dissect.wire.octets import u16
 
-#: How many connections `IdleSearch.step` examines.
+#: Number of connections that `IdleSearch.step` examines.
 LOOK_AT_ONCE: Final = 64
-#: How many of the longest idle connections a round finds; the next round begins when fewer than `_FEW_LEFT` are left.
+#: Number of longest-idle connections that a round finds; the next round begins when fewer than `_FEW_LEFT` are left.
 MAX_FOUND: Final = 512
 _FEW_LEFT: Final = 160
-#: How many candidates are examined to find one that is still idle.
+#: Maximum number of candidates that are examined to find one that is still idle.
 _TRIED: Final = 16
 
 
@@ -41,23 +41,23 @@ class _Idle:
         self.first_frame: i64 = side.tcp.first_frame
 
     def look(self, side: Side) -> None:
-        """Take another connection instead."""
+        """Replace the connection by another one."""
         self.side = side
         self.last_ns = side.tcp.last_ns
         self.first_frame = side.tcp.first_frame
 
     def less(self, other: _Idle) -> bool:
-        """Return whether it is less idle than ``other``; of two with the same time the one that began later is."""
+        """Return whether it is less idle than ``other``; if both have the same time, the one that began later is less idle."""
         if self.last_ns == other.last_ns:
             return self.first_frame > other.first_frame
         return self.last_ns > other.last_ns
 
 
 def _sink(heap: list[_Idle], at: i64, size: i64) -> None:
-    """Move the entry at ``at`` down to its place among the first ``size`` of a heap, whose root is the least idle one.
+    """Move the entry at ``at`` down to its place among the first ``size`` entries of a heap whose root is the least idle one.
 
-    Written by hand, because `heapq` would compare tuples of int objects, which took longer than all else when a connection
-    opens.
+    Written by hand, because `heapq` would compare tuples of int objects, which took longer than everything else when a
+    connection opens.
     """
     entry = heap[at]
     below: i64 = 2 * at + 1
@@ -74,17 +74,17 @@ def _sink(heap: list[_Idle], at: i64, size: i64) -> None:
 
 
 class IdleSearch:
-    """Looks through the open connections in rounds, `LOOK_AT_ONCE` with each `step`, and keeps the longest idle of a round.
+    """Examines the open connections in rounds, `LOOK_AT_ONCE` with each `step`, and keeps the longest-idle ones of a round.
 
     `take` returns one of those that is still idle. ``looks`` counts the examined connections.
     """
 
     def __init__(self) -> None:
         self.looks: i64 = 0
-        self._sides: list[Side] = []  # the sides that the current round looks through; empty between rounds
+        self._sides: list[Side] = []  # the sides that the current round examines; empty between rounds
         self._at: i64 = 0
         self._longest: list[_Idle] = []  # the longest idle so far; a heap with the least idle first once it is full
-        self._found: list[_Idle] = []  # the result of the last whole round, the longest idle last
+        self._found: list[_Idle] = []  # the result of the last complete round, the longest idle last
 
     @property
     def running_out(self) -> bool:
@@ -98,7 +98,7 @@ class IdleSearch:
         self._longest = []
 
     def step(self) -> None:
-        """Look at the next connections of the current round, if there is one."""
+        """Examine the next connections of the current round, if there is one."""
         sides = self._sides
         count: i64 = len(sides)
         if count == 0:
@@ -110,7 +110,7 @@ class IdleSearch:
             side = sides[at]
             at += 1
             if side.index:
-                continue  # side 0 stands for the connection
+                continue  # side 0 represents the connection
             looked += 1
             if side.peer is None:
                 continue  # the connection is over
@@ -158,10 +158,10 @@ class IdleSearch:
             self.step()
 
     def take(self) -> Side | None:
-        """Return the longest idle connection that was found, None when there is none.
+        """Return the longest-idle connection that was found, None if there is none.
 
-        Connections with packets since the search examined them are skipped. When `_TRIED` in a row have, the longest idle of
-        these is returned.
+        Connections that had packets after the search examined them are skipped. When `_TRIED` in a row have, the longest idle
+        of these is returned.
         """
         best: Side | None = None
         tried: i64 = 0
@@ -179,15 +179,15 @@ class IdleSearch:
 
 
 MAX_CONNECTIONS: Final = 8192
-#: The search for idle connections begins this many below `MAX_CONNECTIONS`, and is finished at once this many above it.
+#: The search for idle connections begins this many below `MAX_CONNECTIONS`, and is completed at once this many above it.
 RESERVE: Final = 512
-#: The most connections that are evicted when one opens.
+#: Maximum number of connections that are evicted when one opens.
 LEAVE_AT_ONCE: Final = 2
 MAX_HALF_OPEN: Final = 4096
-#: Keys of connections that are remembered as forgotten, two for each.
+#: Maximum number of keys of forgotten connections that are remembered, two for each connection.
 MAX_FORGOTTEN: Final = 32_768
-#: A client repeats a SYN after at least a second (RFC 6298), less some tolerance. At the second repetition the attempt counts
-#: as unanswered.
+#: A client repeats a SYN after at least one second (RFC 6298), minus some tolerance. At the second repetition the attempt
+#: counts as unanswered.
 _REPEATED_NS: Final = 900_000_000
 _GIVEN_UP: Final = 2
 #: A closed connection is kept this long, because captures show packets out of order.
@@ -196,24 +196,25 @@ MAX_LINGERING: Final = 2048
 #: A closed connection whose end is in doubt (`dissect.packets.tcp.doubt`) is kept this long, because its sides may poll slowly.
 DOUBT_NS: Final = 10_000_000_000
 
-#: How many VLANs of a capture are remembered, and how many more keys a connection may have in other VLANs.
+#: Maximum number of VLANs of a capture that are remembered, and of further keys of a connection in other VLANs.
 MAX_TAGS: Final = 64
 MAX_ALSO: Final = 4
 
 _PORTS: Final = 4
 _VLAN: Final = 8
-#: The size of an IPv4 key without VLAN. From this VLAN key on, `Side.ports` cannot distinguish keys: more than two tags.
+#: The size of an IPv4 key without VLAN. From this VLAN key on, `Side.ports` cannot tell keys apart: there are more than two
+#: tags.
 _MANY_TAGS: Final = 1 << 24
-#: A bit in which the ports of a side with IPv6 addresses differ from those of any with IPv4: in these, it equals the sign.
+#: A bit that tells the ports of a side with IPv6 addresses from those with IPv4, for which it equals the sign.
 _SIX: Final = 1 << 62
 _KEY4: Final = 8 + _PORTS
 _KEY6: Final = 32 + _PORTS
-#: The first size of the list by which `find` avoids the dictionary; it grows fourfold whenever more sides are open.
+#: The first size of the list with which `find` avoids the dictionary; it grows fourfold whenever more sides are open.
 _PLACES: Final = 4096
 
 
 class Attempt:
-    """A SYN without an answer so far: its first packet, its latest, and ``repeats``, how often it was sent again."""
+    """A SYN without an answer so far: its first and latest packet, and ``repeats``, the number of repetitions."""
 
     __slots__ = ("frame", "last_frame", "last_ns", "link", "repeats", "seq", "time_ns", "told")
 
@@ -228,14 +229,14 @@ class Attempt:
         self.told: bool = False
 
     def again(self, frame: i64, time_ns: i64) -> None:
-        """The SYN came again; one that comes at once was captured twice, and is not counted."""
+        """The SYN came again; if it came at once, it was captured twice and is not counted."""
         if time_ns - self.last_ns >= _REPEATED_NS:
             self.repeats += 1
             self.last_frame = frame
             self.last_ns = time_ns
 
     def give_up(self, repeats: i64) -> bool:
-        """Return whether the SYN was repeated ``repeats`` times or more; True only once."""
+        """Return True if the SYN was repeated at least ``repeats`` times, but only once."""
         if self.told or self.repeats < repeats:
             return False
         self.told = True
@@ -256,7 +257,7 @@ def reverse_key(key: bytes) -> bytes:
 
 
 def base_and_tag(key: bytes) -> tuple[bytes, bytes]:
-    """Return the addresses and ports of a key, then its VLAN, which is empty for an untagged packet."""
+    """Return the addresses and ports of a key, and its VLAN, which is empty for an untagged packet."""
     size: i64 = len(key)
     if size == _KEY4 + _VLAN or size == 32 + _PORTS + _VLAN:
         return key[: size - _VLAN], key[size - _VLAN :]
@@ -264,7 +265,7 @@ def base_and_tag(key: bytes) -> tuple[bytes, bytes]:
 
 
 def keys_of(tcp: TcpConnection) -> list[bytes]:
-    """Return the keys of the packets that side 0 of a connection sends: that of its own VLAN, then those in other VLANs."""
+    """Return the keys of the packets that side 0 of a connection sends: first for its own VLAN, then for other VLANs."""
     first, second = tcp.ends
     base = first.address + second.address + first.port.to_bytes(2, "big") + second.port.to_bytes(2, "big")
     return [base + (int(vlan).to_bytes(_VLAN, "big") if vlan else b"") for vlan in (tcp.vlan, *tcp.also)]
@@ -280,31 +281,31 @@ def endpoints(key: bytes) -> tuple[Endpoint, Endpoint]:
 class ConnectionTable:
     """Open connections by the keys of both directions, and by further keys of packets in other VLANs (`add`).
 
-    A key is the addresses and ports of a packet in its order, then the VLAN if it has one. A new connection begins with the
-    protocol ``first``. ``evicted`` and ``half_open_evicted`` count connections and attempts dropped because there were too
-    many.
+    A key is the addresses and ports of a packet in packet order, followed by the VLAN if it has one. A new connection begins
+    with the protocol ``first``. ``evicted`` and ``half_open_evicted`` count connections and attempts dropped because there were
+    too many.
     """
 
     def __init__(self, first: Protocol | None = None) -> None:
         self._first: Protocol = first if first is not None else Protocol()
         self.sides: dict[bytes, Side] = {}
         self.tags: dict[bytes, None] = {}  # the VLANs of keys, empty before the first VLAN
-        self._more: i64 = 0  # how many keys in `sides` are further ones, in other VLANs
-        # Ordered, because finding the oldest entry of a plain dict is slow when many before it were deleted.
+        self._more: i64 = 0  # number of keys in `sides` that are further ones, in other VLANs
+        # Ordered, because finding the oldest entry of a plain dict is slow after many deletions before it.
         self._half_open: OrderedDict[bytes, Attempt] = OrderedDict()
         self._lingering: deque[Side] = deque()
-        self._doubted: deque[Side] = deque()  # closed connections as well, whose end is in doubt
+        self._doubted: deque[Side] = deque()  # also closed connections, but with a doubtful end
         self._places: list[Side | None] = [None] * _PLACES
         self._mask: i64 = _PLACES - 1
-        self._vlan: i64 = 0  # what `tag_of` was asked last, and its answer
+        self._vlan: i64 = 0  # the last argument of `tag_of`, and its result
         self._tag: bytes = b""
         self._idle: IdleSearch = IdleSearch()
         self.evicted: i64 = 0
         self.half_open_evicted: i64 = 0
-        self._forgot: set[bytes] = set()  # keys of idle connections that were evicted, and may continue
+        self._forgot: set[bytes] = set()  # keys of evicted idle connections that may continue
 
     def forget(self, side: Side) -> None:
-        """Remember a connection that was dropped and may continue."""
+        """Remember a dropped connection that may continue."""
         if len(self._forgot) < MAX_FORGOTTEN:
             self._forgot.add(side.key)
             if side.peer is not None:
@@ -324,9 +325,9 @@ class ConnectionTable:
         return table
 
     def find(self, buf: bytes, at: i64, vlan: i64) -> Side | None:
-        """Return the side that `sides` has for the IPv4 addresses and ports at ``at``, and a VLAN key.
+        """Return the side in `sides` for the IPv4 addresses and ports at ``at`` and a VLAN key.
 
-        The side found last for a key with the same hash is tried first, for which no bytes object is needed.
+        The latest side for a key with the same hash is tried first, because this needs no bytes object.
         """
         addresses: i64 = read_i64_be(buf, at)
         ports: i64 = i64(read_i32_be(buf, at + 8)) ^ (vlan << 32)
@@ -342,7 +343,7 @@ class ConnectionTable:
         return side
 
     def find6(self, buf: bytes, at: i64, vlan: i64) -> Side | None:
-        """Return the side that `sides` has for the IPv6 addresses and ports at ``at``, and a VLAN key; as `find` does."""
+        """Return the side in `sides` for the IPv6 addresses and ports at ``at`` and a VLAN key, as `find` does for IPv4."""
         first: i64 = read_i64_be(buf, at)
         second: i64 = read_i64_be(buf, at + 8)
         third: i64 = read_i64_be(buf, at + 16)
@@ -371,7 +372,7 @@ class ConnectionTable:
         self._places[place] = side
 
     def tag_of(self, vlan: i64) -> bytes:
-        """Return what the key of a packet with this VLAN key ends with, empty for none; mostly that of the packet before."""
+        """Return the end of the key of a packet with this VLAN key, empty for none; mostly it is that of the packet before."""
         if vlan != self._vlan:
             self._vlan = vlan
             self._tag = int(vlan).to_bytes(_VLAN, "big") if vlan else b""
@@ -382,7 +383,7 @@ class ConnectionTable:
             self._places[side.place] = None
 
     def _take_place(self, key: bytes) -> None:
-        """Another connection takes ``key``: the side that had it is no longer found by `find`."""
+        """Another connection gets ``key``, so `find` no longer returns its former side."""
         before = self.sides.get(key)
         if before is not None:
             self._leave_place(before)
@@ -400,7 +401,7 @@ class ConnectionTable:
             tags[tag] = None
 
     def add(self, side: Side, key: bytes) -> None:
-        """Packets of ``side`` were captured in another VLAN as well: find it by ``key`` too, which is still free."""
+        """Packets of ``side`` were also captured in another VLAN: find it by ``key`` too, which is still free."""
         base, tag = base_and_tag(key)
         for sender, own in ((side, key), (side.peer, reverse_key(base) + tag)):
             attempt = self.attempt(own)
@@ -425,7 +426,7 @@ class ConnectionTable:
         if known is not None and known.seq == seq:
             known.again(frame, time_ns)
             return known if known.give_up(_GIVEN_UP) else None
-        # Another sequence number is another attempt, which an answer then belongs to.
+        # A different sequence number is a different attempt, and the next answer belongs to it.
         self._half_open[key] = Attempt(seq, frame, time_ns, link)
         if len(self._half_open) > MAX_HALF_OPEN:
             self._half_open.popitem(last=False)
@@ -433,7 +434,7 @@ class ConnectionTable:
         return known if known is not None and known.give_up(1) else None
 
     def unanswered(self) -> list[tuple[bytes, Attempt]]:
-        """Return the repeated attempts that are still unanswered, with their keys; each only once."""
+        """Return the repeated attempts that are still unanswered, with their keys; each is returned only once."""
         return [(key, attempt) for key, attempt in self._half_open.items() if attempt.give_up(1)]
 
     def attempt(self, key: bytes) -> Attempt | None:
@@ -441,7 +442,7 @@ class ConnectionTable:
         return self._half_open.get(key)
 
     def _take_syn(self, key: bytes) -> Attempt | None:
-        """Forget a connection attempt and return it, None when there was none; `pop` would take three times as long."""
+        """Forget a connection attempt and return it, None if there is none; `pop` would take three times as long."""
         half_open = self._half_open
         if not half_open or key not in half_open:
             return None
@@ -481,17 +482,17 @@ class ConnectionTable:
         self._take_place(first)
         self._take_place(second)
         self.sides[side1.key] = side1
-        self.sides[side0.key] = side0  # last, so that side 0 is found where both ends have the same address and port
+        self.sides[side0.key] = side0  # last, so that side 0 is found if both ends have the same address and port
         if len(self.sides) > len(self._places):
             self._places = [None] * (4 * len(self._places))
             self._mask = len(self._places) - 1
         return side0 if first == key else side1
 
     def remove(self, side: Side) -> None:
-        """Forget a connection, but not a new one that has already taken its keys.
+        """Forget a connection, but keep a new one that already uses its keys.
 
-        Its sides forget each other. They are the only cycle of references; without it all memory is freed at once, and not by
-        the garbage collector, whose pauses grow with the number of open connections.
+        Its sides forget each other. The two sides are the only reference cycle; without it all memory is freed at once, and not
+        by the garbage collector, whose pauses grow with the number of open connections.
         """
         peer = side.peer
         self._remove(side)
@@ -534,7 +535,7 @@ class ConnectionTable:
         return gone
 
     def overflow(self) -> list[Side]:
-        """Return one side of each connection to evict because too many are open; call this before each `open`."""
+        """Return one side of each connection that must be evicted because too many are open; call this before each `open`."""
         held: i64 = len(self.sides) - self._more
         if held <= 2 * (MAX_CONNECTIONS - RESERVE):
             return []
@@ -556,5 +557,5 @@ class ConnectionTable:
         return gone
 
     def all_open(self) -> list[Side]:
-        """Return side 0 of every connection in the table, in the order they were opened."""
+        """Return side 0 of every connection in the table, in the order in which they were opened."""
         return [side for key, side in self.sides.items() if side.index == 0 and side.key == key]

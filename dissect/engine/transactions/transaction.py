@@ -71,12 +71,12 @@ ANSWERED: Final = 1
 UNANSWERED: Final = 2
 ORPHAN: Final = 3
 PUSH: Final = 4
-BEHIND_MALFORMED: Final = 5  # behind a malformed header, and in no pair: nothing is missed
+BEHIND_MALFORMED: Final = 5  # behind a malformed header, and in no pair: nothing is missing
 
 #: Names of the outcomes, by the numbers above.
 OUTCOMES: Final[list[str]] = ["open", "answered", "unanswered", "orphan_answer", "unsolicited", "behind_malformed"]
 
-#: Why a request stayed without answer.
+#: Why a request remained without an answer.
 CONNECTION_CLOSED: Final = "connection_closed"
 CAPTURE_ENDED: Final = "capture_ended"
 HOLE: Final = "hole"
@@ -84,7 +84,7 @@ ONE_SIDED: Final = "one_sided"
 REFERENCE_REUSED: Final = "reference_reused"
 TABLE_FULL: Final = "table_full"
 CONNECTION_EVICTED: Final = "connection_evicted"
-#: Not why there is no answer, but why none may be expected; of a pair, too.
+#: Not the reason for a missing answer, but the reason why none may be expected; pairs may have it, too.
 MALFORMED_HEADER: Final = "malformed_header"
 #: One sentence for each reason.
 REASON_TEXTS: Final[dict[str, str]] = {
@@ -97,10 +97,10 @@ REASON_TEXTS: Final[dict[str, str]] = {
     CONNECTION_EVICTED: "too many connections were open at once; this one was dropped",
     MALFORMED_HEADER: "behind a malformed TPDU header, which the receiver may have dropped",
 }
-#: The sentence for `HOLE` where it is only likely: other requests, or a push, may account for the missing octets.
+#: The sentence for `HOLE` if it is only likely: other requests, or a push, may explain the missing octets.
 PERHAPS_ANSWERED: Final = "perhaps answered: bytes from the answering side are missing from the capture"
 
-#: How certain a pair of request and answer is, or that a request was answered although the answer was not captured.
+#: How certain a pair of request and answer is, or how certain it is that an uncaptured answer was sent.
 SURE: Final = "sure"
 LIKELY: Final = "likely"
 CERTAINTIES: Final = (SURE, LIKELY)
@@ -111,7 +111,7 @@ DOUBT_TEXTS: Final[dict[str, str]] = {
 }
 
 
-#: The texts of the outcomes, by their numbers, and how many errors `Transaction.__str__` names.
+#: The texts of the outcomes, by their numbers, and the number of errors that `Transaction.__str__` names.
 OUTCOME_WORDS: Final = (
     "open",
     "answered",
@@ -121,22 +121,21 @@ OUTCOME_WORDS: Final = (
     "behind a malformed header",
 )
 _SAID: Final = 3
-#: Makes `Transaction.as_dict`; `dissect.files.session` puts it here, because how lines are written is known only to a later
-#: room.
+#: Implements `Transaction.as_dict`; `dissect.files.session` sets it, because only a later room knows how lines are written.
 AS_DICT: Final[list[Callable[[Transaction], dict[str, object]]]] = []
 
 
 @mypyc_attr(
     free_list_len=1
-)  # the next object reuses the memory of the last: most are freed before the next one is made
+)  # the next object reuses the memory of the last one: most are freed before the next is made
 class Transaction(OldNames):
     """A request and its answer.
 
-    Sides are 0 and 1 of ``connection``; ``asked_by`` is the side that sent the request (for an orphan answer and a push: the
-    side it was sent to). Times are nanoseconds since 1970; frames count from 1, and 0 means that there is none. `outcome` is
-    its outcome, ``reason`` why a request stayed unanswered. `items` are the same for all protocols.
+    Sides are 0 and 1 of ``connection``; ``asked_by`` is the side that sent the request (for an answer without a request and for
+    a push: the side that received it). Times are nanoseconds since 1970; frames count from 1, and 0 means that there is none.
+    ``reason`` is why a request stayed unanswered. `items` are the same for all protocols.
 
-    The octets of both PDUs are kept and parsed only on demand. `s7_results` are kept once they were read, because rules and
+    The octets of both PDUs are kept and parsed only on demand. `s7_results` are stored at the first access, because rules and
     outputs both need those of a refusal.
     """
 
@@ -182,8 +181,8 @@ class Transaction(OldNames):
         self.asked_by: i64 = asked_by
         self.rosctr: i64 = rosctr
         self.pdu_ref: i64 = pdu_ref
-        self.parameters: Parameters = parameters  # of the request; of the answer when there is no request
-        self._request_ack: i64 = -1  # TCP acknowledgement that the request came with, -1 for none
+        self.parameters: Parameters = parameters  # of the request; of the answer if there is no request
+        self._request_ack: i64 = -1  # TCP acknowledgement in the packet of the request, -1 for none
         self._request_seq: i64 = -1  # TCP sequence number where its last segment begins
         self.request_frame: i64 = 0
         self.request_ns: i64 = 0
@@ -203,11 +202,11 @@ class Transaction(OldNames):
         self.has_errors: bool = False
         self._flags: i64 = 0
         self._checked: Check | None = None  # the answer of S7comm-plus, until it is judged
-        self.subscribed: Subscription | None = None  # of a push: the subscription it belongs to, where that is known
+        self.subscribed: Subscription | None = None  # for a push: its subscription, if known
         self._carried: list[ScdMessage] | None = None  # SCD in the items or the block of an S7 transaction
-        self.again: SentAgain | None = None  # of a request that TCP retransmitted
+        self.again: SentAgain | None = None  # for a request that TCP retransmitted
         self._results: list[ItemResult] | None = None
-        self._known_body: Body | None = None  # the parts of the request, once `request_body` was read
+        self._known_body: Body | None = None  # the parts of the request, once `request_body` was used
 
     def __repr__(self) -> str:
         return f"Transaction({self.number}, {self.function_name}, {self.outcome})"
@@ -221,9 +220,9 @@ class Transaction(OldNames):
 
     @property
     def items(self) -> list[TransactionItem]:
-        """What was read, written or pushed, in one form for S7comm, S7comm-plus and SCD; refused items are there as well.
+        """The items that were read, written or pushed, in one form for S7comm, S7comm-plus and SCD, refused items included.
 
-        Empty for functions without items. With tags, a part of an item that has a tag is an item of its own.
+        Empty for functions without items. With tags, a part of an item that has a tag is a separate item.
         """
         from dissect.engine.transactions.items import items_of
 
@@ -238,7 +237,7 @@ class Transaction(OldNames):
     def _set_response(
         self, rosctr: i64, parameters: Parameters, buf: bytes, at: i64, size: i64, frame: i64, time_ns: i64
     ) -> None:
-        """Keep the answer: the PDU ``buf[at:at + size]``, which packet ``frame`` completed."""
+        """Store the answer: the PDU ``buf[at:at + size]``, which packet ``frame`` completed."""
         self.response_frame = frame
         self.response_ns = time_ns
         self._response_buf = buf
@@ -254,7 +253,7 @@ class Transaction(OldNames):
 
     @property
     def function(self) -> int:
-        """Function code of the request, else of the answer: one octet, in S7comm-plus two; -1 for none."""
+        """Function code of the request, or else of the answer: one octet, in S7comm-plus two; -1 for none."""
         parameters = self.parameters
         if isinstance(parameters, PlusParameters):
             return parameters.code
@@ -267,7 +266,7 @@ class Transaction(OldNames):
 
     @property
     def is_scd(self) -> bool:
-        """True for SCD; its request and answer are in `scd`."""
+        """The SCD messages: request and answer of an SCD transaction, or the messages inside an S7 transaction."""
         return self.rosctr == SCD
 
     @property
@@ -287,19 +286,19 @@ class Transaction(OldNames):
 
     @property
     def function_name(self) -> str:
-        """Name of the function; for userdata that of the group and subfunction."""
+        """Name of the function; for userdata the name of the group and subfunction."""
         return self.parameters.function_name
 
     @property
     def latency_ns(self) -> int | None:
-        """Time from the request's last packet to the answer's last packet; None without either, or if the pair `is_likely`."""
+        """Time from the request's last packet to the answer's last packet; None if one is missing or the pair `is_likely`."""
         return self.response_ns - self.request_ns if self._outcome == ANSWERED and not self._flags & DOUBTS else None
 
     @property
     def certainty(self) -> str:
-        """``sure`` or ``likely``: of a pair, and of an answer that was sent but not captured; else empty.
+        """``sure`` or ``likely``: for a pair, and for an answer that was sent but not captured; else empty.
 
-        A push is ``likely`` where its items are those of a request that only likely began its job.
+        A push is ``likely`` if its items are those of a request that only likely began its job.
         """
         if self._outcome == ANSWERED or (self._outcome == UNANSWERED and self.reason == HOLE):
             return LIKELY if self._flags & DOUBTS else SURE
@@ -307,12 +306,12 @@ class Transaction(OldNames):
 
     @property
     def is_likely(self) -> bool:
-        """True for a pair that is only likely: it is left out of times, values and contradictions, and counted separately."""
+        """True for a pair that is only likely: it is excluded from times, values and contradictions, and counted separately."""
         return self._outcome == ANSWERED and self._flags & DOUBTS != 0
 
     @property
     def doubt(self) -> str:
-        """Why a pair is only likely, or that of a push and the request for its items, as a key of `DOUBT_TEXTS`; else empty."""
+        """Why a pair, or the assignment of a push to its request, is only likely, as a key of `DOUBT_TEXTS`; else empty."""
         if self._flags & DOUBTS == 0 or (self._outcome != ANSWERED and self._outcome != PUSH):
             return ""
         return "gaps" if self._flags & GAPS else "alike"
@@ -324,7 +323,7 @@ class Transaction(OldNames):
 
     @property
     def reason_text(self) -> str:
-        """One sentence that says why a request has no answer; empty where it has one, and for an answer without a request."""
+        """One sentence that says why a request has no answer; empty if it has one, and for an answer without a request."""
         if self._outcome != UNANSWERED and self._outcome != BEHIND_MALFORMED:
             return ""
         if self.reason == HOLE and self._flags & DOUBTS:
@@ -333,20 +332,20 @@ class Transaction(OldNames):
 
     @property
     def missed(self) -> bool:
-        """True when no answer came though one was due. This is the only rule for what counts as unanswered.
+        """True when an answer was due but did not come. This is the only rule for what counts as unanswered.
 
-        An answer that was or may have been sent, and not captured (`unseen`), is not missed: only the capture lacks it.
+        An answer that was or may have been sent but not captured (`unseen`) is not missed: only the capture lacks it.
         """
         return self._outcome == UNANSWERED and not self._flags & STILL_OPEN and not self.unseen
 
     @property
     def unseen(self) -> bool:
-        """True when an answer was or may have been sent, and not captured: a gap, or only one direction was captured."""
+        """True when an answer was or may have been sent but not captured: a gap, or only one direction was captured."""
         return self._outcome == UNANSWERED and (self.reason == HOLE or self._flags & EXPECTED != 0)
 
     @property
     def failed(self) -> bool:
-        """True when the answer refuses anything, or was `missed`."""
+        """True when the answer refuses something, or was `missed`."""
         return self.has_errors or self.missed
 
     @property
@@ -365,7 +364,7 @@ class Transaction(OldNames):
 
     @property
     def request(self) -> Pdu | None:
-        """The S7comm request, parsed again at each access; None when there is none."""
+        """The S7comm request, parsed again at each access; None if there is none."""
         if not self.request_size or self.is_plus or self.is_scd:
             return None
         return parse_pdu(
@@ -374,14 +373,14 @@ class Transaction(OldNames):
 
     @property
     def request_body(self) -> Body | None:
-        """The parts of the S7comm request (`Pdu.body`), None when there is none; kept for the next call."""
+        """The parts of the S7comm request (`Pdu.body`), None if there is none; stored for the next access."""
         if self._known_body is None and (request := self.request) is not None:
             self._known_body = request.body
         return self._known_body
 
     @property
     def response(self) -> Pdu | None:
-        """The S7comm answer, parsed again at each access; None when there is none."""
+        """The S7comm answer, parsed again at each access; None if there is none."""
         if not self.response_size or self.is_plus or self.is_scd:
             return None
         return parse_pdu(
@@ -390,7 +389,7 @@ class Transaction(OldNames):
 
     @property
     def plus_request(self) -> PlusPdu | None:
-        """The S7comm-plus request, parsed again at each access; None when there is none."""
+        """The S7comm-plus request, parsed again at each access; None if there is none."""
         if not self.request_size or not self.is_plus:
             return None
         return parse_plus(
@@ -399,7 +398,7 @@ class Transaction(OldNames):
 
     @property
     def plus_response(self) -> PlusPdu | None:
-        """The S7comm-plus response or notification, parsed again at each access; None when there is none."""
+        """The S7comm-plus response or notification, parsed again at each access; None if there is none."""
         if not self.response_size or not self.is_plus:
             return None
         return parse_plus(
@@ -407,7 +406,7 @@ class Transaction(OldNames):
         )
 
     def _plus_halves(self, said: bool = False) -> tuple[Half | None, Half | None]:
-        """Read both S7comm-plus PDUs without secrets, None for a missing one; ``said``: only attributes that lines show."""
+        """Read both S7comm-plus PDUs without secrets, None for a missing one; ``said``: only the attributes shown in lines."""
         asked, told, read = self.plus_request, self.plus_response, said_half if said else shown_half
         return (read(asked) if asked is not None else None, read(told) if told is not None else None)
 
@@ -415,7 +414,7 @@ class Transaction(OldNames):
     def plus_results(self) -> list[PlusItem]:
         """Return every item of an S7comm-plus read, write or notification joined with its answer; empty for other functions.
 
-        The items are read again at each call.
+        The items are parsed again at each call.
         """
         asked, told = self._plus_halves()
         return join_items(asked, told, self.connection.plus)
@@ -424,8 +423,8 @@ class Transaction(OldNames):
     def s7_results(self) -> list[ItemResult]:
         """Return every item joined with its value and return code, in wire order; empty for functions without items.
 
-        Reads, writes, cyclic services and test functions on variables have items; those of a push are named by `subscribed`.
-        Once the transaction is complete each call returns the same list: do not change it.
+        Reads, writes, cyclic services and test functions on variables have items; `subscribed` names those of a push. Once the
+        transaction is complete each call returns the same list: do not change it.
         """
         if self._results is not None:
             return self._results
@@ -465,7 +464,7 @@ class Transaction(OldNames):
     def _written_items(self) -> list[DataItem]:
         """Return the data items of a write request; their offsets are within the buffer.
 
-        Where the data block contradicts itself, those after the first one that does not fit its item mean nothing.
+        If the data block contradicts itself, all data items after the first one that does not match its item are meaningless.
         """
         asked = self.parameters
         if asked.item_count <= 0 or asked.function != WRITE_VAR or self.rosctr != JOB or not self.request_size:
@@ -488,7 +487,7 @@ class Transaction(OldNames):
 
     @property
     def frames(self) -> list[int]:
-        """The packet numbers of request and answer, as far as they were captured."""
+        """The packet numbers of request and answer, if captured."""
         if self.request_frame == 0:
             return [self.response_frame] if self.response_frame else []
         if self.response_frame == 0:
@@ -497,7 +496,7 @@ class Transaction(OldNames):
 
     @property
     def errors(self) -> list[TransactionError]:
-        """Everything that the answer refuses, in wire order: header, parameter, items. Empty when it refuses nothing."""
+        """Everything that the answer refuses, in wire order: header, parameter, items. Empty if it refuses nothing."""
         if not self.has_errors:
             return []
         if self.is_scd:
@@ -524,7 +523,7 @@ class Transaction(OldNames):
         return self.error_code != 0 or (self.has_errors and data_code(self) != NOT_REFUSED)
 
     def _plus_item_errors(self) -> list[TransactionError]:
-        """Return the refusals of single items; none when the request was refused as a whole."""
+        """Return the refusals of single items; empty if the request was refused as a whole."""
         if self.error_code and self.error_code != PARTIAL_ERROR:
             return []
         if self.request_size == 0:
@@ -571,7 +570,7 @@ def unasked(
     frame: i64,
     time_ns: i64,
 ) -> Transaction:
-    """Return an answer as a transaction without a request, until its request is known; ``asked_by`` is who would have asked."""
+    """Return an answer as a transaction without a request, for now; side ``asked_by`` would have sent the request."""
     transaction = Transaction(0, connection, asked_by, rosctr, pdu_ref, parameters)
     transaction._set_response(rosctr, parameters, buf, at, size, frame, time_ns)
     transaction._outcome = ORPHAN

@@ -1,12 +1,12 @@
 """`Transfers`: follows downloads and uploads step by step, and checks whether all pieces arrived (reference 3.7 and 3.8).
 
-In a download the PLC requests the pieces with jobs of its own; python-snap7's client sends them without a request instead. In
-both cases the download is one operation. It begins with the request that names the block, or with the first piece where that
-request is not in the capture.
+In a download the PLC requests the pieces with its own jobs; python-snap7's client sends them without a request instead. In both
+cases the download is one operation. It begins with the request that names the block, or with the first piece if that request
+was not captured.
 
-Where only one direction of a connection was captured, every step is half a transaction: a request without its answer, or an
-answer without its request. Requests are only dropped when the connection ends, answers earlier. So these halves wait until they
-can be followed in the order of their packets. An answer does not name the block; it belongs to the latest transfer.
+If only one direction of a connection was captured, every step is half a transaction: a request without its answer, or an answer
+without its request. Requests are dropped only when the connection ends, answers earlier. So these halves wait until they can be
+followed in the order of their packets. An answer does not name the block; it belongs to the latest transfer.
 """
 
 from __future__ import annotations
@@ -54,28 +54,28 @@ from dissect.wire.part import Part
 
 _NAMES: Final = (FILE_NAME, SHORT_FILE_NAME, PLAIN_FILE_NAME)
 _MAX_NAME: Final = 200
-#: How many bodies of requests are kept for identical requests, and the most octets of their parameters.
+#: Maximum number of request bodies that are kept for identical requests, and maximum size of their parameters in octets.
 _MAX_BODIES: Final = 32
 _MAX_OCTETS: Final = 128
-#: The most half-captured steps of a connection that wait for its end, and the most octets of all that wait. If there are more,
-#: they may be followed in the wrong order.
+#: Maximum number of half-captured steps of a connection that wait for its end, and maximum size of all that wait. If there are
+#: more, they may be followed in the wrong order.
 MAX_HALVES: Final = 16384
 MAX_HALF_OCTETS: Final = 16 * 1024 * 1024
 _OBJECT: Final = 512
-#: Jobs with an answer that holds data of the transfer; answers to other jobs are not read.
+#: Jobs whose answer contains data of the transfer; answers to other jobs are not read.
 _TELLING_ANSWERS: Final = frozenset((DOWNLOAD_BLOCK, START_UPLOAD, UPLOAD_PIECE))
 #: The error code of a message that ends a transfer without an error.
 _GOOD: Final = 0
 
 
 class Transfers:
-    """Follows the transfers of all connections, and enters them into a book of operations."""
+    """Follows the transfers of all connections, and enters them in a book of operations."""
 
     def __init__(self, book: OperationBook) -> None:
         self._book = book
         self._bodies: dict[bytes, Body] = {}  # of jobs without data, by parameters: requests for pieces are identical
         self._half_octets = 0
-        self._ordered = True  # False while steps that waited are followed
+        self._ordered = True  # False while waiting steps are processed
 
     def take(self, transaction: Transaction) -> None:
         """Take a finished job, which may be a step of a transfer."""
@@ -96,7 +96,7 @@ class Transfers:
         self._half_octets += size
 
     def follow_halves(self, connection: Connection) -> None:
-        """Follow the waiting steps of a connection: it is over, or both of its directions were captured after all."""
+        """Follow the waiting steps of a connection that is over, or of which both directions were captured after all."""
         waiting = connection.operations.halves
         connection.operations.halves = []
         self._ordered = False
@@ -130,7 +130,7 @@ class Transfers:
             self._end_upload(transaction, body)
 
     def _asked(self, transaction: Transaction) -> Body | None:
-        """Return the body of the request, None when there is none; identical requests share one body."""
+        """Return the body of the request, None if there is none; identical requests share one body."""
         octets = transaction.parameters.octets
         if transaction.rosctr != JOB or transaction.request_size != HEADER_SIZE + len(octets):
             return transaction.request_body
@@ -165,7 +165,7 @@ class Transfers:
         return operation
 
     def _begin_late(self, kind: str, key: str, transaction: Transaction, name: str, asked_by: int) -> Operation:
-        """Begin a transfer with one of its pieces, because earlier steps are not in the capture."""
+        """Begin a transfer with one of its pieces, because earlier steps were not captured."""
         operation = self._begin(kind, key, transaction, name)
         operation.asked_by = asked_by
         operation.lacking = _lacking(operation)
@@ -178,7 +178,7 @@ class Transfers:
             operation.half_captured = True
 
     def _find_download(self, transaction: Transaction, body: Body) -> Operation | None:
-        """Return the download that a step belongs to; the first step that names the block names a download without a name."""
+        """Return the download that a step belongs to; if that has no name yet, the first step that names the block sets it."""
         going = transaction.connection.operations
         name = _name(body)
         if not transaction.request_frame:
@@ -235,7 +235,7 @@ class Transfers:
                 loaded[operation.key] = operation.activation
 
     def _gather(self, operation: Operation, piece: Part | None, pdu: Pdu | None) -> None:
-        """Take the piece of a block that a PDU carries, and note where pieces may be missing."""
+        """Take the piece of a block in a PDU, and note where pieces may be missing."""
         if piece is None or pdu is None:
             return
         size = max(piece.number("length"), 0)
@@ -245,7 +245,7 @@ class Transfers:
             operation.gap = int(operation.octets)
         if operation.gap < 0 and len(octets) < size:
             operation.gap = int(operation.octets) + len(octets)
-        # Once steps have waited, it is not known between which pieces a gap was: only the first piece surely precedes it.
+        # After steps have waited, it is unknown between which pieces a gap was: only the first piece surely precedes it.
         operation.lacking = lacking if self._ordered else 0
         operation.octets += size
         if operation.subject == NAMELESS and is_header(octets):
@@ -255,7 +255,7 @@ class Transfers:
     def _check_size(self, operation: Operation, transaction: Transaction) -> None:
         frame = _frame(transaction)
         if operation.connection.tcp.has_holes or operation.half_captured or not operation.begun:
-            return  # pieces, or the announced size, may be missing from the capture
+            return  # the capture may lack pieces, or the announced size
         if not operation.complete:
             operation.odd(CUT_SHORT, f"ended after {operation.octets} bytes although more was announced", frame)
         elif operation.announced >= 0 and operation.octets != operation.announced:
@@ -276,7 +276,7 @@ class Transfers:
             self._book.settle(operation, transaction, DONE, REFUSED)
 
     def _find_upload(self, transaction: Transaction, body: Body) -> Operation | None:
-        """Return the upload that a step belongs to, None for none; note a step whose id is not that of the open upload."""
+        """Return the upload that a step belongs to, None for none; note a step with an id that is not that of the upload."""
         operations = transaction.connection.operations
         latest = operations.latest(UPLOAD, int(transaction.asked_by))
         if not transaction.request_frame:
@@ -328,7 +328,7 @@ _NO_ID: Final = "-1"
 
 
 def _lacking(operation: Operation) -> int:
-    """Return how many octets the capture lacks so far of the side that sends the pieces; they may include pieces."""
+    """Return how many octets of the side that sends the pieces are missing so far; they may include pieces."""
     sender = operation.asked_by if operation.kind == DOWNLOAD else 1 - operation.asked_by
     stream = operation.connection.tcp.streams[sender]
     return int(stream.position) - int(stream.octets)
@@ -348,12 +348,12 @@ def _name(body: Body) -> str:
 
 
 def _goes_on(transaction: Transaction) -> bool:
-    """Return whether further steps may follow a first step: it was accepted, or half of it is not in the capture."""
+    """Return whether further steps may follow a first step: it was accepted, or half of it was not captured."""
     return not transaction.error_code and (transaction._outcome == ANSWERED or half_captured(transaction))
 
 
 def _begins_late(transaction: Transaction) -> bool:
-    """Return whether a step may begin a transfer whose earlier steps are missing from the capture."""
+    """Return whether a step may begin a transfer whose earlier steps were not captured."""
     if transaction._outcome == UNANSWERED and not half_captured(transaction):
         return False  # an unanswered request comes here late: its transfer may be over
     connection = transaction.connection
@@ -366,7 +366,7 @@ def _frame(transaction: Transaction) -> int:
 
 
 def _held(transaction: Transaction) -> int:
-    """Return how many octets of memory a waiting step takes."""
+    """Return how many octets of memory a waiting step needs."""
     return _OBJECT + len(transaction._request_buf) + len(transaction._response_buf)
 
 
@@ -376,7 +376,7 @@ def _last(transaction: Transaction, answer: Body) -> bool:
 
 
 def follow_blocks(transaction: Transaction, body: Body) -> None:
-    """Take a service that activates or deletes blocks: note it at loaded blocks; flag activating one that was not loaded."""
+    """Note a service that activates or deletes blocks on the loaded blocks; flag the activation of one that was not loaded."""
     connection = transaction.connection
     loaded = connection.traits.loaded
     service = body.text("service")
@@ -387,7 +387,7 @@ def follow_blocks(transaction: Transaction, body: Body) -> None:
         if part.layout is not PI_BLOCK:
             continue
         name = part.note.removeprefix("block ")
-        # A block deleted from both file systems is also deleted from the passive one, where it waits.
+        # A block deleted from both file systems is also deleted from the passive one, where it waits for its activation.
         known = loaded.get(name if links else name.replace(FILE_SYSTEMS["B"], FILE_SYSTEMS["P"]))
         if known is None:
             if links and not (connection.mid_stream or connection.tcp.has_holes or half_captured(transaction)):

@@ -11,11 +11,11 @@ if TYPE_CHECKING:
 
 
 class Writes:
-    """The latest writes of a connection: how many there are, and a sample of them (`dissect.engine.findings.security_rules`).
+    """The latest writes of a connection: their number, and a sample of them (`dissect.engine.findings.security_rules`).
 
-    ``count`` counts all writes ever; the others start again with each sample. ``since_ns`` and ``pdus`` are the time, and the
-    PDUs of the connection, at which the sample began; ``variables`` its distinct requests, ``answers_ns`` the time that each
-    answer took. ``hasty`` is the write with which the number of unanswered writes within ``hasty_ns`` may indicate a flood.
+    ``count`` counts all writes ever; the other counts start again with each sample. ``since_ns`` and ``pdus`` are the time, and
+    the PDU count of the connection, at the start of the sample; ``variables`` are its distinct requests, ``answers_ns`` the
+    answer times. ``hasty`` is the write at which the number of unanswered writes within ``hasty_ns`` may indicate a flood.
 
     ``again`` are writes to ``areas`` that are not in the facts of findings yet, with the first and the last of them.
     """
