@@ -1,1 +1,1 @@
-"""What bytes say: a room for each protocol, which parses and builds its messages and knows of no connection."""
+"""The protocols: a room for each one, which parses and builds its messages and does not know connections."""

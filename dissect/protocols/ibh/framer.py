@@ -1,9 +1,9 @@
 """Framing of one direction of an IBH-NetLink connection, and how such a connection is recognised (docs/ibh.md).
 
 A packet begins with two channel numbers and has its length in the third octet. That is weak evidence. So while the framer is
-out of step, a packet counts only if its flags are known and its MPI header, if it has one, agrees with the first header. In
-step, any length counts. But if a certain packet begins inside one that is not certain, the length of the outer one was wrong,
-and it ends there.
+out of step, a packet counts only if its flags are known and its MPI header, if it has one, matches the first header. In step,
+any length counts. But if a certain packet begins inside an uncertain one, the length of the outer one was wrong, and the outer
+one ends there.
 """
 
 from __future__ import annotations
@@ -16,15 +16,15 @@ from dissect.protocols.ibh.packet import BEFORE_DATA, HEADER, little, mpi_head
 from dissect.protocols.ibh.tables import SERVICES
 from dissect.protocols.iso.upper import stated_size
 
-#: Octets of the longest packet, whose length field is one octet.
+#: Size of the longest packet in octets; its length field is one octet.
 MAX_PACKET: Final = HEADER + 255
 _LENGTH_AT: Final = 2
 _CHANNELS: Final = frozenset((0x00, 0x01, 0x07, 0x10))
 _GATEWAY: Final = 0xFF
-#: The version of a TPKT, with which nearly every connection to a PLC begins; it is not a channel.
+#: The version octet of a TPKT, the first octet on nearly every connection to a PLC; it is not a channel.
 _TPKT: Final = 3
 _DEVICE: Final = frozenset(((0x00, 0x10), (0x10, 0x00)))
-#: The claim of a connection number, which a client sends first: this function and these octets after the number.
+#: The claim of a connection number, which a client sends first: this function, and these octets after the number.
 _CLAIM: Final = 0x97
 _CLAIM_REST: Final = b"\xff\xf0\xf0\xf0\xf0"
 _CLAIM_SIZE: Final = 14
@@ -36,7 +36,7 @@ UNDECIDED: Final = 2
 
 
 def channels_fit(octets: bytes, at: i64, end: i64) -> bool:
-    """Return whether the octets are a known pair of channel numbers, as far as they are present (at least one)."""
+    """Return whether the octets are a known pair of channel numbers, judged by those that are present (at least one)."""
     first: i64 = octets[at]
     if end - at < 2:
         return first == _GATEWAY or first in _CHANNELS
@@ -56,10 +56,10 @@ def flags_fit(octets: bytes, at: i64) -> bool:
 
 
 def opens(octets: bytes, on_port: bool, at_start: bool) -> bool:
-    """Return whether the octets of a segment are IBH-NetLink; ``at_start``: they are the first that their side sent.
+    """Return whether the octets of a segment are IBH-NetLink; ``at_start``: they are the first octets that their side sent.
 
-    On the gateway's own port (``on_port``) a known pair of channels with known flags is enough; at the start, the beginning of
-    such a header. On other ports it must be certain.
+    On the gateway's own port (``on_port``) a known pair of channels with known flags is sufficient; at the start, the beginning
+    of such a header is. On other ports it must be certain.
     """
     end: i64 = len(octets)
     if not octets or octets[0] == _TPKT:
@@ -105,9 +105,9 @@ def judge_beginning(octets: bytes, at: i64, end: i64) -> i64:
 
 
 def _size(octets: bytes, at: i64, end: i64) -> i64:
-    """Return the size of the packet at ``at``, whose length must be there.
+    """Return the size of the packet at ``at``; its length field must be present.
 
-    An MPI header may state a smaller size. That counts if the octets after it look like a packet, unless the S7 PDU in the
+    An MPI header may state a smaller size. This size counts if the octets after it look like a packet, unless the S7 PDU in the
     packet ends, by its own lengths, where the packet ends.
     """
     size: i64 = HEADER + octets[at + _LENGTH_AT]
@@ -122,7 +122,7 @@ def _size(octets: bytes, at: i64, end: i64) -> i64:
 
 
 def _find_certain(octets: bytes, at: i64, stop: i64, end: i64) -> i64:
-    """Return where a certain packet begins inside the one at ``at``, before ``stop``; -1 for none or if that is certain."""
+    """Return where a certain packet begins inside the one at ``at``, before ``stop``; -1 for none or if ``at`` is certain."""
     if judge_beginning(octets, at, end) != NO:
         return -1
     for place in range(at + 1, stop):
@@ -134,17 +134,17 @@ def _find_certain(octets: bytes, at: i64, stop: i64, end: i64) -> i64:
 class PacketFramer:
     """Finds packets in the octets of one direction. ``packets`` collects complete ones, with their headers, in order.
 
-    Each octet is counted once: ``framed`` (in complete packets, and in packets reported as cut), ``skipped`` or ``buffered``.
-    ``faults`` are the first octets found where a packet should begin. ``hiding`` counts packets whose length covered others.
-    ``ends`` has, for each packet, the number of octets given up to its end; the caller deletes one entry with each packet that
-    it takes.
+    Each octet is counted once: in ``framed`` (in complete packets, and in packets reported as cut), ``skipped`` or
+    ``buffered``. ``faults`` are the first octets found where a packet should begin. ``hiding`` counts packets whose length
+    covered other packets. ``ends`` has, for each packet, the number of octets pushed up to its end; the caller deletes one
+    entry with each packet that it takes.
     """
 
     __slots__ = ("_held", "cut_packet", "ends", "faults", "framed", "hiding", "packets", "skip", "skipped", "synced")
 
     def __init__(self) -> None:
-        self._held: bytes = b""  # of an unfinished packet; out of step, of what may become one
-        self.skip: i64 = 0  # octets still to come of a packet with a hole in it
+        self._held: bytes = b""  # octets of an unfinished packet or, out of step, of a possible one
+        self.skip: i64 = 0  # number of octets still to come of a packet that contains a gap
         self.synced: bool = False
         self.packets: list[bytes] = []
         self.ends: list[int] = []
@@ -156,12 +156,12 @@ class PacketFramer:
 
     @property
     def buffered(self) -> int:
-        """Octets held back: of an unfinished packet, or of what may become one."""
+        """Number of octets held back: of an unfinished packet, or of a possible one."""
         return len(self._held)
 
     @property
     def passed(self) -> int:
-        """Octets given up to the end of the current packet, without those in gaps."""
+        """Number of octets pushed up to the end of the current packet, without those in gaps."""
         if self.ends:
             return self.ends[0]
         return self.framed + self.skipped
@@ -184,7 +184,7 @@ class PacketFramer:
                 octets = self._held + octets
             self._held = b""
         elif not self.synced and at == 0:
-            # A segment usually begins with a packet, so that less evidence is enough here.
+            # A segment usually begins with a packet, so less evidence is sufficient here.
             self.synced = len(octets) >= HEADER and channels_fit(octets, 0, HEADER) and flags_fit(octets, 0)
         end: i64 = len(octets)
         while at < end:
@@ -216,10 +216,10 @@ class PacketFramer:
         self._held = octets[at:end]
 
     def hole(self, size: i64, cut: bool) -> bool:
-        """``size`` octets are missing here. Return True if the end of the packet with the hole is still known.
+        """``size`` octets are missing here. Return True if the end of the packet that contains the gap is still known.
 
-        If ``cut`` (the capture cut the frame), the captured part of the packet is left in ``cut_packet``; else its octets count
-        as skipped.
+        If ``cut`` (the capture cut the frame), the captured part of the packet is put into ``cut_packet``; else its octets
+        count as skipped.
         """
         held = self._held
         self._held = b""
@@ -240,7 +240,7 @@ class PacketFramer:
         return self.synced
 
     def _begun_anew(self, octets: bytes) -> bool:
-        """Return whether a segment begins with a certain packet, so that the packet held back stays unfinished."""
+        """Return whether a segment begins with a certain packet, so that the unfinished packet will never be complete."""
         end: i64 = len(octets)
         have: i64 = len(self._held)
         if judge_beginning(octets, 0, end) != YES:
@@ -250,7 +250,7 @@ class PacketFramer:
         return HEADER + octets[_LENGTH_AT] <= end
 
     def _search(self, octets: bytes, at: i64, end: i64) -> i64:
-        """Return where the next packet certainly begins, and be in step again; else the first place where one still may."""
+        """Return where the next packet certainly begins, and be in step again; else the first place where one may begin."""
         here: i64 = at
         while here < end:
             judged: i64 = judge_beginning(octets, here, end)

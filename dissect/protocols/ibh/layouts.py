@@ -1,4 +1,4 @@
-"""The headers of IBH-NetLink as layouts (docs/ibh.md). Wireshark has no dissector for them, so there are no names of it."""
+"""The headers of IBH-NetLink as layouts (docs/ibh.md). Wireshark has no dissector for them, so there are no Wireshark names."""
 
 from __future__ import annotations
 

@@ -25,7 +25,7 @@ from dissect.wire.layout import Layout
 from dissect.wire.malformed import Malformed
 
 HEADER: Final = 8
-#: Octets of MPI headers up to and including their length, which counts what follows.
+#: Size of MPI headers up to and including their length field, which counts the octets after it.
 SHORT_HEAD: Final = 5
 LONG_HEAD: Final = 7
 #: Octets between the length and the user data: function and number.
@@ -42,7 +42,7 @@ def little(octets: bytes, at: i64) -> i64:
 
 
 def mpi_head(r_flags: i64) -> i64:
-    """Return the octets of the packet's MPI header, up to and including its length; 0 if it has none."""
+    """Return the size of the packet's MPI header, up to and including its length; 0 if it has none."""
     if r_flags == MPI_REQUEST:
         return SHORT_HEAD
     return LONG_HEAD if r_flags == MPI_INDICATION else 0
@@ -51,9 +51,9 @@ def mpi_head(r_flags: i64) -> i64:
 class IbhPacket:
     """A parsed packet. ``kind`` is one of `dissect.protocols.ibh.tables`.
 
-    ``function`` and ``mpi_number`` are -1 if the packet has none; so is ``acked``, the number of the data packet that is
-    acknowledged. ``data`` is the content of a data packet, as far as captured; ``data_at`` is its offset. ``mpi`` is the layout
-    of the MPI header, None if there is none.
+    ``function`` and ``mpi_number`` are -1 if the packet has none; so is ``acked``, the number of the acknowledged data packet.
+    ``data`` is the captured content of a data packet; ``data_at`` is its offset. ``mpi`` is the layout of the MPI header, None
+    if there is none.
     """
 
     __slots__ = (
@@ -98,7 +98,7 @@ class IbhPacket:
 
     @property
     def name(self) -> str:
-        """What the packet does, for a person."""
+        """The purpose of the packet as text."""
         if self.function >= 0:
             return f"MPI {FUNCTIONS.name(self.function)}"
         if self.kind == KIND_RECEIPT:

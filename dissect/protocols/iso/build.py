@@ -1,6 +1,6 @@
 """Builds TPKTs and TPDUs (RFC 1006 section 6, X.224 section 13).
 
-What reads them is `dissect.protocols.iso.tpkt` and `dissect.protocols.iso.cotp`.
+The readers for the same structures are `dissect.protocols.iso.tpkt` and `dissect.protocols.iso.cotp`.
 """
 
 from __future__ import annotations
@@ -13,13 +13,13 @@ from dissect.protocols.iso.cotp import PREFERRED_SIZE, TPDU_SIZE
 from dissect.protocols.iso.tables import DC, DR, DT, ER
 from dissect.protocols.iso.tpkt import HEADER
 
-#: The largest TPDU of RFC 1006; it is not a power of two, as coded sizes are.
+#: The largest TPDU of RFC 1006; unlike coded sizes it is not a power of two.
 LARGEST_TPDU: Final = 65_531
 #: The largest code of the parameter TPDU size (X.224 section 13.3.4): 2 to the power of 13 is 8192 octets.
 MAX_CODED_SIZE: Final = 13
-#: Code that some stacks write for `LARGEST_TPDU`.
+#: Code that some stacks use for `LARGEST_TPDU`.
 _CODED_LARGEST: Final = 16
-#: The most octets of a TPDU header after its length indicator (X.224 section 13.2.1).
+#: Maximum number of octets of a TPDU header after its length indicator (X.224 section 13.2.1).
 MAX_HEADER: Final = 254
 _VERSION: Final = 3
 _EOT: Final = 0x80
@@ -29,12 +29,12 @@ _CONNECT: Final = 6
 
 
 def build_tpkt(tpdu: bytes) -> bytes:
-    """Return a TPDU in its TPKT. Raises struct.error for one of more than `LARGEST_TPDU` octets."""
+    """Return a TPDU in its TPKT. Raises struct.error for more than `LARGEST_TPDU` octets."""
     return struct.pack(">BBH", _VERSION, 0, HEADER + len(tpdu)) + tpdu
 
 
 def build_parameters(parameters: Iterable[tuple[int, bytes]]) -> bytes:
-    """Return the variable part: each parameter by its code, length and value."""
+    """Return the variable part: each parameter as its code, length and value."""
     return b"".join([bytes((code, len(value))) + value for code, value in parameters])
 
 
@@ -46,7 +46,7 @@ def connect_size(parameters: Iterable[tuple[int, bytes]]) -> int:
 def build_connect(
     type_: int, dst_ref: int, src_ref: int, parameters: Iterable[tuple[int, bytes]], options: int = 0
 ) -> bytes:
-    """Return a CR or CC (``type_``). Raises ValueError when it is larger than a header may be."""
+    """Return a CR or CC (``type_``). Raises ValueError if it is larger than a header may be."""
     given = list(parameters)
     size = connect_size(given)
     if size > MAX_HEADER:

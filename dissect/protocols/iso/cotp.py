@@ -17,15 +17,15 @@ CALLING_TSAP: Final = 0xC1
 CALLED_TSAP: Final = 0xC2
 PREFERRED_SIZE: Final = 0xF0
 
-#: The most octets of user data in an ED, whatever the class (RFC 1006 and X.224, reference 2.2).
+#: Maximum number of octets of user data in an ED, in all classes (RFC 1006 and X.224, reference 2.2).
 MAX_EXPEDITED: Final = 16
 
-#: The most octets of a TSDU that are held while its end is still to come.
+#: Maximum number of octets of a TSDU that are kept until its end arrives.
 MAX_TSDU: Final = 65536
 
 
 class Parameter:
-    """One parameter of the variable part; ``offset`` is where its code octet is in the TPDU."""
+    """A parameter of the variable part; ``offset`` is the position of its code octet in the TPDU."""
 
     __slots__ = ("code", "offset", "value")
 
@@ -36,7 +36,7 @@ class Parameter:
 
     @property
     def name(self) -> str:
-        """The parameter's name, or its number when it is not known."""
+        """The parameter's name, or its number if it is unknown."""
         return PARAMETERS.name(self.code)
 
 
@@ -44,9 +44,9 @@ class Tpdu:
     """A parsed TPDU.
 
     ``fields`` are the fixed part in wire order (offsets within the TPDU), ``parameters`` the variable part, ``data`` the user
-    data. ``head`` has the octets of the fixed and variable part, ``variable`` only those of the variable part, kept because RDP
-    has something else than parameters there. ``calling`` and ``called`` are the octets of the TSAPs, None where there is none.
-    ``tpdu_size`` is the size offered or chosen in octets, 0 when none is stated (RFC 1006 then means 65531).
+    data. ``head`` has the octets of the fixed and variable part, ``variable`` only those of the variable part, which are kept
+    because RDP uses them for something else than parameters. ``calling`` and ``called`` are the octets of the TSAPs, None if
+    there is none. ``tpdu_size`` is the offered or chosen size in octets, 0 if none is stated (RFC 1006 then means 65531).
     """
 
     __slots__ = (
@@ -78,18 +78,18 @@ class Tpdu:
 
     @property
     def name(self) -> str:
-        """``CR``, ``DT`` … or the number of an unknown type; ``TPDU`` when it is too short to have a type."""
+        """``CR``, ``DT`` … or the number of an unknown type; ``TPDU`` if it is too short for a type."""
         return TPDU_TYPES.name(self.type) if self.type >= 0 else "TPDU"
 
     @property
     def fields(self) -> list[FieldValue]:
-        """The fixed fields that lie whole in the TPDU, in wire order."""
+        """The complete fixed fields of the TPDU, in wire order."""
         if self._fields is None:
             self._fields = self.layout.read(self.head)
         return self._fields
 
     def field(self, name: str) -> int:
-        """Return the value of a fixed field, -1 when the TPDU has none of that name or is too short for it."""
+        """Return the value of a fixed field, -1 if the TPDU has no such field or is too short for it."""
         found = self.layout.numbers.get(name)
         if found is None:
             return -1
@@ -97,9 +97,9 @@ class Tpdu:
         return field.read(self.head, start) if start + field.size <= len(self.head) else -1
 
     def take_variable(self, variable: bytes) -> i64:
-        """Take the variable part and read the TSAPs and the TPDU size; return where the last whole parameter ends.
+        """Read the TSAPs and the TPDU size from the variable part; return where the last complete parameter ends.
 
-        As in `parameter`, the last one counts when a code comes twice.
+        As in `parameter`, the last one counts if a code occurs twice.
         """
         self.variable = variable
         power: i64 = 0
@@ -126,7 +126,7 @@ class Tpdu:
 
     @property
     def parameters(self) -> list[Parameter]:
-        """The parameters that lie whole in the variable part, in wire order."""
+        """The complete parameters of the variable part, in wire order."""
         found = self._parameters
         if found is None:
             found = []
@@ -141,7 +141,7 @@ class Tpdu:
         return found
 
     def parameter(self, code: int) -> bytes | None:
-        """Return the value of a parameter, None when it is not there; of several the last one counts (X.224 13.2.3)."""
+        """Return the value of a parameter, None if it is missing; of several the last one counts (X.224 13.2.3)."""
         found: bytes | None = None
         for parameter in self.parameters:
             if parameter.code == code:
@@ -149,7 +149,7 @@ class Tpdu:
         return found
 
     def tsap(self, code: int) -> Tsap | None:
-        """Return the calling (0xC1) or called (0xC2) TSAP, None when it is not there."""
+        """Return the calling (0xC1) or called (0xC2) TSAP, None if it is missing."""
         value: bytes | None = None
         if code == CALLING_TSAP:
             value = self.calling
@@ -159,7 +159,7 @@ class Tpdu:
 
 
 def _behind(variable: bytes, at: i64) -> i64:
-    """Return where the parameter at ``at`` of a variable part ends, 0 when no whole one is there."""
+    """Return the end of the parameter at ``at`` of a variable part, 0 if there is no complete one."""
     size: i64 = len(variable)
     if at + 2 > size:
         return 0
@@ -168,10 +168,10 @@ def _behind(variable: bytes, at: i64) -> i64:
 
 
 def _by_size(type_: int, li: int) -> Layout:
-    """Choose the layout of a type that has several forms by its length indicator (reference 2.2).
+    """Choose, by its length indicator, the layout of a type that has several forms (reference 2.2).
 
-    No parameter has only one octet. So a length of one octet more than the extended form needs means the normal form with
-    parameters: LI 8 is that of a normal form with a checksum.
+    No parameter has only one octet. So a length one octet above that of the extended form means the normal form with
+    parameters: LI 8 is a normal form with a checksum.
     """
     normal = li < 9 or li == 10
     if type_ == AK:
@@ -198,7 +198,7 @@ _UNKNOWN: Final[Layout] = layouts.UNKNOWN
 
 
 def parse_tpdu(octets: bytes) -> Tpdu:
-    """Read one TPDU, the content of a TPKT after its header. Never raises; what does not fit is in ``malformed``."""
+    """Read one TPDU, which is the content of a TPKT after its header. Never raises; faults are in ``malformed``."""
     if len(octets) < 2:
         tpdu = Tpdu(-1, _UNKNOWN)
         tpdu.malformed.append(Malformed("cotp", "too_short", "type", 0, 2, len(octets), "tpkt"))
@@ -228,7 +228,7 @@ def parse_tpdu(octets: bytes) -> Tpdu:
 
 
 def _judge_rest(tpdu: Tpdu, at: i64) -> None:
-    """Report a parameter at ``at`` that is not whole in the variable part; parameters after it cannot be found."""
+    """Report a parameter at ``at`` that is incomplete in the variable part; parameters after it cannot be found."""
     variable = tpdu.variable
     size: i64 = len(variable)
     if at == size:
@@ -245,8 +245,8 @@ def _judge_rest(tpdu: Tpdu, at: i64) -> None:
 class Assembler:
     """Joins the DTs of one direction to TSDUs.
 
-    ``parts`` is None between TSDUs. A TSDU that grows past `MAX_TSDU` is dropped up to its end and counted in ``overflows``.
-    An empty DT without EOT, the everyday acknowledgement of Siemens stacks, does not begin a TSDU (reference 2.5).
+    ``parts`` is None between TSDUs. A TSDU that grows past `MAX_TSDU` is dropped up to its end and counted in ``overflows``. An
+    empty DT without EOT, the frequent acknowledgement of Siemens stacks, does not begin a TSDU (reference 2.5).
     """
 
     __slots__ = ("_dropping", "clear", "dropped", "overflows", "parts")
@@ -255,11 +255,11 @@ class Assembler:
         self.parts: bytearray | None = None
         self.clear: bool = True  # the next DT begins a TSDU
         self.overflows: i64 = 0
-        self.dropped: i64 = 0  # how many octets of TSDUs were not passed on
+        self.dropped: i64 = 0  # number of octets of TSDUs that were not passed on
         self._dropping: bool = False
 
     def push(self, data: bytes, eot: bool) -> bytes | None:
-        """Take the user data of one DT; return the TSDU when the DT ends it, else None."""
+        """Take the user data of one DT; return the TSDU if the DT ends it, else None."""
         if self._dropping:
             self.dropped += len(data)
             self._dropping = not eot
@@ -288,7 +288,7 @@ class Assembler:
         return bytes(parts)
 
     def abandon(self) -> int:
-        """Drop an unfinished TSDU (a gap took part of it, or the stream ended); return how many octets it had."""
+        """Drop an unfinished TSDU (a gap took part of it, or the stream ended); return its size in octets."""
         size = len(self.parts) if self.parts is not None else 0
         self.dropped += size
         self.parts = None

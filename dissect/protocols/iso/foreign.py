@@ -26,9 +26,9 @@ from dissect.protocols.iso.upper import (
 from dissect.protocols.tls.handshake import record_words
 from dissect.wire.text import shortened
 
-#: How many characters of a text are shown.
+#: Maximum number of characters of a text that are shown.
 MAX_TEXT: Final = 200
-#: How many of the first octets of an unknown message are shown.
+#: This many of the first octets of an unknown message are shown.
 _FIRST: Final = 8
 
 #: ISO session SPDUs (X.225) by their first octet.
@@ -55,7 +55,7 @@ _COOKIE: Final = b"Cookie: "
 
 
 def identify(upper: i64, octets: bytes, start: i64, end: i64) -> str:
-    """Return what identifies the TSDU ``octets[start:end]`` of protocol ``upper``; empty for nothing."""
+    """Return what identifies the TSDU ``octets[start:end]`` of protocol ``upper``; empty if nothing does."""
     tsdu = octets[start:end]
     if upper == TLS:
         return record_words(tsdu)
@@ -69,7 +69,7 @@ def identify(upper: i64, octets: bytes, start: i64, end: i64) -> str:
 
 
 def identify_connect(variable: bytes) -> str:
-    """Return what the variable part of an RDP CR or CC says: its cookie, and the security that it requests or chooses."""
+    """Return the content of the variable part of an RDP CR or CC: its cookie, and the requested or chosen security."""
     said: list[str] = []
     at: i64 = 0
     if variable.startswith(_COOKIE):
@@ -102,7 +102,7 @@ def _text(octets: bytes) -> str:
 
 
 def _mms(octets: bytes) -> str:
-    """Return the name of the SPDU; for a CONNECT also application context and AP titles, in which MMS and ICCP differ."""
+    """Return the name of the SPDU; for a CONNECT also application context and AP titles, which differ between MMS and ICCP."""
     if octets[0] == 1:
         return "DATA TRANSFER"
     if octets[0] in _PDUS:
@@ -113,7 +113,7 @@ def _mms(octets: bytes) -> str:
 
 
 def _association(octets: bytes) -> str:
-    """Return application context and AP titles of the AARQ in a CONNECT, empty when there is no AARQ."""
+    """Return application context and AP titles of the AARQ in a CONNECT, empty if there is no AARQ."""
     at: i64 = octets.find(bytes((_AARQ,)))
     while at >= 0:
         body = _value(octets, at)
@@ -145,7 +145,7 @@ def _titles(body: bytes) -> str:
 
 
 def _size(octets: bytes, at: i64) -> i64:
-    """Return how many octets the BER element at ``at`` takes, tag and length included."""
+    """Return the size of the BER element at ``at``, tag and length included."""
     first: i64 = octets[at + 1]
     if first < 0x80:
         return 2 + first

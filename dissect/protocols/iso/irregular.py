@@ -1,8 +1,8 @@
-"""DTs in irregular headers (reference 2.2): whether they contain a whole PDU, and where it begins.
+"""DTs with irregular headers (reference 2.2): whether they contain a whole PDU, and where it begins.
 
-There are two kinds. The length indicator (LI) may leave room for the header of a class 0 DT, but count more octets: a DT like
-that is read. Or it leaves no room (0, 1, the reserved 255), or reaches beyond the TPKT. Its content is *behind a malformed
-header*: a receiver that reads the header has to drop it.
+There are two kinds. Case one: the length indicator (LI) leaves room for the header of a class 0 DT, but counts more octets;
+such a DT is read. Case two: it leaves no room (0, 1, the reserved 255), or reaches beyond the TPKT. Then the content is *behind
+a malformed header*: a receiver that reads the header must drop it.
 """
 
 from __future__ import annotations
@@ -19,33 +19,33 @@ from dissect.protocols.iso.upper import S7COMM, S7COMM_PLUS, classify, is_sound,
 DT_HEADER: Final = 3
 DT_LI: Final = 2
 _RESERVED_LI: Final = 255
-#: The kinds of S7comm PDUs that are known (reference 3.1): Job, Ack, Ack_Data, Userdata.
+#: The known types of S7comm PDUs (reference 3.1): Job, Ack, Ack_Data, Userdata.
 _ROSCTRS: Final = frozenset((1, 2, 3, 7))
 
 
 def holds_data(tpdu: bytes) -> bool:
-    """Return whether the length indicator of a TPDU lies within it and leaves room for the header of a class 0 DT."""
+    """Return whether the length indicator of a TPDU ends within it and leaves room for the header of a class 0 DT."""
     li: i64 = tpdu[0]
     return DT_LI <= li < _RESERVED_LI and li < len(tpdu)
 
 
 def is_class_0(class_: i64, octets: bytes) -> bool:
-    """Return whether a DT is of class 0: the confirm chose ``class_``; if it was not captured (-1), the content decides."""
+    """Return whether a DT has class 0: the confirm chose ``class_``; if that was not captured (-1), the content decides."""
     if class_ >= 0:
         return class_ == 0
     return len(octets) > DT_HEADER and octets[2] >= 0x80 and is_sound(octets, DT_HEADER, len(octets))
 
 
 def is_odd(tpdu: Tpdu, octets: bytes, class_: i64) -> bool:
-    """Return whether a DT contradicts itself, or has another length indicator than class 0."""
+    """Return whether a DT contradicts itself, or has a length indicator other than that of class 0."""
     return tpdu.type == DT and (len(tpdu.malformed) > 0 or (octets[0] != DT_LI and is_class_0(class_, octets)))
 
 
 def odd_place(tpdu: Tpdu, octets: bytes, class_: i64) -> i64:
-    """Return where a whole PDU begins in a TPDU with an irregular header; -1 for none, and for a TPDU that is regular.
+    """Return where a whole PDU begins in a TPDU with an irregular header; -1 for none, and for a regular TPDU.
 
-    It is searched first at the position of class 0, then at that of the length indicator. After a malformed header the type and
-    the end mark (EOT) mean nothing, and octets may follow the PDU.
+    The position of class 0 is tried first, then the position given by the length indicator. After a malformed header the type
+    and the end mark (EOT) are meaningless, and octets may follow the PDU.
     """
     size: i64 = len(octets)
     if not holds_data(octets):
@@ -62,7 +62,7 @@ def odd_place(tpdu: Tpdu, octets: bytes, class_: i64) -> i64:
 
 
 def _begins(octets: bytes, at: i64, end: i64) -> bool:
-    """Return whether an S7comm PDU or S7comm-plus frame begins at ``at`` that is whole, whatever follows it before ``end``."""
+    """Return whether a complete S7comm PDU or S7comm-plus frame begins at ``at``, whatever follows it before ``end``."""
     if is_sound(octets, at, end):
         return True
     upper: i64 = classify(octets, at, end)

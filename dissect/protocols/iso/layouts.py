@@ -40,7 +40,7 @@ _NEXT_EXTENDED: Final = Field("next_nr", 4, "Number of the next TPDU expected.",
 _CREDIT_EXTENDED: Final = Field("credit_extended", 2, "Credit of 16 bits.", "cotp.credit")
 
 _HEAD: Final = [_LI, _TYPE, _CREDIT]
-#: The beginning of AK and RJ in their normal form, where the credit has a meaning.
+#: The beginning of AK and RJ in their normal form, in which the credit has a meaning.
 _FLOW_HEAD: Final = [_LI, _TYPE, Field("credit", 1, "TPDUs the receiver takes.", "cotp.credit", None, (0x0F, 0), True)]
 _X224: Final = "X.224 section 13"
 

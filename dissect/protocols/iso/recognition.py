@@ -10,23 +10,23 @@ from dissect.protocols.iso.tables import CR
 from dissect.protocols.iso.tpkt import YES, judge_beginning, plausible
 from dissect.protocols.iso.upper import TLS, UNKNOWN, classify
 
-# What `recognise` returns.
+# The results of `recognise`.
 UNDECIDED: Final = 0  # examine more
 HERE: Final = 1  # a TPKT begins with the octets
-WITHIN: Final = 2  # a TPKT begins somewhere in them
+WITHIN: Final = 2  # a TPKT begins somewhere inside
 OTHER: Final = 3  # another protocol
 
-#: How many segments with octets are examined before a connection counts as a different protocol.
+#: This many segments with data are examined before a connection counts as a different protocol.
 PROBES: Final = 8
-#: The same for a connection on port 102, which ought to be ISO-on-TCP.
+#: The same for a connection on port 102, where ISO-on-TCP is expected.
 _PROBES_102: Final = 64
 
 
 def recognise(octets: bytes, at_start: bool, on_102: bool, probed: i64) -> i64:
     """Return whether ``octets`` are ISO-on-TCP: `UNDECIDED`, `HERE`, `WITHIN` or `OTHER`.
 
-    ``at_start``: they are the first ones that their side sent. ``probed`` segments of the connection were examined before. Only
-    on port 102 are TPKTs found that begin after the first octet.
+    ``at_start``: they are the first octets that their side sent. ``probed`` segments of the connection were examined before.
+    TPKTs that begin after the first octet are found only on port 102.
     """
     if plausible(octets, 0, len(octets)) or (at_start and _may_begin_tpkt(octets)):
         return HERE
@@ -37,12 +37,12 @@ def recognise(octets: bytes, at_start: bool, on_102: bool, probed: i64) -> i64:
 
 
 def is_connect_request(octets: bytes) -> bool:
-    """Return whether ``octets`` begin with a TPKT that holds a CR."""
+    """Return whether ``octets`` begin with a TPKT that contains a CR."""
     return len(octets) > 6 and octets[5] >> 4 == CR and plausible(octets, 0, len(octets))
 
 
 def raw_protocol(octets: bytes) -> i64:
-    """Return the protocol of octets outside of TPKTs, as a number of `iso.upper`: TLS or UNKNOWN."""
+    """Return the protocol of octets outside TPKTs, as a number of `iso.upper`: TLS or UNKNOWN."""
     return TLS if classify(octets, 0, len(octets)) == TLS else UNKNOWN
 
 

@@ -1,17 +1,17 @@
 """TPKT framing of one direction (RFC 1006 section 6, reference section 1): turns octets in order into whole TPKTs.
 
-`dissect.engine.iso` takes TPKTs that lie whole in one segment itself; `Framer` handles everything else: TPKTs in several
+`dissect.engine.iso` itself takes TPKTs that are complete in one segment; `Framer` handles everything else: TPKTs in several
 segments, gaps and garbage. Its state between segments:
 
-* ``pending``: the first octets of a TPKT whose rest is still to come;
-* ``skip``: how many octets of a TPKT that a gap damaged are still to be skipped. After a gap of known size that ends inside a
-  TPKT the framer knows where the next one begins, and stays in step;
-* ``synced`` false: out of step; the next TPKT has to be searched for. A possible beginning is kept until it is certain. So
-  where a TPKT never lies whole in a segment, no more is lost than what the gap took.
+* ``pending``: the first octets of a TPKT whose rest has not arrived yet;
+* ``skip``: the number of octets of a TPKT damaged by a gap that are still to be skipped. After a gap of known size that ends
+  inside a TPKT, the framer knows where the next one begins, and stays in step;
+* ``synced`` false: out of step; the framer has to search for the next TPKT. A possible beginning is kept until it is certain.
+  So even if no TPKT is complete in one segment, only the octets in the gap are lost.
 
-A length field may be wrong, and cover other TPKTs. A TPKT is *sound* if it has a class 0 DT with a PDU whose own lengths fill
-it exactly. Where a sound TPKT begins inside one whose length does not agree with its content, that one ends there. Where both
-readings agree with all lengths, both TPKTs are reported.
+A length field may be wrong, so that it covers other TPKTs. A TPKT is *sound* if it contains a class 0 DT with a PDU whose own
+lengths fill it exactly. If a sound TPKT begins inside one whose length does not match its content, the outer one ends there.
+Where both readings agree with all lengths, both TPKTs are reported.
 """
 
 from __future__ import annotations
@@ -25,23 +25,23 @@ from dissect.wire.octets import u16
 
 VERSION: Final = 3
 HEADER: Final = 4
-#: Smallest packet with a TPDU in it: an empty DT.
+#: Size of the smallest packet with a TPDU: an empty DT.
 MIN_LENGTH: Final = 7
 MAX_LENGTH: Final = 65535
-#: The largest TPKT that a search finds when it begins inside a segment and ends in a later one.
+#: The size of the largest TPKT that a search finds if it begins inside a segment and ends in a later one.
 MAX_SOUGHT: Final = 4096
-#: How many places where such a TPKT may begin are kept; of more, the latest.
+#: Maximum number of places that are kept where such a TPKT may begin; the latest are kept.
 _MAX_CANDIDATES: Final = 32
 
-#: How a class 0 DT that ends its TSDU begins.
+#: A class 0 DT that ends its TSDU begins with this.
 _DT_EOT: Final = b"\x02\xf0\x80"
-#: The first octets of a TPKT, header included, that show whether its length agrees with the PDU in it.
+#: Number of octets at the start of a TPKT, header included, that show whether its length matches the PDU in it.
 _TELLING: Final = 19
 
 _TPDU_CODES: Final = frozenset((0x1, 0x2, 0x5, 0x6, 0x7, 0x8, 0xC, 0xD, 0xE, 0xF))
 _DT: Final = 0xF0
 
-# What `judge_beginning` returns.
+# The results of `judge_beginning`.
 NO: Final = 0
 YES: Final = 1
 UNDECIDED: Final = 2
@@ -54,9 +54,9 @@ HIDING: Final = "hiding"
 
 
 def plausible(octets: bytes, at: i64, end: i64) -> bool:
-    """Return whether a TPKT with a COTP TPDU may begin at ``at``, by its first six octets.
+    """Return whether a TPKT with a COTP TPDU may begin at ``at``, judged by its first six octets.
 
-    The first four must be there: version, a zero reserved octet and a legal length. The other two are checked if they are.
+    The first four must be present: version, a zero reserved octet and a legal length. The other two are checked if present.
     """
     if end - at < HEADER or octets[at] != VERSION or octets[at + 1] != 0:
         return False
@@ -72,10 +72,10 @@ def plausible(octets: bytes, at: i64, end: i64) -> bool:
 
 
 def judge_beginning(octets: bytes, at: i64, end: i64) -> i64:
-    """Return whether a TPKT begins at ``at``: `YES`, `NO` or `UNDECIDED`, when its end is still to come (reference 1.3).
+    """Return whether a TPKT begins at ``at``: `YES`, `NO` or, if its end is not there yet, `UNDECIDED` (reference 1.3).
 
-    This is stricter than `plausible`, for places inside a segment: a DT must be empty or carry a known protocol, and the TPKT
-    must be followed by another plausible one or by the end of the octets. ``octets[at]`` must be there.
+    This is stricter than `plausible`, for places inside a segment: a DT must be empty or carry a known protocol, and after the
+    TPKT there must be another plausible one or the end of the octets. ``octets[at]`` must be present.
     """
     if end - at < HEADER:
         return UNDECIDED if _may_follow(octets, at, end) else NO
@@ -97,7 +97,7 @@ def judge_beginning(octets: bytes, at: i64, end: i64) -> i64:
 
 
 def sound_length(octets: bytes, at: i64, end: i64) -> i64:
-    """Return the length of the sound TPKT that begins at ``at`` and lies whole before ``end``, 0 when there is none."""
+    """Return the length of the sound TPKT that begins at ``at`` and ends before ``end``, 0 if there is none."""
     if end - at < MIN_LENGTH + HEADER or octets[at] != VERSION or octets[at + 1] != 0:
         return 0
     length: i64 = u16(octets, at + 2)
@@ -109,7 +109,7 @@ def sound_length(octets: bytes, at: i64, end: i64) -> i64:
 
 
 def find_sound(octets: bytes, at: i64, stop: i64, end: i64) -> i64:
-    """Return where the first sound TPKT in ``octets[at:end]`` begins that begins before ``stop``; -1 for none."""
+    """Return the place of the first sound TPKT in ``octets[at:end]`` that begins before ``stop``; -1 for none."""
     here: i64 = octets.find(_DT_EOT, at + HEADER)
     while 0 <= here < stop + HEADER:
         if sound_length(octets, here - HEADER, end):
@@ -119,9 +119,9 @@ def find_sound(octets: bytes, at: i64, stop: i64, end: i64) -> i64:
 
 
 def agrees(head: bytes, length: i64) -> bool:
-    """Return whether the length of a TPKT agrees with the size of its content that its first octets (``head``) state.
+    """Return whether the length of a TPKT matches the content size stated in its first octets (``head``).
 
-    ``head`` includes the header. True as well while ``head`` is too short to tell.
+    ``head`` includes the header. Also True while ``head`` is too short for a decision.
     """
     size: i64 = len(head)
     if size < HEADER + 2:
@@ -145,7 +145,7 @@ def _may_follow(octets: bytes, at: i64, end: i64) -> bool:
 
 
 def _first_open(octets: bytes) -> i64:
-    """Return the first place in ``octets`` where a sound TPKT may begin whose end is still to come; their end for none."""
+    """Return the first place in ``octets`` where a sound, still unfinished TPKT may begin; the end of the octets for none."""
     end: i64 = len(octets)
     here: i64 = octets.find(_DT_EOT, HEADER)
     while here >= 0:
@@ -164,7 +164,7 @@ def _first_open(octets: bytes) -> i64:
 class Fault:
     """A wrong TPKT header: ``kind`` is `BAD_VERSION`, `BAD_LENGTH` or `HIDING`, ``value`` the value of the wrong field.
 
-    ``framed`` and ``skipped`` are what the framer had counted before it.
+    ``framed`` and ``skipped`` are the framer's counts before it.
     """
 
     __slots__ = ("framed", "kind", "skipped", "value")
@@ -176,7 +176,7 @@ class Fault:
         self.skipped: i64 = skipped
 
 
-#: Empty lists that all framers share while they have nothing of a kind; never append to them.
+#: Empty lists that all framers share while they need none of their own; never append to them.
 _NO_PLACES: Final[list[int]] = []
 _NO_PACKETS: Final[list[bytes]] = []
 _NO_FAULTS: Final[list[Fault]] = []
@@ -188,9 +188,9 @@ _FEW: Final = 64
 class Framer:
     """Finds TPKTs in the octets of one direction. ``packets`` collects whole ones (header included), in order.
 
-    Every octet that was pushed is counted: in ``framed`` (in whole TPKTs and in TPKTs reported as cut), ``skipped`` or
-    ``buffered``. ``ends`` has for each of ``packets`` how many octets had been pushed up to its end; the caller deletes one
-    entry with each packet that it takes.
+    Every pushed octet is counted: in ``framed`` (in whole TPKTs and in TPKTs reported as cut), ``skipped`` or ``buffered``.
+    ``ends`` has, for each of ``packets``, the number of octets pushed up to its end; the caller deletes one entry with each
+    packet that it takes.
     """
 
     __slots__ = (
@@ -214,11 +214,11 @@ class Framer:
     def __init__(self) -> None:
         self.ends: list[int] = _NO_PLACES
         self.pending: bytearray | None = None
-        self._need: i64 = 0  # size of the pending TPKT, 0 while its header is not complete
+        self._need: i64 = 0  # size of the pending TPKT, 0 while its header is incomplete
         self._searched: i64 = 0  # number of octets of the pending TPKT in which no sound one begins
-        self._sought: bytes = b""  # while searching: the octets from the first possible beginning of a TPKT on
+        self._sought: bytes = b""  # during a search: the octets from the first possible beginning of a TPKT on
         self._candidates: list[int] = _NO_PLACES  # the places in `_sought` where a TPKT may begin
-        # The end of the last TPKT, from where another may begin, if its length did not agree with its content.
+        # The last octets of a TPKT whose length did not match its content; another TPKT may begin in them.
         self._tail: bytes = b""
         self.skip: i64 = 0
         self._brief: bool = False  # `skip` counts octets of a TPKT too short for a TPDU; another may begin in them
@@ -231,12 +231,12 @@ class Framer:
 
     @property
     def buffered(self) -> int:
-        """How many octets are held back: those of an unfinished TPKT, or of what may become one."""
+        """Number of octets held back: of an unfinished TPKT, or of a possible one."""
         return len(self.pending) if self.pending is not None else len(self._sought)
 
     @property
     def passed(self) -> int:
-        """How many octets had been pushed up to the end of the TPKT being reported; gaps do not count."""
+        """Number of octets pushed up to the end of the current TPKT; gaps do not count."""
         if self.ends:
             return self.ends[0]
         return self.framed + self.skipped
@@ -270,7 +270,7 @@ class Framer:
                     fresh = 0
                     end = len(octets)
             elif self.synced and self._tail and octets[at] != VERSION:
-                # No TPKT begins here, and the length of the one before did not agree with its content: it was too large.
+                # No TPKT begins here, and the length of the previous one did not match its content: it was too large.
                 self.framed -= len(self._tail)
                 self._tell(BAD_VERSION, octets[at])
                 self.synced = False
@@ -285,7 +285,7 @@ class Framer:
                 at = self._begin(octets, at, end)
 
     def hole(self, size: i64, cut: bool) -> bool:
-        """``size`` octets are missing here. Return True when the gap is inside a TPKT whose end is still known.
+        """``size`` octets are missing here. Return True if the gap is inside a TPKT whose end is still known.
 
         With ``cut`` (the capture cut the frame), the captured octets of that TPKT are left in ``cut_packet``; otherwise they
         count as skipped.
@@ -316,7 +316,7 @@ class Framer:
         return self.synced
 
     def _pass_hole(self, left: i64, size: i64) -> None:
-        """Take a gap of ``size`` octets where ``left`` octets of a TPKT were still to come."""
+        """Take a gap of ``size`` octets when ``left`` octets of a TPKT were still to come."""
         self._brief = False
         self._tail = b""
         if size <= left:
@@ -327,7 +327,7 @@ class Framer:
             self.synced = False
 
     def _begin(self, octets: bytes, at: i64, end: i64) -> i64:
-        """In step, at the first octet of a TPKT: take it whole, keep its beginning, or note a fault; return the next place."""
+        """In step, at the beginning of a TPKT: take it whole, keep its beginning, or note a fault; return the next place."""
         if octets[at] != VERSION:
             self._tell(BAD_VERSION, octets[at])
             self.synced = False
@@ -360,7 +360,7 @@ class Framer:
         self.faults.append(Fault(kind, value, self.framed, self.skipped))
 
     def _whole(self, packet: bytes, given: int) -> None:
-        """A TPKT is whole; ``given`` octets had been pushed up to its end."""
+        """Take a complete TPKT; ``given`` octets had been pushed up to its end."""
         if not self.packets:
             self.packets = []
         self.packets.append(packet)
@@ -369,10 +369,10 @@ class Framer:
         self.ends.append(given)
 
     def alone(self, octets: bytes, at: i64, end: i64) -> i64:
-        """Take ``octets[at:end]`` if they plainly are one TPKT with a TPDU other than DT; return its length, else 0.
+        """Take ``octets[at:end]`` if they are clearly one TPKT with a TPDU other than DT; return its length, else 0.
 
-        Most connections begin with such TPKTs. Call this only in step, with nothing held. `push` would find the same TPKT, with
-        more work.
+        Most connections begin with such TPKTs. Call this only in step, with nothing held back. `push` would find the same TPKT,
+        but with more work.
         """
         length: i64 = end - at
         if length < MIN_LENGTH or length > _FEW or u16(octets, at + 2) != length or not plausible(octets, at, end):
@@ -385,9 +385,9 @@ class Framer:
         return length
 
     def joined(self, octets: bytes, at: i64, end: i64) -> bytes:
-        """Return the pending TPKT, made whole by ``octets[at:end]``, which follow it; empty where they do not end it.
+        """Return the pending TPKT, completed by ``octets[at:end]``, which follow it; empty if they do not complete it.
 
-        Empty as well where another TPKT might begin in its place. The caller looks at what it is, and at its length.
+        The result is also empty if another TPKT may begin in place of it. The caller checks its type and its length.
         """
         pending = self.pending
         if pending is None or at == end or octets[at] == VERSION:
@@ -399,11 +399,11 @@ class Framer:
                 return b""
             need = u16(bytes(pending) + octets[at : at + HEADER - have], 2)
         if need <= have or need - have > end - at:
-            return b""  # before a copy is made of what may have come in any number of segments
+            return b""  # before copying octets that may have come in many segments
         return bytes(pending) + octets[at : at + need - have]
 
     def end_pending(self) -> None:
-        """The pending TPKT was taken as `joined` returned it: it agrees with its length."""
+        """The pending TPKT was taken as `joined` returned it: it matches its length."""
         self.pending = None
         self._tail = b""
 
@@ -415,7 +415,7 @@ class Framer:
             self._tail = packet[max(1, _first_open(packet)) :]
 
     def _end_early(self, octets: bytes, length: i64) -> None:
-        """A TPKT whose length field is ``length`` covers a sound one: its content is only ``octets``, those before that."""
+        """A TPKT with length field ``length`` covers a sound one: its content is only ``octets``, up to the sound one."""
         self._tell(HIDING, length)
         if len(octets) < MIN_LENGTH:
             self.skipped += len(octets)
@@ -423,7 +423,7 @@ class Framer:
             self._add(octets)
 
     def _pass(self, octets: bytes, at: i64, end: i64) -> i64:
-        """Skip the rest of a damaged TPKT, but end at a sound one: the length of the damaged one was wrong then."""
+        """Skip the rest of a damaged TPKT, but stop at a sound one: then the length of the damaged one was wrong."""
         if self._brief and octets[at] == VERSION:
             self.skip = 0
             return at
@@ -440,9 +440,9 @@ class Framer:
     def _seek(self, octets: bytes, at: i64, end: i64, segment_start: bool) -> i64:
         """Return how many octets of the pending TPKT and ``octets[at:]`` come before a sound TPKT that ends it, -1 for none.
 
-        If the pending TPKT agrees with its length, only a sound one at the beginning of a segment can end it: there a sender
-        begins again that gave the pending one up. It does so if no TPKT can follow where the pending one would end. Otherwise
-        either reading is possible, and the TPKTs inside are reported as well.
+        If the pending TPKT matches its length, only a sound one at the beginning of a segment can end it: there the sender has
+        aborted the pending one and begins again. That is so if no TPKT can follow at the end of the pending one. Otherwise both
+        interpretations are possible, and the inner TPKTs are reported as well.
         """
         pending = self.pending
         assert pending is not None
@@ -468,7 +468,7 @@ class Framer:
         return -1
 
     def _tell_inside(self, octets: bytes, at: i64, end: i64) -> None:
-        """Report the sound TPKTs at ``at``, besides the pending one whose content they may be."""
+        """Report the sound TPKTs at ``at``, in addition to the pending one, whose content they may be."""
         pending = self.pending
         assert pending is not None
         self._tell(HIDING, self._need)
@@ -480,7 +480,7 @@ class Framer:
             length = sound_length(octets, at, end)
 
     def _part(self, size: i64) -> bytes:
-        """End the pending TPKT after ``size`` octets; return its octets after these."""
+        """End the pending TPKT after ``size`` octets; return its other octets."""
         pending = self.pending
         assert pending is not None
         octets = bytes(pending)
@@ -526,7 +526,7 @@ class Framer:
                     self._sought = header[1:]
                 return at
             self._need = length
-            return at  # `push` then calls `_seek` for what follows, as if it came in another segment
+            return at  # `push` then calls `_seek` for the rest, as if it came in another segment
         take = min(self._need - have, end - at)
         pending += octets[at : at + take]
         if have + take == self._need:
@@ -535,9 +535,9 @@ class Framer:
         return at + take
 
     def _search(self, octets: bytes, at: i64, fresh: i64, end: i64, segment_start: bool) -> i64:
-        """Out of step: look for the next TPKT in ``octets[at:end]``; return the next place.
+        """Out of step: search for the next TPKT in ``octets[at:end]``; return the next place.
 
-        Octets before ``fresh`` were examined before. If a segment begins at ``fresh``, that place is tried first, because most
+        Octets before ``fresh`` were examined before. If a segment begins at ``fresh``, this place is tried first, because most
         segments begin with a TPKT.
         """
         found: i64 = -1
@@ -567,7 +567,7 @@ class Framer:
         return end
 
     def _settle(self, octets: bytes, end: i64, undecided: list[int]) -> i64:
-        """Return the first candidate that is certain now, -1 for none; append those that are still open to ``undecided``."""
+        """Return the first candidate that is certain now, -1 for none; append the undecided ones to ``undecided``."""
         for place in self._candidates:
             judged: i64 = judge_beginning(octets, place, end)
             if judged == YES:

@@ -9,10 +9,10 @@ from mypy_extensions import i64
 from dissect.protocols.iso.tables import CONNECTION_TYPES
 from dissect.wire.copies import leaves
 
-#: Protocols (`Connection.protocol`) whose TSAPs have connection types, racks and slots; empty: not known yet.
+#: Protocols (`Connection.protocol`) whose TSAPs have connection types, racks and slots; empty means unknown.
 SIEMENS: Final = frozenset(("", "s7comm", "s7comm_plus"))
 
-#: How the text of a TSAP begins that the runtime of a panel listens on: "WINCCRT-SCS-ES", with which TIA Portal loads it.
+#: Beginning of the text of a TSAP of a panel's runtime: "WINCCRT-SCS-ES", which TIA Portal uses to load it.
 _PANEL: Final = "WINCCRT-"
 
 
@@ -46,11 +46,11 @@ class Tsap:
 
     @property
     def of_panel(self) -> bool:
-        """Whether it is one that only the runtime of a panel listens on."""
+        """Whether only the runtime of a panel uses this TSAP."""
         return _is_text(self.octets) and str(self).upper().startswith(_PANEL)
 
     def describe(self, called: bool = True) -> str:
-        """Return the TSAP as text, for example ``01.02 (PG, rack 0 slot 2)``; for a calling one without rack and slot."""
+        """Return the TSAP as text, for example ``01.02 (PG, rack 0 slot 2)``; a calling one without rack and slot."""
         if self.connection_type < 0:
             return f'"{self}"' if _is_text(self.octets) else str(self)
         if self.connection_type in CONNECTION_TYPES:

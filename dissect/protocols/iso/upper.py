@@ -15,9 +15,9 @@ TLS: Final = 3
 RDP: Final = 4
 UNKNOWN: Final = 5
 EMPTY: Final = 6
-SCD: Final = 7  # only by a binding: the octets do not show it
+SCD: Final = 7  # found only by a binding, because the octets do not show it
 
-#: Names as reports use them, by the numbers above.
+#: Names for reports, by the numbers above.
 UPPER_NAMES: Final[list[str]] = ["s7comm", "s7comm_plus", "mms", "tls", "rdp", "unknown", "empty", "scd"]
 
 #: ISO session SPDUs (X.225): connect, accept, refuse, finish, disconnect, abort.
@@ -69,7 +69,7 @@ def classify(octets: bytes, start: i64, end: i64) -> i64:
 
 
 def _element(octets: bytes, at: i64, end: i64) -> i64:
-    """Return where the BER element at ``at`` ends, -1 when there is no element of definite length before ``end``."""
+    """Return the end of the BER element at ``at``, -1 if there is no element of definite length before ``end``."""
     if at >= end:
         return -1
     tag: i64 = octets[at]
@@ -94,13 +94,16 @@ def _element(octets: bytes, at: i64, end: i64) -> i64:
 
 
 def _content(octets: bytes, at: i64) -> i64:
-    """Return where the content of the element at ``at`` begins. Its tag must be one octet, and `_element` have accepted it."""
+    """Return where the content of the element at ``at`` begins.
+
+    Its tag must be one octet, and `_element` must have accepted it.
+    """
     size: i64 = octets[at + 1]
     return at + 2 + (size & 0x7F if size & 0x80 else 0)
 
 
 def _tags(octets: bytes, at: i64, end: i64) -> list[int]:
-    """Return the first octet of each element in ``octets[at:end]``; empty when they do not fill it, or are too many."""
+    """Return the first octet of each element in ``octets[at:end]``; empty if they do not fill it, or are too many."""
     found: list[int] = []
     while at < end:
         after: i64 = _element(octets, at, end)
@@ -112,7 +115,7 @@ def _tags(octets: bytes, at: i64, end: i64) -> list[int]:
 
 
 def _is_mms_pdu(octets: bytes, start: i64, end: i64) -> bool:
-    """Return whether ``octets[start:end]`` is one MMS PDU: its lengths fit exactly, and it has the elements that it must."""
+    """Return whether ``octets[start:end]`` is one MMS PDU: its lengths fit exactly, and it has all mandatory elements."""
     if _element(octets, start, end) != end:
         return False
     first: i64 = octets[start]
@@ -134,9 +137,9 @@ def _is_mms_pdu(octets: bytes, start: i64, end: i64) -> bool:
 
 
 def stated_size(octets: bytes, start: i64, end: i64) -> i64:
-    """Return the size that the S7comm PDU or S7comm-plus frame at ``start`` states, 0 when its header is not there.
+    """Return the size that the S7comm PDU or S7comm-plus frame at ``start`` states, 0 if its header is incomplete.
 
-    For S7comm-plus that is without the trailer, which only the last frame of a PDU has.
+    For S7comm-plus this is the size without the trailer, which only the last frame of a PDU has.
     """
     size: i64 = end - start
     if size < 4:
@@ -165,7 +168,7 @@ def is_sound(octets: bytes, start: i64, end: i64) -> bool:
 
 
 def is_rdp_connect(variable: bytes) -> bool:
-    """Return whether the variable part of a CR or CC is RDP's: a cookie text or a negotiation structure, no parameters."""
-    if variable.startswith(b"Cookie: ") or variable == b"\r\n":  # a text without its end, or its end alone
+    """Return whether the variable part of a CR or CC is RDP: a cookie text or a negotiation structure, no parameters."""
+    if variable.startswith(b"Cookie: ") or variable == b"\r\n":  # a text without its end, or only its end
         return True
     return len(variable) >= 8 and variable[0] in (1, 2, 3) and variable[2] == 8 and variable[3] == 0

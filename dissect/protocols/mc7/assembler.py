@@ -1,8 +1,7 @@
 """Assembles STL: turns the lines of a listing into the bytes of MC7 code.
 
 A line is ``label: NAME operand``. After a call of an FC or SFC the addresses of its parameters follow in brackets; empty
-brackets if it has none. If the bytes are not those that the assembler would choose, they follow as well: ``L W#16#1
-{30000001}``.
+brackets if it has none. If the assembler would choose other bytes, the actual ones follow as well: ``L W#16#1 {30000001}``.
 """
 
 from __future__ import annotations
@@ -40,7 +39,7 @@ class AssemblyError(ValueError):
 
 
 class Encoded(NamedTuple):
-    """An instruction: its bytes, and for a jump the label of its target and the form of the jump."""
+    """An encoded instruction: its bytes, and for a jump the label of its target and the form of the jump."""
 
     octets: bytes
     label: str
@@ -48,7 +47,7 @@ class Encoded(NamedTuple):
 
 
 class Assembled(NamedTuple):
-    """Assembled code, with the offsets that the tables of a block contain: beginnings of networks, and all jumps."""
+    """Assembled code, and the offsets for the tables of a block: beginnings of networks, and all jumps."""
 
     code: bytes
     networks: list[int]
@@ -87,7 +86,7 @@ def encode_line(text: str, line: int = 0, german: bool = False, names: Names = N
 
 @lru_cache(maxsize=8192)
 def _encoded(name: str, operand: str, german: bool, names: Names) -> bytes | None:
-    """Return an instruction without list and label, in the first form that can hold it; None if there is none."""
+    """Return an instruction without list and label, in the first form that can encode it; None if there is none."""
     rows = _BY_NAME[name]
     for meaning in parse_operand(operand, german, names):
         for row in rows:
@@ -105,7 +104,7 @@ def _uncommented(text: str) -> str:
 
 
 def _encode(row: Row, operand: Operand) -> bytes | None:
-    """Return an instruction of a row; None if the row cannot hold the operand."""
+    """Return an instruction of a row; None if the row cannot encode the operand."""
     if operand.number < 0 and operand.kind not in {JUMP, JUMP_LIST}:
         return None
     encoded = row.shape.encode(operand, row.firsts)
@@ -191,7 +190,7 @@ def _distance(at: int, label: str, labels: dict[str, int], row: Row, line: int) 
 def instruction_text(
     instruction: Instruction, labels: dict[int, str], german: bool = False, names: Names = NO_NAMES
 ) -> str:
-    """Return an instruction as one line without its own label, which `encode_line` can read."""
+    """Return an instruction as one line without its own label, in the form that `encode_line` reads."""
     operand = instruction.operand
     text = labels.get(instruction.target, "") if operand.kind in {JUMP, JUMP_LIST} else ""
     text = text or operand_text(operand, german, names)

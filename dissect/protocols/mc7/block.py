@@ -1,7 +1,7 @@
-"""A block of S7-300 or S7-400 as it is transferred or stored: header, code, interface, tables, footer.
+"""A block of S7-300 or S7-400 in its transferred or stored form: header, code, interface, tables, footer.
 
-`parse_block` never raises: a fault becomes a `Fact`, and everything that could be read is kept. Source: reference sheet mc7.md,
-sections 2 to 4.
+`parse_block` never raises: a fault becomes a `Fact`, and everything readable is kept. Source: reference sheet mc7.md, sections
+2 to 4.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ MARK: Final = b"pp"
 #: The language of encrypted code.
 ENCRYPTED: Final = 0x29
 SCL: Final = 4
-#: Bytes of the final BE, which is outside the networks.
+#: Bytes of the final BE, which belongs to no network.
 BE_SIZE: Final = 2
 #: A table cannot have more entries than the additional information has words.
 _MOST: Final = 0x8000
@@ -57,9 +57,9 @@ FACTS: Final[dict[str, str]] = {
 
 
 class Tables(NamedTuple):
-    """The additional information: bytes of each network, offsets of jumps; ``rest`` are octets left by the compiler.
+    """The additional information: bytes of each network, offsets of jumps; ``rest`` are octets that the compiler left.
 
-    ``present`` is False if a block has none; ``cut`` if it ends before the counts in it say.
+    ``present`` is False if a block has none; ``cut`` is True if it ends before the end that its counts state.
     """
 
     networks: list[int]
@@ -120,10 +120,9 @@ class Block:
     """A block as far as it is there.
 
     ``kind`` and ``number`` identify it (``OB``, 1). ``header`` and ``footer`` have the fields around it
-    (`dissect.protocols.s7.blocks`),
-    None if they are missing. ``code`` are the MC7 bytes, or the actual values of a DB; ``interface_octets`` and ``additional``
-    are the raw parts after it. ``instructions`` and ``networks`` are empty for a DB or an encrypted block. ``facts`` are the
-    faults that `parse_block` and the checks found.
+    (`dissect.protocols.s7.blocks`), None if they are missing. ``code`` are the MC7 bytes, or the actual values of a DB;
+    ``interface_octets`` and ``additional`` are the raw parts after it. ``instructions`` and ``networks`` are empty for a DB or
+    an encrypted block. ``facts`` are the faults found by `parse_block` and the checks.
     """
 
     def __init__(self, octets: bytes) -> None:
@@ -255,7 +254,7 @@ def _cut(block: Block, header: Part) -> None:
 
 
 def block_of_parts(kind: str, number: int, language: int, code: bytes, interface: bytes, additional: bytes) -> Block:
-    """Return a block from its parts, without header and footer, as a STEP 7 project stores them."""
+    """Return a block made of its parts, without header and footer, as a STEP 7 project stores them."""
     block = Block(b"")
     block.kind, block.number, block.language = kind, number, language
     block.code, block.interface_octets, block.additional = code, interface, additional
@@ -288,7 +287,7 @@ def _spans(block: Block) -> list[tuple[int, int]]:
 
 
 def _networks(block: Block) -> list[Network]:
-    """Return the networks with their instructions; an instruction across a wrong border belongs to where it begins."""
+    """Return the networks with their instructions; an instruction across a wrong border belongs to the earlier network."""
     networks: list[Network] = []
     instructions = block.instructions
     at = 0

@@ -1,8 +1,8 @@
-"""Finds what changed between two versions of a block, and says it with the instructions (reference sheet mc7.md, section 11).
+"""Finds the changes between two versions of a block, and describes them with instructions (reference sheet mc7.md, section 11).
 
-Networks are compared, not bytes: if a network was inserted, only that is a change. Before instructions are compared, labels
-replace offsets, temporaries of the compiler are numbered by first use, calls are folded, and an address in an open data block
-gets the number of that block.
+Networks are compared, not bytes: if a network was inserted, only the inserted one counts as changed. Before the comparison,
+labels replace offsets, temporaries of the compiler are numbered by first use, calls are folded, and an address in an open data
+block gets the number of that block.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from dissect.protocols.mc7.registers import OpenBlocks
 from dissect.protocols.mc7.values import block_data
 from dissect.wire.text import count, printable
 
-# What a change is about, in the order in which changes are reported.
+# The subject of a change, in the order in which changes are reported.
 HEADER: Final = "header"
 TIME: Final = "time"
 INTERFACE: Final = "interface"
@@ -28,7 +28,7 @@ NETWORK: Final = "network"
 CALLS: Final = "calls"
 VALUES: Final = "values"
 
-#: Stretches for which alignment would take more comparisons are not aligned line by line, but reported as a whole.
+#: Stretches whose alignment would need more comparisons are not aligned line by line, but reported as a whole.
 MAX_ALIGNED: Final = 1_000_000
 #: Networks with at least this share of equal instructions are versions of each other.
 _SIMILAR: Final = 0.4
@@ -45,7 +45,8 @@ _TEXT_FIELDS: Final = ("author", "family", "name", "version")
 class Change(NamedTuple):
     """A change: ``about`` is one of the constants above; ``network`` is its number in the newer, else the older block, or 0.
 
-    ``before`` is empty for something new, ``after`` for something gone. ``text`` is the sentence without the name of the block.
+    ``before`` is empty for something new, ``after`` for something removed. ``text`` is the sentence without the name of the
+    block.
     """
 
     about: str
@@ -56,7 +57,7 @@ class Change(NamedTuple):
 
 
 class _Step(NamedTuple):
-    """An instruction to compare: name and operand without code addresses; ``target`` is where it jumps to, or -1."""
+    """An instruction to compare: name and operand without code addresses; ``target`` is the target of a jump, or -1."""
 
     name: str
     operand: str
@@ -78,9 +79,9 @@ class _Network(NamedTuple):
 
 
 def compare_blocks(before: Block, after: Block, lister: Lister | None = None) -> list[Change]:
-    """Return what changed from one version of a block to another, empty if they are equal.
+    """Return the changes from one version of a block to another, empty if they are equal.
 
-    ``lister`` sets the language and knows other blocks.
+    ``lister`` defines the language and knows other blocks.
     """
     changes = _compare_headers(before, after)
     changes += _compare_interfaces(before, after)
@@ -101,7 +102,7 @@ def only_stamps(changes: list[Change]) -> bool:
 
 
 def change_lines(label: str, changes: list[Change]) -> list[str]:
-    """Return the changes as lines for a person: ``OB1 network 2: L S5T#35S → S5T#10S``. Texts from the wire are escaped."""
+    """Return the changes as lines of text: ``OB1 network 2: L S5T#35S → S5T#10S``. Texts from the wire are escaped."""
     if not changes:
         return [f"{label}: no change"]
     if only_stamps(changes):
@@ -173,7 +174,7 @@ def _stamp(block: Block, name: str) -> str:
 
 
 def _compare_interfaces(before: Block, after: Block) -> list[Change]:
-    """Compare declarations by section and position, as a block has no names; addresses that move with them are not reported."""
+    """Compare declarations by section and position, as a block has no names; ignore addresses that move with them."""
     old, new = before.interface.declarations, after.interface.declarations
     changes: list[Change] = []
     for place in range(1, 7):
@@ -207,17 +208,17 @@ def _compare_starts(ours: list[Declaration], theirs: list[Declaration]) -> list[
 
 
 def _steps(block: Block, lister: Lister) -> list[_Network]:
-    """Return the networks of a block in the form in which they are compared."""
+    """Return the networks of a block in the form used for comparison."""
     threshold = block.interface.temp_bits
     opened = OpenBlocks()
     by_offset = {instruction.offset: instruction for instruction in block.instructions}
-    # The BE that ends every block is in its last network, whichever that is.
+    # The BE that ends every block is part of its last network.
     final = block.instructions[-1] if block.instructions and block.instructions[-1].name == "BE" else None
     networks: list[_Network] = []
     for network in lister.networks(block):
         temporaries: dict[str, str] = {}
         steps: list[_Step] = []
-        waiting = -1  # the OPN that no access has used yet
+        waiting = -1  # index of an OPN that no access has used yet, or -1
         for line in network.lines:
             if line.label:
                 opened.forget()
@@ -303,7 +304,7 @@ def _new_network(network: _Network, gone: dict[tuple[str, ...], _Network]) -> Ch
 
 
 def _opcodes(old: list[tuple[str, ...]], new: list[tuple[str, ...]]) -> list[tuple[str, int, int, int, int]]:
-    """Return edit steps from the old list to the new one; equal beginnings and ends are cheap, long rests replaced whole."""
+    """Return edit steps from the old list to the new one; equal ends cost little, long rests are replaced as a whole."""
     begin = 0
     while begin < min(len(old), len(new)) and old[begin] == new[begin]:
         begin += 1
@@ -392,7 +393,7 @@ def _operand_changed(old: _Step, new: _Step, number: int) -> Change:
 
 
 def _compare_targets(mine: list[_Step], theirs: list[_Step], number: int, places: dict[int, int]) -> list[Change]:
-    """Report equal jumps that go to different places now."""
+    """Report equal jumps whose targets are now different."""
     changes: list[Change] = []
     for one, two in zip(mine, theirs, strict=True):
         if one.target < 0:
@@ -405,7 +406,7 @@ def _compare_targets(mine: list[_Step], theirs: list[_Step], number: int, places
 
 
 def _compare_calls(before: Block, after: Block) -> list[Change]:
-    """Report blocks that are called only in one of the versions."""
+    """Report blocks that only one of the versions calls."""
     old = {f"{kind}{number}" for _, kind, number in calls(before)}
     new = {f"{kind}{number}" for _, kind, number in calls(after)}
     changes = [Change(CALLS, 0, "", label, f"{label} is called now") for label in sorted(new - old)]
@@ -413,7 +414,7 @@ def _compare_calls(before: Block, after: Block) -> list[Change]:
 
 
 def _compare_values(before: Block, after: Block) -> list[Change]:
-    """Compare actual values by declaration if both blocks have the same declarations; else report how many bytes differ."""
+    """Compare actual values by declaration if both blocks have the same ones; else report how many bytes differ."""
     old, new = block_data(before), block_data(after)
     if [value[:3] for value in old] == [value[:3] for value in new] and old:
         return [

@@ -1,4 +1,4 @@
-"""Self-checks of a block: its tables repeat what its code says, so that a block not written by a programming tool shows.
+"""Self-checks of a block: its tables repeat facts of its code, so a block not written by a programming tool is noticed.
 
 Source: reference sheet mc7.md, sections 0, 4, 9 and 10.
 """
@@ -13,11 +13,11 @@ from dissect.protocols.mc7.instruction_tables import CALL_LIST
 from dissect.protocols.mc7.interface import TYPES, stated_start_length
 from dissect.protocols.mc7.operands import NUMBERED, PARAMETER
 
-#: Most facts of one kind about one block; the last one counts the others.
+#: Maximum number of facts of one kind about one block; the last one counts the others.
 MAX_ALIKE: Final = 8
 
-#: Facts that show that no programming tool wrote the block as it is: the finding `block.inconsistent`. Bytes that are not a
-#: known instruction are not among them, because our table may lack one.
+#: Facts that show that no programming tool wrote the block in this form: the finding `block.inconsistent`. Unknown instructions
+#: are not in it, because our table may lack one.
 TAMPERED: Final = frozenset(
     (
         "lengths",
@@ -41,7 +41,7 @@ _USED_AS: Final[dict[str, str]] = {"BOOL": "BOOL", "T": "TIMER", "C": "COUNTER"}
 
 
 def check_block(block: Block) -> list[Fact]:
-    """Return what is inconsistent in a block, besides the facts of `parse_block`."""
+    """Return the inconsistencies of a block, besides the facts of `parse_block`."""
     facts: list[Fact] = []
     _check_interface(block, facts)
     if block.has_code and not _is_cut(block):
@@ -57,9 +57,9 @@ def all_facts(block: Block) -> list[Fact]:
 
 
 def inconsistencies(block: Block) -> list[Fact]:
-    """Return the facts that show that no programming tool wrote the block as it is (finding ``block.inconsistent``).
+    """Return the facts that show that no programming tool wrote the block in this form (finding ``block.inconsistent``).
 
-    If the code is all zeros, as `s7dissect anonymize` leaves it, there are none.
+    If the code is all zeros, as after `s7dissect anonymize`, there are none.
     """
     if block.code and not any(block.code):
         return []
@@ -71,7 +71,7 @@ def _is_cut(block: Block) -> bool:
 
 
 def _bounded(facts: list[Fact]) -> list[Fact]:
-    """Keep a few facts of each kind; the last one kept says how many more there are."""
+    """Keep a few facts of each kind; the last one kept states the number of the others."""
     counts: dict[str, int] = {}
     kept: list[Fact] = []
     for fact in facts:

@@ -1,4 +1,4 @@
-"""Splits the code of a block into instructions. Never raises; bytes that are no instruction become `DW`, two at a time.
+"""Splits the code of a block into instructions. Never raises; bytes that are not an instruction become `DW`, two at a time.
 
 Source: reference sheet mc7.md, sections 5, 6 and 9.
 """
@@ -18,7 +18,7 @@ for _row in INSTRUCTIONS:
 
 
 class _Unknown:
-    """The operand of bytes that are no instruction: the bytes themselves."""
+    """The operand of bytes that are not an instruction: the bytes themselves."""
 
     title = "bytes of no instruction"
 
@@ -45,7 +45,7 @@ class _Single:
         return (operand.number, 0) if operand.kind == "data" and operand.width == 1 else None
 
 
-#: Rows for bytes that are no instruction.
+#: Rows for bytes that are not an instruction.
 UNKNOWN: Final = Row(range(256), frozenset(range(256)), 2, "DW", _Unknown())
 LEFT_OVER: Final = Row(range(256), frozenset(range(256)), 1, "DB", _Single())
 
@@ -53,8 +53,8 @@ LEFT_OVER: Final = Row(range(256), frozenset(range(256)), 1, "DB", _Single())
 class Instruction:
     """One instruction.
 
-    ``offset`` is the offset of its first byte in the code; ``size`` is in bytes, with the parameter list. ``list`` is that
-    list, four bytes for each parameter, None if there is none. ``value`` is what follows its first word.
+    ``offset`` is the offset of its first byte in the code; ``size`` is its size in bytes, with the parameter list. ``list`` is
+    the parameter list, four bytes for each parameter, None if there is none. ``value`` is the part after its first word.
     """
 
     __slots__ = ("list", "offset", "row", "size", "value", "word")
@@ -79,7 +79,7 @@ class Instruction:
 
     @property
     def known(self) -> bool:
-        """False for bytes that are no instruction."""
+        """False for bytes that are not an instruction."""
         return self.row is not UNKNOWN and self.row is not LEFT_OVER
 
     @property
@@ -102,7 +102,7 @@ class Instruction:
 
     @property
     def target(self) -> int:
-        """Where it jumps to (for a jump list the place after the list), -1 if it does not jump."""
+        """The target of a jump (for a jump list the place after the list), -1 if it is not a jump."""
         operand = self.operand
         if operand.kind == JUMP:
             return self.offset + 2 * operand.number
@@ -137,7 +137,7 @@ def decode(code: bytes, borders: Sequence[int] = ()) -> list[Instruction]:
     """Return the instructions of ``code``, without a gap.
 
     ``borders`` are offsets at which an instruction should begin (networks, jumps). They are used only if some bytes cannot be
-    decoded without them, and if they leave fewer such bytes: wrong tables must not hide correct code.
+    decoded without them, and if fewer such bytes then remain: wrong tables must not hide correct code.
     """
     plain = _decode(code, frozenset())
     unknown = unknown_octets(plain)
@@ -148,7 +148,7 @@ def decode(code: bytes, borders: Sequence[int] = ()) -> list[Instruction]:
 
 
 def unknown_octets(instructions: list[Instruction]) -> int:
-    """Return how many bytes are no instruction."""
+    """Return the number of bytes that are not an instruction."""
     return sum([instruction.size for instruction in instructions if not instruction.known])
 
 

@@ -111,7 +111,10 @@ _TEXTS: Final = {
 
 
 def parse_constants(text: str) -> list[Operand]:
-    """Return what a constant can be, the usual meaning first; empty if it is not a constant. Upper and lower case differ."""
+    """Return the possible meanings of a constant, the usual one first; empty if it is not a constant.
+
+    Upper and lower case differ.
+    """
     for prefix, widths in (("B#16#", (1,)), ("DW#16#", (4,)), ("W#16#", (2,))):
         if text.startswith(prefix):
             return _numbers(prefix, text[len(prefix) :], 16, widths)

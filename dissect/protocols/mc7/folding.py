@@ -1,6 +1,6 @@
-"""Folds calls back into one line: STEP 7 expands a CALL to instructions between two BLDs (reference sheet mc7.md, section 6).
+"""Folds calls into one line again: STEP 7 expands a CALL to instructions between two BLDs (reference sheet mc7.md, section 6).
 
-Nothing is guessed: if the instructions between the two do anything that such an expansion does not do, they are not folded.
+There is no guessing: if the instructions between the BLDs do anything that such an expansion does not do, they are not folded.
 """
 
 from __future__ import annotations
@@ -21,15 +21,15 @@ Callee = Callable[[str, int], "Block | None"]
 
 #: The number of a BLD that begins a call; the next number ends it. 14 and 16 are for multi-instances.
 _BEGINS: Final = frozenset((1, 3, 7, 9, 14, 16))
-#: The number of the BLD that only says that the RLO is kept.
+#: The number of the BLD that only states that the RLO is kept.
 _KEPT: Final = 103
-#: The longest call that is folded, in instructions.
+#: Maximum length of a call that is folded, in instructions.
 _MOST: Final = 2000
 _SECTION_IN: Final = frozenset((1, 3))
 _SECTION_OUT: Final = frozenset((2, 3, 6))
 #: The number of the open instance.
 _OWN: Final = Operand(FIXED, "DINO")
-#: How a parameter of a type is addressed: as bit (0), or in bytes (1, 2, 4).
+#: How a parameter of a type is addressed: as a bit (0), or in bytes (1, 2, 4).
 _WIDTHS: Final[dict[str, int]] = {
     "BOOL": 0,
     **dict.fromkeys(("BYTE", "CHAR"), 1),
@@ -37,7 +37,7 @@ _WIDTHS: Final[dict[str, int]] = {
     **dict.fromkeys(("DWORD", "DINT", "REAL", "TIME_OF_DAY", "TIME"), 4),
 }
 
-#: The prefix of constants of a type, and their bytes.
+#: The prefix of constants of a type, and their size in bytes.
 _FORMS: Final[dict[str, tuple[str, int]]] = {
     "WORD": ("W#16#", 2),
     "INT": ("", 2),
@@ -52,12 +52,12 @@ _FORMS: Final[dict[str, tuple[str, int]]] = {
 
 
 def no_block(_kind: str, _number: int) -> Block | None:
-    """Return None: without known blocks."""
+    """Return None; used when no blocks are known."""
     return None
 
 
 class Argument(NamedTuple):
-    """A parameter of a call: its name, what is passed in and what is passed out; empty for nothing."""
+    """A parameter of a call: its name, its input and its output; empty if there is none."""
 
     name: str
     given: str
@@ -113,7 +113,7 @@ def fold(
 
 
 def _end_of_call(instructions: list[Instruction], at: int) -> int:
-    """Return the index of the BLD that ends a call, 0 if another call begins before it or there is none."""
+    """Return the index of the BLD that ends a call, 0 if another call begins first or there is none."""
     wanted = (instructions[at].word & 0xFF) + 1
     for index in range(at + 1, min(at + _MOST, len(instructions))):
         if instructions[index].name == "BLD":
@@ -126,7 +126,7 @@ def _end_of_call(instructions: list[Instruction], at: int) -> int:
 
 
 class _Expansion:
-    """What the instructions of one call do: values that they move in and out, and the frame around them."""
+    """The effect of the instructions of one call: the values that they move in and out, and the frame around them."""
 
     def __init__(self, names: Names, german: bool) -> None:
         self._names = names
@@ -172,7 +172,7 @@ class _Expansion:
         if name == "BLD":
             return operand.kind == COUNT and operand.number == _KEPT
         if name == "+AR2" and self.call is None and not self.instance and operand.kind == POINTER:
-            self.instance = operand_text(operand)  # where the multi-instance is in the instance of the caller
+            self.instance = operand_text(operand)  # the place of the multi-instance in the caller's instance
             return True
         return name in {"TAR2", "LAR2", "CDB"}
 
@@ -180,7 +180,7 @@ class _Expansion:
         if operand.kind != NUMBERED:
             return False
         if operand.via:
-            # After a multi-instance the instance of the caller is opened again, whose number was kept.
+            # After a multi-instance, the caller's instance is opened again; its number was stored.
             kept = Operand(MEMORY, operand.via[:-1], 2, 8 * operand.number)
             return operand.area == "DI" and self.raw.pop(kept, None) == _OWN and self.given.pop(kept, "") != ""
         if operand.area == "DI":
@@ -191,7 +191,7 @@ class _Expansion:
         return True
 
     def _move(self, name: str, operand: Operand) -> bool:
-        """Follow the use of a loaded value, which goes to one place."""
+        """Follow the use of a loaded value, which is stored in one place."""
         source, said = self._loaded, self._said
         self._loaded, self._said = None, ""
         if name not in {"T", "="} or (name == "=" and source is not None and source.width):
@@ -206,14 +206,14 @@ class _Expansion:
 
     @property
     def open(self) -> bool:
-        """True if a value was loaded, but not used."""
+        """True if a value was loaded but not used."""
         return self._loaded is not None or self._said != ""
 
 
 def _fold_one(
     instructions: list[Instruction], targets: set[int], callee: Callee, names: Names, german: bool
 ) -> Call | None:
-    """Return the call that instructions from BLD to BLD expand; None if they are anything else."""
+    """Return the call whose expansion is these instructions from BLD to BLD; None if they are anything else."""
     if any(instruction.offset in targets for instruction in instructions[1:]):
         return None
     expansion = _Expansion(names, german)
@@ -237,7 +237,7 @@ def _fold_one(
 
 
 def _of_list(call: Instruction, expansion: _Expansion, called: Block | None) -> list[Argument] | None:
-    """Return the parameters of an FC or SFC; None if values were moved that belong to none of them."""
+    """Return the parameters of an FC or SFC; None if values were moved that belong to no parameter."""
     declared = called.interface.parameters if called is not None else []
     pointers = call.pointers
     if len(declared) != len(pointers):
@@ -259,7 +259,7 @@ def _argument(
     given: dict[Operand, str],
     taken: dict[Operand, str],
 ) -> Argument:
-    """Return one parameter by its pointer; remove what was moved for it from ``given`` and ``taken``."""
+    """Return the parameter of a pointer; remove the values that were moved for it from ``given`` and ``taken``."""
     if address.area == "V":
         moved_in = _at(given, address.number)
         moved_out = _at(taken, address.number)
@@ -280,7 +280,7 @@ def _argument(
 
 
 def _typed(value: Operand | None, declaration: Declaration) -> str:
-    """Return a constant by the declared type of its parameter, empty if it is not one; calls load all as integers."""
+    """Return a constant in the declared type of its parameter, empty if it is not one; calls load all constants as integers."""
     form = _FORMS.get(TYPES.name(declaration.type))
     if value is None or form is None or value.kind != CONSTANT or value.width != form[1]:
         return ""
@@ -317,7 +317,7 @@ def _any_text(given: dict[Operand, str], bit: int, expansion: _Expansion) -> str
 
 
 def _place_text(address: Operand, declaration: Declaration | None, expansion: _Expansion) -> str:
-    """Return the place that a pointer refers to; its width is that of the parameter, if the callee was captured."""
+    """Return the target of a pointer as text; its width is that of the parameter, if the callee was captured."""
     width = _WIDTHS.get(TYPES.name(declaration.type)) if declaration is not None else None
     area = address.area.removesuffix("X")
     if width is None or area not in {"I", "Q", "M", "DB", "DI", "L"} or (width and address.number & 7):
@@ -326,7 +326,7 @@ def _place_text(address: Operand, declaration: Declaration | None, expansion: _E
 
 
 def _of_instance(expansion: _Expansion, called: Block | None) -> list[Argument] | None:
-    """Return the parameters of an FB or SFB: what was moved into the instance, and out of it."""
+    """Return the parameters of an FB or SFB, which are the values moved into the instance and out of it."""
     arguments: list[Argument] = []
     for moved in (expansion.given, expansion.taken):
         for operand, text in moved.items():

@@ -15,16 +15,16 @@ from dissect.protocols.mc7.operands import JUMP, JUMP_LIST
 from dissect.protocols.mc7.usage import BOTH, GIVEN, WRITE, Use, uses
 from dissect.wire.octets import u16, u32
 
-# What a system function does to the CPU or its program.
+# The effect of a system function on the CPU or its program.
 STOPS: Final = "stops"
 DELETES: Final = "deletes"
 COPIES: Final = "copies"
 CHANGES: Final = "changes"
 
-#: Most lines that `summary` returns.
+#: Maximum number of lines that `summary` returns.
 MOST_LINES: Final = 3
 
-#: System functions whose calls are reported, by number: name, effect, and a text.
+#: System functions whose calls are reported, by number: name, effect, and text.
 SYSTEM_CALLS: Final[dict[int, tuple[str, str, str]]] = {
     0: ("SET_CLK", CHANGES, "sets the clock"),
     12: ("D_ACT_DP", CHANGES, "activates or deactivates a DP slave or IO device"),
@@ -65,7 +65,7 @@ class SystemCall(NamedTuple):
 
 
 class SkippedCall(NamedTuple):
-    """A call that a jump skips: the jump, the callee, and whether that is a safety block."""
+    """A call that a jump skips: the jump, the callee, and whether the callee is a safety block."""
 
     block: str
     network: int
@@ -88,7 +88,7 @@ def system_calls(block: Block) -> list[SystemCall]:
 
 
 def new_system_calls(before: Block, after: Block) -> list[SystemCall]:
-    """Return the calls of system functions of which the newer version has more than the older one."""
+    """Return calls of system functions that are more frequent in the newer version than in the older one."""
     left: dict[int, int] = {}
     for call in system_calls(before):
         left[call.number] = left.get(call.number, 0) + 1
@@ -107,7 +107,7 @@ def output_writes(block: Block) -> list[Use]:
 
 
 def new_output_writes(before: Block, after: Block) -> list[Use]:
-    """Return writes to outputs that only the newer version has, one for each address; an indirect one counts by its text."""
+    """Return writes to outputs that only the newer version has, one for each address; an indirect write counts by its text."""
     known = {use.address for use in output_writes(before)}
     found: dict[str, Use] = {}
     for use in output_writes(after):
@@ -122,7 +122,7 @@ def is_safety(block: Block) -> bool:
 
 
 def skipped_calls(block: Block, safety: frozenset[str] = frozenset()) -> list[SkippedCall]:
-    """Return the calls that a forward jump skips, once per callee and network; ``safety`` are labels of safety blocks."""
+    """Return the calls that a forward jump skips, once per callee and network; ``safety`` has the labels of safety blocks."""
     called = calls(block)
     found: dict[tuple[int, str], SkippedCall] = {}
     for jump in _forward_jumps(block):
@@ -162,7 +162,7 @@ def code_stamp(block: Block) -> int:
 
 
 def older_than(before: Block, after: Block) -> str:
-    """Return a sentence if the newer block's code has an earlier time stamp than that of the replaced block; else empty."""
+    """Return a sentence if the newer block's code has an earlier time stamp than the code of the replaced block; else empty."""
     old, new = code_stamp(before), code_stamp(after)
     if old < 0 or new < 0 or new >= old:
         return ""
@@ -170,7 +170,7 @@ def older_than(before: Block, after: Block) -> str:
 
 
 def logic_changes(changes: list[Change]) -> list[Change]:
-    """Return the changes that can affect what a program does: all but header, time stamps and checksum."""
+    """Return the changes that can affect the behaviour of a program: all but header, time stamps and checksum."""
     return [change for change in changes if change.about not in {HEADER, TIME}]
 
 

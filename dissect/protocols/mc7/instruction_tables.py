@@ -1,7 +1,7 @@
 """The instructions of MC7, one row each; disassembler, assembler, docs and tests all use these rows.
 
-If several forms can hold an operand, the assembler takes the first one: short forms come first, as in STEP 7. Source: reference
-sheet mc7.md, section 5; names in both languages: section 7; what real blocks contain: section 5.6.
+If several forms can encode an operand, the assembler takes the first one; short forms come first, as in STEP 7. Source:
+reference sheet mc7.md, section 5; names in both languages: section 7; content of real blocks: section 5.6.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ from dissect.protocols.mc7.operands import (
 NO_LIST: Final = 0
 CALL_LIST: Final = 1  # a jump over the addresses of parameters follows
 
-#: How sure a row is: "C" confirmed by all real blocks of the sheet, "2" two sources agree, "1" one source.
+#: How certain a row is: "C" confirmed by all real blocks of the sheet, "2" two sources agree, "1" one source.
 SURE: Final = "C"
 TWO_SOURCES: Final = "2"
 ONE_SOURCE: Final = "1"
@@ -44,8 +44,8 @@ ONE_SOURCE: Final = "1"
 class Row(NamedTuple):
     """One instruction in one operand form.
 
-    ``firsts`` are its first bytes (eight of them if they hold a bit number), ``seconds`` the second ones. ``size`` is in bytes,
-    without a parameter list; ``list`` is one of the constants above.
+    ``firsts`` are its possible first bytes (eight if they include a bit number), ``seconds`` the possible second bytes.
+    ``size`` is in bytes, without a parameter list; ``list`` is one of the constants above.
     """
 
     firsts: range
@@ -292,7 +292,7 @@ def _jump_rows() -> list[Row]:
 #: Every instruction.
 INSTRUCTIONS: Final = (*_short_rows(), *_bit_rows(), *_word_rows(), *_move_rows(), *_object_rows(), *_jump_rows())
 
-#: Second bytes seen in real blocks, for first bytes that have many instructions (section 5.6).
+#: Second bytes seen in real blocks, for those first bytes that have many instructions (section 5.6).
 _MET: Final[dict[int, frozenset[int]]] = {
     0x60: frozenset((*range(0x08), 0x09, 0x0A, 0x0B, 0x0D, 0x0E, 0x0F, 0x13, 0x1C)),
     0x68: frozenset((0x06, 0x07, 0x08, 0x0A, 0x0C, 0x0D, 0x12, 0x13, *range(0x1A, 0x1F), 0x22, 0x23, 0x24, 0x2C,
@@ -317,7 +317,7 @@ _SINGLE: Final = frozenset((0xFBCA,))
 
 
 def confidence(first: int, second: int) -> str:
-    """Return how sure the meaning of the two first bytes is (`SURE`, `TWO_SOURCES`, `ONE_SOURCE`)."""
+    """Return how certain the meaning of the two first bytes is (`SURE`, `TWO_SOURCES`, `ONE_SOURCE`)."""
     if first << 8 | second in _SINGLE:
         return ONE_SOURCE
     met = _MET.get(first)
@@ -336,7 +336,7 @@ GERMAN: Final[dict[str, str]] = {
 }  # fmt: skip
 ENGLISH: Final = {german: english for english, german in GERMAN.items()}
 
-#: What each instruction does.
+#: The effect of each instruction.
 MEANINGS: Final[dict[str, str]] = {
     "A": "AND", "AN": "AND NOT", "O": "OR", "ON": "OR NOT", "X": "exclusive OR", "XN": "exclusive OR NOT",
     "S": "set, or preset a counter", "R": "reset", "=": "assign", "FP": "rising edge", "FN": "falling edge",

@@ -1,7 +1,7 @@
-"""The interface of a block (SSB): its declarations, with types and offsets, but without names, which a block does not have.
+"""The interface of a block (SSB): its declarations, with types and offsets, but without names, because a block has none.
 
-A declaration is named by its section and its number there: ``IN0``, ``TEMP3``; a member of a structure by its number after
-that: ``STAT1.m0``. Source: reference sheet mc7.md, section 3; numbers are little-endian.
+A declaration is named by its section and its number in that section: ``IN0``, ``TEMP3``; a member of a structure also by its
+own number: ``STAT1.m0``. Source: reference sheet mc7.md, section 3; numbers are little-endian.
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ ARRAY: Final = 0x10
 STRUCT: Final = 0x11
 STRING: Final = 0x13
 INSTANCES: Final = frozenset((0x15, 0x1B))
-#: Types of whole bytes that need no even address; then the bytes of each type of fixed size.
+#: Types with whole bytes that need no even address; below, the size in bytes of each type of fixed size.
 _BYTES: Final = frozenset((0x02, 0x03))
 _SIZES: Final[dict[int, int]] = {
     **dict.fromkeys((0x02, 0x03), 1),
@@ -77,7 +77,7 @@ HEAD: Final = 7
 _HAS_START: Final = 0x08
 _HAS_ATTRIBUTE: Final = 0x10
 
-#: Most declarations and levels of an interface: it has at most 65535 bytes, two for each declaration.
+#: Maximum number of declarations and levels of an interface: it has at most 65535 bytes, two for each declaration.
 MAX_DECLARATIONS: Final = 32768
 MAX_DEPTH: Final = 16
 
@@ -86,9 +86,9 @@ class Declaration:
     """One declaration.
 
     ``section`` is its section byte, -1 if it has none (multi-instances); ``attribute`` is the byte after that, -1 for none.
-    ``bounds`` are the dimensions of an array; ``members`` are its element, or the members of a structure. ``extra`` is the
-    length of a STRING or the number of an FB. ``wide``: the number of members has 16 bits. ``start`` is its first bit in the
-    memory of its section and ``bits`` its size, both -1 if unknown.
+    ``bounds`` are the dimensions of an array; ``members`` are the element of an array, or the members of a structure. ``extra``
+    is the length of a STRING or the number of an FB. ``wide``: the number of members has 16 bits. ``start`` is its first bit in
+    the memory of its section and ``bits`` its size, both -1 if unknown.
     """
 
     __slots__ = (
@@ -125,7 +125,7 @@ class Declaration:
 
     @property
     def has_start(self) -> bool:
-        """True if it has a start value after the declarations."""
+        """True if its start value is given after the declarations."""
         return self.section >= 0 and self.section & _HAS_START != 0
 
     @property
@@ -142,10 +142,10 @@ class Declaration:
 
 
 class Interface:
-    """The interface of a block, as far as it could be read.
+    """The interface of a block, as far as it is readable.
 
-    ``used`` are the bytes of declarations that were read; ``fault`` says why reading ended before the stated end, empty if it
-    did not. ``starts`` are the start values, ``rest`` what follows them.
+    ``used`` is the number of bytes of the declarations that were read; ``fault`` is why reading stopped before the stated end,
+    empty if it did not. ``starts`` are the start values, ``rest`` the bytes after them.
     """
 
     def __init__(self) -> None:
@@ -165,11 +165,11 @@ class Interface:
 
     @property
     def parameters(self) -> list[Declaration]:
-        """The parameters that a caller passes, in their order: IN, OUT, IN_OUT, RET_VAL."""
+        """The parameters that a caller passes, in this order: IN, OUT, IN_OUT, RET_VAL."""
         return [declaration for section in PARAMETERS for declaration in self.of(section)]
 
     def name_at(self, temporary: bool, bit: int) -> str:
-        """Return the name of what begins at a bit of the temporary data or of the instance, empty if nothing does."""
+        """Return the name of the declaration that begins at a bit of the temporary data or of the instance, empty for none."""
         for declaration in self.declarations:
             if (declaration.place == TEMP) == temporary and declaration.start >= 0:
                 name = _name_at(declaration, bit - declaration.start)
@@ -363,7 +363,7 @@ def _lay(declaration: Declaration, at: int) -> int:
 
 
 def _size(declaration: Declaration, at: int) -> tuple[int, int]:
-    """Return the bits of a declaration (-1 if unknown), and where it begins."""
+    """Return the size of a declaration in bits (-1 if unknown), and its first bit."""
     type_ = declaration.type
     if type_ == BOOL:
         return 1, at
@@ -405,12 +405,12 @@ def _array_bits(declaration: Declaration) -> int:
 
 
 def element_step(element: Declaration) -> int:
-    """Return the distance in bits of an array's elements: bits and bytes are packed, others begin at even addresses."""
+    """Return the distance of an array's elements in bits: bits and bytes are packed, others begin at even addresses."""
     return element.bits if element.type in _BYTES or element.type == BOOL else _even(element.bits)
 
 
 def _take_starts(interface: Interface) -> None:
-    """Set the start values of declarations with a single value; how arrays repeat theirs is not known."""
+    """Set the start values of declarations with a single value; it is unknown how arrays repeat theirs."""
     at = 0
     for declaration in _starting(interface.declarations):
         size = start_size(declaration)
@@ -436,7 +436,7 @@ def start_size(declaration: Declaration) -> int:
 
 
 def stated_start_length(interface: Interface) -> int:
-    """Return the bytes of all start values of the declarations, -1 if one of them is unknown."""
+    """Return the number of bytes of all start values of the declarations, -1 if one of them is unknown."""
     total = 0
     for declaration in _starting(interface.declarations):
         size = start_size(declaration)

@@ -39,9 +39,9 @@ def _use(declaration: Declaration) -> str:
 
 
 def jump_labels(block: Block) -> dict[int, str]:
-    """Return a label for each offset to which a jump goes and where an instruction begins.
+    """Return a label for each offset that is the target of a jump and the beginning of an instruction.
 
-    Labels count the targets within a network (``M2_1`` is the first one of network 2), so that a change in one network does not
+    Labels count the targets within a network (``M2_1`` is the first one in network 2), so a change in one network does not
     rename labels in another.
     """
     starts = {instruction.offset for instruction in block.instructions}

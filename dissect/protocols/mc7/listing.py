@@ -39,7 +39,7 @@ _AREA_CODES: Final[dict[str, int]] = {
     "PI": 0x80,
     "PQ": 0x80,
 }
-#: Bits of a timer or counter, as tags count them.
+#: Size of a timer or counter in bits, as tags count it.
 _NUMBERED_BITS: Final = 16
 
 
@@ -73,7 +73,7 @@ def no_names(_area: int, _db: int, _bit: int, _bits: int) -> str:
 
 
 class Lister:
-    """Writes blocks as code, in one language, with the known names and the other known blocks."""
+    """Writes blocks as code in one language, with the known names and the other known blocks."""
 
     def __init__(
         self, language: str = STL, naming: Naming = no_names, callee: Callee = no_block, folded: bool = True

@@ -24,7 +24,7 @@ from dissect.protocols.mc7.operands import (
 
 _WIDTHS: Final = ("", "B", "W", "", "D")
 _SIZES: Final = {"B": 1, "W": 2, "D": 4}
-#: Areas, counters and status bits that have other names in German.
+#: Areas, counters and status bits with different names in German.
 _GERMAN_AREAS: Final[dict[str, str]] = {"I": "E", "Q": "A", "PI": "PE", "PQ": "PA", "C": "Z"}
 _ENGLISH_AREAS: Final = {german: english for english, german in _GERMAN_AREAS.items()}
 _GERMAN_FIXED: Final[dict[str, str]] = {"BR": "BIE"}
@@ -105,7 +105,7 @@ def area_text(area: str, german: bool) -> str:
 
 
 def operand_text(operand: Operand, german: bool = False, names: Names = NO_NAMES) -> str:
-    """Return an operand as text; a jump as its distance in words, because labels are not known here."""
+    """Return an operand as text; a jump is a distance in words, because labels are not known here."""
     kind = operand.kind
     if kind == MEMORY:
         return _memory_text(operand, german)
@@ -154,7 +154,7 @@ def pointer_text(operand: Operand, german: bool = False) -> str:
 
 
 def parse_operand(text: str, german: bool = False, names: Names = NO_NAMES) -> list[Operand]:
-    """Return what an operand can be, the usual meaning first; empty if it is not an operand."""
+    """Return the possible meanings of an operand, the usual one first; empty if it is not an operand."""
     if not text:
         return [NO_OPERAND]
     found: list[Operand] = []

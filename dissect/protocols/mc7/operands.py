@@ -1,4 +1,4 @@
-"""Operands of MC7 instructions, and how each operand form is encoded (reference sheet mc7.md, section 5).
+"""Operands of MC7 instructions, and the encoding of each operand form (reference sheet mc7.md, section 5).
 
 A form (`Shape`) converts the first word of an instruction and the value after it to an `Operand`, and back. Addresses are in
 bits (byte times 8 plus bit), widths in bytes; width 0 is a single bit.
@@ -16,7 +16,7 @@ CONSTANT: Final = "constant"  # `area` is its type, for example S5T#
 POINTER: Final = "pointer"  # P#M 0.0
 MEMORY: Final = "memory"  # an address
 NUMBERED: Final = "numbered"  # a timer, counter or block
-PARAMETER: Final = "parameter"  # of the block itself, by position
+PARAMETER: Final = "parameter"  # a parameter of the block itself, by position
 JUMP: Final = "jump"  # a distance
 JUMP_LIST: Final = "jump list"  # number of entries
 
@@ -24,10 +24,10 @@ JUMP_LIST: Final = "jump list"  # number of entries
 class Operand(NamedTuple):
     """One operand.
 
-    ``area`` has the letters of an area (I, Q, M, DB, DI, L, PI, PQ; empty if a register holds it as well) or of a numbered
-    object (T, C, DB, FC …), the type of a constant, or how a parameter is used. ``number`` is the bit address, number, position
-    or raw value. An indirect operand has its pointer in ``via``: AR1 or AR2, with the offset in bits in ``number``; or the
-    letters of a pointer in memory (MD, LW …), with its byte address in ``number``.
+    ``area`` has the letters of an area (I, Q, M, DB, DI, L, PI, PQ; empty if a register also contains the area) or of a
+    numbered object (T, C, DB, FC …), the type of a constant, or the way in which a parameter is used. ``number`` is the bit
+    address, number, position or raw value. An indirect operand has its pointer in ``via``: AR1 or AR2, with the offset in bits
+    in ``number``; or the letters of a pointer in memory (MD, LW …), with its byte address in ``number``.
     """
 
     kind: str
@@ -41,7 +41,7 @@ NO_OPERAND: Final = Operand(NONE)
 
 #: Areas by their nibble in instructions; 0 is the periphery, for instructions that can address it.
 AREAS: Final = ("P", "I", "Q", "M", "DB", "DI", "L")
-#: Areas in which a pointer in memory may be.
+#: Memory areas that may contain a pointer.
 PLACES: Final[dict[int, str]] = {3: "M", 4: "DB", 5: "DI", 6: "L"}
 _PLACE_OF: Final = {letters: nibble for nibble, letters in PLACES.items()}
 _AREA_OF: Final = {letters: nibble for nibble, letters in enumerate(AREAS)} | {"PI": 0, "PQ": 0}
@@ -60,12 +60,15 @@ POINTER_AREAS: Final[dict[int, str]] = {
 }
 POINTER_BYTES: Final = {letters: number for number, letters in POINTER_AREAS.items()}
 
-#: The first word of an instruction and the value after it; None if the form cannot hold the operand.
+#: The first word of an instruction and the value after it; None if the form cannot encode the operand.
 Encoded = tuple[int, int] | None
 
 
 class Shape(Protocol):
-    """A form of operands. ``firsts`` are the first bytes of the row that uses it; ``value`` is what follows the first word."""
+    """A form of operands.
+
+    ``firsts`` are the first bytes of the row that uses it; ``value`` is the part after the first word.
+    """
 
     title: str
 
@@ -74,7 +77,7 @@ class Shape(Protocol):
         ...
 
     def encode(self, operand: Operand, firsts: range) -> Encoded:
-        """Return the first word and the value for an operand; None if this form cannot hold it."""
+        """Return the first word and the value for an operand; None if this form cannot encode it."""
         ...
 
 
@@ -91,12 +94,12 @@ class Plain:
         return NO_OPERAND
 
     def encode(self, operand: Operand, firsts: range) -> Encoded:
-        """Return the word alone."""
+        """Return only the word."""
         return (firsts[0] << 8 | self._second, 0) if operand.kind == NONE else None
 
 
 class Fixed:
-    """A name that the instruction implies: ``L DBNO``, ``A OV``."""
+    """A name implied by the instruction: ``L DBNO``, ``A OV``."""
 
     def __init__(self, second: int, name: str) -> None:
         self._second = second
@@ -254,10 +257,10 @@ class Bit:
 
 
 class Via:
-    """A bit, byte, word or double word whose address stands in memory: ``DBW [LD 20]``.
+    """A bit, byte, word or double word whose address is in memory: ``DBW [LD 20]``.
 
     High nibble: the place of the pointer, plus ``high``; low nibble: the area, plus ``low``; ``periphery`` are the letters of
-    area 0, empty where there is none.
+    area 0, empty if it has none.
     """
 
     def __init__(self, width: int, high: int, low: int, periphery: str = "") -> None:
@@ -287,7 +290,7 @@ class Via:
 class Indexed:
     """An operand at an address register plus an offset: ``M [AR1,P#0.0]``.
 
-    The high nibble is the area plus ``high``, the low nibble is ``low``. With ``crossing`` the register holds the area as well,
+    The high nibble is the area plus ``high``, the low nibble is ``low``. With ``crossing`` the register also contains the area,
     and the high nibble is fixed.
     """
 
@@ -345,7 +348,7 @@ class Wide:
 
 
 class PointerPlace:
-    """A double word that holds a pointer: ``LAR1 MD 20``."""
+    """A double word that contains a pointer: ``LAR1 MD 20``."""
 
     title = "MD, DBD, DID, LD 0 to 65535"
 
@@ -379,7 +382,7 @@ class ShortConstant:
 
 
 class Constant:
-    """A constant of ``width`` bytes after the first word; ``type_`` is its form in text (`dissect.protocols.mc7.constants`)."""
+    """A constant of ``width`` bytes after the first word; ``type_`` is its text form (`dissect.protocols.mc7.constants`)."""
 
     def __init__(self, second: int, type_: str, width: int) -> None:
         self._second = second
@@ -407,7 +410,7 @@ class Pointer:
         self.title = "P#" if width == 2 else "P# with area"
 
     def decode(self, word: int, value: int) -> Operand:
-        """Return the pointer; the letters of an unknown area byte are its hexadecimal digits."""
+        """Return the pointer; for an unknown area byte the letters are its hexadecimal digits."""
         if self._width == 2:
             return Operand(POINTER, "", 2, value)
         return pointer(value)
@@ -434,7 +437,7 @@ def pointer_value(operand: Operand) -> int:
 
 
 class Parameter:
-    """A formal parameter of an FC: twice its position. ``used`` is how the instruction uses it."""
+    """A formal parameter of an FC: twice its position. ``used`` is the way in which the instruction uses it."""
 
     def __init__(self, second: int, used: str) -> None:
         self._second = second

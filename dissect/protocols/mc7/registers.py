@@ -1,11 +1,11 @@
-"""Finds out which data blocks are open: followed through straight code, unknown after each label and jump list."""
+"""Finds out which data blocks are open: known in straight code, unknown after each label and jump list."""
 
 from __future__ import annotations
 
 from dissect.protocols.mc7.code import Instruction
 from dissect.protocols.mc7.operands import MEMORY, NUMBERED, Operand
 
-#: No block, or one whose number the code computes.
+#: No data block, or one whose number the code computes.
 UNKNOWN_BLOCK = -1
 
 
@@ -17,7 +17,7 @@ class OpenBlocks:
         self.di = UNKNOWN_BLOCK
 
     def forget(self) -> None:
-        """Forget both numbers: code may be reached in another way here."""
+        """Forget both numbers, because other code may lead here."""
         self.db = self.di = UNKNOWN_BLOCK
 
     def follow(self, instruction: Instruction) -> None:
@@ -34,7 +34,7 @@ class OpenBlocks:
             self.db, self.di = self.di, self.db
 
     def block_of(self, operand: Operand) -> int:
-        """Return the number of an operand's data block, `UNKNOWN_BLOCK` if it is in none, or in an unknown one."""
+        """Return the number of an operand's data block, `UNKNOWN_BLOCK` if it is in none or in an unknown one."""
         if operand.kind != MEMORY:
             return UNKNOWN_BLOCK
         if operand.area == "DB":

@@ -1,9 +1,9 @@
-"""A whole block as text, and back: extends the assembler from code to all parts of a block.
+"""A whole block as text, and the way back: extends the assembler from code to all parts of a block.
 
 Sections: ``[header]`` and ``[footer]`` with ``field = value`` for the fields of `dissect.protocols.s7.blocks`; ``[interface]``
-with one
-declaration a line and members indented below; ``[code]`` with the listing; ``[tables]`` with what the listing does not say.
-Lengths, networks and jumps are computed; the text has them only if those in the block are different.
+with one declaration per line and members indented below; ``[code]`` with the listing; ``[tables]`` with everything that the
+listing does not contain. Lengths, networks and jumps are computed; the text contains them only if those in the block are
+different.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ def block_source(block: Block) -> str:
 
 
 def _stated_lengths(block: Block) -> frozenset[str]:
-    """Return the length fields that are equal to the sizes of the parts."""
+    """Return the length fields that equal the sizes of the parts."""
     sizes = (len(block.interface_octets), len(block.additional), len(block.code))
     found = {name for name, size in zip(_LENGTHS, sizes, strict=False) if block.field(name) == size}
     if block.field("load_length") == HEADER.size + FOOTER.size + sum(sizes):
@@ -175,7 +175,7 @@ def assemble_block(text: str) -> bytes:
 
 
 def _padded(lines: list[tuple[int, str]]) -> str:
-    """Return lines as a text in which each has its original line number."""
+    """Return lines as a text in which each keeps its original line number."""
     padded: list[str] = []
     for number, line in lines:
         padded += [""] * (number - 1 - len(padded))

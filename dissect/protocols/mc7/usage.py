@@ -1,4 +1,4 @@
-"""The cross-reference of blocks: which block reads and writes which address, and which block calls which."""
+"""The cross-reference of blocks: which block reads or writes which address, and which block calls which."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ BOTH: Final = "read and write"
 #: Passed to a called block that may read or write it; the interface of that block was not captured.
 GIVEN: Final = "given to a block"
 
-#: Instructions that change their operand; edges keep the last state of the bit in theirs.
+#: Instructions that change their operand; for edges, the operand stores the last state of the bit.
 _WRITING: Final = frozenset(("T", "=", "S", "R", "SF", "SE", "SD", "SS", "SP", "CU", "CD", "TAR1", "TAR2"))
 _BOTH: Final = frozenset(("FP", "FN"))
-#: Areas of the block itself, which do not matter to others.
+#: Areas of the block itself, which do not concern others.
 _OWN: Final = frozenset(("L", "V", ""))
 _ORDER: Final = ("I", "Q", "M", "PI", "PQ", "T", "C", "DB", "DI")
 
@@ -30,7 +30,7 @@ class Use(NamedTuple):
     """One use of an address.
 
     ``address`` is STL text, with the number of the data block if that is known. ``area``, ``db`` (0 for none, -1 for one that
-    the code opens at run time), ``bit`` and ``bits`` locate it; an indirect use has -1 for its bit.
+    the code opens at run time), ``bit`` and ``bits`` locate it; an indirect use has ``bit`` -1.
     """
 
     block: str
@@ -45,7 +45,7 @@ class Use(NamedTuple):
 
 
 class CallUse(NamedTuple):
-    """One call: who calls whom, where, and whether always or only if the RLO is 1; ``callee`` of a computed call is a place."""
+    """One call: caller, callee, place, and whether it depends on the RLO; ``callee`` of a computed call is a place."""
 
     block: str
     network: int
@@ -93,7 +93,7 @@ def _use(block: Block, instruction: Instruction, operand: Operand, access: str, 
 
 
 def _given(block: Block, instruction: Instruction, opened: OpenBlocks, callee: Callee) -> list[Use]:
-    """Return the addresses that a call passes on, as read or written by the interface of the callee."""
+    """Return the addresses that a call passes, as read or written according to the callee's interface."""
     operand = instruction.operand
     called = callee(operand.area, operand.number) if operand.kind == NUMBERED and not operand.via else None
     declared = called.interface.parameters if called is not None else []
@@ -152,7 +152,7 @@ def _natural(label: str) -> tuple[str, int]:
 
 
 def cross_reference_lines(blocks: list[Block]) -> list[str]:
-    """Return the cross-reference as text: a line for each address with who reads and writes it, then who calls whom."""
+    """Return the cross-reference as text: a line for each address with the blocks that read or write it, then the calls."""
     found, calls = cross_reference(blocks)
     lines: list[str] = []
     by_address: dict[str, list[Use]] = {}

@@ -11,7 +11,7 @@ from dissect.protocols.mc7.interface import ARRAY, BOOL, STRING, STRUCT, TYPES, 
 from dissect.protocols.mc7.operands import CONSTANT, Operand
 from dissect.wire.text import printable
 
-#: Most values that are shown; a block could have one for each bit.
+#: Maximum number of values that are shown; a block could have one for each bit.
 MAX_VALUES: Final = 100_000
 #: The prefix of values of a type.
 _FORMS: Final[dict[str, str]] = {
@@ -39,7 +39,7 @@ class Value(NamedTuple):
 
 
 def block_data(block: Block) -> list[Value]:
-    """Return the actual values of a data block, without those after a declaration of unknown size, or cut off."""
+    """Return the actual values of a data block, except those after a declaration that is cut off or has an unknown size."""
     found: list[Value] = []
     for declaration in block.interface.declarations:
         if declaration.start < 0:
@@ -67,7 +67,7 @@ def _values(declaration: Declaration, name: str, bit: int, octets: bytes) -> Ite
 
 
 def _elements(declaration: Declaration, name: str, bit: int, octets: bytes) -> Iterator[Value]:
-    """Yield the elements of a one-dimensional array; others are shown as bytes, because the rows of bits are not certain."""
+    """Yield the elements of a one-dimensional array; others are shown as bytes, because the rows of bits are uncertain."""
     element = declaration.members[0] if declaration.members else None
     if element is None or declaration.bits <= 0 or element.bits <= 0:
         return

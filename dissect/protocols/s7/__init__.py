@@ -1,1 +1,1 @@
-"""S7comm messages and the tables that name what they hold."""
+"""S7comm messages, and the tables that name their contents."""

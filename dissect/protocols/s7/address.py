@@ -1,6 +1,6 @@
 """S7 addresses as people write them: ``DB10.DBX4.1``, ``DB10.DBW4``, ``MW20``, ``I0.0``, ``T5``, ``C3``.
 
-`address_text` writes them and `parse_address` reads them, so that each text of the one is accepted by the other.
+`address_text` writes them and `parse_address` reads them; it accepts all texts that `address_text` writes.
 """
 
 from __future__ import annotations
@@ -28,12 +28,12 @@ _LETTERED: Final = frozenset((0x80, 0x81, 0x82, 0x83, 0x86, 0x87))
 _PLAIN: Final = frozenset((0x1C, 0x1D))
 #: Width letters, by octets of an element.
 _WIDTHS: Final[dict[int, str]] = {1: "B", 2: "W", 4: "D", 8: "L"}
-#: Limits of an item's fields: the highest octet that its 24-bit address reaches, and the highest number of a data block.
+#: Limits of an item's fields: the highest octet that its 24-bit address can reach, and the highest number of a data block.
 MAX_OCTET: Final = (1 << 21) - 1
 MAX_DB: Final = 0xFFFF
 
 _AREAS: Final[dict[str, int]] = {letters: area for area, letters in AREA_LETTERS.items()}
-# Patterns are texts, which `re` compiles and keeps at their first use: most runs use none.
+# Patterns are texts, which `re` compiles and caches at their first use: most runs use none.
 _IN_BLOCK: Final = r"(DB|DI)([0-9]{1,8})\.\1([XBWDL])([0-9]{1,8})(?:\.([0-7]))?"
 _IN_RECORD: Final = r"RECORD([0-9]{1,8})@([0-9]{1,8})"
 _NUMBERED: Final = r"(C200|T200|[CTZ]):?([0-9]{1,8})"
@@ -42,7 +42,7 @@ _SPELT_OUT: Final = r"(area0x[0-9a-f]{2}|[A-Z0-9]+):([XBWDL])([0-9]{1,8})(?:\.([
 
 
 class Address:
-    """What an address names; whether an item can hold it is not checked here.
+    """The parts of an address; whether an item can contain it is not checked here.
 
     ``number`` is the octet, or the number of a timer, counter or record. ``width`` is the letter X, B, W, D or L, empty if none
     is written. ``bit`` is -1 if none is written. ``field`` is the address field of an item: octet times 8 plus bit, or the
@@ -62,7 +62,7 @@ class Address:
 
 
 def parse_address(text: str) -> Address | None:
-    """Return what ``text`` names; None if it is not an address.
+    """Return the address in ``text``; None if it is not an address.
 
     It accepts all texts that `address_text` writes, and the German letters E, A and Z.
     """
@@ -84,8 +84,8 @@ def parse_address(text: str) -> Address | None:
 def address_text(area: i64, db: i64, address: i64, transport_size: i64) -> str:
     """Return the address of an item as text.
 
-    ``address`` is the field as sent: octet times 8 plus bit, or a plain number for timers and counters. ``transport_size`` is
-    that of a request item and decides the width letter. An area that no table knows is shown by its number.
+    ``address`` is the field as sent: octet times 8 plus bit, or a plain number for timers and counters. ``transport_size``
+    belongs to the request item and determines the width letter. An area that is in no table is shown by its number.
     """
     if area in NUMBERED_AREAS:
         # C5, but C200:5 in the 200 family, because C2005 would be the S7 counter with that number.

@@ -43,7 +43,7 @@ MESSAGE_ANSWER: Final = Layout(
         Field("reserved", 1, "0.", "s7comm.cpu.msg.res_reserved1"),
     ],
 )
-#: Which alarms are subscribed; follows the mask in a request whose alarm bit is set, and in its answer.
+#: The subscribed alarms; follows the mask in a request whose alarm bit is set, and in its answer.
 ALARM_SUBSCRIPTION: Final = Layout(
     "alarm subscription",
     _SOURCE,
@@ -77,7 +77,7 @@ ARCHIVE_ITEM: Final = Layout(
 ARCHIVE_COUNT: Final = Layout(
     "archives", _SOURCE, [Field("item_count", 1, "Archives that follow.", "s7comm.param.itemcount")]
 )
-#: Octets of an archive, in its first part. It is little-endian, unlike everything else.
+#: Octets of an archive, in its first part. It is little-endian, unlike all other fields.
 ARCHIVE_LENGTH: Final = Layout(
     "archive length",
     _SOURCE,
@@ -105,7 +105,7 @@ SCAN_HEAD: Final = Layout(
         *_OBJECTS,
     ],
 )
-#: Head of messages that have no time: locks, acknowledgements, queries.
+#: Head of messages without a time: locks, acknowledgements, queries.
 OBJECTS_HEAD: Final = Layout("message objects", _SOURCE, [*_OBJECTS])
 
 _ITEM_HEAD: Final = [
@@ -157,7 +157,7 @@ QUERY_BY_TYPE: Final = Layout(
 )
 QUERY_BY_EVENT: Final = Layout("alarm query", _SOURCE, [*_QUERY, _EVENT])
 QUERY_OTHER: Final = Layout("alarm query", _SOURCE, [*_QUERY, Field("value", 4, "Unknown.")])
-#: Layouts of an item of an alarm query, by the kind of the query. That is the octet at `QUERY_TYPE_AT` in each of them.
+#: Layouts of an item of an alarm query, by the kind of the query. In each of them it is the octet at `QUERY_TYPE_AT`.
 QUERIES: Final = {_BY_TYPE: QUERY_BY_TYPE, _BY_EVENT: QUERY_BY_EVENT}
 QUERY_TYPE_AT: Final = 4
 

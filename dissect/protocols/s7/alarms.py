@@ -63,7 +63,7 @@ ALARMS: Final = (
 _TIMED: Final = frozenset((ALARM_8, NOTIFY, ACKNOWLEDGED, ALARM_SQ, ALARM_S, NOTIFY_8))
 #: Alarms with a single signal, which is coming or going.
 _SINGLE: Final = frozenset((ALARM_SQ, ALARM_S))
-#: How many octets of an associated value a line shows.
+#: Maximum number of octets of an associated value in a line.
 _SHOWN_OCTETS: Final = 8
 #: Alarm subscriptions about archives.
 _ARCHIVES: Final = frozenset((6, 7))
@@ -71,7 +71,7 @@ _TYPE_ALARM_S: Final = 4
 #: The complete length for "until a data set of length 0".
 _OPEN_LENGTH: Final = 0xFFFF
 
-#: The text of `events_text` for an empty mask, which ends a subscription.
+#: The result of `events_text` for an empty mask, which ends a subscription.
 NO_EVENTS: Final = "none"
 _EVENTS: Final = (
     ("mode_transitions", "mode transitions"),
@@ -99,7 +99,7 @@ def parse_message_service(cursor: Cursor, head: UserdataHead) -> None:
 
 
 def events_text(part: Part) -> str:
-    """Return the events that the mask of a message service names, for a person."""
+    """Return the events named by the mask of a message service, as text."""
     named = [text for name, text in _EVENTS if part.number(name) > 0]
     if part.number("unknown") > 0:
         named.append(f"unknown 0x{part.number('unknown') << 3:02x}")
@@ -133,7 +133,7 @@ def _archive(part: Part) -> str:
 
 
 def _codes(cursor: Cursor, count: int) -> str:
-    """Parse one return code for each object, and return those that are not success as text."""
+    """Parse one return code for each object; return the codes other than success as text."""
     taken = min(count, cursor.left)
     refused: list[str] = []
     for number in range(taken):
@@ -178,7 +178,7 @@ def parse_alarm(cursor: Cursor, head: UserdataHead) -> None:
 
 
 def _object(cursor: Cursor, subfunction: int) -> bool:
-    """Parse one message object with its associated values; False if it does not fit."""
+    """Parse one message object with its associated values; return False if it does not fit."""
     if cursor.left < ITEM_HEAD.size:
         return cursor.take(ITEM_HEAD) is not None
     size = cursor.octets[cursor.at + 1]
@@ -193,7 +193,7 @@ def _object(cursor: Cursor, subfunction: int) -> bool:
             cursor.take(OCTETS, size - 1)
         return cursor.left > 0
     if layout.size != size + 2:
-        # Reported, but ignored: Wireshark goes by the syntax, and it is not known what another length would mean.
+        # Reported, but ignored: Wireshark uses the length of the syntax, and the meaning of another length is unknown.
         reason = "length_below" if size + 2 < layout.size else "length_beyond"
         at = cursor.at + 1
         cursor.malformed.append(Malformed("s7", reason, "item.length", at, layout.size - 2, size, cursor.limit))
@@ -209,7 +209,7 @@ def _object(cursor: Cursor, subfunction: int) -> bool:
 
 
 def _values(parts: list[Part]) -> str:
-    """Return the associated values of a message for a person: octets, with the text that they contain, if any."""
+    """Return the associated values of a message as text: octets, with the text that they contain, if any."""
     said = []
     for part in parts:
         if part.layout is CONTENT:
@@ -239,7 +239,7 @@ def _object_note(part: Part, subfunction: int) -> str:
 
 
 def _with_changes(part: Part, event: str, masks: tuple[str, str]) -> str:
-    """Return the text of an event with the signals that are coming and going."""
+    """Return the text of an event with the signals that come and go."""
     changes = [
         f"{word} {signals_text(part.number(name))}"
         for word, name in zip(("coming", "going"), masks, strict=True)
@@ -255,7 +255,7 @@ def signals_text(mask: int) -> str:
 
 
 def parse_alarm_query(cursor: Cursor, head: UserdataHead) -> None:
-    """Parse an alarm query, or the first part of its answer: the alarms that are pending, each a data set."""
+    """Parse an alarm query, or the first part of its answer, which has a data set for each pending alarm."""
     if head.type != RESPONSE:
         parse_alarm(cursor, head)
         return
@@ -276,7 +276,7 @@ def parse_alarm_query(cursor: Cursor, head: UserdataHead) -> None:
     while cursor.at < end:
         if complete == _OPEN_LENGTH and cursor.octets[cursor.at] == 0:
             cursor.take(END_OF_ALARMS)
-            cursor.rest()  # no capture proves that nothing follows, but nothing is known to
+            cursor.rest()  # no capture proves that nothing follows, but nothing is known to follow
             break
         data_set = Cursor(cursor.octets, cursor.at, end, "item", [] if head.more else cursor.malformed)
         told = len(data_set.malformed)

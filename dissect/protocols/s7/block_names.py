@@ -1,4 +1,4 @@
-"""Names of blocks as text: type, number and file system (reference section 3.9); for file names, PI services and block info."""
+"""Block names as text: type, number and file system (reference section 3.9); used for files, PI services and block info."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from dissect.wire.layout import HOLDS_NUMBER, Field
 
 #: Meaning of the first character of a file name.
 _IDENTIFIERS: Final = {"_": "complete module", "$": "module header"}
-#: Meaning of the last character: where the block is stored, or is to be stored.
+#: Meaning of the last character: where the block is stored, or will be stored.
 FILE_SYSTEMS: Final = {"P": "passive", "A": "active", "B": "active and passive"}
 _HEX_DIGITS: Final = b"0123456789ABCDEFabcdef"
 #: Octets of a block name without the identifier.
@@ -28,13 +28,13 @@ def identifier_text(octets: bytes) -> str | None:
 
 
 def type_text(octets: bytes) -> str | None:
-    """Return a block type, for example ``DB``; a type that no table knows as its two digits."""
+    """Return a block type, for example ``DB``; an unknown type as its two digits."""
     digits = printable(octets)
     return BLOCK_TYPES.get(digits.upper(), digits)
 
 
 def number_text(octets: bytes) -> str | None:
-    """Return a block number without its leading zeros; anything else unchanged."""
+    """Return a block number without leading zeros; any other text unchanged."""
     return str(int(octets)) if octets.isdigit() else printable(octets)
 
 
@@ -45,19 +45,19 @@ def file_system_text(octets: bytes) -> str | None:
 
 
 def is_block_name(octets: bytes) -> bool:
-    """Tell whether eight octets are a block name: two digits of the type, five of the number, the file system."""
+    """Return whether eight octets are a block name: two digits of the type, five of the number, the file system."""
     return len(octets) == NAME_SIZE and octets[0] in _HEX_DIGITS and octets[1] in _HEX_DIGITS and octets[2:7].isdigit()
 
 
 def block_text(octets: bytes) -> str:
-    """Return the text for eight octets that name a block, for example ``DB 1, passive``; other octets as they are."""
+    """Return the text for eight octets that name a block, for example ``DB 1, passive``; other octets unchanged."""
     if not is_block_name(octets):
         return printable(octets)
     return f"{type_text(octets[:2])} {number_text(octets[2:7])}, {file_system_text(octets[7:])}"
 
 
 def name_fields(type_name: str, number_name: str, system_name: str) -> list[Field]:
-    """Return the three fields of a block name; the arguments are Wireshark's names, which depend on the place."""
+    """Return the three fields of a block name; the arguments are Wireshark's names, which differ from place to place."""
     return [
         Field(
             "block_type", 2, "Type of the block, two digits as text.", type_name, means=type_text, holds=HOLDS_NUMBER
@@ -76,7 +76,7 @@ def name_fields(type_name: str, number_name: str, system_name: str) -> list[Fiel
     ]
 
 
-#: A block name that is a file name, or a part of one.
+#: A block name as a file name, or as a part of one.
 FILE_NAME_FIELDS: Final = name_fields(
     "s7comm.data.blockcontrol.block_type",
     "s7comm.data.blockcontrol.block_number",

@@ -1,4 +1,4 @@
-"""Block functions (userdata group 3, reference section 4.6): which blocks there are, and what a block says about itself."""
+"""Block functions (userdata group 3, reference section 4.6): lists of blocks, and the information about one block."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ BLOCK_WANTED: Final = Layout(
 
 
 def header_fields(named: bool) -> list[Field]:
-    """Return the fields of the first 36 octets of a block; if ``named``, with Wireshark's field names where it has any."""
+    """Return the fields of the first 36 octets of a block; ``named``: with Wireshark's field names where these exist."""
 
     def name(text: str) -> str:
         return text if named else ""
@@ -117,7 +117,7 @@ def header_fields(named: bool) -> list[Field]:
 
 
 def footer_fields(named: bool) -> list[Field]:
-    """Return the fields of the 28 octets that say who wrote a block; if ``named``, with Wireshark's field names."""
+    """Return the fields of the 28 octets with the author of a block; with ``named``, they get Wireshark's field names."""
 
     def name(text: str) -> str:
         return f"s7comm.blockinfo.{text}" if named else ""
@@ -193,7 +193,7 @@ def parse_info(cursor: Cursor, head: UserdataHead) -> None:
 
 
 def _about(info: Part) -> str:
-    """Return the main facts of block info: whether it is protected, version, time of the last code change, size, author."""
+    """Return the main facts of block info: protection, version, time of the last code change, size, author."""
     said: list[str] = []
     if info.number("security") > 0:
         said.append(info.text("security") or f"protection 0x{info.number('security'):x}")
@@ -208,12 +208,12 @@ def _about(info: Part) -> str:
 
 
 def header_text(part: Part) -> str:
-    """Return the block that a part with `header_fields` is about, for example ``DB 1``."""
+    """Return the name of the block that a part with `header_fields` describes, for example ``DB 1``."""
     return f"{BLOCK_KINDS.name(part.number('block_kind'))} {part.number('block_number')}"
 
 
 def is_header(octets: bytes) -> bool:
-    """Return whether ``octets`` begin with a block: the mark, a known type, and lengths that do not contradict each other."""
+    """Return whether ``octets`` begin with a block: the mark, a known type, and lengths without contradiction."""
     if len(octets) < HEADER.size or octets[:2] != b"pp" or f"{octets[5]:02X}" not in BLOCK_TYPES:
         return False
     return u32(octets, 8) >= HEADER.size + u16(octets, 34)

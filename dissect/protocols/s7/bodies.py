@@ -1,8 +1,8 @@
 """Splits the parameter block and the data block of an S7 PDU into parts without gaps.
 
-Read this file to find which structure stands where: the tables at its end name the parser for each function and each userdata
-subfunction. A parser takes parts from a `Cursor` in wire order; octets that it does not take are reported as surplus. This is
-not the hot path: reads and writes are paired with `dissect.protocols.s7.items` alone; a body is parsed only when its parts are
+Read this file to find the structure of each message: the tables at its end name the parser for each function and each userdata
+subfunction. A parser takes parts from a `Cursor` in wire order; octets that it leaves are reported as surplus. This is not the
+hot path: for pairing reads and writes `dissect.protocols.s7.items` is sufficient; a body is parsed only when its parts are
 needed.
 """
 
@@ -94,7 +94,7 @@ PayloadParser = Callable[[Cursor, UserdataHead], None]
 
 
 def parse_body(pdu: Pdu) -> Body:
-    """Split what follows the header of a PDU into parts. Never raises."""
+    """Divide the octets after the header of a PDU into parts. Never raises."""
     body = Body()
     at = min(pdu.header_size, len(pdu.octets))
     middle = min(pdu.data_offset, len(pdu.octets))
@@ -129,7 +129,7 @@ def parse_parameter_parts(
 
 
 def _known_parameters(cursor: Cursor, parameters: Parameters) -> None:
-    """Parse the parameters of setup, read and write; `parse_parameters` has noted their faults, so that none is noted here."""
+    """Parse the parameters of setup, read and write; no faults are noted here, because `parse_parameters` has noted them."""
     cursor.malformed = []
     if parameters.function == SETUP_COMMUNICATION:
         cursor.take(SETUP)
@@ -178,7 +178,7 @@ def parse_data_parts(
 
 
 def _known_data(cursor: Cursor, parameters: Parameters) -> None:
-    """Parse the data of a read or write; `parse_pdu` has noted their faults, so that none is noted here."""
+    """Parse the data of a read or write; no faults are noted here, because `parse_pdu` has noted them."""
     cursor.malformed = []
     count = parameters.item_count
     if parameters.function == WRITE_VAR and parameters.rosctr in {ACK, ACK_DATA}:

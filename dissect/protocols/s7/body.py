@@ -11,7 +11,7 @@ from dissect.wire.part import Part
 class Body:
     """The parts of a PDU after its header; offsets are within the PDU.
 
-    ``malformed`` has the faults of the parts, without those that are in `Pdu.malformed` already.
+    ``malformed`` has the faults of the parts, except those that are already in `Pdu.malformed`.
     """
 
     __slots__ = ("data", "malformed", "parameters")
@@ -53,6 +53,6 @@ class Body:
     def notes(self) -> list[str]:
         """The notes of the parts in wire order; text from the wire is not escaped.
 
-        Notes of data items are left out: they only repeat the addresses, next to the values.
+        Notes of data items are omitted: they only repeat the addresses, next to the values.
         """
         return [part.note for part in self.parts if part.note and part.layout is not DATA_ITEM]

@@ -1,4 +1,4 @@
-"""Builds octets of S7 PDUs that `dissect.protocols.s7` reads, as devices usually send them (reference sections 3 and 4).
+"""Builds octets of S7 PDUs that `dissect.protocols.s7` reads, in the usual form of devices (reference sections 3 and 4).
 
 PDUs are built with reference 0; `with_reference` sets another one.
 """
@@ -80,7 +80,7 @@ def build_items(items: Sequence[bytes]) -> bytes:
 
 
 def build_variables(rosctr: int, function: int, count: int, items: bytes, data: bytes = b"") -> bytes:
-    """Return a Read Var, a Write Var or its answer with ``count`` items: request ``items`` and items with ``data``."""
+    """Return a Read Var, a Write Var or its answer with ``count`` items: request ``items``, and items with ``data``."""
     return build_pdu(rosctr, bytes((function, count & 0xFF)) + items, data)
 
 

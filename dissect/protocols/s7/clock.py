@@ -1,4 +1,4 @@
-"""Time functions (userdata group 7): the clock in the answer to a read and in a request to set (reference section 4.12)."""
+"""Time functions (userdata group 7): the clock in a read answer and in a set request (reference section 4.12)."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from dissect.wire.part import Cursor
 #: Subfunctions that set the clock.
 SETTING: Final = frozenset((SET_CLOCK, SET_CLOCK_SECOND))
 
-#: The clock: the eight octets of DATE_AND_TIME after one for the century, which devices fill in wrongly.
+#: The clock: the eight octets of DATE_AND_TIME after one octet for the century, which devices fill in wrongly.
 CLOCK: Final = Layout(
     "clock",
     "reference section 4.12",

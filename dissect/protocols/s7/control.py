@@ -91,7 +91,7 @@ PI_PASSWORD: Final = Layout(
     _SOURCE,
     [_STRING_LENGTH, Field("password", REST, "Text that is not to be shown.", holds=HOLDS_SECRET)],
 )
-#: Pads an argument to an even size, also the last one.
+#: Pads an argument, also the last one, to an even size.
 PI_FILL: Final = Layout("argument fill", _SOURCE, [Field("argument_fill", 1, "Makes length and text even.")])
 
 PLC_STOP: Final = Layout(
@@ -123,7 +123,7 @@ def parse_service(cursor: Cursor, answer: bool) -> None:
         size = cursor.left
     name = _name_behind(cursor, size)
     known = _service_note(name, size > 0)
-    head.note = known  # the name comes after the arguments, but says what they are for
+    head.note = known  # the name comes after the arguments, but determines their meaning
     block = Cursor(cursor.octets, cursor.at, cursor.at + size, "item", cursor.malformed)
     _parameter_block(block, name)
     block.finish()
@@ -139,7 +139,7 @@ def _name_behind(cursor: Cursor, size: int) -> str:
 
 
 def _service_note(name: str, has_block: bool) -> str:
-    """Return the name of a service and what it does; empty for an unknown service."""
+    """Return the name of a service and its effect; empty for an unknown service."""
     if name == PROGRAM:
         return f"{name}: start the CPU" if has_block else f"{name}: start the CPU, warm restart"
     row = PI_SERVICES.get(name)

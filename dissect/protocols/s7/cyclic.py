@@ -1,4 +1,4 @@
-"""Cyclic services (userdata group 2): variables that are sent periodically, or when they change (reference section 4.7)."""
+"""Cyclic services (userdata group 2): variables that are sent periodically or when they change (reference section 4.7)."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ RECORD_HEAD: Final = Layout(
         Field("item_count", 1, "1; devices accept no more.", "s7comm.param.itemcount"),
     ],
 )
-#: The transport size between the return code and the status of a record that was read.
+#: The transport size between the return code and the status of a data record that was read.
 RECORD_TRANSPORT: Final = Layout("data record transport size", "reference section 4.7", [DATA_ITEM.fields[1]])
 RECORD_STATUS: Final = Layout(
     "data record status",

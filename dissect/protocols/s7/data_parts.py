@@ -18,7 +18,7 @@ CONTENT: Final = Layout(
     "reference section 3.5",
     [Field("data", REST, "Values, or a bit in the lowest bit.", "s7comm.resp.data", holds=HOLDS_VALUE)],
 )
-#: A return code that is the whole answer for an item, as for a write.
+#: A return code that is the whole answer for an item, as in a write.
 RETURN_CODE: Final = Layout("return code", "reference section 3.5", [DATA_ITEM.fields[0]])
 
 
@@ -45,7 +45,7 @@ def take_request_items(cursor: Cursor, count: int) -> list[Item]:
                 Malformed("s7", fault.reason, fault.field, fault.offset, fault.needed, fault.available, limit)
             )
     if len(items) < count:
-        cursor.rest()  # an item that does not fit; noted above
+        cursor.rest()  # an item that does not fit; its fault was noted above
     return items
 
 

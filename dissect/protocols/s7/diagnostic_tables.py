@@ -1,7 +1,6 @@
 """Events of the diagnostic buffer: their classes and their meanings (reference section 4.5, Siemens event list).
 
-Numbers and meanings are those of the Siemens manual of system and standard functions, as Wireshark has them; the wording is our
-own.
+Numbers and meanings come from the Siemens manual of system and standard functions, as in Wireshark; the wording is our own.
 """
 
 from __future__ import annotations
@@ -34,7 +33,7 @@ EVENT_CLASSES: Final = CodeTable(
     ],
 )
 
-#: Events by id; those of classes 8 and 9 with bits 11-8 zero.
+#: Events by id; in the ids of classes 8 and 9 the bits 11-8 are zero.
 EVENTS: Final = EventTable(
     "diagnostic event",
     4,

@@ -1,4 +1,4 @@
-"""Diagnostic messages: entries of the diagnostic buffer, which are read as an SZL or pushed as a message.
+"""Diagnostic messages: entries of the diagnostic buffer, read as an SZL or pushed as a message.
 
 Reference section 4.5 (list 0x00a0) and 4.9 (userdata group 4, subfunction 3).
 """
@@ -45,25 +45,25 @@ DIAGNOSTIC_EVENT: Final = Layout(
 
 #: Events of class 4 about mode transitions and H systems that state a STOP.
 _STOPS: Final = frozenset((0x4303, 0x4304, 0x430A, 0x430D, 0x430F, 0x43D3, 0x45D8, 0x45D9, 0x45DA, 0x49D2, 0x49D4))
-#: All other events of class 4 that state a STOP: those with one of these upper octets and a lower octet below `_NO_STOP_FROM`,
-#: where the events of firmware and H systems begin.
+#: All other events of class 4 that state a STOP: their upper octet is one of these, and their lower octet is below
+#: `_NO_STOP_FROM`, where the events of firmware and H systems begin.
 _STOP_EVENTS: Final = frozenset((0x45, 0x49))
 _NO_STOP_FROM: Final = 0xB0
 
 
 def states_stop(event_id: int) -> bool:
-    """Return whether an event says that, and why, a CPU goes to STOP."""
+    """Return whether an event states that a CPU goes to STOP, and why."""
     return event_id in _STOPS or (event_id >> 8 in _STOP_EVENTS and event_id & 0xFF < _NO_STOP_FROM)
 
 
 def event_name(event_id: int) -> str:
-    """Return the name of an event, or that of its class if the event is unknown."""
+    """Return the name of an event, or of its class if the event is unknown."""
     row = EVENTS.get(event_id)
     return row.name if row is not None else EVENT_CLASSES.name(event_id >> 12)
 
 
 def event_id(part: Part) -> int:
-    """Return the event id of a `DIAGNOSTIC_EVENT`, which its first fields share; -1 if the part ends before it."""
+    """Return the event id of a `DIAGNOSTIC_EVENT`, which is divided among its first fields; -1 if the part is too short."""
     return part.leading(2)
 
 

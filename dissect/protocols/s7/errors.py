@@ -1,8 +1,8 @@
 """The 16-bit error codes of S7comm: header class and code, userdata error code, block-transfer error code.
 
-One table is used for all three (reference section 3.2). The upper octet of a header error is its class. What a code means
-depends on the function that it refuses: `errors_of` returns the table to read it from. Everything that shows or judges an error
-reads it there, so that all outputs agree.
+One table is used for all three (reference section 3.2). The upper octet of a header error is its class. The meaning of a code
+depends on the refused function: `errors_of` returns the right table. All code that shows or judges an error uses it, so all
+outputs agree.
 """
 
 from __future__ import annotations
@@ -242,7 +242,7 @@ _ROWS: Final[list[tuple[int, str, str]]] = [
     (0xef02, "Error at ID2, resource set missing", "Protocol error"),
 ]
 
-#: Every error code, whatever it answers.
+#: Every error code, for all functions.
 ERROR_CODES: Final = CodeTable("S7 error code", 4, _ROWS)
 
 ERROR_CLASSES: Final = CodeTable(
@@ -259,7 +259,7 @@ ERROR_CLASSES: Final = CodeTable(
     ],
 )
 
-#: The upper octets of other codes: they are no classes, but name the service that the code belongs to.
+#: The upper octets of other codes: they are not classes, but name the service of the code.
 ERROR_SERVICES: Final = CodeTable(
     "S7 error service",
     2,
@@ -279,10 +279,10 @@ ERROR_SERVICES: Final = CodeTable(
 
 _VARIABLES: Final = frozenset((READ_VAR, WRITE_VAR))
 _UPLOADS: Final = frozenset((START_UPLOAD, UPLOAD, END_UPLOAD))
-#: What loads, reads out, links or copies blocks; userdata is among it for block functions and NC programming.
+#: Functions that load, read out, link or copy blocks; userdata is included because of block functions and NC programming.
 _BLOCKS: Final = _UPLOADS | {REQUEST_DOWNLOAD, DOWNLOAD_BLOCK, DOWNLOAD_ENDED, PI_SERVICE, CPU_SERVICES}
 
-#: Codes whose row holds for some functions only, with these. Answering another one they mean no more than their class.
+#: Codes whose row applies only to these functions. In an answer to any other function, only their class has a meaning.
 _ONLY: Final[dict[int, frozenset[int]]] = {
     0x8003: _BLOCKS,
     0x8205: _BLOCKS,
@@ -292,32 +292,32 @@ _ONLY: Final[dict[int, frozenset[int]]] = {
     0x8401: _BLOCKS,
 }
 
-#: Codes by which a protection level or a password refuses a request, whatever its function.
+#: Codes by which a protection level or a password refuses a request of any function.
 _PROTECTED: Final = frozenset((0xD241, 0xD602))
 #: Classes by which S7-1200/1500 refuse reads and writes while PUT/GET access is off, or of a block with optimized access; they
-#: use them for other reasons as well.
+#: also use them for other reasons.
 _PERHAPS: Final = range(0x81, 0x86)
 
-#: The function of an answer that names none, such as most Acks, when its request is not known.
+#: The function of an answer that names none, such as most Acks, if its request is unknown.
 NO_FUNCTION: Final = -1
-#: Stands for all functions that the sets above do not name.
+#: Represents all functions that are not in the sets above.
 _OTHER: Final = 0x100
 
 
 def protects(code: int) -> bool:
-    """Return whether an error code says that the PLC is protected."""
+    """Return whether an error code means that the PLC is protected."""
     return code in _PROTECTED
 
 
 def may_protect(code: int, function: int) -> bool:
-    """Return whether an error code may mean that the PLC is protected: it refuses a read or write, and may have other reasons."""
+    """Return whether an error code may mean that the PLC is protected: it refuses a read or write, but has other meanings, too."""
     return function in _VARIABLES and code >> 8 in _PERHAPS
 
 
 class ErrorTable(CodeTable):
-    """The error codes as they answer one function, `NO_FUNCTION` if it is not known.
+    """The error codes with their meaning for one function, `NO_FUNCTION` if the function is unknown.
 
-    Its rows are those of `ERROR_CODES` that hold for the function. Any other code has the words of its class.
+    Its rows are the rows of `ERROR_CODES` that apply to the function. Any other code has the words of its class.
     """
 
     __slots__ = ("_function",)
@@ -328,24 +328,24 @@ class ErrorTable(CodeTable):
         self._function = function
 
     def get(self, number: int) -> Code | None:
-        """Return the row of an error code, or one made from its class; None if that is unknown as well."""
+        """Return the row of an error code, or one made from its class; None if the class is unknown, too."""
         return super().get(number) or _of_class(number, self._function)
 
     def name(self, number: int) -> str:
-        """Return the name of an error code, else the words of its class; for an unknown class its hexadecimal form."""
+        """Return the name of an error code, otherwise the text of its class; for an unknown class its hexadecimal form."""
         row = self.get(number)
         return row.name if row is not None else self.hex(number)
 
     def text(self, number: int) -> str:
-        """Return what an error code means, else what its class does; empty for an unknown class."""
+        """Return the meaning of an error code, otherwise the meaning of its class; empty for an unknown class."""
         row = self.get(number)
         return row.text if row is not None else ""
 
 
 def _of_class(number: int, function: int) -> Code | None:
-    """Return a row with the words of a code's class, or of the service that it belongs to; None if that is not known.
+    """Return a row with the text of a code's class, or of the service that it belongs to; None if that is unknown.
 
-    Class 0 means that there is no error, which a code in it contradicts.
+    Class 0 means "no error", which contradicts a code in it.
     """
     upper = number >> 8
     row = ERROR_CLASSES.get(upper) or ERROR_SERVICES.get(upper)
@@ -363,7 +363,7 @@ def _words(row: Code) -> str:
 
 
 def class_names() -> list[str]:
-    """Return the names that codes without a row of their own have, one for each class."""
+    """Return the names for codes without their own row, one for each class."""
     return [_words(row) for table in (ERROR_CLASSES, ERROR_SERVICES) for row in table if row.number]
 
 
@@ -371,7 +371,7 @@ _TABLES: Final[dict[int, CodeTable]] = {}
 
 
 def errors_of(function: int) -> CodeTable:
-    """Return the table of the error codes that answer ``function`` (its octet, that of userdata for all of userdata)."""
+    """Return the table of error codes for answers to ``function`` (its octet; for all of userdata that of userdata)."""
     kind = function if function in _BLOCKS or function in _VARIABLES or function == NO_FUNCTION else _OTHER
     table = _TABLES.get(kind)
     if table is None:

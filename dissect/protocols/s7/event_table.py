@@ -6,7 +6,7 @@ from typing import Final
 
 from dissect.wire.codes import Code, CodeTable
 
-#: Classes in which bits 11-8 are not part of the event's identity, but say how it came.
+#: Classes in which bits 11-8 are not part of the event's identity, but say how the event came.
 _BY_NUMBER: Final = frozenset((0x8, 0x9))
 
 

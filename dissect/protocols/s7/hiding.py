@@ -1,8 +1,8 @@
-"""Finds passwords in an S7 PDU, so that texts that are shown or kept leave them out.
+"""Finds passwords in an S7 PDU, so that displayed or stored texts omit them.
 
 A session password (userdata, security, reference section 4.11) is only encoded, not encrypted; passwords of Sinumerik services
 (section 3.10) are plain text. A wrong length must not make a password visible, so no length is trusted: if lengths and octets
-do not fit, everything that may be a password is hidden.
+do not match, everything that may be a password is hidden.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from dissect.protocols.s7.services import PI_SERVICES, SECRET
 from dissect.protocols.s7.tables import JOB, PI_SERVICE, SEND_PASSWORD, USERDATA
 from dissect.wire.layout import HOLDS_SECRET
 
-#: Offsets in a userdata PDU: type and group, subfunction; and the value of the former in a request to security.
+#: Offsets in a userdata PDU: type and group, subfunction; and the value of the type and group in a security request.
 _GROUP_AT: Final = 15
 _SUBFUNCTION_AT: Final = 16
 _SECURITY_REQUEST: Final = 0x45
@@ -35,9 +35,9 @@ _SECRET_SERVICES: Final = [name.encode() for name, service in PI_SERVICES.items(
 
 
 def secret_spans(octets: bytes) -> list[tuple[int, int]]:
-    """Return (offset, end) of everything that may be a password in an S7 PDU, in order. Never raises.
+    """Return (offset, end) of each possible password in an S7 PDU, in order. Never raises.
 
-    Everything after the data head of a session password counts, whatever the lengths say.
+    Everything after the data head of a session password counts, whatever the lengths are.
     """
     size = len(octets)
     if size <= _SUBFUNCTION_AT or octets[0] != PROTOCOL_ID:
@@ -55,7 +55,7 @@ def secret_spans(octets: bytes) -> list[tuple[int, int]]:
 
 
 def _in_service(pdu: Pdu, body: Body) -> list[tuple[int, int]]:
-    """Return the password arguments of a service; all arguments if they do not match those that the service has."""
+    """Return the password arguments of a service; return all arguments if their number does not match the service."""
     octets = pdu.octets
     arguments = [part for part in body.parts if part.layout is PI_STRING or part.layout is PI_PASSWORD]
     name = b""
@@ -82,7 +82,7 @@ def _in_service(pdu: Pdu, body: Body) -> list[tuple[int, int]]:
 
 
 def body_to_show(pdu: Pdu) -> Body:
-    """Return the parts of a PDU, without the notes of those that may hold a password."""
+    """Return the parts of a PDU, without the notes of parts that may contain a password."""
     body = parse_body(pdu)
     if pdu.rosctr == JOB and pdu.function == PI_SERVICE and len(pdu.octets) > _SUBFUNCTION_AT:
         spans = _in_service(pdu, body)
@@ -95,7 +95,7 @@ def body_to_show(pdu: Pdu) -> Body:
 
 
 def secret_spans_within(octets: bytes) -> list[tuple[int, int]]:
-    """Return (offset, end) of everything that may be a password, if an S7 PDU may begin anywhere in ``octets``."""
+    """Return (offset, end) of each possible password, if an S7 PDU may begin anywhere in ``octets``."""
     at = octets.find(PROTOCOL_ID)
     while at >= 0:
         spans = secret_spans(octets[at:])

@@ -1,4 +1,4 @@
-"""Items: what a Read Var or Write Var requests (request items), what is returned (data items), and both joined.
+"""Items: the request items of a Read Var or Write Var, the data items of its answer, and both joined.
 
 Reference section 3.5.
 """
@@ -33,18 +33,18 @@ from dissect.wire.octets import u16, u24, u32
 SPECIFICATION: Final = 0x12
 DATA_HEAD: Final = 4
 S7ANY_SIZE: Final = 12
-#: The parts of `item_heads`: the octets of the data block; then for each item its place and the octets that it begins with.
+#: The parts of `item_heads`: the size of the data block; then for each item its place and its first octets.
 _SIZE: Final = struct.Struct(">q")
 _PLACED: Final = struct.Struct(">II")
-#: How many octets of a data item its `repr` shows.
+#: Number of octets of a data item that its `repr` shows.
 _SHOWN: Final = 16
 
-#: Kinds of areas that a write goes to, as bits: outputs and peripherals, where it acts at once, and everything else.
+#: Kinds of areas that a write goes to, as bits: outputs and peripherals, where it has an immediate effect, and all others.
 WRITTEN_IO: Final = 1
 WRITTEN_ELSEWHERE: Final = 2
 _IO_AREAS: Final = frozenset((0x80, 0x82))
 
-#: Transport sizes of data whose length field counts bits, a bit for each, as every item needs it; they are below `_CODED`.
+#: Transport sizes whose length field counts bits, as a bit mask, because every item needs this check; all are below `_CODED`.
 _CODED: Final = 32
 _IN_BITS: Final[i64] = sum([1 << code for code in LENGTH_IN_BITS if code < _CODED])
 _DINTEGER: Final = 0x06
@@ -54,10 +54,10 @@ class Item:
     """A request item.
 
     ``offset`` is within the parameter block of the PDU; ``octets`` are the whole item, head included. The fields from
-    ``transport_size`` to ``start_bit`` are filled for S7ANY; for every other syntax they are -1 and `address` names the
-    syntax. ``size`` is the number of octets in a good answer, -1 if it cannot be known (a data record may be shorter than
-    requested, and devices differ in how they pack several bits). ``areas`` are the areas of data blocks that a DBREAD item
-    requests, each as an `Item`; None for other items.
+    ``transport_size`` to ``start_bit`` are set for S7ANY; for all other syntaxes they are -1, and `address` names the syntax.
+    ``size`` is the number of octets in a good answer, -1 if it is unknown (a data record may be shorter than requested, and
+    devices pack several bits in different ways). ``areas`` are the areas of data blocks that a DBREAD item requests, each as an
+    `Item`; None for other items.
     """
 
     __slots__ = (
@@ -90,13 +90,13 @@ class Item:
         self.start_bit: i64 = -1
         self.size: i64 = -1
         self.areas: list[Item] | None = None
-        self._address: str = ""  # made when it is first asked for
+        self._address: str = ""  # made at the first access
         # Cached texts for reports, because polling repeats the same items for hours.
         self.fragment: str = ""  # for JSON
         self.head: bytes = b""  # the same, where lines are built as bytes
         self.cell: bytes = b""  # for CSV: the cells from the address to the value, for an item without an error
         self.shown: str = ""  # for a person
-        self.line: bytes = b""  # the same where lines are built as bytes, up to the value
+        self.line: bytes = b""  # the same for lines that are built as bytes, up to the value
 
     @property
     def address(self) -> str:
@@ -114,10 +114,10 @@ class Item:
         self._address = address
 
     def fits(self, size: i64) -> bool:
-        """Return whether ``size`` octets fit what the item requests, so that they can be decoded.
+        """Return whether ``size`` octets match what the item requests, so that they can be decoded.
 
-        If the item's own ``size`` is not known, any number of octets fits; but not for several bits that share octets, whose
-        order is not known.
+        If the item's own ``size`` is unknown, any number of octets matches, except for several bits that share octets, whose
+        order is unknown.
         """
         if self.size >= 0:
             return self.size == size
@@ -150,7 +150,7 @@ def parse_item(octets: bytes, offset: i64) -> Item:
 
 
 def _areas(octets: bytes, offset: i64) -> list[Item] | None:
-    """Return the areas of a DBREAD item; None if its length does not fit their count (reference 3.5)."""
+    """Return the areas of a DBREAD item; None if its length does not match their count (reference 3.5)."""
     first: i64 = DB_READ_ITEM.size
     step: i64 = DB_AREA.size
     size: i64 = len(octets)
@@ -171,9 +171,9 @@ def _areas(octets: bytes, offset: i64) -> list[Item] | None:
 
 
 def walk_areas(areas: list[Item], octets: bytes) -> list[DataItem]:
-    """Parse the answer to a DBREAD item into its areas: a return code each, followed by octets if that is success (3.5).
+    """Parse the answer to a DBREAD item into its areas: for each a return code, with octets if it is success (3.5).
 
-    Return an empty list unless the areas fill ``octets`` exactly: then nothing is known about any of them.
+    Return an empty list unless the areas fill ``octets`` exactly: otherwise none of them can be trusted.
     """
     found: list[DataItem] = []
     at: i64 = 0
@@ -243,9 +243,10 @@ def item_fill(size: i64, last: bool) -> i64:
 
 
 def data_size_within(transport_size: i64, length: i64, room: i64) -> i64:
-    """Return the octets of a data item's content; its ``length`` field counts bits for some transport sizes.
+    """Return the size of a data item's content; its ``length`` field counts bits for some transport sizes.
 
-    Sources disagree whether it counts octets or bits for 0x06. So ``room``, the number of octets left, decides (reference 3.6).
+    Sources disagree whether it counts octets or bits for 0x06. So ``room``, the number of remaining octets, decides (reference
+    3.6).
     """
     if transport_size < _CODED and _IN_BITS >> transport_size & 1:
         return (length + 7) >> 3
@@ -255,7 +256,7 @@ def data_size_within(transport_size: i64, length: i64, room: i64) -> i64:
 
 
 def item_heads(count: i64, buf: bytes, at: i64, end: i64) -> bytes:
-    """Return what `begin_alike` compares: the size of a sound data block; for each item its place and its first four octets."""
+    """Return what `begin_alike` compares: the size of a sound data block; for each item its place and first four octets."""
     heads = BytesWriter()
     write_i64_be(heads, end - at)
     place: i64 = at
@@ -268,7 +269,7 @@ def item_heads(count: i64, buf: bytes, at: i64, end: i64) -> bytes:
 
 
 def begin_alike(heads: bytes, buf: bytes, at: i64, end: i64) -> bool:
-    """Return whether ``buf[at:end]`` is as long as the data block of ``heads`` (`item_heads`), and its items begin the same.
+    """Return whether ``buf[at:end]`` is as long as the data block of ``heads`` (`item_heads`), and its items begin equally.
 
     Then the sizes of all items are the same as well. Return False if ``heads`` is empty.
     """
@@ -285,7 +286,7 @@ def begin_alike(heads: bytes, buf: bytes, at: i64, end: i64) -> bool:
 
 
 def answer_layout(heads: bytes) -> struct.Struct:
-    """Return a struct that reads an answer like that of ``heads`` (`item_heads`), from the error code to the end.
+    """Return a struct that reads an answer similar to that of ``heads`` (`item_heads`), from the error code to the end.
 
     It yields the error code, function and item count, and the first four octets of each item.
     """
@@ -321,7 +322,7 @@ def parse_data_items(
     """Read up to ``count`` data items from ``octets[at:end]``; note faults in ``malformed``.
 
     In a ``response``, an item whose return code is not success has only its head of four octets, whatever its length field
-    says. One octet after an odd last item is tolerated: one client pads the last item as well (reference 3.5).
+    says. One octet after an odd last item is tolerated, because one client pads the last item as well (reference 3.5).
     """
     items: list[DataItem] = []
     size: i64 = 0
@@ -347,10 +348,10 @@ def parse_data_items(
 
 
 def without_fill(items: list[Item], octets: bytes, at: i64, end: i64) -> i64:
-    """Return the index of the first data item of a write that begins one octet early; 0 if that is not what is wrong.
+    """Return the index of the first data item of a write that begins one octet early; 0 if this is not the fault.
 
-    A data item of odd length takes a fill octet, unless it is the last. A client that leaves it out writes a data block that
-    contradicts itself, and that is sound again if the fill octets are not looked for where they are missing.
+    A data item of odd length takes a fill octet, unless it is the last. A client that omits it writes a data block that
+    contradicts itself, but is sound if the missing fill octets are not expected.
     """
     first: i64 = 0
     size: i64 = 0
@@ -368,7 +369,7 @@ def without_fill(items: list[Item], octets: bytes, at: i64, end: i64) -> i64:
 
 
 def _begins(item: Item, octets: bytes, at: i64, end: i64) -> bool:
-    """Return whether the data of a written item begin at ``at``: a head of no return code, and the size of the item."""
+    """Return whether the data of a written item begin at ``at``: a head without a return code, and the size of the item."""
     if at + DATA_HEAD > end or octets[at]:
         return False
     size: i64 = data_size_within(octets[at + 1], u16(octets, at + 2), end - at - DATA_HEAD)
@@ -376,7 +377,7 @@ def _begins(item: Item, octets: bytes, at: i64, end: i64) -> bool:
 
 
 def fitting(items: list[Item], found: list[DataItem]) -> list[DataItem]:
-    """Return the data items of a block that contradicts itself, up to the first that does not fit its item."""
+    """Return the data items of a block that contradicts itself, up to the first one that does not match its item."""
     sound: list[DataItem] = []
     for index in range(min(len(items), len(found))):
         if found[index].return_code or not items[index].fits(len(found[index].data)):
@@ -388,9 +389,9 @@ def fitting(items: list[Item], found: list[DataItem]) -> list[DataItem]:
 class ItemResult:
     """A request item joined with its answer; either may be missing.
 
-    ``return_code`` is -1 if there is no answer. ``data`` are the octets read or written, None if there are none.
-    ``decodable``: ``data`` has the size that the item requests, so that ``value`` can be decoded.
-    ``unchanged``: a push says that the value is the same as in the push before.
+    ``return_code`` is -1 if there is no answer. ``data`` are the octets that were read or written, None if there are none.
+    ``decodable``: ``data`` has the requested size, so ``value`` can be decoded. ``unchanged``: a push states that the value is
+    the same as in the previous push.
     """
 
     __slots__ = ("answer", "data", "item", "return_code", "unchanged")
@@ -447,7 +448,7 @@ def _result(item: Item | None, answer: DataItem) -> ItemResult:
 
 
 def area_results(item: Item, answer: DataItem | None) -> list[ItemResult]:
-    """Return one result for each area of a DBREAD item; a single one if it was refused or its answer does not fit."""
+    """Return one result for each area of a DBREAD item; only one if it was refused or its answer does not match."""
     areas = item.areas
     if areas is None:
         return [_result(item, answer)] if answer is not None else [ItemResult(item, -1, None, None)]
@@ -460,7 +461,7 @@ def area_results(item: Item, answer: DataItem | None) -> list[ItemResult]:
 
 
 def write_results(items: list[Item], written: list[DataItem], codes: list[int]) -> list[ItemResult]:
-    """Join the items of a write with the values that it carries and the return codes of its answer."""
+    """Join the items of a write with their values and the return codes of its answer."""
     results: list[ItemResult] = []
     for index in range(max(len(items), len(codes))):
         item = items[index] if index < len(items) else None
@@ -471,7 +472,7 @@ def write_results(items: list[Item], written: list[DataItem], codes: list[int]) 
 
 
 def odd_data_code(item: Item, answer: DataItem) -> bool:
-    """Return whether a good data item has a transport size that CPUs do not use to answer its request item (reference 3.5)."""
+    """Return whether a good data item has a transport size that CPUs never use for its request item (reference 3.5)."""
     if item.syntax_id != S7ANY or item.area == RECORD_AREA:
         return False
     expected: int = ANSWER_TRANSPORT_SIZE.get(item.transport_size, -1)

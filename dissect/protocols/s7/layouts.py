@@ -31,7 +31,7 @@ _HEAD: Final = [
 
 #: Header of ROSCTR 1 (Job) and 7 (Userdata).
 HEADER: Final = Layout("S7 header", "reference section 3.1", [*_HEAD])
-#: Header of ROSCTR 2 (Ack) and 3 (Ack_Data): two more octets.
+#: Header of ROSCTR 2 (Ack) and 3 (Ack_Data): two octets more.
 ACK_HEADER: Final = Layout(
     "S7 header",
     "reference section 3.1",
@@ -66,7 +66,7 @@ VARIABLES_HEAD: Final = Layout(
     ],
 )
 
-#: The function octet alone, as in most positive answers.
+#: Only the function octet, as in most positive answers.
 FUNCTION: Final = Layout("function", "reference section 3.3", [VARIABLES_HEAD.fields[0]])
 
 ITEM_HEAD: Final = Layout(
@@ -107,7 +107,7 @@ DATA_ITEM: Final = Layout(
     ],
 )
 
-#: Precedes the payload of each userdata PDU that has one.
+#: Comes before the payload of each userdata PDU that has one.
 DATA_HEAD: Final = Layout(
     "data head",
     "reference section 4.2",

@@ -1,6 +1,6 @@
 """One S7 PDU as an object (reference section 3.1).
 
-The engine does not use it; it reads only `dissect.protocols.s7.parameters`.
+The engine does not use it; the engine reads only `dissect.protocols.s7.parameters`.
 """
 
 from __future__ import annotations
@@ -45,25 +45,25 @@ from dissect.wire.copies import leaves
 from dissect.wire.malformed import Malformed
 from dissect.wire.octets import u16
 
-#: `dissect.protocols.s7.hiding.body_to_show` once it is imported; repeating the import statement takes as long as cutting many
-#: a body.
+#: Contains `dissect.protocols.s7.hiding.body_to_show` once that is imported; repeating the import statement takes as long as
+#: parsing many bodies.
 _CUT: Final[list[Callable[[Pdu], Body]]] = []
 
-#: Message services that name several alarms in one request and answer with a return code for each.
+#: Message services that name several alarms in one request; the answer has a return code for each.
 _BY_ALARM: Final = frozenset((ALARM_8_LOCK, ALARM_8_UNLOCK, ACKNOWLEDGE))
 
-#: Return codes that an answer without payload may have when nothing is wrong: none to return, and one without a meaning.
+#: Return codes of an answer without payload that are no error: nothing to return, and a code without a meaning.
 _NOTHING_TO_RETURN: Final = frozenset((OBJECT_DOES_NOT_EXIST, 0x00))
-#: What `refusing_code` returns where nothing is refused.
+#: The result of `refusing_code` if nothing is refused.
 NOT_REFUSED: Final = -1
 
 
 def refusing_code(head: UserdataHead, buf: bytes, at: i64, size: i64) -> i64:
     """Return the return code by which a userdata answer without error code refuses its request, `NOT_REFUSED` for none.
 
-    The answer is ``buf[at:at + size]``. It refuses when it has no payload and its return code is not success, unless the
-    function may be answered without payload (`dissect.protocols.s7.tables.DATA`) and the code says no more than that (reference
-    4.2).
+    The answer is ``buf[at:at + size]``. An answer refuses if it has no payload and its return code is not success. An exception
+    are functions that may be answered without payload (`dissect.protocols.s7.tables.DATA`), if the code says only that
+    (reference 4.2).
     """
     if head.type != RESPONSE or head.error_code or size < HEADER_SIZE or u16(buf, at + 8) != DATA_HEAD:
         return NOT_REFUSED
@@ -80,7 +80,7 @@ def refusing_code(head: UserdataHead, buf: bytes, at: i64, size: i64) -> i64:
 
 
 def userdata_payload(octets: bytes) -> bytes:
-    """Return the payload of a userdata PDU, after the head of its data block; empty if there is none."""
+    """Return the payload of a userdata PDU, which follows the head of its data block; empty if there is none."""
     if len(octets) < HEADER_SIZE:
         return b""
     at = HEADER_SIZE + u16(octets, 6)
@@ -102,7 +102,7 @@ def alarm_codes(octets: bytes) -> bytes:
 
 
 def alarms_asked(octets: bytes) -> list[int]:
-    """Return the event ids that the request of such an answer names, in wire order, as far as they are there."""
+    """Return the event ids that the request of such an answer names, in wire order, as far as they are present."""
     payload = userdata_payload(octets)
     found: list[int] = []
     at = OBJECTS_HEAD.size
@@ -178,14 +178,14 @@ class Pdu:
 
     @property
     def function_name(self) -> str:
-        """Name of the function; for userdata, names of group and subfunction."""
+        """Name of the function; for userdata, the names of group and subfunction."""
         if self.function >= 0:
             return self.parameters.function_name
         return FUNCTIONS.name(0) if self.rosctr == USERDATA else ""
 
     @property
     def data_offset(self) -> int:
-        """Where the data block begins within ``octets`` (in a damaged PDU this may be after their end)."""
+        """Where the data block begins within ``octets`` (in a damaged PDU perhaps after their end)."""
         return self.header_size + self.param_length
 
     @property
@@ -195,7 +195,7 @@ class Pdu:
 
     @property
     def body(self) -> Body:
-        """The parts after the header, without passwords; parsed anew at each access. Never raises.
+        """The parts after the header, without passwords; parsed again at each access. Never raises.
 
         See `dissect.protocols.s7.bodies`.
         """
@@ -244,7 +244,7 @@ class Pdu:
 
     @property
     def refused(self) -> bool:
-        """True if the PDU has an error code, userdata refuses by its return code, or an item or alarm was not successful."""
+        """True if the PDU has an error code, userdata with a refusing return code, or a refused item or alarm."""
         if self.error or self.refusing_code != NOT_REFUSED:
             return True
         head = self.parameters.userdata
@@ -291,7 +291,7 @@ def parse_pdu(
         pdu.parameters = Parameters(block, pdu.rosctr)  # not parsed: it is unknown whether it is a request or an answer
         return pdu
     pdu.parameters = parse_parameters(block, pdu.rosctr)
-    if head + pdu.param_length <= size:  # else the faults of the block only repeat the one above
+    if head + pdu.param_length <= size:  # otherwise the faults of the block only repeat the fault above
         for told in pdu.parameters.malformed:
             pdu.malformed.append(
                 Malformed(

@@ -1,8 +1,8 @@
 """NC programming and data record routing (userdata groups 0x3f and 0x20, reference section 4.4).
 
-The reference has only their names. The fields of NC files are those of Wireshark (versions after 4.0, which reads the group as
-other functions); no capture of them was at hand. For data record routing nothing but names is published, so that its payload
-stays octets.
+The reference only has their names. The fields of NC files are those of Wireshark (versions after 4.0, which interpret the group
+as other functions); there was no capture of them. For data record routing only names are published, so its payload is shown as
+octets.
 """
 
 from __future__ import annotations
@@ -36,9 +36,9 @@ _PATH: Final = Field(
 
 NC_FILE: Final = Layout("NC file", _SOURCE, [_PATH])
 NC_UPLOAD: Final = Layout("NC upload", _SOURCE, [*_WINDOW, _PATH])
-#: How many PDUs may be sent, or were sent, without an acknowledgement.
+#: The number of PDUs that may be sent, or were sent, without an acknowledgement.
 NC_WINDOW: Final = Layout("NC window", _SOURCE, [*_WINDOW])
-#: Precedes a piece of a file; alone where nothing more is known.
+#: Comes before a piece of a file; used alone if nothing more is known.
 NC_PIECE: Final = Layout("NC piece", _SOURCE, [Field("unknown", 2, "Unknown.", "s7comm.data.blockcontrol.unknown1")])
 #: The beginning of a file.
 NC_HEADER: Final = Layout(
@@ -97,7 +97,7 @@ def _take_piece(cursor: Cursor) -> None:
     start = cursor.octets[cursor.at : cursor.end]
     if len(start) < NC_HEADER.size or not _DIGITS.issuperset(start[:8]) or not start[: NC_HEADER.size].isascii():
         if start:
-            cursor.take(NC_DATA, note="continuation")  # a piece that does not begin a file
+            cursor.take(NC_DATA, note="continuation")  # a piece, but not the first one of a file
         return
     header = cursor.take(NC_HEADER)
     if header is not None:

@@ -1,4 +1,4 @@
-"""What is read of every S7 PDU: its header, and its parameter block (which function, which items, which userdata group).
+"""The parts that are read of every S7 PDU: its header, and its parameter block (function, items, userdata group).
 
 Clients that poll repeat a few hundred distinct request blocks for hours. So `ParameterCache` parses each distinct block once;
 all PDUs with the same block share one `Parameters` object.
@@ -61,13 +61,13 @@ PUSH: Final = 0
 REQUEST: Final = 1
 RESPONSE: Final = 2
 
-#: Octets of the parameter block of a job with one S7ANY item, which has twelve octets.
+#: Size of the parameter block of a job with one S7ANY item, which has twelve octets.
 _ONE_ITEM: Final = 14
 _SHORT: Final = 8
 _EXTENDED: Final = 12
 #: Positions of type and group in a userdata PDU.
 _TYPE_AT: Final = HEADER_SIZE + 5
-#: How many distinct blocks of just function and item count there are in answers to reads and writes: 2 x 256.
+#: Number of distinct blocks with only function and item count in answers to reads and writes: 2 x 256.
 _SHORT_BLOCKS: Final = 512
 _USEND_SIZE: Final = 10
 #: Groups whose pushes go in either direction: BSEND and USEND (PBC), data record routing, and NC programming.
@@ -83,12 +83,12 @@ def read_header(octets: bytes, at: i64) -> tuple[i64, i64, i64, i64]:
 
 
 def header_size(rosctr: i64) -> i64:
-    """Return the octets of the header: 12 for Ack and Ack_Data, else 10."""
+    """Return the size of the header: 12 octets for Ack and Ack_Data, else 10."""
     return ACK_HEADER_SIZE if rosctr == ACK or rosctr == ACK_DATA else HEADER_SIZE
 
 
 def is_request(octets: bytes) -> bool:
-    """Return whether a PDU is a request by its first octets: a job, or userdata of that type; nothing else is read."""
+    """Return whether a PDU is a request, judged by its first octets: a job, or userdata of that type."""
     if len(octets) < 2:
         return False
     rosctr: i64 = octets[1]
@@ -104,7 +104,7 @@ class Setup:
         self.max_amq_calling = max_amq_calling
         self.max_amq_called = max_amq_called
         self.pdu_length = pdu_length
-        self._text: str = ""  # made when it is first needed: connections share `Setup` objects
+        self._text: str = ""  # made at the first access, because connections share `Setup` objects
         self.fragment: str = ""  # a report's cached text
 
     def __repr__(self) -> str:
@@ -180,7 +180,7 @@ class UserdataHead:
         return f"{self.group_name}: {self.subfunction_name}"
 
 
-#: What most blocks have: no items and no faults. All share these lists, and nobody appends to them.
+#: Used by most blocks, which have no items and no faults. All share these lists, which must not be changed.
 _NO_ITEMS: Final[list[Item]] = []
 _NOTHING_WRONG: Final[list[Malformed]] = []
 
@@ -188,7 +188,7 @@ _NOTHING_WRONG: Final[list[Malformed]] = []
 class Parameters:
     """A parsed parameter block. ``function`` is -1 if the block is empty, ``item_count`` is -1 if the block has none.
 
-    If it is ``plain`` (`dissect.protocols.s7.plain_items`), its `items` are made when they are first asked for: most runs need
+    If it is ``plain`` (`dissect.protocols.s7.plain_items`), its `items` are made at the first access, because most runs need
     none.
     """
 
@@ -226,22 +226,21 @@ class Parameters:
             0  # of a write: the kinds of areas that it writes to (`dissect.protocols.s7.items.written_areas`)
         )
         self.fragment: str = ""  # a report's cached text
-        self.answer_size: i64 = (
-            0  # of a read: octets of the smallest PDU that answers all items, as far as that is known
-        )
-        # Of a read: `item_heads` of a good answer, to compare the next answers with
-        # (`dissect.engine.transactions.transaction`). It is
-        # one bytes object, because the items themselves are spread over the memory.
+        self.answer_size: i64 = 0  # of a read: size of the smallest PDU that answers all items, as far as known
+        # Of a read: `item_heads` of a good answer, for comparison with the next answers
+        # (`dissect.engine.transactions.transaction`). It is one bytes object, because separate items are spread over the
+        # memory.
         self.good_answer: bytes = b""
-        # The same for the interpreted code, where calls are slow: a struct that reads a whole answer, and what it read.
+        # The same for interpreted code, in which calls are slow: a struct that reads a whole answer, and the values of the good
+        # one.
         self.good_layout: struct.Struct | None = None
         self.good_heads: tuple[int, ...] = ()
-        self.unjudged: bool = True  # codes and addresses were not judged yet
-        self.answer_unjudged: bool = False  # of a read: the transport sizes of a good answer were not judged yet
+        self.unjudged: bool = True  # codes and addresses are not judged yet
+        self.answer_unjudged: bool = False  # of a read: the transport sizes of a good answer are not judged yet
 
     @property
     def items(self) -> list[Item]:
-        """The items of a Read Var or Write Var request; the same list each time, which nobody changes."""
+        """The items of a Read Var or Write Var request; always the same list, which must not be changed."""
         items = self._items
         if items is None:
             items = self._items = parse_items(self.octets, 2, len(self.octets), self.item_count, [])
@@ -249,7 +248,7 @@ class Parameters:
 
     @property
     def known_items(self) -> i64:
-        """How many `items` there are: ``item_count``, unless the block is malformed."""
+        """Number of `items`: ``item_count``, unless the block is malformed."""
         if self.plain:
             return self.item_count
         return len(self.items)
@@ -261,7 +260,7 @@ class Parameters:
         return self.items[index].size
 
     def take_items(self) -> None:
-        """Read what a job asks for; of a plain block the `Item` objects come later, and there is nothing to judge."""
+        """Read the items of a job; for a plain block the `Item` objects are made later, and there is nothing to judge."""
         octets = self.octets
         count: i64 = self.item_count
         answered: i64 = plain_octets(octets, count)
@@ -288,7 +287,7 @@ class Parameters:
             self.written = written_areas(self.items)
 
     def _answered_octets(self) -> i64:
-        """Return the octets of the data items that answer a read, as far as they are known (reference 3.5)."""
+        """Return the size of the data items that answer a read, as far as known (reference 3.5)."""
         total: i64 = 0
         left: i64 = len(self.items)
         for item in self.items:
@@ -306,7 +305,7 @@ class Parameters:
     def keep_layout(self, buf: bytes, at: i64, data_at: i64) -> None:
         """Prepare `like_good` from the good answer at ``at`` of ``buf``; ``good_answer`` is set already.
 
-        Only answers are prepared whose parameter block is just function and item count, and whose header has no error.
+        This is done only for answers whose parameter block has just function and item count, and whose header has no error.
         """
         if data_at == at + _ANSWER_DATA_AT and buf[at + HEADER_SIZE] == 0 and buf[at + HEADER_SIZE + 1] == 0:
             self.good_layout = answer_layout(self.good_answer)
@@ -344,7 +343,7 @@ class Parameters:
 
 
 def is_plc_push(parameters: Parameters) -> bool:
-    """Return whether this is a userdata push that only PLCs send; pushes of `_EITHER_WAY` come from clients, too."""
+    """Return whether this is a userdata push that only PLCs send; pushes of `_EITHER_WAY` also come from clients."""
     head = parameters.userdata
     if head is None or parameters.function != CPU_SERVICES:
         return False
@@ -368,7 +367,7 @@ def parse_parameters(octets: bytes, rosctr: i64) -> Parameters:
     elif function == READ_VAR or function == WRITE_VAR:
         if size < 2:
             if rosctr == ACK:
-                return parameters  # an Ack has no parameters by rule; naming only the function contradicts nothing
+                return parameters  # normally an Ack has no parameters; a function alone contradicts nothing
             _wrong_size(parameters, "item_count", 2, size)
             return parameters
         parameters.item_count = octets[1]
@@ -387,7 +386,7 @@ def _wrong_size(parameters: Parameters, field: str, needed: i64, available: i64)
 def _parse_userdata(parameters: Parameters, octets: bytes, size: i64) -> None:
     function: i64 = octets[0]
     if function == MODE_TRANSITION and size >= _SHORT:
-        # A layout of its own (reference 4.9): the mode stands in octet 6.
+        # A special layout (reference 4.9): the mode is in octet 6.
         parameters.userdata = UserdataHead(PUSH, 0, octets[6], 0)
         if size != _SHORT:
             _wrong_size(parameters, "mode transition", _SHORT, size)
@@ -397,7 +396,7 @@ def _parse_userdata(parameters: Parameters, octets: bytes, size: i64) -> None:
         return
     parameters.item_count = octets[1]
     if octets[4] == PBC_R_ID and octets[3] == _USEND_SIZE - 4:
-        # Another layout (reference 4.10): the R_ID stands where other PDUs have the type, the group and the subfunction.
+        # Another special layout (reference 4.10): the R_ID is where other PDUs have type, group and subfunction.
         parameters.userdata = UserdataHead(PUSH, GROUP_PBC, 0, 0)
         parameters.userdata.usend = True
         if size != _USEND_SIZE:
@@ -407,7 +406,7 @@ def _parse_userdata(parameters: Parameters, octets: bytes, size: i64) -> None:
     head = UserdataHead(type_and_group >> 6, type_and_group & 0x3F, octets[6], octets[7])
     parameters.userdata = head
     rest: i64 = octets[3]
-    # A damaged USEND has its R_ID where an error code would be read.
+    # A damaged USEND has its R_ID in the place of an error code.
     if size >= _EXTENDED and rest >= 8 and octets[4] != PBC_R_ID:
         head.extended = True
         head.data_unit_ref = octets[8]
@@ -446,10 +445,11 @@ class ParameterCache:
 
     There are two generations, each bounded in blocks and octets. When the younger one is full, it becomes the older one, and
     the former older one is forgotten. A block that is found in the older generation moves to the younger one. So blocks that
-    come only once (userdata requests count up a number) do not push out blocks that are polled.
+    come only once (userdata requests have increasing numbers) do not displace blocks that are polled.
     """
 
-    #: Bounds of one generation: blocks, and their octets. A parsed item takes some thirty times its octets in memory.
+    #: Limits of one generation: number of blocks, and their size in octets. A parsed item takes some thirty times its octets in
+    #: memory.
     CAPACITY: Final = 8192
     OCTETS: Final = 512 * 1024
     #: Places for blocks of jobs that are found without a dictionary; a power of two.
@@ -460,9 +460,9 @@ class ParameterCache:
         self._old: list[dict[bytes, Parameters]] = [{} for _ in range(8)]
         self._blocks: i64 = 0
         self._octets: i64 = 0
-        #: Half of all PDUs have a block of just function and item count: these blocks, by function and count.
+        #: Half of all PDUs have a block with only function and item count: these blocks, by function and count.
         self._short: list[Parameters | None] = [None] * _SHORT_BLOCKS
-        #: For each place, the latest block of a job that belongs there (`_asked`); blocks of the younger generation only.
+        #: For each place, the latest block of a job that belongs there (`_asked`); only blocks of the younger generation.
         self._latest: list[Parameters | None] = [None] * self.PLACES
 
     def clear(self) -> None:
@@ -492,7 +492,7 @@ class ParameterCache:
         return self._distinct(octets, rosctr) if parameters is None else parameters
 
     def _asked(self, buf: bytes, at: i64, end: i64) -> Parameters:
-        """Return the parsed block of a job with items; DB and address of its last item are enough to tell most blocks apart."""
+        """Return the parsed block of a job with items; DB and address of its last item usually distinguish the blocks."""
         last: i64 = read_i64_be(buf, end - 8)  # six of these octets are DB, area and address of an S7ANY item
         place: i64 = ((last & 0xFFFFFFFF) + (last >> 28 & 0xFFFF0) + (end - at << 1)) & (self.PLACES - 1)
         latest = self._latest[place]

@@ -24,7 +24,7 @@ BSEND_DATA: Final = Layout(
     _SOURCE,
     [Field("bsend_data", REST, "As the program sent them.", "s7comm.data.userdata", holds=HOLDS_VALUE)],
 )
-#: Parameters of a USEND: the R_ID stands where other userdata have type, group and subfunction.
+#: Parameters of a USEND: the R_ID is where other userdata have type, group and subfunction.
 USEND_HEAD: Final = Layout("USEND", _SOURCE, [*USERDATA_SHORT.fields[:5], *R_ID_FIELDS])
 #: Precedes the data items of a USEND.
 USEND_DATA: Final = Layout(
@@ -41,8 +41,9 @@ USEND_DATA: Final = Layout(
 def goes_on(head: UserdataHead) -> bool:
     """Return whether a piece of a BSEND continues an earlier piece.
 
-    A new BSEND has sequence number 0, like every new request. Its further pieces have the number that the partner gave in its
-    answer to the first piece. All pieces of a BSEND with several have a data unit reference; in captures each has another one.
+    A new BSEND has sequence number 0, like every new request. Its further pieces have the number that the partner assigned in
+    its answer to the first piece. All pieces of a BSEND with several pieces have a data unit reference; in captures each piece
+    has a different one.
     """
     return head.sequence != 0 and head.data_unit_ref != 0
 
@@ -50,7 +51,7 @@ def goes_on(head: UserdataHead) -> bool:
 def parse_bsend(cursor: Cursor, head: UserdataHead) -> None:
     """Parse a piece of a BSEND in a request or a push; answers of the partner have no data.
 
-    The first piece, which may be the only one, begins with the total length.
+    The first piece, perhaps the only one, begins with the total length.
     """
     part = cursor.take(PBC_ID)
     if part is None:

@@ -1,10 +1,9 @@
-"""Blocks of plain request items, which nearly all are: what they ask for, without an object for any item.
+"""Blocks of plain request items, as nearly all are: their size and their answers, without an object for any item.
 
 An item is plain if it is S7ANY, its codes are known, nothing is odd about its address (`odd_address` in
-`dissect.engine.findings.transaction_rules`), and the octets of a good answer follow from its type and count. A block is plain
-if it is
-nothing but plain items, so that there is nothing to judge in it. All items of such a block have the same size, so that each
-is found by its index (reference 3.5).
+`dissect.engine.findings.transaction_rules`), and the size of a good answer follows from its type and count. A block is plain if
+all its items are plain, so there is nothing to judge in it. All items of such a block have the same size, so each is found by
+its index (reference 3.5).
 """
 
 from __future__ import annotations
@@ -30,14 +29,14 @@ from dissect.protocols.s7.tables import (
 )
 from dissect.wire.octets import u16, u32
 
-#: What an S7ANY item begins with: specification, length of the rest, syntax.
+#: The beginning of an S7ANY item: specification, length of the rest, syntax.
 _HEAD: Final = 0x120A10
 #: Position of the first item of a block, and of count and area in an item.
 _FIRST: Final = 2
 _COUNT_AT: Final = 4
 _AREA_AT: Final = 8
 
-#: Kinds of areas: bit addresses outside and inside data blocks; numbers; numbers with a transport size of the area's own.
+#: Kinds of areas: bit addresses outside and inside data blocks; numbers; numbers with a transport size of their own.
 _NOT_PLAIN: Final = 0
 _BITS: Final = 1
 _BITS_IN_DB: Final = 2
@@ -54,9 +53,9 @@ def _kind(area: int) -> int:
 
 
 _KINDS: Final = bytes([_kind(area) for area in range(256)])
-#: Octets of an element by transport size; 0 where the size is not known, or that of an answer does not follow from it.
+#: Size of an element by transport size; 0 if it is unknown, or if the size of an answer does not follow from it.
 _ELEMENTS: Final = bytes([ELEMENT_OCTETS.get(code, 0) if code in TRANSPORT_SIZES else 0 for code in range(256)])
-#: The transport size of a good answer by that of the request; 0 where it is not known.
+#: The transport size of a good answer, by that of the request; 0 if unknown.
 _ANSWERED_AS: Final = bytes([ANSWER_TRANSPORT_SIZE.get(code, 0) for code in range(256)])
 
 # The same for the usual transport sizes, four bits for each in one number: compiled, an index into bytes takes a dozen times as
@@ -67,23 +66,23 @@ _USUAL_ANSWERS: Final[i64] = sum([_ANSWERED_AS[code] << 4 * code for code in ran
 
 
 def _element(code: i64) -> i64:
-    """Return the octets of an element of transport size ``code``; 0 where it is not known."""
+    """Return the size of an element of transport size ``code``; 0 if unknown."""
     if code <= _USUAL:
         return _USUAL_ELEMENTS >> (code << 2) & 15
     return _ELEMENTS[code]
 
 
 def _answered_as(code: i64) -> i64:
-    """Return the transport size with which CPUs answer an item of transport size ``code``; 0 where it is not known."""
+    """Return the transport size with which CPUs answer an item of transport size ``code``; 0 if unknown."""
     if code <= _USUAL:
         return _USUAL_ANSWERS >> (code << 2) & 15
     return _ANSWERED_AS[code]
 
 
 def plain_octets(octets: bytes, count: i64) -> i64:
-    """Return the octets of the data items that answer the block ``octets`` of a Read Var or Write Var request.
+    """Return the size of the data items that answer the block ``octets`` of a Read Var or Write Var request.
 
-    Return -1 unless it has ``count`` plain items and nothing else.
+    Return -1 unless it has exactly ``count`` plain items.
     """
     at: i64 = _FIRST
     end: i64 = len(octets)
@@ -105,7 +104,7 @@ def plain_octets(octets: bytes, count: i64) -> i64:
 
 
 def _is_plain(code: i64, place: i64) -> bool:
-    """Return whether nothing is odd about an item of transport size ``code`` and with the last eight octets ``place``."""
+    """Return whether an item is not odd; ``code`` is its transport size, ``place`` has its last eight octets."""
     area: i64 = place >> 24 & 0xFF
     kind: i64 = _BITS_IN_DB
     if area != DB:  # most are in a DB
@@ -120,7 +119,7 @@ def _is_plain(code: i64, place: i64) -> bool:
 
 
 def plain_size(octets: bytes, index: i64) -> i64:
-    """Return the octets that item ``index`` (from 0) of a plain block has in a good answer, and in a write."""
+    """Return the size of item ``index`` (from 0) of a plain block in a good answer, and in a write."""
     at: i64 = _FIRST + index * S7ANY_SIZE
     return _element(u32(octets, at) & 0xFF) * u16(octets, at + _COUNT_AT)
 
@@ -131,14 +130,14 @@ def plain_area(octets: bytes, index: i64) -> i64:
 
 
 def plain_answered_as(octets: bytes, index: i64) -> i64:
-    """Return the transport size with which CPUs answer item ``index`` (from 0) of a plain block; 0 where it is not known."""
+    """Return the transport size with which CPUs answer item ``index`` (from 0) of a plain block; 0 if unknown."""
     return _answered_as(u32(octets, _FIRST + index * S7ANY_SIZE) & 0xFF)
 
 
 def plainly_answered(octets: bytes, buf: bytes, at: i64, end: i64) -> bool:
     """Return whether ``buf[at:end]`` are the data items with which CPUs answer all items of the plain block ``octets``.
 
-    So all return codes are success, and sizes and transport sizes those that follow from the request.
+    So all return codes are success, and sizes and transport sizes follow from the request.
     """
     asked: i64 = _FIRST
     last: i64 = len(octets)

@@ -1,7 +1,7 @@
-"""Programmer commands (userdata group 1, reference section 4.8): watching, modifying and forcing variables, block status.
+"""Programmer commands (userdata group 1, reference section 4.8): watch, modify and force variables, block status.
 
-Such a command starts a job, which is identified by the sequence number of its answer: pushes carry that number, and commands
-about jobs refer to it.
+Such a command starts a job, identified by the sequence number of its answer: pushes carry this number, and commands about jobs
+refer to it.
 """
 
 from __future__ import annotations
@@ -185,7 +185,7 @@ def variable_text(part: Part) -> str:
 
 
 def _variables(cursor: Cursor, type_: int, subfunction: int) -> None:
-    """Parse variables: in a request addresses, with values if they are written; in a push values or return codes."""
+    """Parse variables: in a request addresses (with values if they are written), in a push values or return codes."""
     if type_ not in {REQUEST, PUSH}:
         cursor.rest()  # answers have no payload
         return
@@ -254,7 +254,7 @@ def _job_request(cursor: Cursor, subfunction: int) -> None:
     if sizes is None:
         return
     if job.number("function") in JOB_COMMANDS:
-        cursor.rest()  # not a job, so that it cannot replace one
+        cursor.rest()  # not a job, so it cannot replace one
     else:
         _blocks(cursor, sizes, REQUEST, job.number("function"), False)
 

@@ -115,7 +115,7 @@ TEST_ADDRESS: Final = Layout(
 #: A variable of one bit: the low nibble of ``area`` is 0.
 TEST_BIT: Final = Layout("variable", _SOURCE, [_AREA, Field("bit", 1, "Bit.", "s7comm.varstat.req.bitpos"), *_PLACE])
 
-#: Identifies a job, by the subfunction that started it and the sequence number of its answer.
+#: Identifies a job by the subfunction that started it and the sequence number of its answer.
 JOB: Final = Layout(
     "job",
     _SOURCE,
@@ -142,7 +142,7 @@ JOB_STATE: Final = Layout(
         Field("state", 2, "Perhaps whether it is active.", "s7comm.tis.job.reserved", means=plain, holds=HOLDS_FLAGS),
     ],
 )
-#: The data of a job that is read; the answer does not say what kind of job it is.
+#: The data of a job that is read; the answer does not state the type of the job.
 JOB_DATA: Final = Layout(
     "data of the job",
     _SOURCE,
@@ -161,7 +161,7 @@ _REGISTERS: Final = [
 ]
 _LINE_RESERVED: Final = Field("reserved", 1, "0.", "s7comm.tis.blockstat.reserved", means=plain)
 _LINE_ADDRESS: Final = Field("address", 2, "Code address of the line.", "s7comm.tis.blockstat.line_address")
-#: The registers that block status asks for.
+#: The registers that block status requests.
 BLOCK_STATUS: Final = Layout("block status", _SOURCE, [_LINE_RESERVED, *_REGISTERS])
 BLOCK_STATUS_LINE: Final = Layout("line", _SOURCE, [_LINE_RESERVED, *_REGISTERS])
 #: The same in block status v2, which identifies lines by their addresses.
@@ -181,7 +181,7 @@ BLOCK_STATUS_START: Final = Layout(
     _SOURCE,
     [Field("start_address", 2, "Code address of the first line.", "s7comm.diagdata.req.startaddr_awl")],
 )
-#: The values of registers; the request says which registers and how many lines.
+#: The values of registers; the request states which registers and how many lines.
 BLOCK_STATUS_DATA: Final = Layout(
     "registers", _SOURCE, [Field("registers", REST, "As requested.", "s7comm.tis.blockstat.data", holds=HOLDS_VALUE)]
 )
@@ -253,7 +253,7 @@ BSTACK_CLASS: Final = Layout(
     ],
 )
 BSTACK_TIME: Final = Layout("start time", _SOURCE, [_TIME])
-#: What is left of a start time if the data size is too small by four, as one firmware sends it.
+#: The rest of a start time if the data size is too small by four, as one firmware sends it.
 BSTACK_REST: Final = Layout(
     "start time, cut", _SOURCE, [Field("rest", REST, "First bytes of the time.", "s7comm.tis.bstack.reserved")]
 )

@@ -1,7 +1,7 @@
 """Security (userdata group 5, reference section 4.11): the password of a session.
 
-The encoding does not protect it: anyone with the octets can decode the password. So nothing in this module decodes it, except
-`password_text` for callers that need it.
+The encoding does not protect it: anyone who has the octets can decode the password. So nothing in this module decodes it,
+except `password_text` for callers that need it.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ ENCODED_PASSWORD: Final = Layout(
 def decode_password(encoded: bytes) -> bytes:
     """Return the octets of a password (each is encoded by XOR with 0x55 and with the encoded octet two before it)."""
     return bytes(
-        octet ^ _KEY ^ (encoded[at - 2] if at >= 2 else 0)  # the first two have no octet two before them
+        octet ^ _KEY ^ (encoded[at - 2] if at >= 2 else 0)  # the first two octets have none two places before them
         for at, octet in enumerate(encoded)
     )
 
@@ -46,7 +46,7 @@ def encode_password(password: bytes) -> bytes:
 
 
 def password_text(encoded: bytes) -> str:
-    """Return the password of a request, without the padding. Only for callers that the user asked to show it."""
+    """Return the password of a request, without the padding. Only for callers whose user asked for the password."""
     return decode_password(encoded).decode("latin-1").rstrip(" ")
 
 

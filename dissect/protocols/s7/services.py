@@ -1,4 +1,4 @@
-"""PI services by name: what they do, their arguments and their effect (reference section 3.10 and its table)."""
+"""PI services by name: their effect and their arguments (reference section 3.10 and its table)."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ COMPRESS: Final = "_GARB"
 
 #: Services whose parameter block lists blocks.
 BLOCK_SERVICES: Final = frozenset((LINK_IN, LINK_IN_SECOND, DELETE))
-#: What the names of all Sinumerik services begin with.
+#: The beginning of the names of all Sinumerik services.
 NC_PREFIX: Final = "_N_"
 #: The name of an argument that must not be shown.
 SECRET: Final = "password"  # noqa: S105 - the name of an argument, no secret
 
 
 class Service:
-    """A PI service. ``arguments`` describes its parameter block; ``effect`` is what calling it does to the device."""
+    """A PI service. ``arguments`` describes its parameter block; ``effect`` is the effect of a call on the device."""
 
     __slots__ = ("arguments", "effect", "meaning", "name")
 
@@ -34,7 +34,7 @@ class Service:
 
     @property
     def count(self) -> int:
-        """The number of arguments, as far as each has a name."""
+        """The number of arguments, if all of them have names."""
         return len(self.arguments.split(", "))
 
     def argument(self, number: int) -> str:

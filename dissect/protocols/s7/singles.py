@@ -1,7 +1,8 @@
 """Singles (IEEE 754, REAL) as text: the shortest decimal that reads back to the same four octets.
 
-Compiled code makes the digits with native double arithmetic. A single has 24 bits, so that scaling it by a power of ten has a
-relative error below 2**-51. If that could decide between two texts, the exact way of `real_text` is used instead.
+Compiled code makes the digits with native double arithmetic. A single has 24 bits, so scaling it by a power of ten has a
+relative error below 2**-51. If this error could matter for the choice between two texts, the exact way of `real_text` is used
+instead.
 """
 
 from __future__ import annotations
@@ -20,15 +21,17 @@ from dissect.wire.octets import u32
 _FLOAT: Final = struct.Struct(">f")
 #: Half the distance between neighbouring singles, by exponent field (the smallest two fields have the same).
 _HALF_STEP: Final[list[float]] = [2.0 ** (max(exponent, 1) - 127 - 24) for exponent in range(256)]
-#: Digits to begin with, by exponent field. Seven digits print what people write. Fewer are needed for subnormal numbers, and
-#: where the steps are wider than the seventh digit (just above a power of two that begins with nine: 2**-10 = 0.000976…).
+#: Digits to begin with, by exponent field. Seven digits are enough for the numbers that people write. Fewer are needed for
+#: subnormal numbers, and where the steps are wider than the seventh digit (just above a power of two that begins with nine:
+#: 2**-10 = 0.000976…).
 _FIRST_DIGITS: Final = bytes(
     [
         1 if exponent == 0 else 6 if 2 * step > 10.0 ** (math.floor(math.log10(2.0 ** (exponent - 127))) - 6) else 7
         for exponent, step in enumerate(_HALF_STEP)
     ]
 )
-#: The decimal exponent of the power of two with this exponent field, plus `_BIAS`. That of the number may be one higher.
+#: The decimal exponent of the power of two with this exponent field, plus `_BIAS`. The exponent of the number itself may be one
+#: higher.
 _DECADE: Final = bytes([math.floor(math.log10(2.0 ** (exponent - 127))) + 64 for exponent in range(255)])
 _BIAS: Final = 64
 
@@ -43,7 +46,7 @@ _HALF_STEPS: Final = _doubles(_HALF_STEP)
 _LAST_BITS: Final = _doubles([2.0 ** (max(exponent, 1) - 127 - 23) for exponent in range(255)])
 _TENS: Final = _doubles([10.0**power for power in range(64)])
 _WHOLE_TENS: Final = struct.pack("<18q", *[10**power for power in range(18)])
-#: How `_shortest` packs its result: in the lowest bits the exponent plus `_BIAS`; then the count of digits; the power of ten of
+#: The packed result of `_shortest`: in the lowest bits the exponent plus `_BIAS`; then the count of digits; the power of ten of
 #: the last digit, plus `_BIAS`; and the digits.
 _EXPONENT_BITS: Final = 8
 _COUNT_BITS: Final = 4
@@ -56,7 +59,7 @@ _BY_10_BITS: Final = 35
 #: The greatest power of ten that a double represents exactly.
 _EXACT_POWER: Final = 22
 
-#: `repr` of a float writes an exponent from this one on (1e+16), and below the second one (1e-05).
+#: `repr` of a float writes an exponent from the first exponent on (1e+16), and below the second one (1e-05).
 _REPR_EXPONENT: Final = 16
 _LEAST_EXPONENT: Final = -4
 #: Forms of numbers: as %g; as %g, but with ``.0`` for whole numbers (JSON); as `repr` of a float.
@@ -64,8 +67,8 @@ _GENERAL: Final = 0
 _JSON: Final = 1
 _REPR: Final = 2
 _POINT: Final = 0x2E
-#: Within these bounds `real_text` begins with seven digits and writes no exponent, and no number of seven or eight digits is
-#: exactly between two singles: there the first digits that read back are the result.
+#: Within these limits `real_text` begins with seven digits and writes no exponent, and no number of seven or eight digits is
+#: exactly between two singles: so the first digits that read back are the result.
 _PLAIN_LEAST: Final = 0.002
 _PLAIN_END: Final = 1e6
 
@@ -84,8 +87,8 @@ def real(octets: bytes) -> float:
 def real_text(octets: bytes) -> str:
     """Return a single as the text of `real`, for example ``123.456``, ``1e+20``, ``inf`` or ``nan``.
 
-    A decimal that is less than half a single-precision step from the exact value reads back to it, however ties are rounded. %g
-    drops trailing zeros. Nine digits always read back.
+    A decimal that is less than half a single-precision step from the exact value reads back to it, with any rounding of ties.
+    %g drops trailing zeros. Nine digits always read back.
     """
     if COMPILED:
         word: i64 = u32(octets, 0)
@@ -117,7 +120,7 @@ def real_text(octets: bytes) -> str:
 def real_json(octets: bytes, at: i64 = 0) -> str:
     """Return `real_text` of the octets at ``at`` as JSON.
 
-    Whole numbers get ``.0``; NaN and infinities, which JSON numbers do not have, are strings.
+    Whole numbers get ``.0``; NaN and infinities, which do not exist in JSON, are strings.
     """
     if COMPILED:
         word: i64 = u32(octets, at)
@@ -237,7 +240,7 @@ def _ten(power: i64) -> float:
 
 
 def _power(found: i64) -> i64:
-    """Return the power of ten that the last digit in a result of `_shortest` stands for."""
+    """Return the power of ten of the last digit in a result of `_shortest`."""
     return ((found >> _POWER_AT) & 0xFF) - _BIAS
 
 

@@ -1,6 +1,6 @@
-"""The start information of an OB: the first 20 octets of its local data, shown by the ISTACK (reference section 4.8).
+"""The start information of an OB: the first 20 octets of its local data, as in the ISTACK (reference section 4.8).
 
-Head and time are the same for every OB; the eight octets between are what Siemens documents of each OB.
+Head and time are the same for every OB; the eight octets between them follow the Siemens documentation of each OB.
 """
 
 from __future__ import annotations

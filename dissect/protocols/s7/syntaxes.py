@@ -1,6 +1,6 @@
 """Syntaxes of request items other than S7ANY: their fields, and their addresses as text (reference section 3.5, table).
 
-Numbers of drives, NC and symbols mean something to the device alone, so an address names what stands there and no more.
+Numbers of drives, NC and symbols have a meaning only for the device, so an address gives only these numbers.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ R_ID_FIELDS: Final = [
     Field("r_id", 4, "Which of the program's connections.", "s7comm.pbc.req.bsend.r_id"),
 ]
 PBC_ID: Final = Layout("R_ID", "reference section 4.10", [*_HEAD, *R_ID_FIELDS])
-#: NCK items: in the units that the device is set to, in metric units, in inches.
+#: NCK items: in the units set on the device, in metric units, in inches.
 NCK_ITEM: Final = Layout(
     "NCK item",
     _SOURCE,
@@ -101,7 +101,7 @@ _SYMBOL: Final = [
     Field("root", 2, "Where the symbol is.", "s7comm.tiap.item.area1", SYMBOL_ROOTS),
 ]
 _CRC: Final = Field("crc", 4, "Check of the symbol.", "s7comm.tiap.item.crc")
-#: A symbol of an S7-1200: in a data block, in another area, in an unknown one. The steps to the symbol follow.
+#: A symbol of an S7-1200: in a data block, in another area, in an unknown area. The steps to the symbol follow.
 SYMBOL_IN_DB: Final = Layout(
     "symbol in a DB",
     _SOURCE,
@@ -126,7 +126,7 @@ SYMBOL_STEP: Final = Layout(
     ],
 )
 
-#: Items that are one part, by syntax id.
+#: Items that consist of one part, by syntax id.
 _FIXED: Final[dict[int, Layout]] = {
     PBC_R_ID: PBC_ID,
     **ALARM_SYNTAXES,
@@ -165,7 +165,7 @@ def _query(octets: bytes) -> Layout:
 
 
 def take_item(cursor: Cursor, octets: bytes, note: str) -> None:
-    """Parse an item that is not S7ANY; ``octets`` are the whole item, which is at the cursor."""
+    """Parse an item that is not S7ANY; ``octets`` are the whole item, which begins at the cursor."""
     end = cursor.at + len(octets)
     layout = layout_of(octets)
     areas = layout is DB_READ_ITEM and layout.size < len(octets)  # each area has its own note

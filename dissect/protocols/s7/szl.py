@@ -1,9 +1,8 @@
 """Read SZL (userdata group 4, subfunction 1): system status lists, requested by id and index (reference section 4.5).
 
-An answer is a head and records, which all have the length that the head states. A list longer than a PDU comes in several
-answers, split at any octet; only the first one has the head. `dissect.engine.transactions.multipart` joins them; what a single
-one
-shows is up to `starts_list`.
+An answer is a head and records, which all have the length stated in the head. A list longer than a PDU comes in several
+answers, split at any octet; only the first one has the head. `dissect.engine.transactions.multipart` joins them; for a single
+one, `starts_list` decides what is shown.
 """
 
 from __future__ import annotations
@@ -41,7 +40,7 @@ _CAPABILITY: Final = 0x31
 _COMMUNICATION: Final = 0x32
 #: Octets of each record of these lists.
 _INDEXED_SIZES: Final[dict[int, int]] = {_COMPONENTS: 34, _CAPABILITY: 40, _COMMUNICATION: 40}
-#: Lists with records that continue after the known fields, differently for each module.
+#: Lists with records that continue after the known fields, in a different way for each module.
 _LONGER: Final = frozenset((0xB2, 0xB3))
 
 
@@ -53,7 +52,7 @@ def stated_size(head: bytes) -> int:
 
 
 def shortage(szl_id: int, length: int, count: int, size: int) -> str:
-    """Return the text that an SZL has fewer octets of records than its head states."""
+    """Return a text if an SZL has fewer octets of records than its head states; empty otherwise."""
     return f"SZL 0x{szl_id:04x} states {count} records of {length} bytes, {size} bytes are there"
 
 
@@ -79,7 +78,8 @@ def parse_szl(cursor: Cursor, head: UserdataHead) -> None:
 def starts_list(cursor: Cursor) -> bool:
     """Return whether incomplete octets begin with the head of a list, which announces more octets than there are.
 
-    If the records of the list are known, the head must state their size. So the middle of a list hardly ever looks like a head.
+    If the records of the list are known, the head must state their size. So the middle of a list is hardly ever taken for a
+    head.
     """
     if cursor.left < SZL_HEAD.size:
         return False
@@ -96,7 +96,7 @@ def starts_list(cursor: Cursor) -> bool:
 
 
 def record_layout(szl_id: int, octets: bytes, at: int, end: int) -> Layout:
-    """Return the layout of the record ``octets[at:end]`` of a list; `RECORD` if it is not known."""
+    """Return the layout of the record ``octets[at:end]`` of a list; `RECORD` if it is unknown."""
     partial = szl_id & 0xFF
     if partial not in _INDEXED_SIZES:
         return RECORDS.get(partial, RECORD)
@@ -110,7 +110,7 @@ def record_layout(szl_id: int, octets: bytes, at: int, end: int) -> Layout:
 
 
 def record_size(szl_id: int) -> int:
-    """Return the octets of a record by the layout of its list; 0 if that is not known or not fixed."""
+    """Return the size of a record by the layout of its list; 0 if it is unknown or variable."""
     partial = szl_id & 0xFF
     if partial in _LONGER:
         return 0
@@ -146,7 +146,7 @@ def _take_list(cursor: Cursor, whole: bool) -> None:
 
 
 def _take_record(cursor: Cursor, szl_id: int, szl_index: int, size: int) -> None:
-    """Parse one record of ``size`` octets, all of which are there: the known fields that fit, then the rest."""
+    """Parse one complete record of ``size`` octets: the known fields that fit, then the rest."""
     layout = record_layout(szl_id, cursor.octets, cursor.at, cursor.at + size)
     end = cursor.at + size
     if layout.open:

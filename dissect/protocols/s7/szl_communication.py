@@ -1,4 +1,4 @@
-"""Records of the communication lists: capabilities of a CPU (0x31) and what is in use (0x32); each index has a layout.
+"""Records of the communication lists: capabilities of a CPU (0x31) and resources in use (0x32); each index has a layout.
 
 Reference section 4.5; positions and names were compared with Wireshark, which uses the names of the Siemens manual.
 """
@@ -27,8 +27,8 @@ def flags(wireshark: str, names: str, octets: int = 0, shared: bool = False) -> 
     """Return the bits of a field, one `Field` each, highest bit first.
 
     ``names`` has one word for each bit: ``name``, ``name=last part of Wireshark's name``, or ``-`` for a bit without meaning.
-    ``octets`` is the size of the field if not all of its bits are named; ``shared`` if other fields come first in the same
-    octets.
+    ``octets`` is the size of the field if not all of its bits have names; ``shared`` is True if other fields come first in the
+    same octets.
     """
     words = names.split()
     size = octets or len(words) // 8
@@ -291,7 +291,7 @@ def _meters(index: int, first: int) -> Layout:
     ])  # fmt: skip
 
 
-#: Protection of the CPU: levels, switch positions, and checksums that tell versions apart.
+#: Protection of the CPU: levels, switch positions, and checksums for comparing versions.
 PROTECTION: Final = _record(_PROTECTION, STATUS_SECTIONS, 0x04, [
     Field("switch_level", 2, "Protection level set with the switch.", f"{_PROTECTION}.key", PROTECTION_LEVELS),
     Field("parameter_level", 2, "Protection level set in the parameters.", f"{_PROTECTION}.param", PROTECTION_LEVELS),

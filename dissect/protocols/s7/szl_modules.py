@@ -15,7 +15,7 @@ _MANUAL: Final = "Siemens system status list"
 
 
 def bits_set(octets: bytes) -> str | None:
-    """Return the numbers of the set bits, from 0; it depends on the list which rack or station a bit stands for."""
+    """Return the numbers of the set bits, from 0; the list determines which rack or station a bit represents."""
     numbers = [str(8 * at + bit) for at, octet in enumerate(octets) for bit in range(8) if octet >> bit & 1]
     return f"bit{'s' if len(numbers) > 1 else ''} {', '.join(numbers)}" if numbers else "none"
 

@@ -1,6 +1,6 @@
-"""Notes for a person about system status lists and their records (reference section 4.5).
+"""Notes about system status lists and their records, as text (reference section 4.5).
 
-The meaning of an index, and of the bits of racks and stations, is from the Siemens manual of system and standard functions.
+The meaning of an index, and of the bits of racks and stations, comes from the Siemens manual of system and standard functions.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ from dissect.protocols.s7.szl_tables import HEAD_ONLY, INDEXES, MODULE_CLASSES, 
 from dissect.wire.part import Part
 from dissect.wire.text import hex_number
 
-#: Lists of small records that have a meaning only together; these records get no note.
+#: Lists of small records that only have a meaning together; these records get no note.
 _PLAIN: Final = (SZL_ID, CHARACTERISTIC, RECORD)
 
 _GENERAL_CAPABILITY: Final = CAPABILITY_RECORDS[0x01]
@@ -44,16 +44,16 @@ _TIME_STATUS: Final = STATUS_RECORDS[0x08]
 
 _BY_ADDRESS: Final = 0xC
 _OF_PLACE: Final = 0xD
-#: PROFINET IO systems are numbered from here on; the place of a module has only the number minus this.
+#: PROFINET IO systems are numbered from here on; the place of a module only has the number minus this.
 _IO_SYSTEMS: Final = 100
 _IO_SYSTEM: Final = 0x8000
 _OUTPUT: Final = 0x8000
-#: Versions of modules are small; larger values, as blanks and other fillings of some servers, are no versions.
+#: Versions of modules are small; larger values, such as blanks and other fill values of some servers, are not versions.
 _LAST_VERSION: Final = 0xFF
 #: The logical address of a module that has none.
 _NO_ADDRESS: Final = 0x7FFF
 
-#: Conditions of a module that its note names, in this order (lists 0x91 and 0x96).
+#: Conditions of a module that its note mentions, in this order (lists 0x91 and 0x96).
 _FAULTS: Final = (
     ("error", "faulty"),
     ("disrupted", "faulty"),
@@ -66,7 +66,7 @@ _FAULTS: Final = (
     ("maintenance_demanded", "maintenance demanded"),
     ("maintenance_required", "maintenance required"),
 )
-#: Fields of diagnostic data that are not faults, or that the note handles otherwise.
+#: Fields of diagnostic data that are not faults, or that the note handles in another way.
 _NO_FAULTS: Final = frozenset(
     ("module_class", "module_fault", "channel_information", "user_information", "maintenance", "maintenance_too")
 )
@@ -78,7 +78,7 @@ def module_class(szl_id: int) -> int:
 
 
 def extract(szl_id: int) -> int:
-    """Return the extract that an id asks for, 0xF for the head only."""
+    """Return the extract that an id requests, 0xF for the head only."""
     return (szl_id >> 8) & 0xF
 
 
@@ -101,7 +101,7 @@ def list_note(szl_id: int, index: int) -> str:
 
 
 def _picked(partial: int, part: int, index: int) -> str:
-    """Return what an index selects from a list; empty if it selects nothing or the meaning is not known."""
+    """Return what an index selects from a list; empty if it selects nothing or the meaning is unknown."""
     if partial in {0x92, 0x94}:
         return system_text(index)
     if partial == 0x91 and part == _OF_PLACE:
@@ -141,7 +141,7 @@ def _station(place: int) -> str:
 
 
 def record_note(part: Part, szl_id: int, index: int) -> str:
-    """Return a note for a record of a list; empty if no note is shorter than the record."""
+    """Return a note for a record of a list; empty if no note would be shorter than the record."""
     layout = part.layout
     if layout in _PLAIN:
         return ""
@@ -242,7 +242,7 @@ def _led(part: Part) -> str:
 
 
 def _operating_mode(part: Part) -> str:
-    """Return the mode and how it came about, for example ``RUN, before: STARTUP, event 0x4302 STARTUP to RUN``."""
+    """Return the mode and its origin, for example ``RUN, before: STARTUP, event 0x4302 STARTUP to RUN``."""
     event = part.number("event")
     told = part.text("mode") or f"mode {part.number('mode')}"
     if part.number("previous") > 0:
@@ -251,7 +251,7 @@ def _operating_mode(part: Part) -> str:
 
 
 def _stations(part: Part, szl_id: int, system: int, group: bool) -> str:
-    """Return which racks or stations have the state that a list is about, for example ``available: stations 1, 3``.
+    """Return which racks or stations have the state that a list describes, for example ``available: stations 1, 3``.
 
     Bit 0 is the central rack or station 1. With ``group`` information before the bits, these are further on.
     """
@@ -266,7 +266,7 @@ def _stations(part: Part, szl_id: int, system: int, group: bool) -> str:
 
 
 def _module(part: Part) -> str:
-    """Return where a module is and how it does, for example ``rack 0 slot 4 (input address 256): ok``."""
+    """Return place and state of a module, for example ``rack 0 slot 4 (input address 256): ok``."""
     slot = part.number("slot")
     if slot < 0:
         return ""
@@ -284,7 +284,7 @@ def _module(part: Part) -> str:
 
 
 def _submodule(part: Part) -> str:
-    """Return where a submodule is and how it does."""
+    """Return place and state of a submodule."""
     if part.number("subslot") < 0:
         return ""
     system, station = part.number("system"), part.number("station")
@@ -295,7 +295,7 @@ def _submodule(part: Part) -> str:
 
 
 def _state(part: Part) -> str:
-    """Return how a module does."""
+    """Return the state of a module."""
     faults = [said for field, said in _FAULTS if part.number(field) > 0]
     if faults:
         return ", ".join(faults)

@@ -1,9 +1,8 @@
 """Records of system status lists: the layout of a record, by partial list and index (reference section 4.5).
 
-Layouts without a reference section are from the Siemens manual of system and standard functions; sizes and positions were
-compared with Wireshark for all that it knows. Communication lists are in `dissect.protocols.s7.szl_communication`, lists of
-modules and
-stations in `dissect.protocols.s7.szl_modules`.
+Layouts without a reference section come from the Siemens manual of system and standard functions; sizes and positions were
+compared with Wireshark for all that it supports. Communication lists are in `dissect.protocols.s7.szl_communication`, lists of
+modules and stations in `dissect.protocols.s7.szl_modules`.
 """
 
 from __future__ import annotations
@@ -86,7 +85,7 @@ SZL_ID: Final = Layout(
 )
 
 
-#: Two blanks, which stand where a device has no number.
+#: Two blanks, which a device sends in place of a missing number.
 BLANK: Final = 0x2020
 
 

@@ -1,4 +1,4 @@
-"""System status lists (SZL): ids, partial lists, and what an index selects in them (reference section 4.5).
+"""System status lists (SZL): ids, partial lists, and the meaning of their indexes (reference section 4.5).
 
 The ids are from the table of the reference, which names Wireshark as their source. The codes in records are from the Siemens
 manual of system and standard functions, chapter "System status lists".
@@ -13,7 +13,7 @@ from dissect.wire.codes import Code, CodeTable
 #: The extract (bits 11-8 of an id) that is answered with the head only.
 HEAD_ONLY: Final = 0xF
 
-#: The kind of module that the list is about (bits 15-12 of an id).
+#: The kind of module that the list describes (bits 15-12 of an id).
 MODULE_CLASSES: Final = CodeTable(
     "SZL module class",
     1,
@@ -71,12 +71,12 @@ PARTIAL_LISTS: Final = CodeTable(
 
 
 class SzlIds(CodeTable):
-    """Ids of lists. An id that has no row of its own still gets the name of its partial list."""
+    """Ids of lists. An id without its own row still gets the name of its partial list."""
 
     __slots__ = ()
 
     def get(self, number: int) -> Code | None:
-        """Return the row of ``number``, or one made from its partial list; None if that is unknown as well."""
+        """Return the row of ``number``, or one made from its partial list; None if that is unknown, too."""
         row = super().get(number)
         if row is not None:
             return row
@@ -288,7 +288,7 @@ SZL_IDS: Final = SzlIds(
     ],
 )
 
-#: What an identification record is about (list 0x11).
+#: The subject of an identification record (list 0x11).
 IDENTIFICATIONS: Final = CodeTable(
     "identification",
     4,
@@ -394,7 +394,7 @@ SYSTEM_AREAS: Final = CodeTable(
     ],
 )
 
-#: Block types as the list of block types (0x15) writes them.
+#: Block types in the form used by the list of block types (0x15).
 SZL_BLOCK_TYPES: Final = CodeTable(
     "block type in SZL 0x15",
     4,
@@ -550,7 +550,7 @@ STARTUP_SWITCH: Final = CodeTable(
 #: No or yes, as a word of 16 bits.
 NO_YES: Final = CodeTable("yes or no", 4, [(0, "no", ""), (1, "yes", "")])
 
-#: Operating modes as a mode transition (list 0x24) and the H system (list 0x71) write them.
+#: Operating modes in the form used by a mode transition (list 0x24) and the H system (list 0x71).
 OPERATING_MODES: Final = CodeTable(
     "operating mode",
     1,
@@ -610,7 +610,7 @@ MODULE_AREAS: Final = CodeTable(
     ],
 )
 
-#: What the logical address of a module refers to (list 0x91).
+#: The meaning of the logical address of a module (list 0x91).
 ADDRESS_KINDS: Final = CodeTable(
     "address kind", 2, [(0xB4, "input", ""), (0xB5, "output", ""), (0xFF, "external DP interface", "")]
 )
@@ -643,7 +643,7 @@ STATION_STATES: Final = CodeTable(
     ],
 )
 
-#: Where an IP address comes from (list 0x37).
+#: The origin of an IP address (list 0x37).
 ADDRESS_SOURCES: Final = CodeTable(
     "origin of the IP address",
     2,
@@ -682,7 +682,7 @@ TIME_BASES: Final = CodeTable(
     ],
 )
 
-#: What an index selects, by partial list; in lists that are not here, the index is the number of an object of the device.
+#: What an index selects, by partial list; in all other lists, the index is the number of an object of the device.
 INDEXES: Final[dict[int, CodeTable]] = {
     0x11: IDENTIFICATIONS,
     0x12: CHARACTERISTICS,

@@ -34,7 +34,7 @@ S7ANY: Final = 0x10
 # Syntax ids of the head of userdata.
 PARAMETER_SHORT: Final = 0x11
 PARAMETER_EXTENDED: Final = 0x12
-# Of items: the R_ID of a PBC, and an ALARM query.
+# For items: the R_ID of a PBC, and an ALARM query.
 PBC_R_ID: Final = 0x13
 ALARM_QUERY_ITEM: Final = 0x1A
 
@@ -122,13 +122,13 @@ NC_CONTINUE_UPLOAD: Final = 8
 # Subfunctions of mode transition.
 MODE_STOP: Final = 0
 
-# What a request does to its device: the last column of `FUNCTIONS` and `USERDATA_SUBFUNCTIONS`, and the effect of a PI service.
-# It decides what may be replayed, and which requests are security events (reference section 7.4).
+# The effect of a request on its device: the last column of `FUNCTIONS` and `USERDATA_SUBFUNCTIONS`, and the effect of a PI
+# service. It decides which requests may be replayed, and which are security events (reference section 7.4).
 READ: Final = "read"  # changes nothing in the device
 SESSION: Final = "session"  # changes what the device sends to this client
 WRITE: Final = "write"
 PROGRAM_READ: Final = "program read"  # begins to read a block or a file
-PROGRAM_CHANGE: Final = "program change"  # begins to load a block or file, links it in, deletes it
+PROGRAM_CHANGE: Final = "program change"  # begins to load a block or file, links it in, or deletes it
 TRANSFER: Final = "transfer"  # continues what was begun
 TEST: Final = "test"  # starts a test job, which takes time of the program's cycle, or is a command about one
 DEBUG: Final = "debug"  # follows the program as it runs, or halts it
@@ -148,8 +148,8 @@ STATE: Final = "state change"
 ALARM: Final = "alarm"
 SEND: Final = "data push"
 
-# What a good answer to a userdata request always has: the column behind the effect in `USERDATA_SUBFUNCTIONS`. Where it is
-# empty, an answer without payload (return code 0x0a) is good, or it is not known (reference 4.2 and 4.5 to 4.12).
+# What a good answer to a userdata request always has: the column after the effect in `USERDATA_SUBFUNCTIONS`. If it is empty,
+# an answer without payload (return code 0x0a) is good, or the rule is unknown (reference 4.2 and 4.5 to 4.12).
 DATA: Final = "data"
 
 ROSCTR: Final = CodeTable(
@@ -208,7 +208,7 @@ AREAS: Final = CodeTable(
     ],
 )
 
-#: How people write an area in an address (international mnemonics).
+#: The letters for an area in an address (international mnemonics).
 AREA_LETTERS: Final[dict[int, str]] = {
     0x00: "RAW",
     0x01: "RECORD",
@@ -230,7 +230,7 @@ AREA_LETTERS: Final[dict[int, str]] = {
     0x87: "V",
 }
 
-#: Areas by the single letter that people write, including the German ones (E and A for inputs and outputs, Z for counters).
+#: Areas by their single letter in an address, including the German ones (E and A for inputs and outputs, Z for counters).
 LETTER_AREAS: Final[dict[str, int]] = {
     **{letters: area for area, letters in AREA_LETTERS.items() if len(letters) == 1},
     "E": 0x81,
@@ -241,7 +241,7 @@ LETTER_AREAS: Final[dict[str, int]] = {
 #: Areas whose address is a plain object number, not an octet address times 8.
 NUMBERED_AREAS: Final = frozenset((0x1c, 0x1d, 0x1e, 0x1f))
 
-#: Those of them whose items need the transport size of the same number.
+#: Those among them whose items need the transport size with the same number.
 OWN_SIZE_AREAS: Final = frozenset((0x1c, 0x1d))
 
 #: The area of data records, which have no addresses, and the areas of data blocks.
@@ -279,7 +279,7 @@ TRANSPORT_SIZES: Final = CodeTable(
     ],
 )
 
-#: Octets of one element by request transport size; sizes that are missing here have no known element size.
+#: Size of one element by request transport size; sizes that are not in the table are unknown.
 ELEMENT_OCTETS: Final[dict[int, int]] = {
     0x01: 1,
     0x02: 1,
@@ -427,7 +427,7 @@ USERDATA_GROUPS: Final = CodeTable(
     ],
 )
 
-#: Subfunctions by function group, with who sends them, what a request does, and `DATA` if a good answer always has a payload.
+#: Subfunctions by function group, with their sender, the effect of a request, and `DATA` if a good answer always has a payload.
 USERDATA_SUBFUNCTIONS: Final[dict[int, CodeTable]] = {
     0x00: CodeTable(
         "S7 mode transition subfunction",
@@ -569,7 +569,7 @@ BLOCK_KINDS: Final = CodeTable(
     [(0x00, "not set", "No block."), *[(int(digits, 16), name, "") for digits, name in BLOCK_TYPES.items()]],
 )
 
-#: Types whose content after the header is code; that of a DB is values, that of an SDB is system data.
+#: Types whose content after the header is code; the content of a DB is values, that of an SDB is system data.
 CODE_BLOCKS: Final = frozenset(("OB", "FC", "FB", "SFC", "SFB"))
 
 #: Areas of a Sinumerik, as people write them (reference section 3.5).
@@ -596,7 +596,7 @@ SYMBOL_AREAS: Final = CodeTable(
     [(0x50, "I", "Inputs."), (0x51, "Q", "Outputs."), (0x52, "M", "Flags."), (0x53, "C", "Counters."), (0x54, "T", "Timers.")],
 )
 
-#: What kind of step on the way to a symbol it is.
+#: The kind of a step on the way to a symbol.
 SYMBOL_FLAGS: Final = CodeTable(
     "S7-1200 symbol step",
     1,

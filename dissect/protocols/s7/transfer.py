@@ -67,7 +67,7 @@ UPLOAD_END: Final = Layout("end upload", _UPLOAD, [*_STATUS, Field(*_ERROR, erro
 _NAME_LENGTH: Final = Field(
     "name_length", 1, "Bytes of the name.", "s7comm.param.blockcontrol.filename_len", counts=COUNTS_REST
 )
-#: The file name of a block: as devices write it, and as python-snap7 writes it.
+#: The file name of a block: in the form of devices, and in that of python-snap7.
 FILE_NAME: Final = Layout(
     "file name",
     _FILE_NAMES,
@@ -228,7 +228,7 @@ def _take_lengths(cursor: Cursor) -> None:
             part.note = f"{part.text('load_length')} bytes, {part.text('mc7_length')} of them MC7 code"
     elif size >= 0:
         cursor.tell("length_below" if size < _LENGTHS_SIZE else "bad_value", "lengths_length", _LENGTHS_SIZE, size)
-        cursor.rest()  # another form of it is not known
+        cursor.rest()  # no other form of it is known
 
 
 def _take_length(cursor: Cursor) -> None:
@@ -239,7 +239,7 @@ def _take_length(cursor: Cursor) -> None:
 
 
 def _told_size(cursor: Cursor, layout: Layout, field: str) -> int:
-    """Return the size that the length octet at the cursor states, at most what is left; -1 if there is no such octet."""
+    """Return the size stated by the length octet at the cursor, limited to the remaining octets; -1 if there is none."""
     if not cursor.left:
         cursor.take(layout, layout.size)  # notes that it is missing
         return -1

@@ -1,7 +1,7 @@
 """Values of data items, decoded by the transport size of the request (reference 3.5, 3.6).
 
-A value is a Python number, text or bool; several elements give a list. What cannot be decoded (wrong size, a code that is not
-BCD, a transport size without a known type) gives None; nothing is invented.
+A value is a Python number, text or bool; several elements give a list. Octets that cannot be decoded (wrong size, a code that
+is not BCD, a transport size without a known type) give None; nothing is guessed.
 """
 
 from __future__ import annotations
@@ -25,12 +25,12 @@ Value = bool | int | float | str | list["bool | int | float | str | None"] | Non
 
 _DOUBLE: Final = struct.Struct(">d")
 MS_PER_DAY: Final = 86_400_000
-#: Shorter texts may be there by chance.
+#: Shorter texts may appear by chance.
 LEAST_TEXT: Final = 4
 _S5_BASE_MS: Final = (10, 100, 1000, 10000)
 _UNITS: Final[list[str]] = ["d", "h", "m", "s", "ms"]
 _UNIT_MS: Final[list[int]] = [MS_PER_DAY, 3_600_000, 60_000, 1000, 1]
-#: The same, as compiled code reads them without creating objects.
+#: The same in the form that compiled code reads without creating objects.
 _S5_BASES: Final = struct.pack(f"<{len(_S5_BASE_MS)}q", *_S5_BASE_MS)
 _UNIT_NAMES: Final[list[bytes]] = [name.encode("ascii") for name in _UNITS]
 _UNIT_SIZES: Final = struct.pack(f"<{len(_UNIT_MS)}q", *_UNIT_MS)
@@ -62,7 +62,7 @@ def decode_value(transport_size: i64, octets: bytes) -> Value:
     return values
 
 
-#: Octets of one element by transport size; 0 if the meaning of the octets is unknown.
+#: Size of one element by transport size; 0 if the meaning of the octets is unknown.
 _ELEMENT: Final = bytes([ELEMENT_OCTETS.get(code, 0) if code != 0x30 else 8 for code in range(256)])
 
 
@@ -100,13 +100,13 @@ def _element(transport_size: i64, octets: bytes) -> bool | int | float | str | N
     return date_and_time(octets)
 
 
-#: By transport size: octets of one element, 0 if `write_numbers` does not write it; and the `struct` letter of integers.
+#: By transport size: size of one element, 0 if `write_numbers` does not write it; and the `struct` letter of integers.
 _TEXT_SIZES: Final = bytes([{BYTE: 1, WORD: 2, INT: 2, DWORD: 4, DINT: 4, REAL: 4}.get(code, 0) for code in range(256)])
 NUMBER_LETTERS: Final[dict[int, str]] = {BYTE: "B", WORD: "H", INT: "h", DWORD: "I", DINT: "i"}
 
 
 def number_texts(transport_size: i64, octets: bytes, most: i64) -> list[str]:
-    """Return the first ``most`` elements as `repr` writes them; empty if they are not numbers or the size does not fit."""
+    """Return the text that `write_numbers` writes; empty if it writes nothing."""
     texts: list[str] = []
     step: i64 = _TEXT_SIZES[transport_size] if 0 <= transport_size < 256 else 0
     size: i64 = len(octets)
@@ -147,7 +147,7 @@ def numbers_json(transport_size: i64, octets: bytes) -> str:
 
 
 def number_size(transport_size: i64) -> i64:
-    """Return the octets of one element for `write_number`: 1, 2 or 4; 0 if elements of this type are not numbers."""
+    """Return the size of one element for `write_number`: 1, 2 or 4; 0 if elements of this type are not numbers."""
     if 0 <= transport_size < 256:  # as one expression it would make int objects (mypyc)
         return _TEXT_SIZES[transport_size]
     return 0
@@ -156,7 +156,7 @@ def number_size(transport_size: i64) -> i64:
 def write_numbers(out: BytesWriter, transport_size: i64, octets: bytes, at: i64, size: i64) -> bool:
     """Write ``size`` octets from ``at`` as JSON: an array of their elements, or a single element without brackets.
 
-    Return False and write nothing if they are not numbers or the size does not fit.
+    Return False and write nothing if they are not numbers or the size does not match.
     """
     step = number_size(transport_size)
     if step == 0 or size == 0 or size & (step - 1):  # 1, 2 or 4
@@ -191,7 +191,7 @@ def write_number(out: BytesWriter, transport_size: i64, octets: bytes, at: i64) 
 def write_times(out: BytesWriter, transport_size: i64, octets: bytes, at: i64, size: i64) -> bool:
     """Write TIME or S5TIME as `write_numbers` writes numbers: as JSON strings, with the texts of `duration` and `s5time`.
 
-    Return False and write nothing if the type is neither or the size does not fit.
+    Return False and write nothing if the type is neither or the size does not match.
     """
     step = time_size(transport_size)
     if step == 0 or size == 0 or size & (step - 1):
@@ -217,7 +217,7 @@ def write_times(out: BytesWriter, transport_size: i64, octets: bytes, at: i64, s
 
 
 def time_size(transport_size: i64) -> i64:
-    """Return the octets of a time that `write_time` writes: 4 for TIME, 2 for S5TIME, 0 for other types."""
+    """Return the size of a time that `write_time` writes: 4 for TIME, 2 for S5TIME, 0 for other types."""
     if transport_size == _TIME:
         return 4
     return 2 if transport_size == _S5TIME or transport_size == _S5TIME_TIMER else 0

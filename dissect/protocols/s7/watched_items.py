@@ -11,7 +11,7 @@ from dissect.protocols.s7.items import Item
 from dissect.protocols.s7.tables import BIT, ELEMENT_OCTETS
 from dissect.wire.octets import u16
 
-#: Octets of an address: area and width, repetition count or bit number, DB, octet.
+#: Size of an address: area and width, repetition count or bit number, DB, octet.
 ADDRESS_SIZE: Final = 6
 
 #: Areas of `dissect.protocols.s7.tables.AREAS` by the high nibble of a test function's area.
@@ -24,7 +24,10 @@ _PERIPHERAL: Final = 0x3
 
 
 def parse_test_item(octets: bytes, offset: i64) -> Item:
-    """Read the address of a variable (`ADDRESS_SIZE` octets). Its ``syntax_id`` is -1: not an item of a job. Never raises."""
+    """Read the address of a variable (`ADDRESS_SIZE` octets). Its ``syntax_id`` is -1, because it is not an item of a job.
+
+    Never raises.
+    """
     item = Item(octets, offset)
     item.syntax_id = -1
     area: i64 = octets[0]
@@ -57,7 +60,7 @@ def parse_test_item(octets: bytes, offset: i64) -> Item:
 
 
 def parse_test_items(octets: bytes) -> list[Item]:
-    """Read the data block of a request: the number of variables and their addresses, as far as they are there."""
+    """Read the data block of a request: the number of variables and their addresses, as far as they are present."""
     if len(octets) < 2:
         return []
     count: i64 = u16(octets, 0)

@@ -22,14 +22,14 @@ _EVENT_STATES: Final = 3474
 _TIME: Final = 3475
 _VALUES: Final = 3476
 _ACKNOWLEDGED: Final = 3646
-#: The attributes that make up an alarm.
+#: The attributes that form an alarm.
 ATTRIBUTES: Final = frozenset((_CPU_ALARM_ID, _STATES, _DOMAIN, _TYPE, _COMING, _GOING, _TEXTS))
 #: How many texts and associated values of an alarm a line shows.
 _SHOWN: Final = 3
 
 
 class AlarmEvent:
-    """The coming or the going of an alarm: its states as sent, times in ns since 1970 (0 for none), associated values.
+    """An alarm that comes or goes: its states as sent, times in ns since 1970 (0 for none), associated values.
 
     ``values`` are the associated values in order; a value without content is empty.
     """
@@ -68,7 +68,7 @@ class AlarmEvent:
 
 
 class Alarm:
-    """An alarm. Numbers that were not sent are -1; texts are from the wire and not escaped."""
+    """An alarm. Numbers that were not sent are -1; texts come from the wire and are not escaped."""
 
     __slots__ = ("domain", "events", "id", "states", "texts", "type")
 
@@ -98,7 +98,7 @@ class Alarm:
 
 
 def alarm_text(found: PlusObject) -> str:
-    """Return an alarm as a short text: id and states, whether it is coming or going and when (CPU time), its texts.
+    """Return an alarm as a short text: id and states, whether and when (CPU time) it comes or goes, its texts.
 
     Text from the wire is not escaped.
     """
@@ -116,7 +116,7 @@ def _number(event: Struct, id_: int) -> int:
 
 
 def _texts(alarm: PlusObject) -> list[str]:
-    """Return the texts that come with an alarm, if the subscription asked for them."""
+    """Return the texts of an alarm, if the subscription requested them."""
     value = alarm.find(_TEXTS)
     content = value.content if value is not None else None
     found: list[str] = []

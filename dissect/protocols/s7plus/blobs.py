@@ -1,8 +1,8 @@
 """Compressed blobs, in which engineering tools store a block's interface, comments and code (docs/s7plus.md).
 
-A blob is a version of four octets, which CPUs with firmware 2 leave out, and a zlib stream. The stream's header often names a
-preset dictionary by its Adler-32. Without the dictionary the content cannot be read, but lengths do not depend on what the
-dictionary contains. So an empty dictionary is enough to check whether a stream ends where it should, and how large it becomes.
+A blob is a version of four octets, which CPUs with firmware 2 omit, and a zlib stream. The stream's header often names a preset
+dictionary by its Adler-32. Without the dictionary the content cannot be read, but lengths do not depend on the content of the
+dictionary. So an empty dictionary is sufficient to check whether a stream ends where it should, and how large its content is.
 """
 
 from __future__ import annotations
@@ -15,28 +15,28 @@ from typing import Final
 from librt.strings import read_i64_be
 from mypy_extensions import i64
 
-#: Attributes that hold compressed blobs.
+#: Attributes that contain compressed blobs.
 COMPRESSED: Final = frozenset((2449, 2533, 2544, 2545, 2546, 2583, 2584, 2585, 2589, 4275, 4683, 7564))
 #: Elements of a sparse array from this key on are not compressed.
 PLAIN_KEYS: Final = 0x80000000
-#: Bounds: how many times its own size a blob may become, and the octets of all inflated blobs of a PDU together.
+#: Limits: the factor by which a blob may grow, and the total size of all inflated blobs of a PDU.
 MAX_RATIO: Final = 1000
 MAX_INFLATED: Final = 32 * 1024 * 1024
-#: Octets of sound blobs that are remembered, and the memory that one costs besides its octets.
+#: Total size of sound blobs that are remembered, and the memory that each one needs besides its octets.
 MAX_KEPT: Final = 512 * 1024
 _COST: Final = 128
-#: Any blob may become this large, however few octets it has.
+#: Any blob may grow to this size, however small it is.
 _LEAST: Final = 4096
 
-#: A blob of this size may become more than `MAX_INFLATED`: deflate makes at most 1032 octets from one.
+#: A blob of this size may grow beyond `MAX_INFLATED`: deflate makes at most 1032 octets from one.
 _LARGE: Final = MAX_INFLATED // 1032
-#: By octet: 0 if its even bits are all the same, or its odd bits are; else 1.
+#: By octet: 0 if its even bits are all equal, or its odd bits are; else 1.
 _OTHERWISE: Final = bytes([not {octet & 0x55, octet & 0xAA} & {0, 0x55, 0xAA} for octet in range(256)])
-#: Masks for seven octets: every other bit, all bits but the highest of each octet, the highest bit of each.
+#: Masks for seven octets: every other bit, all bits but the highest of each octet, the highest bit of each octet.
 _EVERY_OTHER: Final = 0x55555555555555
 _LOW: Final = 0x7F7F7F7F7F7F7F
 _HIGH: Final = 0x80808080808080
-#: How many octets are looked at at once, and how often before the counts are added up.
+#: Number of octets that are examined at once, and number of rounds before the counts are added up.
 _SEVEN: Final = 7
 _TURNS: Final = 64
 
@@ -47,15 +47,15 @@ NO_DICTIONARY: Final = "no dictionary"
 
 _VERSION: Final = 4
 _HEADER: Final = 2
-_DICTIONARY: Final = 0x20  # bit of the second octet of the header: four octets follow that name a dictionary
+_DICTIONARY: Final = 0x20  # bit of the second octet of the header: the next four octets name a dictionary
 _CHECKSUM: Final = 4  # Adler-32 of the content, after the stream
 _WINDOW: Final = 15  # the largest window of deflate, 32 KiB
 _PIECE: Final = 1 << 18
-_EMPTY: Final = bytes(1 << _WINDOW)  # an empty dictionary, as long as a stream can refer back
+_EMPTY: Final = bytes(1 << _WINDOW)  # an empty dictionary, as long as the longest reference back in a stream
 
 
 class Opened:
-    """The result of inflating a blob: ``octets`` are its content as far as kept, ``size`` is the size of the whole content.
+    """The result of inflating a blob: ``octets`` are the kept part of its content, ``size`` is the size of the whole content.
 
     ``dictionary`` is the Adler-32 of the needed dictionary, -1 for none. ``fault`` is empty, or one of the reasons above.
     """
@@ -79,7 +79,7 @@ class SoundBlobs:
         self._kept = 0
 
     def size(self, octets: bytes) -> int:
-        """Return the inflated size of a blob, -1 if it is not known."""
+        """Return the inflated size of a blob, -1 if it is unknown."""
         return self._sizes.get(octets, -1)
 
     def add(self, octets: bytes, size: int) -> None:
@@ -113,12 +113,11 @@ def _start(octets: bytes) -> int:
 
 
 def may_swell(octets: bytes) -> bool:
-    """Return False if a blob cannot become `MAX_RATIO` times its size, nor `MAX_INFLATED`, whatever its dictionary is.
+    """Return False if a blob cannot grow to `MAX_RATIO` times its size, nor to `MAX_INFLATED`, with any dictionary.
 
-    Deflate comes near its limit of 1032 only with matches of 258 octets in two bits each. One bit of these two is the same in
-    all of them, so that every other bit is constant in such a run. Anything else between two runs makes at most two octets
-    differ from that pattern, and costs 129 octets of output or more. So where half of the octets differ, at least one part in
-    32 is lost.
+    Deflate comes near its limit of 1032 only with matches of 258 octets in two bits each. One of these two bits is always the
+    same, so every other bit is constant in such a run. Anything else between two runs makes at most two octets differ from that
+    pattern, and costs at least 129 octets of output. So if half of the octets differ, at least one part in 32 is lost.
     """
     size: i64 = len(octets)
     if size >= _LARGE:
@@ -130,7 +129,7 @@ def may_swell(octets: bytes) -> bool:
         stop: i64 = min(at + _SEVEN * _TURNS, last + 1)
         counts: i64 = 0  # counts for the seven octets, side by side
         while at < stop:
-            word: i64 = read_i64_be(octets, at) >> 8  # eight octets are read; the last one belongs to the next turn
+            word: i64 = read_i64_be(octets, at) >> 8  # eight octets are read; the last one belongs to the next round
             even: i64 = word & _EVERY_OTHER
             odd: i64 = word >> 1 & _EVERY_OTHER
             # The highest bit of an octet becomes set if any of its other bits is set.
@@ -152,7 +151,7 @@ def may_swell(octets: bytes) -> bool:
 def check_blob(octets: bytes, allowed: int = MAX_INFLATED) -> Opened:
     """Inflate a compressed blob to check it; its content is not kept. Never raises.
 
-    ``allowed`` is how large it may become, besides the bound `MAX_RATIO`. A blob that was sound is not inflated again, because
+    ``allowed`` is the maximum size, besides the limit `MAX_RATIO`. A blob that was sound is not inflated again, because
     engineering tools read the same blobs again and again.
     """
     opened = Opened(-1)
@@ -216,7 +215,7 @@ def _inflate(octets: bytes, dictionary: bytes, allowed: int, kept: int) -> Opene
                 parts.append(piece[:kept])
                 kept -= len(piece)
             if not piece and not rest and not stream.eof:
-                break  # the stream goes on after the last octet
+                break  # the stream continues after the last octet
     except zlib.error:
         opened.fault = BAD
     if not opened.fault and (not stream.eof or len(stream.unused_data) != (0 if checks else _CHECKSUM)):

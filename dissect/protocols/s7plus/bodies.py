@@ -1,6 +1,6 @@
-"""Reads the contents of a PDU, with the elements that `dissect.protocols.s7plus.grammar` names. `parse_contents` never raises.
+"""Reads the contents of a PDU by the elements in `dissect.protocols.s7plus.grammar`. `parse_contents` never raises.
 
-This is not the hot path: contents are read when they are needed.
+This is not the hot path: contents are read only when they are needed.
 """
 
 from __future__ import annotations
@@ -56,8 +56,8 @@ Reader = Callable[[Walk, Contents], None]
 def parse_contents(pdu: PlusPdu, shown: bool = True, most: int = 0, wanted: Wanted | None = None) -> Contents:
     """Read the contents of a PDU, which follow its head. Never raises.
 
-    Offsets are within ``pdu.data``. If ``shown`` is False, no parts are made. ``most`` bounds the work (`Walk`): if a PDU takes
-    more, its content stays unknown (`Contents.exhausted`). ``wanted`` names what is needed; the rest is left out.
+    Offsets are within ``pdu.data``. If ``shown`` is False, no parts are made. ``most`` limits the work (`Walk`): if a PDU needs
+    more, its content stays unknown (`Contents.exhausted`). ``wanted`` names the needed parts; the others are omitted.
     """
     found = Contents(pdu.version, pdu.return_value, pdu.frame_starts)
     if not V1 <= pdu.version <= V3 and (pdu.version == KEEP_ALIVE or pdu.version not in VERSIONS):
@@ -79,7 +79,7 @@ def parse_contents(pdu: PlusPdu, shown: bool = True, most: int = 0, wanted: Want
 
 
 def _blank(pdu: PlusPdu, start: int) -> bool:
-    """Return whether contents are all zeros: `s7dissect anonymize` leaves such, after the return value, which it keeps."""
+    """Return whether contents are all zeros, as `s7dissect anonymize` leaves them, after the return value, which it keeps."""
     octets = pdu.data
     if pdu.return_value >= 0:
         _, start = read_varint(octets, start, len(octets), VLQ64)
@@ -111,7 +111,7 @@ def _read(walk: Walk, found: Contents, pdu: PlusPdu) -> None:
 
 
 def is_known(pdu: PlusPdu) -> bool:
-    """Return False for functions that have a name, but whose body no capture and no source describes."""
+    """Return False for functions that have a name, but whose body is not described by any capture or source."""
     return pdu.function not in FUNCTIONS or body_of(pdu.function, pdu.opcode == REQUEST) > 0
 
 
@@ -285,7 +285,7 @@ def _stream(walk: Walk, found: Contents) -> None:
 
 
 def _end(_walk: Walk, _found: Contents) -> None:
-    """The end of a row is no element."""
+    """The end of a row is not an element."""
 
 
 #: The reader of each element, by its number.

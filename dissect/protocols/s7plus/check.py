@@ -1,9 +1,8 @@
 """Checks whether the contents of a PDU are sound (counts, lengths, depths, types, the end), without making objects of them.
 
-This is done for every PDU. Contents that are certainly sound are passed over; all others are left to
-`dissect.protocols.s7plus.bodies`,
-which knows which faults they have and where. A property test ensures that no faulty PDU passes
-(tests/protocols/s7plus/test_check.py).
+This is done for every PDU. Contents that are certainly sound are skipped; all others are left to
+`dissect.protocols.s7plus.bodies`, which finds their faults and the places of these. A property test ensures that no faulty PDU
+passes (tests/protocols/s7plus/test_check.py).
 """
 
 from __future__ import annotations
@@ -85,11 +84,11 @@ from dissect.wire.varint import VLQ64, read_varint
 MARKS: Final = marks(CODE, frozenset((TYPE_INFO,)), ASKED_OF_OBJECTS)
 _CODE: Final = 0xFFFF
 _BIT_7: Final = 0x80
-#: The last two octets of the ids of the operating state, of the structure that holds it, and of the identification record.
+#: The last two octets of the ids of the operating state, of the structure that contains it, and of the identification record.
 _STATE: Final = (OPERATING_STATE >> 7 | _BIT_7) << 8 | OPERATING_STATE & (_BIT_7 - 1)
 _RECORD: Final = (IDENTIFICATION >> 7 | _BIT_7) << 8 | IDENTIFICATION & (_BIT_7 - 1)
 _DIAGNOSIS: Final = (DIAGNOSIS >> 7 | _BIT_7) << 8 | DIAGNOSIS & (_BIT_7 - 1)
-#: Octets of: an id; a filter of Explore before its members; what is between the parts of a notification; a time.
+#: Sizes in octets of: an id; a filter of Explore before its members; the octets between the parts of a notification; a time.
 _ID: Final = 4
 _FILTER: Final = 5
 _SECOND_PART: Final = 6
@@ -98,12 +97,12 @@ _TIME: Final = 8
 
 @mypyc_attr(acyclic=True, free_list_len=1)  # as `Cursor`
 class Check(Checked):
-    """Checks the contents of a PDU, and keeps what it found out about it."""
+    """Checks the contents of a PDU, and stores the results."""
 
     __slots__ = ()
 
     def seek(self, number: i64) -> i64:
-        """Return where the value of the item with a number begins in a sound PDU: 0 if there is none, -1 if several."""
+        """Return where the value of the item with a number begins in a sound PDU: 0 if there is none, -1 for several."""
         self._sought = number
         self.valued = 0
         self._again()
@@ -111,7 +110,7 @@ class Check(Checked):
         return self.valued
 
     def places(self) -> list[int]:
-        """Return for each item of a sound PDU its number and where its value begins, one after the other."""
+        """Return for each item of a sound PDU its number and the place of its value, one after the other."""
         found: list[int] = []
         self._met = found
         self._again()
@@ -119,7 +118,7 @@ class Check(Checked):
         return found
 
     def _again(self) -> None:
-        """Pass over a sound PDU once more: the items that it has are sought."""
+        """Walk over a sound PDU once more to find its items."""
         refused = self._refused
         self._seeking = True
         self._contents(True)
@@ -148,7 +147,7 @@ class Check(Checked):
             self.sound = self._known
 
     def _is_read(self) -> bool:
-        """Return whether it is a PDU whose contents are checked, and long enough for its head."""
+        """Return whether the contents of the PDU can be checked and are long enough for its head."""
         size: i64 = self._end - self.begin
         opcode = self.opcode
         if opcode == NOTIFICATION:
@@ -158,7 +157,7 @@ class Check(Checked):
         return size >= RESPONSE_SIZE and (opcode == RESPONSE or opcode == RESPONSE2)
 
     def _contents(self, single: bool) -> bool:
-        """Pass over the contents, with the end; ``single``: they are in one frame."""
+        """Walk over the contents, including the end; ``single``: they are in one frame."""
         if self.opcode == NOTIFICATION:
             self.at = self.begin + NOTIFICATION_SIZE
             return self._version != V1 and self._notification(u32(self._octets, self.begin + 1))
@@ -198,7 +197,7 @@ class Check(Checked):
         return self._body(self.function, False) and (not self._known or self._ends(fill))
 
     def _body(self, function: i64, request: bool) -> bool:
-        """Pass over the elements of a body (`dissect.protocols.s7plus.grammar`), after the return value and without the end."""
+        """Walk over the elements of a body (`dissect.protocols.s7plus.grammar`), after the return value and without the end."""
         at: i64 = function - FIRST
         if at < 0 or at >= len(REQUESTS):
             self._known = False
@@ -217,7 +216,7 @@ class Check(Checked):
         return True
 
     def _element(self, element: i64) -> bool:
-        """Pass over an element other than the qualifier; those of most PDUs come first."""
+        """Walk over an element other than the qualifier; those of most PDUs come first."""
         if element == ADDRESSES:
             sound: bool = self._addresses() >= 0
             self.place = self.at
@@ -251,7 +250,7 @@ class Check(Checked):
         return self._rare(element)
 
     def _rare(self, element: i64) -> bool:
-        """Pass over an element of what is seldom sent, or large."""
+        """Walk over an element that is rare or large."""
         if element == RESERVED_4:
             return self._skip(_ID)
         if element == OBJECTS_V1:
@@ -283,11 +282,11 @@ class Check(Checked):
             return self.wide()
         if element == RETURN_OR_ITEM:
             return self._peek() == 1 or self.wide()
-        # A stream: the first value says which attribute is written; whether that may be compressed is not checked here.
+        # A stream: the first value states which attribute is written; whether this one may be compressed is not checked here.
         return element == STREAM and self.careful_value(0, True)
 
     def _notification(self, subscription: i64) -> bool:
-        """Pass over the body of a notification, with its end."""
+        """Walk over the body of a notification, including its end."""
         if subscription >= SHORT_HEADS:
             if self.number() < 0:
                 return False
@@ -303,7 +302,7 @@ class Check(Checked):
         )
 
     def _ends(self, fill: i64) -> bool:
-        """Pass over the end of a request or response, with at most ``fill`` zeros."""
+        """Walk over the end of a request or response, with at most ``fill`` zeros."""
         early: i64 = self.integrity_id
         id_ = read_tail(self._octets, self.at, self._end, self._version, fill, early >= 0)
         if early < 0:
@@ -311,12 +310,12 @@ class Check(Checked):
         return id_ >= -1
 
     def _ids(self) -> bool:
-        """Pass over the ids of attributes; a compressed value of one must be read."""
+        """Walk over the ids of attributes; a compressed value of one must be read."""
         count = self._count()
         return count >= 0 and self.ids(count)
 
     def _addresses(self) -> i64:
-        """Pass over the addresses of items. Return how many values they have, -1 if they must be read."""
+        """Pass over the addresses of items. Return the number of their values, -1 if they must be read."""
         if not self._skip(_ID):
             return -1
         link: i64 = u32(self._octets, self.at - _ID)
@@ -349,7 +348,7 @@ class Check(Checked):
         return count
 
     def _attributes(self, count: i64) -> bool:
-        """Pass over ``count`` attributes of the execution unit, each of which is an item."""
+        """Walk over ``count`` attributes of the execution unit, each of which is an item."""
         index: i64 = 0
         while index < count:
             id_ = self.number()
@@ -368,7 +367,7 @@ class Check(Checked):
         self.asks = True
 
     def _path(self) -> bool:
-        """Pass over the ids of an attribute of the object that came before."""
+        """Walk over the ids of an attribute of the preceding object."""
         first: i64 = self.at + 2 + 1  # after flags, type, and a count below 128
         if not self.value(0):
             return False
@@ -394,7 +393,7 @@ class Check(Checked):
         return True
 
     def _items(self) -> bool:
-        """Pass over numbers with values up to the number 0; count them while they are numbered from 1."""
+        """Walk over numbers with values up to the number 0; count them while they are numbered from 1."""
         count: i64 = 0
         if not self._seeking:
             count = self.items()
@@ -502,7 +501,7 @@ class Check(Checked):
 
 
 def check(octets: bytes, marks: bytes = MARKS) -> Check:
-    """Check a PDU of version 1, 2 or 3. ``marks`` says which attributes and classes of objects matter. Never raises."""
+    """Check a PDU of version 1, 2 or 3. ``marks`` states which attributes and classes of objects matter. Never raises."""
     begin, end = one_frame(octets)
     if begin >= 0:
         found = Check(octets, octets, begin, end, marks)

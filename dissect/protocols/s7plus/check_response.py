@@ -1,6 +1,6 @@
-"""Finds out whether a response refuses items, and whether it has the items that were requested.
+"""Finds out whether a response refuses items, and whether it has the requested items.
 
-Both are needed for every response, so that most responses are not parsed for it.
+Both are needed for every response, so it is done without parsing most responses.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from dissect.wire.varint import VLQ, VLQ64, read_varint
 
 #: Offset of the item count in the data of a request with a list of items.
 _COUNT: Final = REQUEST_SIZE + 4
-#: How many items a text names.
+#: Maximum number of items that a text names.
 _NAMED: Final = 3
 
 

@@ -1,4 +1,4 @@
-"""What the check of a PDU found out about it (`dissect.protocols.s7plus.check`), and how it reads numbers of fixed sizes."""
+"""The results of the check of a PDU (`dissect.protocols.s7plus.check`), and its way of reading numbers of fixed sizes."""
 
 from __future__ import annotations
 
@@ -18,17 +18,17 @@ _ID: Final = 4
 
 @mypyc_attr(acyclic=True)
 class Checked(Cursor):
-    """A PDU and what the check found out about it.
+    """A PDU and the results of its check.
 
-    ``sound``: the contents are sound; ``odd``: they must be read. If it is neither, they are not judged: those of an incomplete
-    PDU, or of a function whose body is not known. All else has a meaning only if it is ``sound``.
+    ``sound``: the contents are sound; ``odd``: they must be read. If neither is True, they were not judged: the PDU is
+    incomplete, or the body of its function is unknown. Everything else has a meaning only if it is ``sound``.
 
     ``octets`` are the frames; ``data`` has the data of the PDU from ``begin`` to ``end``. ``code`` is the lower 16 bits of the
     return value, -1 for none. ``refuses``: items are refused; ``refusals`` are those of a notification, as (number, kind).
     ``asks``: a read may request the operating state, or the identification of the CPU; ``item`` is the number of the item that
     is the state, 0 for none or several; ``place`` is where the addresses of a read or write end, or where the ids of one
-    attribute begin; ``valued`` is where its value begins. ``numbered`` is how many values a response has, if they are numbered
-    from 1, else 0 or less; ``expected`` how many a write has. ``object_id`` is the object that comes first, ``made`` are the
+    attribute begin; ``valued`` is where its value begins. ``numbered`` is the number of values in a response if they are
+    numbered from 1, else 0 or less; ``expected`` is that number in a write. ``object_id`` is the first object, ``made`` are the
     ids of created objects. ``noted`` as in `Cursor`, for CreateObject and Explore.
     """
 
@@ -98,12 +98,12 @@ class Checked(Cursor):
 
     @property
     def data(self) -> bytes:
-        """Octets that hold the data."""
+        """The buffer that contains the data."""
         return self._octets
 
     @property
     def end(self) -> i64:
-        """Where the data ends."""
+        """The end of the data."""
         return self._end
 
     @property
@@ -118,7 +118,7 @@ class Checked(Cursor):
 
     @property
     def met(self) -> bool:
-        """True if a class or attribute that matters was passed: code of a block or names of variables."""
+        """True if a class or attribute that matters was met: code of a block or names of variables."""
         return self.seen & MET != 0
 
     @property
@@ -153,7 +153,7 @@ class Checked(Cursor):
         return self._octets[at]
 
     def _octet(self) -> i64:
-        """Read an octet; beyond the end return a number larger than any octet or count that could be there."""
+        """Read an octet; beyond the end return a number larger than any possible octet or count."""
         at: i64 = self.at
         self.at = at + 1
         if at < self._end:  # no conditional expression: it makes an int object (mypyc)

@@ -1,4 +1,4 @@
-"""`Contents`: what a PDU carries after its head. Values, objects, addresses, refusals, and their parts."""
+"""`Contents`: the part of a PDU after its head. Values, objects, addresses, refusals, and their parts."""
 
 from __future__ import annotations
 
@@ -16,10 +16,11 @@ from dissect.wire.part import Part
 
 @mypyc_attr(acyclic=True)
 class Address:
-    """The address of a variable: an area or object, the attribute with the variable (``sub_area``), and the way to it.
+    """The address of a variable: an area or object, the attribute with the variable (``sub_area``), and the path inside it.
 
-    ``crc`` is the checksum of its symbol, 0 for none. An attribute of an object has no LIDs. One address serves for every
-    read or write that repeats it, so that nothing of it is changed; ``fragment`` is for who writes it again and again.
+    ``crc`` is the checksum of its symbol, 0 for none. An attribute of an object has no LIDs. One address object is used for
+    every read or write that repeats it, so it must not be changed; ``fragment`` is a cache for writers that write it again and
+    again.
     """
 
     __slots__ = ("_label", "area", "crc", "fragment", "lids", "sub_area")
@@ -48,10 +49,10 @@ class Address:
 
     @property
     def label(self) -> str:
-        """The address as text, as far as it can be told without the type information of its block.
+        """The address as text, as far as possible without the type information of its block.
 
         For example ``DB3 LID 14``, ``MW100``, ``CPUexecUnit.OperatingStateREQ``. The checksum of a symbol follows in brackets,
-        because it is what the device compares.
+        because the device compares it.
         """
         if not self._label:
             self._label = self._said()
@@ -80,7 +81,7 @@ class Address:
         return 8 * lids[1] + (lids[3] if len(lids) == 4 else 0)
 
     def _absolute(self) -> str:
-        """Return the text of an absolute address (LIDs: 3, offset, octets, for a bit its number); empty for others."""
+        """Return the text of an absolute address (LIDs: 3, offset, size, and the number of a bit); empty for others."""
         if self.start_bit < 0:
             return ""
         lids = self.lids
@@ -91,15 +92,15 @@ class Address:
         return f"{prefix}{letter}{lids[1]}" if letter is not None else f"{prefix}B{lids[1]} x{lids[2]}"
 
 
-#: Addresses by their numbers, and how many are remembered.
+#: Addresses by their numbers, and the maximum number of remembered ones.
 _KNOWN: Final[dict[tuple[int, ...], Address]] = {}
 _MAX_KNOWN: Final = 4096
-#: The most LIDs that a remembered address may have.
+#: Maximum number of LIDs of a remembered address.
 _MAX_LIDS: Final = 16
 
 
 def known_address(crc: int, area: int, sub_area: int, lids: list[int]) -> Address:
-    """Return the address with these numbers; the same object as before if it was requested lately."""
+    """Return the address with these numbers; the same object as before if it was requested recently."""
     if len(lids) > _MAX_LIDS:
         return Address(crc, area, sub_area, lids)
     key = (crc, area, sub_area, *lids)
@@ -113,17 +114,18 @@ def known_address(crc: int, area: int, sub_area: int, lids: list[int]) -> Addres
 
 #: Letters of addresses of one, two and four octets.
 _LETTERS: Final = {1: "B", 2: "W", 4: "D"}
-#: First LID of an absolute address, which everything that is not optimised has.
+#: First LID of an absolute address, used for everything that is not optimised.
 _CLASSIC_BLOB: Final = 3
-#: Attributes with the actual values that the program works with; labels leave them out.
+#: Attributes with the actual values of the program; labels omit them.
 _ACTUAL: Final = frozenset((2550, 3736))
 
 
 @mypyc_attr(acyclic=True)
 class Made:
-    """Contents of CreateObject and Explore. ``object_id``: where objects are created, -1 for none; ``ids``: ids they got.
+    """Contents of CreateObject and Explore.
 
-    ``begun`` are the objects as far as they were read, if one of them ends too soon or has a fault.
+    ``object_id``: where objects are created, -1 for none; ``ids``: the ids that they got. ``begun`` are the objects as far as
+    they were read, if one of them ends too soon or has a fault.
     """
 
     __slots__ = ("begun", "ids", "object_id", "objects")
@@ -142,11 +144,11 @@ class Made:
 
 @mypyc_attr(acyclic=True, free_list_len=1)
 class Contents(Made):
-    """The contents of one PDU. What its function does not have is empty or -1.
+    """The contents of one PDU. Fields that its function does not have are empty or -1.
 
     ``items`` are (number, value) pairs; in a notification the number is a reference. ``refusals`` are (number, return value)
-    pairs. ``items_left_out`` counts items beyond the parts that a tree can show. ``blobs`` are the compressed blobs; ``pieces``
-    are the octets of a stream, each as a range of offsets within the data.
+    pairs. ``items_left_out`` counts items beyond the number of parts that a tree can show. ``blobs`` are the compressed blobs;
+    ``pieces`` are the octets of a stream, each as a range of offsets within the data.
     """
 
     __slots__ = (
@@ -187,7 +189,7 @@ class Contents(Made):
         self.method = -1
         self.sequence = -1
         self.addresses: list[Address] = []
-        self.expected = 0  # the number of values that the addresses of a write announce
+        self.expected = 0  # number of values that the addresses of a write announce
         self.items: list[tuple[int, Value]] = []
         self.items_left_out = 0
         self.refusals: list[tuple[int, int]] = []
@@ -198,7 +200,7 @@ class Contents(Made):
 
     @property
     def item_count(self) -> int:
-        """The number of items, including those that were left out."""
+        """Number of items, including omitted ones."""
         return len(self.items) + self.items_left_out
 
     @property

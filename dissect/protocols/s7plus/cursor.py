@@ -1,8 +1,7 @@
-"""Passes over values without making objects of them, so that judging a PDU costs little if its values are not needed.
+"""Skips values without making objects of them, so that the judgement of a PDU costs little if its values are not needed.
 
-Only sound and plain values are passed; others are left to `dissect.protocols.s7plus.value_reading`, which knows which faults
-they have
-and where. A property test ensures that both agree (tests/protocols/s7plus/test_cursor.py).
+Only sound and plain values are skipped; others are left to `dissect.protocols.s7plus.value_reading`, which finds their faults
+and the places of these. A property test ensures that both agree (tests/protocols/s7plus/test_cursor.py).
 """
 
 from __future__ import annotations
@@ -42,7 +41,7 @@ from dissect.wire.octets import u32
 from dissect.wire.varint import SIGNED64, VLQ64, pass_varint
 
 _BIT_7: Final = 0x80
-#: Octets that are read at once, where possible; then the number of bits after the first octet, after two, after three.
+#: Number of octets that are read at once, if possible; then the number of bits after the first octet, after two, after three.
 _WORD: Final = 8
 _BEHIND_1: Final = 56
 _BEHIND_2: Final = 48
@@ -62,32 +61,33 @@ _KINDS: Final = {
     NULL: 0, WSTRING: _TEXT, BLOB: _BLOB, VARIANT: _VARIANT, **FIXED_SIZES,
     **{type_: _WIDE if kind in (VLQ64, SIGNED64) else _NUMBER for type_, kind in VARIABLE_SIZES.items()},
 }  # fmt: skip
-#: By type: octets of one element, or one of these kinds.
+#: By type: size of one element, or one of these kinds.
 _SIZES: Final = bytes([_KINDS.get(type_, _UNKNOWN) for type_ in range(256)])
-#: Compressed blobs that may swell are inflated at once if they are not larger: many tools send the same ones again and again.
+#: Compressed blobs that may swell are inflated at once if they are not larger than this, because many tools send the same ones
+#: again and again.
 _SMALL: Final = 64
-#: Nested structures that are passed over; deeper ones are read.
+#: Nested structures up to this depth are skipped; deeper ones are read.
 _MAX_NESTED: Final = 8
 #: Octets of the id of an object or a structure.
 _RID: Final = 4
 #: Octets at the beginning of a structure that is sent as raw octets.
 _INTERFACE_TIME: Final = 8
-#: Bits in a table of attributes: it may hold compressed blobs; it is wanted.
+#: Bits in a table of attributes: it may contain compressed blobs; it is wanted.
 _CAREFUL: Final = 1
 _WANTED: Final = 2
-#: Bit in `Cursor.seen`: an attribute or class that was given to `marks` was passed.
+#: Bit in `Cursor.seen`: an attribute or class that was given to `marks` was met.
 MET: Final = 2
 #: Bit in a table of `marks`: the place of the attribute is noted (`Cursor.noted`).
 _NOTED: Final = 4
-#: From this bit on, `_pass_attribute` returns the table's entry for the attribute; below it the octets.
+#: From this bit on, `_pass_attribute` returns the table's entry for the attribute; below it the size.
 _MARK: Final = 16
 _PASSED: Final = 0xFFFF
-#: Ids that such a table covers; ids of attributes have at most two octets of seven bits.
+#: Number of ids in such a table; ids of attributes have at most two octets of seven bits.
 _IDS: Final = 1 << 14
 
 
 def table(wanted: frozenset[int]) -> bytes:
-    """Return a table for `Cursor.attributes`, by id of an attribute; ``wanted`` are those that are needed."""
+    """Return a table for `Cursor.attributes`, by attribute id; ``wanted`` are the needed ones."""
     said = bytearray(_IDS)
     for id_ in COMPRESSED:
         said[id_] = _CAREFUL
@@ -96,7 +96,7 @@ def table(wanted: frozenset[int]) -> bytes:
     return bytes(said)
 
 
-#: By id, whether an attribute or member may hold compressed blobs.
+#: By id, whether an attribute or member may contain compressed blobs.
 _COMPRESSED: Final = table(frozenset())
 
 
@@ -122,12 +122,12 @@ def is_wanted(wanted: bytes, id_: int) -> bool:
     return id_ >= len(wanted) or wanted[id_] == _WANTED
 
 
-@mypyc_attr(acyclic=True, free_list_len=1)  # made for each PDU and value: the one that was used last is used again
+@mypyc_attr(acyclic=True, free_list_len=1)  # made for each PDU and value, and then reused: most recent first
 class Cursor:
     """Passes over values and objects in ``octets``, from ``at`` up to an end.
 
     ``spent`` is the work that reading them would cost. ``seen`` has the bits of the table of `elements` for all classes and
-    attributes that were passed. ``noted`` are the places of the tags of objects, of their ends, of lists, and of the attributes
+    attributes that were met. ``noted`` are the places of the tags of objects, of their ends, of lists, and of the attributes
     that the table marks; None if places are not needed.
     """
 
@@ -144,9 +144,9 @@ class Cursor:
         self.noted: list[int] | None = None
 
     def value(self, depth: i64, nested: i64 = 0) -> bool:
-        """Pass over a value; return False if it must be read: then ``at`` has no meaning.
+        """Skip a value; return False if it must be read: then ``at`` has no meaning.
 
-        ``depth`` is that of the walk around the value.
+        ``depth`` is the depth of the walk around the value.
         """
         octets = self._octets
         end: i64 = self._end
@@ -189,14 +189,14 @@ class Cursor:
         return True
 
     def careful_value(self, depth: i64, careful: bool) -> bool:
-        """Pass over a value as `value` does; if ``careful``, a blob that may become large must be read."""
+        """Skip a value as `value` does; if ``careful``, a blob that may become large must be read."""
         self._careful = careful
         passed = self.value(depth)
         self._careful = False
         return passed
 
     def attributes(self, wanted: bytes, depth: i64) -> None:
-        """Pass over relations and unwanted attributes up to something else, whose tag is then at ``at``.
+        """Skip relations and unwanted attributes up to something else, whose tag is then at ``at``.
 
         ``wanted`` is made by `table`. A blob that may become large must be read.
         """
@@ -224,9 +224,9 @@ class Cursor:
                 return
 
     def elements(self, bits: bytes) -> bool:
-        """Pass over objects with their contents, up to an octet that is not a tag; return False if they must be read.
+        """Skip objects with their contents, up to an octet that is not a tag; return False if they must be read.
 
-        ``bits`` is made by `marks`; its bits for the passed classes and attributes are added to ``seen``.
+        ``bits`` is made by `marks`; its bits for the classes and attributes met are added to ``seen``.
         """
         octets = self._octets
         end: i64 = self._end
@@ -297,7 +297,7 @@ class Cursor:
         return self._long_number()
 
     def _long_number(self) -> i64:
-        """Read a number as `number` does, of any length, also close to the end."""
+        """Read a number as `number` does, of any length, even close to the end."""
         octets = self._octets
         at: i64 = self.at
         stop: i64 = min(at + _LONGEST, self._end)
@@ -313,7 +313,7 @@ class Cursor:
         return -1
 
     def numbers(self, count: i64) -> bool:
-        """Pass over ``count`` numbers of at most 32 bits; return False if they are not there."""
+        """Skip ``count`` numbers of at most 32 bits; return False if they are not there."""
         octets = self._octets
         end: i64 = self._end
         at: i64 = self.at
@@ -329,7 +329,10 @@ class Cursor:
         return True
 
     def ids(self, count: i64) -> bool:
-        """Pass over ``count`` ids of attributes. If the last may be compressed, the next `value` takes that into account."""
+        """Pass over ``count`` ids of attributes.
+
+        If the last one may be compressed, the next `value` takes this into account.
+        """
         id_: i64 = 0
         while count > 0:
             id_ = self.number()
@@ -340,7 +343,7 @@ class Cursor:
         return True
 
     def items(self, most: i64 = _BIT_7 - 1) -> i64:
-        """Pass over plain values that are numbered 1, 2, 3 …, at most ``most``; return how many there were."""
+        """Skip plain values that are numbered 1, 2, 3 …, at most ``most``; return how many there were."""
         octets = self._octets
         at: i64 = self.at
         last: i64 = min(self._end, len(octets)) - _WORD
@@ -360,12 +363,12 @@ class Cursor:
         return count
 
     def wide(self) -> bool:
-        """Pass over an unsigned number of 64 bits; return False if it is not there."""
+        """Skip an unsigned number of 64 bits; return False if it is not there."""
         self.at = pass_varint(self._octets, self.at, self._end, True)
         return self.at >= 0
 
     def members(self, depth: i64, nested: i64) -> bool:
-        """Pass over pairs of id and value up to the id 0; return False if they must be read."""
+        """Skip pairs of id and value up to the id 0; return False if they must be read."""
         if nested >= _MAX_NESTED or depth + nested + 1 > MAX_DEPTH:
             return False
         careful = self._careful
@@ -420,7 +423,7 @@ class Cursor:
             if kind == _BLOB:
                 root = self.number()
                 if root < 0 or root > 1:
-                    return False  # else more octets come before the length
+                    return False  # otherwise more octets come before the length
             size = self.number()
             if size < 0:
                 return False
@@ -462,7 +465,7 @@ class Cursor:
                 return False
 
     def _struct(self, flags: i64, depth: i64, nested: i64) -> bool:
-        """Pass over a structure, with separate members or as raw octets, or over an array of structures."""
+        """Skip a structure, with separate members or as raw octets, or an array of structures."""
         at: i64 = self.at
         if flags & SPARSE_ARRAY or at + _RID > self._end:
             return False
@@ -482,7 +485,7 @@ class Cursor:
         return True
 
     def _packed(self) -> bool:
-        """Pass over a structure that is sent as raw octets."""
+        """Skip a structure that is sent as raw octets."""
         self.at += _INTERFACE_TIME
         flags = self.number()
         size = self.number()
@@ -495,10 +498,10 @@ class Cursor:
 
 
 def _pass_attribute(word: i64, bits: bytes) -> i64:
-    """Return the octets of an attribute, given its first eight octets (``word``, tag included); 0 if it needs a closer look.
+    """Return the size of an attribute, given its first eight octets (``word``, tag included); 0 if it needs a closer look.
 
     Only plain values (`pass_plain`) have a result; compressed blobs are not plain. The entry of ``bits`` for the attribute is
-    in the result from bit `_MARK` on. The caller checks that all octets are there.
+    in the result from bit `_MARK` on. The caller checks that all octets are present.
     """
     if word >> 56 != ATTRIBUTE_TAG - 0x100:  # the tag with its sign
         return 0
@@ -518,7 +521,7 @@ def _pass_attribute(word: i64, bits: bytes) -> i64:
 
 
 def _pass_member(word: i64) -> i64:
-    """Return the octets of a structure member, given its first eight octets (``word``); 0 if it needs a closer look.
+    """Return the size of a structure member, given its first eight octets (``word``); 0 if it needs a closer look.
 
     Only plain values (`pass_plain`) have a result, with ids of one or two octets.
     """
@@ -534,10 +537,10 @@ def _pass_member(word: i64) -> i64:
 
 
 def pass_plain(word: i64, left: i64) -> i64:
-    """Return where a plain value ends, counted from the first of the eight octets in ``word``; 0 if it needs a closer look.
+    """Return the end of a plain value, counted from the first of the eight octets in ``word``; 0 if it needs a closer look.
 
     The value begins after the bits ``left`` of the word. A plain value has a fixed size, or is a number that ends within the
-    word, or a text whose length of one octet is there.
+    word, or a text whose one-octet length is present.
     """
     left -= 16
     head: i64 = word >> left & 0xFFFF
@@ -564,7 +567,7 @@ def pass_plain(word: i64, left: i64) -> i64:
 
 
 def passed(walk: Walk) -> bool:
-    """Pass over the value at the position of ``walk``; return False and do nothing if it must be read."""
+    """Skip the value at the position of ``walk``; return False and do nothing if it must be read."""
     cursor = Cursor(walk.octets, walk.at, walk.end)
     if not cursor.value(walk.depth):
         return False

@@ -1,4 +1,4 @@
-"""Passes over the lists of variables and of names in objects (`dissect.protocols.s7plus.variables` reads them)."""
+"""Skips the lists of variables and of names in objects (`dissect.protocols.s7plus.variables` reads them)."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from mypy_extensions import i64
 from dissect.protocols.s7plus.tables import VARIABLE_NUMBERS
 from dissect.wire.octets import u16
 
-#: Octets in a list of variables: its id; a variable without its numbers; the offset of the attributes within a variable. Then
-#: by the highest four bits of the attributes: how many numbers of four octets follow.
+#: Sizes in a list of variables: its id; a variable without its numbers; the offset of the attributes within a variable. Then,
+#: by the highest four bits of the attributes: the number of four-octet numbers that follow.
 _LIST_ID: Final = 4
 _VARIABLE: Final = 16
 _ATTRIBUTES: Final = 9

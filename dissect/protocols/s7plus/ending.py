@@ -13,12 +13,12 @@ from dissect.protocols.s7plus.tables import RESPONSE2, V1, V2
 from dissect.protocols.s7plus.walk import FormatError, Walk
 from dissect.wire.varint import VLQ, pass_varint
 
-#: How many zeros may end a PDU and a notification; one less is possible, too.
+#: Number of zeros that may end a PDU and a notification; one less is also possible.
 FILL: Final = 5
 NOTIFICATION_FILL: Final = 4
 #: The result of `read_tail` for an end of another form.
 _BAD: Final = -2
-#: Zeros that end a response of the second kind; always this many.
+#: Number of zeros that end a response of the second kind; it is always the same.
 RESPONSE2_FILL: Final = 11
 
 

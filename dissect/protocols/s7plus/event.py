@@ -1,4 +1,4 @@
-"""What contents of S7comm-plus say happened: the kinds of events, `Event`, and the `Facts` of a request and its response."""
+"""The meaning of S7comm-plus contents: the kinds of events, `Event`, and the `Facts` of a request and its response."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ DELETED: Final = "deleted object"
 
 @mypyc_attr(acyclic=True)
 class Event:
-    """An event: its kind, a text of what it is about, and the id of the object that it is about (0 for none).
+    """The object of the event, as text.
 
     ``refusal`` is the error of its own item in a write of several (lower 16 bits of the return value): 0 if the item was
     written, -1 if only the return value of the whole response counts. Text from the wire is not escaped.
@@ -59,7 +59,7 @@ class Event:
 class Facts:
     """The result of `take`: events, and faults of the contents, with offsets from the beginning of the PDU.
 
-    ``exhausted``: a PDU takes more work than `MAX_WORK`, so that its content is unknown. The first ``in_request`` faults in
+    ``exhausted``: a PDU needs more work than `MAX_WORK`, so its content is unknown. The first ``in_request`` faults in
     ``malformed`` are in the request; the others are in its response, or in a notification.
     """
 

@@ -1,6 +1,7 @@
-"""Finds security events in requests and responses, and what they tell about client, CPU and subscriptions.
+"""Finds security events in requests and responses, and what these tell about client, CPU and subscriptions.
 
-`take` gets everything but most reads. A few octets show whether there is anything to read; only then are contents parsed.
+`take` gets all transactions except most reads. A few octets show whether there is anything to read; only then are the contents
+parsed.
 """
 
 from __future__ import annotations
@@ -95,7 +96,7 @@ from dissect.wire.varint import VLQ, build_varint
 
 _ALARM_SUBSCRIPTION: Final = 2662
 #: Class of a job of the test functions, with which an engineering tool watches a running program. The classes of other jobs
-#: (watch and force tables, breakpoints) are not known.
+#: (watch and force tables, breakpoints) are unknown.
 _TEST_JOB: Final = 2709
 _STATES: Final = {4: STOPPED, 8: RUNNING}
 _STATE_NAMES: Final = {state: OPERATING_STATES.name(state) for state in _STATES}
@@ -106,7 +107,7 @@ _READ_MARKS: Final = tuple([build_varint(id_, VLQ) for id_ in (OPERATING_STATE, 
 _COUNTED: Final = frozenset((
     CREATE_OBJECT, DELETE_OBJECT, SET_VARIABLE, SET_MULTI_VARIABLES, SET_VAR_SUBSTREAMED, BEGIN_SEQUENCE, END_SEQUENCE,
 ))  # fmt: skip
-#: Functions whose responses only say whether they were carried out.
+#: Functions whose responses only state whether they were carried out.
 _WRITING: Final = frozenset((DELETE_OBJECT, SET_VARIABLE, SET_MULTI_VARIABLES, SET_VAR_SUBSTREAMED))
 #: The contents of a sound response of these functions.
 _WRITTEN: Final = Contents(V3, -1, {})
@@ -124,8 +125,8 @@ def take(
 ) -> Facts | None:
     """Take a transaction: the octets of its halves (empty if missing) and its function, -1 for a notification. Never raises.
 
-    ``told`` is the check of the response, ``read`` what the check of a request to read says; None if they were not checked.
-    Returns None if the transaction has nothing that matters.
+    ``told`` is the check of the response, ``read`` the result of the check of a read request; None if they were not checked.
+    Returns None if nothing in the transaction matters.
     """
     if told is None and len(response) > 0:
         told = check(response)
@@ -165,7 +166,7 @@ def _judge_objects(session: PlusSession, events: list[Event], asked: Check, told
 def _read_of(
     session: PlusSession, function: i64, request: bytes, told: Check | None, read: Reads | None
 ) -> Facts | None:
-    """Judge a read: the operating state and the identification of the CPU matter."""
+    """Judge a read, in which only the operating state and the identification of the CPU matter."""
     asked: Check | None = None
     if read is None or read.asks or not read.sound:
         asked = check(request)
@@ -202,7 +203,7 @@ def _facts_of(events: list[Event]) -> Facts | None:
 def _read_all(
     session: PlusSession, function: i64, request: bytes, asked: Check | None, told: Check | None
 ) -> Facts | None:
-    """Judge a transaction of which everything that may matter must be read; ``asked``: the check of its request, if made."""
+    """Judge a transaction whose relevant parts must be read; ``asked`` is the check of its request, if there was one."""
     if not _may_matter(function, told):
         return _judge_contents(asked if asked is not None else check(request), told)
     facts = Facts()
@@ -222,7 +223,7 @@ def _read_all(
 
 
 def _read_in_full(session: PlusSession, function: i64, pdu: PlusPdu, told: Check | None, facts: Facts) -> Facts:
-    """Judge a transaction of which all contents are read."""
+    """Judge a transaction whose contents are all read."""
     contents = _read(pdu, facts)
     _judge_id(session, facts.events, function, pdu.session_id, pdu.sequence, contents.integrity_id)
     answer: Contents | None = None
@@ -243,7 +244,7 @@ def _read_in_full(session: PlusSession, function: i64, pdu: PlusPdu, told: Check
 
 
 def _told_alone(session: PlusSession, function: i64, told: Check) -> Facts | None:
-    """Judge a response without its request: the blocks that it shows, or the CPU that opens a session."""
+    """Judge a response without its request: it may show blocks, or the CPU that opens a session."""
     if function != EXPLORE and function != CREATE_OBJECT:
         return _judge_contents(None, told)
     facts = Facts()
@@ -258,7 +259,7 @@ def _told_alone(session: PlusSession, function: i64, told: Check) -> Facts | Non
 
 
 def _says_no_more(function: i64, told: Check) -> bool:
-    """Return whether a response to a write or deletion is sound and has nothing but its return value."""
+    """Return whether a response to a write or deletion is sound and contains only its return value."""
     return told.sound and not told.refuses and told.function == function and function in _WRITING
 
 
@@ -360,7 +361,7 @@ def _judge(
 
 
 def _attribute_read(session: PlusSession, events: list[Event], object_id: int, ids: list[int], value: Value) -> None:
-    """Judge what was read of one attribute: the operating state, or the identification record."""
+    """Judge a value that was read from one attribute: the operating state, or the identification record."""
     if is_state(Address(0, object_id, ids[0], ids[1:])):
         _state(session, events, state_in(value))
     elif ids[0] == IDENTIFICATION and object_id == CPU_PROXY:
@@ -412,7 +413,7 @@ def _loaded(events: list[Event], parent: int, these: list[PlusObject], every: li
 
 
 def _subscription(session: PlusSession, one: PlusObject, addresses: list[Address], id_: int) -> Event:
-    """Return an event for a new subscription: its name, its cycle, and what it subscribes to."""
+    """Return an event for a new subscription: its name, its cycle, and its subscribed items."""
     alarms = any(inner.class_id == _ALARM_SUBSCRIPTION for inner in one.objects)
     cycle = one.number(CYCLE)
     texts = [one.text(NAME), f"every {cycle} ms" if cycle > 0 else "on change"]
@@ -459,9 +460,9 @@ def subscription_of(octets: bytes) -> i64:
 
 
 def _state_place(told: Check, references: list[int]) -> i64:
-    """Return where the one value of a notification begins that is the operating state.
+    """Return where the only value of a notification begins that is the operating state.
 
-    0 if it certainly has none, -1 if it must be read in full.
+    Return 0 if it certainly has none, -1 if it must be read in full.
     """
     if not told.sound or told.begin + SHORT < told.end:
         return -1

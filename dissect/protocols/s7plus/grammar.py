@@ -1,8 +1,8 @@
-"""Which elements the body of each function has, one row each: the only place that says so (docs/s7plus.md).
+"""The elements in the body of each function, one row each; they are defined only here (docs/s7plus.md).
 
-Two interpreters read the rows: `dissect.protocols.s7plus.check` passes over a body without making objects of it, and finds out
-whether it
-is sound; `dissect.protocols.s7plus.bodies` makes parts, values and objects. Only they know the structure of an element.
+Two interpreters read the rows: `dissect.protocols.s7plus.check` walks over a body without making objects of it, and finds out
+whether it is sound; `dissect.protocols.s7plus.bodies` makes parts, values and objects. Only they know the structure of an
+element.
 """
 
 from __future__ import annotations
@@ -53,11 +53,11 @@ DETAILS: Final = 16  # objects, if the return value says so
 INTEGRITY_V3: Final = 17  # an integrity id, in version 3 only
 INTEGRITY_EARLY: Final = 18  # the same, and in version 2 unless an object follows
 MADE: Final = 19  # a count in one octet, and that many ids of objects
-FROM: Final = 20  # what Explore begins with: an object, an id, three octets
-GROUPS: Final = 21  # its filters and the attributes that are wanted
+FROM: Final = 20  # the beginning of Explore: an object, an id, three octets
+GROUPS: Final = 21  # its filters and the wanted attributes
 LINK: Final = 22  # an object, a relation, two octets
 LINKED: Final = 23  # a count in one octet, and that many objects
-SEQUENCE: Final = 24  # type, kind, and as the kind says an object or objects
+SEQUENCE: Final = 24  # type, kind, and, depending on the kind, an object or objects
 BEGUN: Final = 25  # kind and object; nothing in version 1
 CALL: Final = 26  # a session and a method
 RETURN: Final = 27  # a further return value
@@ -101,15 +101,15 @@ _FORMS: Final = {
     OBJECTS_ITEM: NOTIFIED_OBJECTS,
     PLAIN_VALUE_ITEM: NOTIFIED_VALUE,
 }
-#: By the octet that begins an item: its form, 0 for none.
+#: By the first octet of an item: its form, 0 for none.
 FORMS: Final[bytes] = bytes([_FORMS.get(kind, 0) for kind in range(256)])
 
-#: The bit of a return value that says that `DETAILS` are there.
+#: The bit of a return value that means that `DETAILS` are present.
 DETAILS_BIT: Final = 62
 
-#: The elements of all rows, each row with `END` behind it; the first is that of a body that is not known.
+#: The elements of all rows, each row followed by `END`; the first row is that of an unknown body.
 ELEMENTS: Final[bytes] = bytes([END, *[one for row in _ROWS for body in row[1:] for one in (*body, END)]])
-#: The lowest function with a row, and for each from there on where its elements begin, 0 if it has no row.
+#: The lowest function with a row; and, for each function from there on, where its elements begin, 0 if it has no row.
 FIRST: Final[int] = min([row[0] for row in _ROWS])
 
 
@@ -134,6 +134,6 @@ def body_of(function: int, request: bool) -> int:
 
 
 def ending_with_objects(request: bool) -> frozenset[int]:
-    """Return the functions whose body may end with objects, also in version 3: where it ends, only the octets behind it say."""
+    """Return the functions whose body may end with objects, also in version 3, so that only the next octets show its end."""
     bodies = [(row[0], row[1] if request else row[2]) for row in _ROWS]
     return frozenset([function for function, body in bodies if body and body[-1] in {OBJECTS, DETAILS, SEQUENCE}])

@@ -1,4 +1,4 @@
-"""Finds secrets in a PDU, passwords and what they could be computed from, so that nothing that is shown contains them.
+"""Finds secrets in a PDU (passwords, and data from which they could be computed), so that they are never shown.
 
 An answer to a challenge is the SHA-1 of the password, mixed with the challenge: with both, passwords can be tried. Other
 secrets are hashes and keys that a download brings to the CPU. All outputs read contents through `shown_contents`.
@@ -25,11 +25,11 @@ from dissect.protocols.s7plus.walk import MAX_PARTS, Wanted
 from dissect.wire.layout import HOLDS_VALUE
 from dissect.wire.part import Part
 
-#: Parts that a line about a PDU needs: all items; among the attributes of objects only names, subscribed items and alarms.
-#: Attributes that may be compressed are read as well, to find their faults.
+#: Parts that are needed for a line about a PDU: all items; of the attributes of objects only names, subscribed items and
+#: alarms. Attributes that may be compressed are read as well, to find their faults.
 _SAID: Final = Wanted(table(ATTRIBUTES | COMPRESSED | {NAME, REFERENCE_LIST}), written=True)
 
-#: Requests that name an attribute by a value, which comes before that of the attribute.
+#: Requests that name an attribute by a value, which comes before the value of the attribute.
 _LISTS: Final = frozenset((GET_VAR_SUBSTREAMED, SET_VAR_SUBSTREAMED))
 
 #: Contents without secrets, and (offset, end) of each secret within the octets of their PDU.
@@ -44,7 +44,7 @@ def shown_contents(pdu: PlusPdu, shown: bool = True, wanted: Wanted | None = Non
     found = parse_contents(pdu, shown, wanted=wanted)
     secret = _secret_items(found) if pdu.opcode == REQUEST and (shown or found.items) else set()
     named = pdu.opcode == REQUEST and bool(found.ids) and found.ids[-1] in SECRETS
-    lists = pdu.function in _LISTS  # the first value says what is read or written
+    lists = pdu.function in _LISTS  # the first value states what is read or written
     spans: list[tuple[int, int]] = []
     above = -1  # depth of the secret that contains the current parts; -1 for none
     for part in found.parts:
@@ -83,7 +83,7 @@ def said_half(pdu: PlusPdu) -> Half:
 
 
 def reads_secret(asked: Half) -> bool:
-    """Tell whether a request reads an attribute that is not shown: its answer holds a secret, and does not say so itself."""
+    """Return whether a request reads an attribute that is not shown: its answer contains a secret, but does not say so."""
     found = asked.contents
     if asked.pdu.opcode != REQUEST or asked.pdu.function not in READS:
         return False
@@ -91,7 +91,7 @@ def reads_secret(asked: Half) -> bool:
 
 
 def shown_answer(pdu: PlusPdu, asked: PlusPdu | None) -> Shown:
-    """Return `shown_contents` of what answers a request, None where nobody asked: all its values are secrets if one is read."""
+    """Return `shown_contents` of an answer, None if there is no request; if it requests a secret, all values are secrets."""
     found, spans = shown_contents(pdu)
     if asked is None or not reads_secret(shown_half(asked)):
         return found, spans

@@ -1,7 +1,7 @@
 """Names of the ids of objects, classes, attributes and members of structures (docs/s7plus.md).
 
 All ids share one number space. The names are those of the public Wireshark plugin and of S7CommPlusDriver; the few that both
-lack are named by what captures show. Only ids that were found in captures, or that every device has, are listed.
+lack are named after what captures show. Only ids that were found in captures, or that every device has, are listed.
 """
 
 from __future__ import annotations
@@ -527,8 +527,8 @@ _IDS: Final = [
     (8342, "ReleaseMngmtRoot.TIAInfoTexts_Rid", ""),
 ]  # fmt: skip
 
-#: Members of the structure that is the memory of a block or an area (1533): its type, and its values by the way they are
-#: stored. The same numbers are also ids of objects, and the first LID of an absolute address.
+#: Members of the structure that is the memory of a block or an area (1533): its type, and its values by the way in which they
+#: are stored. The same numbers are also ids of objects, and the first LID of an absolute address.
 MEMORY: Final = [
     (1, "LID_OMS_STB_DescriptionRID", ""),
     (2, "LID_OMS_STB_Structured", ""),

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import Final
 
-#: Attribute of every module that holds its record.
+#: The attribute of every module that contains its record.
 IDENTIFICATION: Final = 3753
-#: Those that hold one: what a module is, and what the project expects there.
+#: Attributes with a record: the actual identity of a module, and the identity expected by the project.
 RECORDS: Final = frozenset((IDENTIFICATION, 4114))
 #: The record: head, vendor, order number, serial number, hardware revision, software revision.
 IM0_HEAD: Final = bytes.fromhex("002000380100")
@@ -14,12 +14,12 @@ IM0_SIZE: Final = 60
 
 
 def is_record(octets: bytes) -> bool:
-    """Tell whether octets are a whole identification record."""
+    """Return whether octets are a whole identification record."""
     return len(octets) == IM0_SIZE and octets.startswith(IM0_HEAD)
 
 
 def read_record(octets: bytes) -> tuple[str, str, str, str]:
-    """Return order number, serial number, hardware and firmware of a record, empty where it has none. Not escaped."""
+    """Return order number, serial number, hardware and firmware of a record, empty if missing. Not escaped."""
     prefix, major, minor, patch = octets[46:50]
     return (
         octets[8:28].decode("latin-1").strip(" \0"),
@@ -30,7 +30,7 @@ def read_record(octets: bytes) -> tuple[str, str, str, str]:
 
 
 def record_text(octets: bytes) -> str:
-    """Return what a record says, as lines about devices do; text from the wire, not escaped."""
+    """Return the content of a record in the form of lines about devices; text from the wire, not escaped."""
     order_number, serial_number, hardware, firmware = read_record(octets)
     said = [order_number] if order_number else []
     if hardware:

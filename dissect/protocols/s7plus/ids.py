@@ -1,4 +1,4 @@
-"""Names of objects, classes, attributes and areas for a person, by their ids (docs/s7plus.md)."""
+"""Names of objects, classes, attributes and areas as text, by their ids (docs/s7plus.md)."""
 
 from __future__ import annotations
 
@@ -8,19 +8,19 @@ from dissect.protocols.s7plus.id_tables import IDS, MEMBERS
 
 # Kinds of blocks: the upper 16 bits of the id of their object.
 DATA_BLOCK: Final = 0x8A0E
-#: Upper 16 bits of the ids of blocks, and what engineers call such a block.
+#: Upper 16 bits of the ids of blocks, and the engineers' names for such blocks.
 BLOCK_KINDS: Final[dict[int, str]] = {
     DATA_BLOCK: "DB",
     0x8A12: "FB",
     0x8A13: "FC",
-    0x8A20: "FB",  # of the library of the engineering tool, such as MB_CLIENT
+    0x8A20: "FB",  # from the library of the engineering tool, such as MB_CLIENT
     0x8A24: "UDT",  # of the same library
     0x8A32: "OB",
     0x89FD: "UDT",
 }
 #: Classes of organization blocks, one for each kind of event that starts one: the base class, 22 of the first CPUs, motion.
 _OB_CLASSES: Final = (2610, *range(2637, 2659), 4637, 4639)
-#: What engineers call a block of a class. The class says it wherever the object stands, and whatever its id is.
+#: The engineers' names for the blocks of a class. The class determines this wherever the object is, and for any id.
 BLOCK_CLASSES: Final[dict[int, str]] = {
     2574: "DB",
     2578: "FB",
@@ -42,16 +42,16 @@ AREAS: Final[dict[int, str]] = {80: "I", 81: "Q", 82: "M", 83: "C", 84: "T"}
 SECRETS: Final = frozenset((304, 1846, 3449, 1822, 7918, 7919, 7920, 7921, 8081))
 #: The secrets with which a client logs in.
 PASSWORDS: Final = frozenset((304, 1846))
-#: Attributes by which a CPU is protected: the level, and its passwords.
+#: Attributes that protect a CPU: the level, and its passwords.
 PROTECTIONS: Final = frozenset((3451, 7918, 7919, 7920, 7921))
 _IS_SECRET: Final = bytes([id_ in SECRETS for id_ in range(max(SECRETS) + 1)])
-#: No id of a block and no class of one is lower.
+#: All ids of blocks and all classes of blocks are at least this.
 _FIRST_BLOCK: Final = min(BLOCK_KINDS) << 16
 _FIRST_CLASS: Final = min(BLOCK_CLASSES)
-#: How the names of objects and classes begin or end.
+#: Common beginnings and ends of the names of objects and classes.
 _OBJECTS: Final = ("NativeObjects.", "EventRid.", "Class", "GetNewRID")
 _CLASS: Final = ".Class_Rid"
-#: A request has it in the place of an id that the server shall choose.
+#: A request contains it instead of an id that the server is to choose.
 NEW_OBJECT: Final = 211
 #: Replaces a hidden value.
 HIDDEN: Final = "not shown"
@@ -113,7 +113,7 @@ def block_name(number: int) -> str:
 
 
 def block_kind(rid: int, class_id: int) -> str:
-    """Return what engineers call the block that an object with this id and class is; empty if it is not a block."""
+    """Return the engineers' name for the block with this id and class; empty if it is not a block."""
     if class_id == 0:
         return ""
     kind = BLOCK_KINDS.get(rid >> 16, "") if rid >= _FIRST_BLOCK else ""
@@ -126,5 +126,5 @@ def is_secret(id_: int) -> bool:
 
 
 def is_packed(struct_id: int) -> bool:
-    """Return whether a structure is sent as its raw octets: those of types that the program declares are."""
+    """Return whether a structure is sent as raw octets, as those of types declared by the program are."""
     return 0x90000000 < struct_id < 0x9FFFFFFF or 0x02000000 < struct_id < 0x02FFFFFF

@@ -35,7 +35,7 @@ READS: Final = frozenset((GET_MULTI_VARIABLES, GET_VARIABLE, GET_VAR_SUBSTREAMED
 WRITES: Final = frozenset((SET_MULTI_VARIABLES, SET_VARIABLE, SET_VAR_SUBSTREAMED))
 _READS_OR_WRITES: Final = READS | WRITES
 
-#: How many elements of an array are shown.
+#: Number of elements of an array that are shown.
 _SHOWN: Final = 8
 _NO_VALUE: Final[list[Value | None]] = [None]
 #: Return values from here on are refusals.
@@ -45,11 +45,11 @@ _NEGATIVE: Final = 0x8000
 class PlusItem:
     """One item. ``number`` counts from 1; in a notification it is the reference.
 
-    ``return_code`` is 0 if all is well, -1 if no answer says; else the lower 16 bits of a return value, or in a notification
-    0x13 or 0x03. ``codes`` names it. ``found`` is the name in the program, if that was captured. A value that contradicts its
-    declaration is shown as octets: ``fits`` is False, and ``note`` says what contradicts. ``note`` also says that the checksum
-    of the symbol differs, or that the answer lacks the item, or has it although it was not requested. A number that comes
-    several times gives several items.
+    ``return_code`` is 0 if all is well, -1 if there is no answer for it; else the lower 16 bits of a return value, or in a
+    notification 0x13 or 0x03. ``codes`` names it. ``found`` is the name in the program, if that was captured. A value that
+    contradicts its declaration is shown as octets: then ``fits`` is False, and ``note`` describes the contradiction. ``note``
+    also states that the checksum of the symbol differs, or that the answer lacks the item, or has it although it was not
+    requested. A number that occurs several times gives several items.
     """
 
     __slots__ = ("address", "codes", "data", "fits", "found", "note", "number", "program", "return_code", "value")
@@ -68,7 +68,7 @@ class PlusItem:
 
     @property
     def label(self) -> str:
-        """The address as a person writes it; text from the wire is not escaped."""
+        """The address as people write it; text from the wire is not escaped."""
         address = self.address
         if address is None:
             return f"item {self.number}"
@@ -132,7 +132,7 @@ class PlusItem:
 
     @property
     def is_plain(self) -> bool:
-        """True if the program says nothing about the value."""
+        """True if the program has no information about the value."""
         return self.found is None and self.value is not None and not isinstance(self.value.content, Packed)
 
     def _references(self) -> str:
@@ -146,7 +146,7 @@ class PlusItem:
 
     @property
     def _last_id(self) -> int:
-        """The id of the attribute or member that the item is, 0 if it is not known."""
+        """The id of the attribute or member that the item represents, 0 if unknown."""
         address = self.address
         if address is None:
             return 0
@@ -263,7 +263,7 @@ def _joined(asked: Half, told: Half | None) -> list[PlusItem]:
         return items
     values: dict[int, list[Value | None]] = {}
     for index, sent in source.contents.items if source is not None else []:
-        values.setdefault(index, []).append(sent)  # an item that comes twice is shown twice
+        values.setdefault(index, []).append(sent)  # an item that occurs twice is shown twice
     refusals = dict(told.contents.refusals) if told is not None else {}
     for number in sorted({*range(1, len(known) + 1), *values, *refusals}):
         code = refusals[number] & 0xFFFF if number in refusals else whole

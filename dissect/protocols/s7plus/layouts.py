@@ -38,7 +38,7 @@ _BEGINNING: Final = [
     Field("version", 1, "Version, or kind of a PDU without opcode.", codes=VERSIONS),
 ]
 
-#: Header of every frame but the keep-alive; with length 0 it is the trailer that ends a PDU.
+#: Header of every frame except the keep-alive; with length 0 it is the trailer that ends a PDU.
 HEADER: Final = Layout(
     "S7comm-plus header", "reference section 1.4", [*_BEGINNING, Field("length", 2, "Bytes after the header.")]
 )

@@ -1,8 +1,8 @@
-"""Finds what a request loads into a CPU: blocks, types, texts and the hardware configuration, wherever they are in its objects.
+"""Finds what a request loads into a CPU: blocks, types, texts and the hardware configuration, anywhere in its objects.
 
-A CPU is loaded by objects that are created. Engineering tools create each block in the program of the CPU, or the whole
-program, with its blocks inside, in the root of the CPU; in captures both occur. So every object of a request is looked at, and
-its class says what it is.
+A CPU is loaded by creating objects. Engineering tools create each block in the program of the CPU, or the whole program, with
+its blocks inside, in the root of the CPU; in captures both occur. So every object of a request is examined, and its class shows
+its kind.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ LOADED: Final = "load"
 PROTECTED: Final = "protection"
 FIRMWARE: Final = "firmware"
 
-#: The object that holds the firmware of a CPU (its name in one source says so; no capture).
+#: The object that contains the firmware of a CPU (by its name in one source; there is no capture).
 FIRMWARE_PACKAGE: Final = 16
 #: The object of the program, and its class; class of the hardware configuration, and of texts with their languages.
 PROGRAM: Final = 3
@@ -38,13 +38,13 @@ _PROGRAM_CLASS: Final = 2520
 HARDWARE: Final = 2
 _HARDWARE_CLASS: Final = 2496
 _TEXTS_CLASS: Final = 4672
-#: Objects that hold the program and the hardware configuration.
+#: Objects that contain the program and the hardware configuration.
 CONTAINERS: Final = {PROGRAM: "the program", HARDWARE: "the hardware configuration"}
-#: The attribute by which an engineering tool says that what it loaded is complete.
+#: The attribute by which an engineering tool states that the loaded objects are complete.
 CONSISTENT: Final = 2458
 #: Attributes of a block that are its code and its interface, not its values; writing one of them changes the program.
 LOADS: Final = CODE | {2544, 4578}
-#: How many objects a text names.
+#: Maximum number of objects that a text names.
 _NAMED: Final = 5
 #: Kinds of blocks in the order in which a text names them; from `_TYPES_FROM` on they are types.
 _ORDER: Final = "OB FB FC DB UDT FBT SDT FCT"
@@ -52,7 +52,7 @@ _TYPES_FROM: Final = _ORDER.index("UDT")
 
 
 def number_of(one: PlusObject) -> int:
-    """Return the number of a block: the attribute, or else its id, which ends in it; -1 if it has neither."""
+    """Return the number of a block: the attribute, or else its id, which ends with it; -1 if it has neither."""
     number = one.number(NUMBER)
     if number >= 0:
         return number
@@ -60,7 +60,7 @@ def number_of(one: PlusObject) -> int:
 
 
 def load_text(parent: int, tops: list[PlusObject], every: list[PlusObject], unread: bool) -> str:
-    """Return what creating ``tops`` in the object ``parent`` loads; empty for objects that belong to no program.
+    """Return what is loaded by creating ``tops`` in the object ``parent``; empty for objects that belong to no program.
 
     ``every`` are these objects and all inside them. ``unread``: there are more, which could not be read.
     """
@@ -77,7 +77,7 @@ def load_text(parent: int, tops: list[PlusObject], every: list[PlusObject], unre
 
 
 def written_as(address: Address) -> tuple[str, str]:
-    """Return the kind of event that writing an attribute is, and a text of it; both are empty for most attributes."""
+    """Return the kind of event for writing an attribute, and a text of it; both are empty for most attributes."""
     attribute = address.lids[-1] if address.lids else address.sub_area
     if address.sub_area in LOADS and address.area >> 16 in BLOCK_KINDS:
         return LOADED, f"{block_name(address.area)} ({member_name(address.sub_area)})"
@@ -93,7 +93,7 @@ def _is_container(class_id: int) -> bool:
 
 
 def _parts(every: list[PlusObject], blocks: bool) -> list[str]:
-    """Return what else is loaded, without blocks."""
+    """Return the loaded objects other than blocks."""
     if not blocks and not any(_is_container(one.class_id) for one in every):
         return []
     classes = [one.class_id for one in every]
@@ -111,7 +111,7 @@ def _parts(every: list[PlusObject], blocks: bool) -> list[str]:
 
 
 def _counted(blocks: list[PlusObject]) -> str:
-    """Return a text of blocks: of several how many there are, and the names of some, those with code first."""
+    """Return a text about blocks: their number if there are several, and some names, blocks with code first."""
     if len(blocks) == 1:
         return said(blocks)
     rank = [_ORDER.find(block_kind(one.rid, one.class_id)) for one in blocks]

@@ -29,16 +29,16 @@ from dissect.wire.malformed import Malformed
 from dissect.wire.octets import u16, u32
 from dissect.wire.varint import VLQ, VLQ64, read_varint
 
-#: Octets of a frame header: protocol id, version, and the size of what follows. A trailer has the same size.
+#: Size of a frame header: protocol id, version, and the size of the rest. A trailer has the same size.
 HEADER_SIZE: Final = 4
-#: Octets of the digest in the integrity part of V3; octets of that part, which begins with the size of the digest.
+#: Size of the digest in the integrity part of V3; size of that part, which begins with the size of the digest.
 DIGEST_SIZE: Final = 32
 INTEGRITY_SIZE: Final = 33
-#: Subscriptions of S7-1200 with old firmware have ids below this. Their notifications have a sequence number of one octet in
-#: place of the credit.
+#: Subscriptions of S7-1200 with old firmware have ids below this. Their notifications have a sequence number of one octet
+#: instead of the credit.
 SHORT_HEADS: Final = 0x70000000
 _LAYER: Final = "s7plus"
-#: The fixed parts, as names of this module: most PDUs need them, and a name of the module itself is found faster.
+#: The fixed parts as names of this module, because most PDUs need them and names of the own module are found faster.
 _REQUEST: Final = layouts.REQUEST
 _RESPONSE: Final = layouts.RESPONSE
 _NOTIFICATION: Final = layouts.NOTIFICATION
@@ -48,8 +48,8 @@ _NOTIFICATION: Final = layouts.NOTIFICATION
 class PlusPdu:
     """One S7comm-plus PDU.
 
-    ``octets`` are all its frames, joined, with headers and trailer. ``data`` is what the frames carry, from the opcode on,
-    without integrity parts; ``body`` is what follows the fixed part of ``data``. Numbers that the PDU does not have are -1.
+    ``octets`` are all its frames, joined, with headers and trailer. ``data`` is the content of the frames, from the opcode on,
+    without integrity parts; ``body`` is the part after the fixed part of ``data``. Numbers that the PDU does not have are -1.
     ``whole``: the trailer was seen. ``integrity`` is the digest of the first frame, empty before V3.
     """
 
@@ -91,7 +91,7 @@ class PlusPdu:
         self.cut = False
         self.version = -1
         self.frames = 0
-        # Where each frame but the first begins: its offset within ``data`` -> its offset within ``octets``.
+        # Where each frame except the first begins: its offset within ``data`` -> its offset within ``octets``.
         self.frame_starts: dict[int, int] = {}
         self._places: tuple[list[int], list[int]] | None = None  # the same with the first frame, for bisection
         self.whole = False
@@ -101,7 +101,7 @@ class PlusPdu:
         self.body = b""
         self.opcode = -1
         self.function = -1
-        self.sequence = -1  # echoed by the response; notifications count their own
+        self.sequence = -1  # repeated by the response; notifications have numbers of their own
         self.session_id = -1
         self.transport_flags = -1
         self.return_value = -1
@@ -151,7 +151,7 @@ class PlusPdu:
 
     @property
     def frame_places(self) -> list[tuple[int, int, int]]:
-        """Where each frame begins within ``octets``, where its data begins, and where it ends; also of frames without data."""
+        """For each frame, its beginning within ``octets``, the beginning of its data, and its end; also without data."""
         octets = self.octets
         found: list[tuple[int, int, int]] = []
         at = 0
@@ -179,7 +179,7 @@ def parse_plus(
 ) -> PlusPdu:
     """Read one S7comm-plus PDU, given its joined frames. Never raises.
 
-    ``cut``: octets are missing at the end, so that a missing trailer is not a fault of the sender.
+    ``cut``: octets are missing at the end, so a missing trailer is not a fault of the sender.
     """
     pdu = PlusPdu(octets, frame, time_ns, connection, side)
     pdu.cut = cut
@@ -228,9 +228,9 @@ def _read_event(pdu: PlusPdu, octets: bytes) -> None:
 
 
 def _read_frames(pdu: PlusPdu, octets: bytes) -> None:
-    """Split the PDU into frames: join what they carry in ``data``; the trailer ends the PDU.
+    """Split the PDU into frames: join their contents in ``data``; the trailer ends the PDU.
 
-    A frame before version 3 that carries nothing looks like a trailer: of two in a row the second is the trailer.
+    A frame without data before version 3 looks like a trailer: of two in a row the second is the trailer.
     """
     size = len(octets)
     parts: list[bytes] = []
@@ -313,7 +313,7 @@ def _read_head(pdu: PlusPdu) -> None:
 def _read_notification(pdu: PlusPdu, data: bytes) -> None:
     size = len(data)
     if pdu.version == V1:
-        pdu.body = data[1:]  # another form, which only old S7-1200 use
+        pdu.body = data[1:]  # another form, which only old S7-1200 CPUs use
         return
     if size >= 5:
         pdu.subscription_id = u32(data, 1)

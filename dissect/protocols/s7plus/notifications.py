@@ -57,7 +57,7 @@ def _read_head(walk: Walk, found: Contents, pdu: PlusPdu) -> None:
 
 
 def _read_v1(walk: Walk, found: Contents) -> None:
-    """Read the V1 form, from one source only: subscription, 4 octets, then nothing or 4 and 2 octets and items."""
+    """Read the V1 form, known from one source only: subscription, 4 octets, then nothing, or 4 and 2 octets and items."""
     at = walk.at
     found.object_id = walk.fixed(4, "subscription")
     walk.take(4, "unknown")
@@ -100,7 +100,7 @@ def _items(walk: Walk, found: Contents) -> None:
 
 
 def read_event(walk: Walk) -> None:
-    """Read what follows the fixed part of a system event: a text, or a value of fixed size."""
+    """Read the part after the fixed part of a system event: a text, or a value of fixed size."""
     start = walk.at
     if walk.left:
         walk.at = walk.end

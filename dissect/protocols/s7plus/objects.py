@@ -42,7 +42,7 @@ from dissect.wire.varint import VLQ, build_varint, read_varint
 
 @mypyc_attr(acyclic=True)  # many are made, without the header of the garbage collector
 class Attribute:
-    """An attribute of an object: its id, and its value, which may be read only when it is needed."""
+    """An attribute of an object: its id, and its value, which is read only when needed."""
 
     __slots__ = ("_end", "_octets", "_start", "_value", "id")
 
@@ -108,7 +108,7 @@ _ARRAYS: Final = frozenset((ARRAY << 8 | UDINT, ADDRESS_ARRAY << 8 | UDINT))
 
 
 def numbers_at(octets: bytes, at: i64, end: i64) -> list[int]:
-    """Return unsigned numbers of at most 32 bits; their count is at ``at``, and they were found sound before."""
+    """Return unsigned numbers of at most 32 bits; their count is at ``at``, and they are known to be sound."""
     cursor = Cursor(octets, at, end)
     found: list[int] = []
     left = cursor.number()
@@ -125,12 +125,12 @@ def whole_numbers(value: Value) -> list[int]:
 
 
 def _is_plain(octets: bytes, at: int, type_: int) -> bool:
-    """Return whether a single value of a type begins here; it was found sound before."""
+    """Return whether a single value of a type begins here; it is known to be sound."""
     return octets[at] == 0 and octets[at + 1] == type_
 
 
 def _text_at(octets: bytes, at: int, end: int) -> bytes:
-    """Return the octets of a text whose length is at ``at``; it was found sound before."""
+    """Return the octets of a text whose length is at ``at``; it is known to be sound."""
     size, begin = read_varint(octets, at, end, VLQ)
     return octets[begin : begin + size]
 
@@ -148,7 +148,7 @@ class Relation:
 
 @mypyc_attr(acyclic=True)
 class PlusObject:
-    """An object. ``elements`` are its content in wire order; ``more`` is there unless ``attribute`` is 0, as in captures."""
+    """An object. ``elements`` are its content in wire order; ``more`` is present unless ``attribute`` is 0, as in captures."""
 
     __slots__ = ("attribute", "class_flags", "class_id", "elements", "end", "more", "offset", "rid")
 
@@ -244,9 +244,9 @@ Element = Attribute | Relation | PlusObject | VariableList | NameList | TagDescr
 
 
 def read_elements(walk: Walk) -> list[Element]:
-    """Read elements up to an octet that is not the tag of one. Raises `FormatError`.
+    """Read elements up to an octet that is not the tag of an element. Raises `FormatError`.
 
-    If the walk wants only some attributes, relations and other attributes are left out, as far as they are sound.
+    If the walk wants only some attributes, relations and other attributes are skipped if they are sound.
     """
     elements: list[Element] = []
     read_into(walk, elements)
@@ -254,16 +254,16 @@ def read_elements(walk: Walk) -> list[Element]:
 
 
 def read_into(walk: Walk, elements: list[Element]) -> None:
-    """Like `read_elements`, but append to ``elements``: if this raises, they hold what was read before.
+    """Like `read_elements`, but append to ``elements``: if this raises, they contain what was read before.
 
-    An object within which reading ended is among them, with what was read of it.
+    An object in which reading stopped is among them, with the part that was read.
     """
     while True:
         wanted = walk.wanted
         if wanted is not None:
             cursor = Cursor(walk.octets, walk.at, walk.end)
             cursor.attributes(wanted.attributes, walk.depth)
-            if cursor.spent <= walk.budget:  # else read them, to find the place where the budget is exceeded
+            if cursor.spent <= walk.budget:  # otherwise read them, to find the place where the budget is exceeded
                 walk.at = cursor.at
                 walk.spend(cursor.spent, "value")
         tag = walk.peek()
@@ -336,9 +336,9 @@ def _read_head(walk: Walk) -> PlusObject:
 
 
 def objects_at(octets: bytes, places: list[int], end: i64) -> tuple[list[PlusObject], list[PlusObject]]:
-    """Return the objects at ``places``, which `Cursor.noted` has of sound octets that end at ``end``.
+    """Return the objects at ``places``, which come from `Cursor.noted` of sound octets that end at ``end``.
 
-    The second list has all objects, also those inside others, as `every_object` returns them.
+    The second list has all objects, including those inside others, as `every_object` returns them.
     """
     found: list[PlusObject] = []
     every: list[PlusObject] = []

@@ -1,8 +1,8 @@
 """Members, by name, of structures of the program, which are sent as the raw octets in the CPU (docs/s7plus.md).
 
-The list of variables of a type says where its members are, in the optimised layout and in the classic one; a flag of the value
-says which layout its octets have. That is known from one source only, no capture has it: structures that do not fit stay
-octets.
+The list of variables of a type gives the places of its members, in the optimised layout and in the classic one; a flag of the
+value gives the layout of its octets. This is known from one source only, and no capture has it: structures that do not match
+stay octets.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from dissect.wire.octets import u16
 
 #: Flag of a packed structure: its octets have the classic layout.
 CLASSIC: Final = 0x001
-#: Bounds: nested structures, and members and elements of one value.
+#: Limits: nested structures, and members and elements of one value.
 _LEVELS: Final = 8
 _MEMBERS: Final = 5000
 
@@ -30,7 +30,7 @@ Member = object
 
 _BOOL: Final = 1
 _BBOOL: Final = 40
-#: Octets of types that are numbers; types in `_SIGNED` are two's complement.
+#: Sizes of types that are numbers; types in `_SIGNED` are two's complement.
 _SIZES: Final[dict[int, int]] = {
     2: 1, 3: 1, 4: 2, 5: 2, 6: 4, 7: 4, 8: 4, 9: 2, 10: 4, 11: 4, 12: 2, 14: 8, 48: 8, 49: 8, 50: 8, 51: 8, 52: 1,
     53: 2, 54: 4, 55: 1, 61: 2, 64: 8, 65: 8, 66: 8, DTL: DTL_SIZE,
@@ -39,7 +39,7 @@ _SIGNED: Final = frozenset((5, 7, 11, 50, 55, 64))
 
 
 class _UnknownError(Exception):
-    """It is not known how to read the octets."""
+    """It is unknown how to read the octets."""
 
 
 class _MisfitError(Exception):
@@ -47,7 +47,7 @@ class _MisfitError(Exception):
 
 
 class _Reading:
-    """Reads one value; ``left`` is how many more members and elements it may have."""
+    """Reads one value; ``left`` is the number of further members and elements that it may have."""
 
     __slots__ = ("classic", "left", "octets", "program")
 
@@ -71,7 +71,7 @@ class _Reading:
             return self._one(variable, begin, level)
         size = self._stride(variable)
         if variable.datatype == _BOOL or variable.datatype == _BBOOL or size <= 0:
-            raise _UnknownError  # it is not known how bits are packed
+            raise _UnknownError  # it is unknown how bits are packed
         return [
             self._one(variable, begin + number * size, level) for number in range(min(variable.count, _MEMBERS + 1))
         ]
@@ -154,7 +154,7 @@ def _float(number: float) -> Member:
 
 
 def packed_members(packed: Packed, program: Program) -> dict[str, Member] | None:
-    """Return the members of a structure of the program by name; None if its type was not captured or does not fit.
+    """Return the members of a structure of the program by name; None if its type was not captured or does not match.
 
     Never raises.
     """
@@ -162,7 +162,7 @@ def packed_members(packed: Packed, program: Program) -> dict[str, Member] | None
 
 
 def misfit(packed: Packed, program: Program) -> bool:
-    """Return whether the octets of a structure contradict the declaration of its type, as far as that was captured."""
+    """Return whether the octets of a structure contradict the declaration of its type, if that was captured."""
     return _read(packed, program)[1]
 
 

@@ -17,10 +17,10 @@ PLUS: Final = 0x72
 _FUNCTION: Final = 0x20000
 #: `Parameters.function` of a notification, which has no function.
 _NOTIFICATION: Final = 0x30000
-#: The functions that have names are among so many codes from this one on.
+#: The functions with names are within this many codes from this one on.
 _FIRST: Final = 0x0480
 _CODES: Final = 0x0200
-#: The row of statistics for all functions without a name, of which there may be sixty thousand.
+#: The row of statistics for all functions without a name; there may be sixty thousand of them.
 _UNKNOWN: Final = 0x30001
 
 
@@ -30,7 +30,7 @@ def is_plus_key(key: int) -> bool:
 
 
 def names_function(key: int) -> bool:
-    """Return whether such a row is about one function, whose code is in its lower 16 bits."""
+    """Return whether such a row is for one function, whose code is in its lower 16 bits."""
     return key < _NOTIFICATION
 
 
@@ -77,7 +77,7 @@ class PlusParameters(Parameters):
 
 
 class PlusParameterCache:
-    """One `PlusParameters` object for each function; when the cache is full, it starts anew."""
+    """One `PlusParameters` object for each function; when the cache is full, it is emptied."""
 
     CAPACITY: Final = 4096
 

@@ -1,4 +1,4 @@
-"""Pieces that the bodies of several functions share: ids, counts, addresses, numbered values and refusals, the qualifier."""
+"""Pieces that several bodies have in common: ids, counts, addresses, numbered values and refusals, the qualifier."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def return_note(value: int) -> str:
 
 
 def return_details(value: int) -> str:
-    """Return a text for all parts of a return value: error, generic error, origin within the firmware, and what follows."""
+    """Return a text for all parts of a return value: error, generic error, origin within the firmware, and the rest."""
     if value < 1 << 16:
         return return_note(value)
     said = [return_note(value)]
@@ -51,7 +51,7 @@ def return_details(value: int) -> str:
 
 
 def take_object_id(walk: Walk, found: Contents) -> None:
-    """Read the id of the object that a request is about. Raises `FormatError`."""
+    """Read the id of the object of a request. Raises `FormatError`."""
     at = walk.at
     found.object_id = walk.fixed(4, "object id")
     walk.part(layouts.OBJECT_ID, at, id_name(found.object_id) if walk.shown else "")
@@ -97,7 +97,7 @@ def take_ids(walk: Walk, found: Contents, count: int) -> None:
 
 
 class _Asked:
-    """What a read requests: addresses, or an object and ids of its attributes; and the work that reading it costs."""
+    """The content of a read request: addresses, or an object and ids of its attributes; and the work that reading it costs."""
 
     __slots__ = ("addresses", "cost", "ids", "object_id")
 
@@ -117,7 +117,7 @@ class _Known:
 
 
 _KNOWN: Final = _Known()
-#: Octets of remembered requests; an address has at least four, and takes some hundred in memory once it is parsed.
+#: Total size of remembered requests; an address has at least four octets, and needs some hundred in memory once it is parsed.
 _MAX_KNOWN: Final = 1 << 16
 
 
@@ -225,7 +225,7 @@ def is_asked_for(attributes: bytes, address: Address) -> bool:
 
 
 def _item_number(walk: Walk) -> int:
-    """Read the number of the next item; 0 ends the list and is a part of its own."""
+    """Read the number of the next item; 0 ends the list and is a separate part."""
     at = walk.at
     number = walk.number(VLQ, "item")
     if number == 0:

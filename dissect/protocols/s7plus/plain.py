@@ -1,8 +1,7 @@
-"""Reads the head of a PDU that is one sound frame, as most are, in place, without making an object.
+"""Reads in place, without making an object, the head of a PDU that is one sound frame, as most are.
 
-Other PDUs are left to `dissect.protocols.s7plus.message`, which knows which faults they have and where. A property test ensures
-that both
-agree (tests/protocols/s7plus/test_plain.py).
+Other PDUs are left to `dissect.protocols.s7plus.message`, which finds their faults and the places of these. A property test
+ensures that both agree (tests/protocols/s7plus/test_plain.py).
 """
 
 from __future__ import annotations
@@ -36,7 +35,7 @@ NOTIFICATION_SIZE: Final = 12
 #: Offsets in the data of a request: sequence number and session id.
 SEQUENCE_AT: Final = 7
 SESSION_AT: Final = 9
-#: The reserved fields in the eight octets behind the opcode of a request or response.
+#: The reserved fields in the eight octets after the opcode of a request or response.
 _RESERVED: Final = -1 << 48 | 0xFFFF0000
 _BIT_7: Final = 0x80
 _FUNCTIONS: Final = frozenset([row.number for row in FUNCTIONS])
@@ -66,7 +65,7 @@ def one_frame(octets: bytes) -> tuple[i64, i64]:
 def data_of(octets: bytes) -> tuple[bytes, i64, i64]:
     """Return the data of a PDU, from the opcode on: octets that hold it, and where it begins and ends within them.
 
-    This is the place that knows frames: what reads numbers at fixed offsets of a PDU begins here. Never raises.
+    Only this module knows the frames: code that reads numbers at fixed offsets of a PDU calls this first. Never raises.
     """
     at, end = one_frame(octets)
     if at >= 0:
@@ -76,7 +75,7 @@ def data_of(octets: bytes) -> tuple[bytes, i64, i64]:
 
 
 class Head:
-    """What the engine needs of a PDU; missing numbers are -1, as in `PlusPdu`. One object is used for many PDUs.
+    """The head of a PDU as the engine needs it; missing numbers are -1, as in `PlusPdu`. One object is used for many PDUs.
 
     ``begins`` is the result of `is_beginning`. ``at`` and ``end``, where its data begin and end, are set only by `read_plain`.
     """
@@ -107,7 +106,10 @@ class Head:
         self.wants_response = False
 
     def read_plain(self, octets: bytes) -> bool:
-        """Read the head of a PDU that is one sound frame; False for any other, for which `take` is used. Never raises."""
+        """Read the head of a PDU that is one sound frame; return False for any other, for which `take` is used.
+
+        Never raises.
+        """
         at, end = one_frame(octets)
         if at < 0 or at >= end:
             return False

@@ -1,4 +1,4 @@
-"""`Program`: what was captured of the program of a CPU: the names of the variables of its blocks.
+"""`Program`: the captured part of the program of a CPU, which has the names of the variables of its blocks.
 
 With these names, addresses are shown as people write them. Explore responses and downloads have an object of class 511 for each
 block, with a list of its variables and a list of their names.
@@ -22,9 +22,9 @@ from dissect.wire.copies import leaves
 TYPE_INFO: Final = 511
 #: Attributes with the code of a block.
 CODE: Final = frozenset((2533, 2580))
-#: Variables that are remembered of one CPU; beyond that, those seen first are forgotten.
+#: Maximum number of variables that are remembered per CPU; beyond that, those seen first are forgotten.
 MAX_VARIABLES: Final = 200_000
-#: Nested structures whose members are listed.
+#: The members of nested structures are listed up to this depth.
 _LEVELS: Final = 8
 #: First octet of the id of an area's type information, and the areas by the second octet (one source only).
 _AREA_TYPES: Final = 0x90
@@ -60,7 +60,7 @@ class TypeInformation:
         return known
 
 
-#: Blocks and areas whose type is remembered.
+#: Maximum number of blocks and areas whose type is remembered.
 _MAX_AREAS: Final = 4096
 
 
@@ -100,7 +100,7 @@ class Program:
         return self._count
 
     def adopt(self, other: Program) -> None:
-        """Take over the types that ``other`` knows and this program does not."""
+        """Add the types that ``other`` knows and this program does not."""
         for rid, told in other._types.items():
             if rid not in self._types:
                 self._types[rid] = told
@@ -152,7 +152,7 @@ class Program:
         return told.known if told is not None else None
 
     def find(self, address: Address) -> Found | None:
-        """Return what an address means; None if its type is not known, or the checksum of its symbol differs."""
+        """Return the meaning of an address; None if its type is unknown, or the checksum of its symbol differs."""
         if not self._types or not address.lids:
             return None
         known = self._known(self._type_of(address.area))
@@ -191,7 +191,7 @@ class Program:
             return None
         name, variable = entry
         if _is_other(address, variable):
-            return None  # these names are of another program
+            return None  # these names belong to another program
         path = f'"{name}"'
         at = 1
         element = False
@@ -222,7 +222,7 @@ class Program:
         return Found(path, variable, variable.is_array and not element)
 
     def doubt(self, address: Address) -> str:
-        """Return why an address gets no name although its type was captured; empty if there is nothing to say."""
+        """Return why an address has no name although its type was captured; empty if there is no such reason."""
         if not self._types:
             return ""
         known = self._known(self._type_of(address.area))
@@ -261,7 +261,7 @@ class Symbol:
 
 
 class Found:
-    """The meaning of an address: the path of names, and the variable; None if the address goes on in an unknown structure.
+    """The meaning of an address: the path of names, and the variable; None if the address continues in an unknown structure.
 
     ``whole_array``: the variable is an array, and the address is not that of an element.
     """

@@ -1,4 +1,4 @@
-"""Values by the declared type of their variable, where that differs from the type they are sent with (docs/s7plus.md).
+"""Values by the declared type of their variable, if that differs from the type in the message (docs/s7plus.md).
 
 Used only if the declaration was captured. A value that contradicts its declaration is shown as octets; `contradiction` says
 why.
@@ -47,14 +47,14 @@ DTL_SIZE: Final = 12
 _DATE_AND_TIME_SIZE: Final = 8
 #: Octets before the characters of a String; also elements before those of a WString.
 _LENGTHS: Final = 2
-#: Datatypes of bits: arrays of them are sent with other numbers of elements than declared.
+#: Datatypes of bits: arrays of them are sent with a number of elements different from the declared one.
 _BITS: Final = frozenset((1, 40))
 
 
 def program_value(found: Found | None, value: Value) -> str | None:
     """Return the text of a value by its declaration; None if that adds nothing to the value itself.
 
-    The value must not contradict its declaration. A DTL is recognised without one.
+    The value must not contradict its declaration. A DTL is recognised without a declaration.
     """
     content = value.content
     if isinstance(content, Packed):
@@ -121,13 +121,13 @@ def _form(value: Value) -> str:
 
 
 def _wrong_characters(variable: Variable, value: Value, whole_array: bool) -> str:
-    """Return what is wrong with a String, WString or Date_And_Time, which are sent as arrays of numbers; empty for nothing."""
+    """Return the fault of a String, WString or Date_And_Time, which are sent as arrays of numbers; empty for none."""
     declared = DATATYPES.name(variable.datatype)
     content = value.content
     if value.type != _SENT_AS[variable.datatype] or not value.array or not isinstance(content, list):
         return f"declared {declared}, sent as {value.type_name}{'' if value.array else ' without elements'}"
     if whole_array:
-        return ""  # it is not known how several strings are sent
+        return ""  # it is unknown how several strings are sent
     count = len(content)
     if variable.datatype == DATE_AND_TIME:
         return "" if count == _DATE_AND_TIME_SIZE else f"declared {declared}, sent with {count} bytes"
@@ -168,7 +168,7 @@ _MEANINGS: Final[dict[int, Callable[[int], str | None]]] = {
 }
 #: Declared types that are sent as arrays of numbers.
 _ARRAYS_OF: Final = frozenset((STRING, WSTRING, DATE_AND_TIME))
-#: The type that values of a declared type are sent with; for other declared types it is not known.
+#: The type in the message for values of a declared type; for other declared types it is unknown.
 _SENT_AS: Final[dict[int, int]] = {
     1: BOOL, 2: BYTE, 3: USINT, 4: WORD, 5: INT, 6: DWORD, 7: DINT, 8: REAL, 9: UINT, 10: UDINT, 11: DINT, 12: WORD,
     14: USINT, 19: USINT, 40: BOOL, 48: LREAL, 49: ULINT, 50: LINT, 51: LWORD, 52: USINT, 53: UINT, 54: UDINT, 55: SINT,

@@ -1,7 +1,8 @@
-"""Reads what CreateObject and Explore say about objects: ids, classes, and the few attributes that are needed.
+"""Reads the objects of CreateObject and Explore: ids, classes, and the few attributes that are needed.
 
-The check of a PDU notes the places of what matters. Values are read when they are needed. PDUs that are not sound are left to
-`dissect.protocols.s7plus.bodies`. A property test ensures that both agree (tests/protocols/s7plus/test_read_objects.py).
+The check of a PDU notes the places of the relevant parts. Values are read when they are needed. PDUs that are not sound are
+left to `dissect.protocols.s7plus.bodies`. A property test ensures that both agree
+(tests/protocols/s7plus/test_read_objects.py).
 """
 
 from __future__ import annotations

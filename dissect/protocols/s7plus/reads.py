@@ -11,7 +11,7 @@ from dissect.protocols.s7plus.plain import REQUEST_SIZE, one_frame
 
 
 class Reads:
-    """What a read requests, as `Check` says it: the same for every request with the same addresses."""
+    """The variables of a read request, as `Check` found them: the same for every request with the same addresses."""
 
     __slots__ = ("asks", "item", "odd", "place", "sound")
 

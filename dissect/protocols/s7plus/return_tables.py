@@ -1,7 +1,7 @@
 """Meanings of the parts of a return value (docs/s7plus.md).
 
 Numbers and names are those of the public Wireshark plugin, written as words; five of the errors were seen in captures. If a row
-has no sentence, nothing but its name is known.
+has no sentence, only its name is known.
 """
 
 from __future__ import annotations

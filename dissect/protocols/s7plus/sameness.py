@@ -1,4 +1,4 @@
-"""Compares PDUs, leaving out the numbers that differ in each PDU, so that a repeated one is recognised.
+"""Compares PDUs without the numbers that differ in each PDU, to recognise repeated ones.
 
 These numbers are the digest, the sequence number, the session of a request, and the integrity id. Sound PDUs with the same
 `Seen.kind` and `Seen.body` have the same length and the same contents at the same offsets, apart from the integrity id.
@@ -26,13 +26,14 @@ from dissect.protocols.s7plus.tables import (
 from dissect.wire.octets import u16, u32
 from dissect.wire.varint import VLQ, VLQ64, read_varint
 
-#: Octets of the longest PDU that is compared.
+#: Size of the longest PDU that is compared.
 _LONGEST: Final = 4096
 _BIT_7: Final = 0x80
 _FLAGS: Final = 9  # of a response; its return value follows
 _CREDIT: Final = 11
 _ID: Final = 4
-#: Fewest zeros that end a PDU of version 3 (`FILL` is the most); octets of the longest integrity id that is recognised.
+#: Minimum number of zeros at the end of a PDU of version 3 (`FILL` is the maximum); size of the longest integrity id that is
+#: recognised.
 _LEAST_FILL: Final = 4
 _LONGEST_ID: Final = 4
 #: Requests and responses whose contents may end with objects: only the next octets decide whether another object follows.
@@ -41,11 +42,11 @@ _OPEN_RESPONSES: Final = ending_with_objects(False)
 
 
 class Seen:
-    """The current PDU. The caller sets ``alike``: whether it was taken for one of those that are the same.
+    """The current PDU. The caller sets ``alike``: whether it was taken for one of the equal PDUs.
 
-    ``kind`` and ``body`` are what it has in common with others. ``has_id``: ``integrity_id`` was found where sound PDUs have
-    it, and is not part of ``body``. ``session`` is session, transport flags and version of a request as one number. Numbers
-    that the PDU does not have are -1.
+    ``kind`` and ``body`` are the parts that it has in common with others. ``has_id``: ``integrity_id`` was found where sound
+    PDUs have it, and is not part of ``body``. ``session`` is session, transport flags and version of a request as one number.
+    Numbers that the PDU does not have are -1.
     """
 
     __slots__ = (
@@ -165,7 +166,8 @@ class Seen:
     def _id(self, octets: bytes, begin: i64, end: i64) -> i64:
         """Find the integrity id before the zeros that end a PDU; return its offset, -1 if that is not certain.
 
-        It does not begin with an octet that adds nothing to its number: an id read from another offset would be another number.
+        It does not begin with an octet that adds nothing to its number, because an id read from another offset would be another
+        number.
         """
         last: i64 = end - 1
         while last >= begin and octets[last] == 0 and end - last <= FILL + 1:
@@ -173,7 +175,7 @@ class Seen:
         if last < begin:
             return -1
         if octets[last] >= _BIT_7:
-            last += 1  # the last octet of the id is a zero itself
+            last += 1  # the last octet of the id may itself be a zero
         fill: i64 = end - last - 1
         if fill < _LEAST_FILL or fill > FILL:
             return -1

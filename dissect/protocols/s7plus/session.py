@@ -1,6 +1,6 @@
-"""What a connection showed about its sessions: who the client is, which CPU answers, what is subscribed.
+"""What is known of the S7comm-plus sessions of a connection: the client, the CPU, and the subscriptions.
 
-Everything is bounded; nothing here raises.
+All sizes are limited; nothing here raises.
 """
 
 from __future__ import annotations
@@ -55,11 +55,11 @@ DIAGNOSIS: Final = 2237
 _NEW_LIST: Final = 0x80000000
 #: The largest reference that fits into four octets, as notifications have them.
 _MAX_REFERENCE: Final = 0xFFFFFFFF
-#: Bounds: subscriptions of a connection that are remembered, and items of one.
+#: Limits: remembered subscriptions of a connection, and items of one subscription.
 MAX_SUBSCRIPTIONS: Final = 256
 MAX_ITEMS: Final = 4096
 
-#: What a CPU says about itself (`Identity.told`), and where it says it.
+#: Facts that a CPU states about itself (`Identity.told`), and their sources.
 ORDER_NUMBER: Final = "order_number"
 HARDWARE: Final = "hardware"
 FIRMWARE: Final = "firmware"
@@ -70,23 +70,23 @@ IN_RECORD: Final = "I&M0 record"
 IN_VARIABLE: Final = "operating state variable"
 _MAX_TOLD: Final = 16
 
-#: What a device is, by what it states in S7comm-plus (`PlusSession.client_kind`, `Identity.kind`).
+#: The kind of a device, by its statements in S7comm-plus (`PlusSession.client_kind`, `Identity.kind`).
 ENGINEERING: Final = "engineering"
 OPC: Final = "OPC"
 PANEL: Final = "panel"
 _BY_ROLE: Final[dict[int, str]] = {1: ENGINEERING, 2: PANEL}
 #: The application name of SIMATIC NET's OPC server, whose sessions have the role of a panel.
 _SIMATIC_NET: Final = "SIMATIC NET"
-#: How order numbers of panels begin.
+#: The beginning of order numbers of panels.
 PANEL_ORDER_NUMBERS: Final = "6AV"
 
 
 class Identity:
     """Order number, firmware and serial number of a CPU, empty if not seen; its latest operating state, -1 if not seen.
 
-    ``told`` collects what the CPU said, until `StationWatch` takes it: (name of the fact, value, where it was said).
-    ``role`` is the role that it answers with when a session is opened, -1 if not seen: panels state 2 (HMI), CPUs a number of
-    their own from 0x20000000 on, or none.
+    ``told`` collects the statements of the CPU until `StationWatch` takes them: (name of the fact, value, source). ``role`` is
+    the role in its answer when a session is opened, -1 if not seen: panels state 2 (HMI), CPUs a number of their own from
+    0x20000000 on, or none.
     """
 
     __slots__ = ("_read", "_record", "firmware", "order_number", "role", "serial_number", "state", "told")
@@ -95,7 +95,7 @@ class Identity:
         self.order_number = ""
         self.firmware = ""
         self.serial_number = ""
-        self._record = b""  # the identification record that came last
+        self._record = b""  # the latest identification record
         self._read = ("", "", "", "")  # order number, serial number, hardware and firmware in it
         self.state = -1
         self.role = -1
@@ -103,12 +103,12 @@ class Identity:
 
     @property
     def kind(self) -> str:
-        """``panel`` if it states that it is one, by its order number or its role; else empty."""
+        """``panel`` if its order number or its role states that it is one; else empty."""
         panel = _BY_ROLE.get(self.role, "") == PANEL
         return PANEL if panel or self.order_number.startswith(PANEL_ORDER_NUMBERS) else ""
 
     def tell(self, key: str, value: str, where: str) -> None:
-        """Note what the CPU says about itself."""
+        """Note a fact that the CPU states about itself."""
         if value and len(self.told) < _MAX_TOLD:
             self.told.append((key, value, where))
 
@@ -154,11 +154,11 @@ class PlusSession:
     """What is known about one connection. Texts are from the wire and not escaped.
 
     ``program`` and ``identity`` are shared by all connections of a CPU. ``states`` are the subscriptions that report the
-    operating state of the CPU, each with the references that it has there. ``tls``: the client asked for TLS.
-    ``challenged``: the CPU offers authentication; ``authenticated``: the client used it. ``given`` are the ids of its sessions.
-    ``writes`` and ``reads``: clients count requests that change something, and all others, separately. ``explores`` counts
-    Explore requests; ``explored`` are the packets of the first and the last one. ``stamp`` is 0 until something is subscribed.
-    Each change of the subscriptions sets a number that no other session has.
+    operating state of the CPU, each with its references. ``tls``: the client requested TLS. ``challenged``: the CPU offers
+    authentication; ``authenticated``: the client used it. ``given`` are the ids of its sessions. ``writes`` and ``reads``:
+    clients separately count the requests that change something, and all others. ``explores`` counts Explore requests;
+    ``explored`` are the packets of the first and the last one. ``stamp`` is 0 until something is subscribed. Each change of the
+    subscriptions sets a number that no other session has.
     """
 
     __slots__ = (
@@ -199,7 +199,7 @@ class PlusSession:
         self.challenged = False
         self.authenticated = False
         self.given: set[int] = set()
-        self.latest: i64 = -1  # the id in ``given`` that was used last
+        self.latest: i64 = -1  # the latest id in ``given`` that was used
         self.reads: Counted = Counted()
         self.writes: Counted = Counted()
         self.states: dict[int, list[int]] = {}
@@ -208,14 +208,14 @@ class PlusSession:
 
     @property
     def role_name(self) -> str:
-        """``engineering``, ``HMI``, or empty if the client did not say."""
+        """``engineering``, ``HMI``, or empty if the client did not state its role."""
         return ROLES.name(self.role) if self.role > 0 else ""
 
     @property
     def client_kind(self) -> str:
-        """What the client says that it is: ``engineering``, ``panel``, ``OPC``, or empty.
+        """The client's statement about its kind: ``engineering``, ``panel``, ``OPC``, or empty.
 
-        An OPC server opens its session in the role of a panel, and says what it is by its name.
+        An OPC server opens its session in the role of a panel, but its name shows what it is.
         """
         who = self.application or self.session_name
         if who.startswith(_SIMATIC_NET) or "OPC" in f"{who} {self.host}".upper():
@@ -229,13 +229,13 @@ class PlusSession:
         self.explored_ns = time_ns
 
     def label(self, address: Address) -> str:
-        """Return the text of an address for a person, with names of the program where they are known."""
+        """Return the text of an address, with names of the program if they are known."""
         found = self.program.find(address)
         return symbol(address, found) if found is not None else address.label
 
     @property
     def who(self) -> str:
-        """How the client calls itself, its host and its user, as far as it said so."""
+        """The client's name, host and user, as far as the client stated them."""
         who = self.application or self.session_name
         if self.host:
             who = f"{who} on {self.host}" if who else f"on {self.host}"
@@ -244,7 +244,7 @@ class PlusSession:
         return who
 
     def describe(self) -> str:
-        """Return who the client is and which CPU or panel answers, as a short text."""
+        """Return the client and the CPU or panel that answers, as a short text."""
         who = self.who
         kind = self.client_kind
         if kind:
@@ -258,7 +258,7 @@ class PlusSession:
     # ---- sessions ---------------------------------------------------------------------------------------------------
 
     def open_session(self, asked: Made) -> None:
-        """Take the request that opens a session: its object says who the client is."""
+        """Take the request that opens a session: its object describes the client."""
         for one in asked.objects:
             if one.class_id == SERVER_SESSION:
                 self.session_name = one.text(NAME)
@@ -268,7 +268,7 @@ class PlusSession:
                 self.role = one.number(_ROLE)
 
     def session_opened(self, told: Made) -> None:
-        """Take the answer to that request: its object says which CPU this is, and whether clients can authenticate."""
+        """Take the answer to that request: its object describes the CPU, and shows whether clients can authenticate."""
         self.challenged = False
         self.authenticated = False
         self.reads = Counted()
@@ -302,7 +302,7 @@ class PlusSession:
     def subscribe(self, asked: Made, told: Made, lists: ReferenceLists) -> None:
         """Take a request that creates subscriptions, and the answer with their ids, in the order of the objects.
 
-        ``lists``: what each of them subscribes to.
+        ``lists``: the items of each subscription.
         """
         if len(lists) == 0:
             return
@@ -330,7 +330,7 @@ class PlusSession:
             self._changed(id_, {})
 
     def _changed(self, id_: int, known: dict[int, Address]) -> None:
-        """Note what a subscription reports from now on."""
+        """Note the items that a subscription reports from now on."""
         self.stamp = next_stamp()
         states = [one for one, address in known.items() if is_state(address) and 0 <= one <= _MAX_REFERENCE]
         if states:
@@ -339,7 +339,7 @@ class PlusSession:
             del self.states[id_]
 
     def address_of(self, subscription: int, reference: int) -> Address | None:
-        """Return the address that a reference in a notification stands for; None if its subscription was not captured."""
+        """Return the address that belongs to a reference in a notification; None if its subscription was not captured."""
         known = self.subscriptions.get(subscription)
         return known.get(reference) if known is not None else None
 
@@ -347,7 +347,7 @@ class PlusSession:
 #: Content of a reference list: whether it is a new list, the references that it removes, and those that it adds, with
 #: addresses.
 References = tuple[bool, list[int], list[tuple[int, Address]]]
-#: What subscriptions ask for: by the offset of the subscription object in its PDU, the address of each reference.
+#: The items of subscriptions: by the offset of the subscription object in its PDU, the address of each reference.
 ReferenceLists = dict[int, dict[int, Address]]
 
 
@@ -370,7 +370,7 @@ def is_state(address: Address) -> bool:
 
 
 def reference_lists_of(objects: list[PlusObject]) -> ReferenceLists:
-    """Return what the subscriptions among ``objects`` ask for."""
+    """Return the items of the subscriptions among ``objects``."""
     found: ReferenceLists = {}
     for one in objects:
         if one.class_id == SUBSCRIPTION:
@@ -401,7 +401,7 @@ def parse_reference_list(numbers: list[int]) -> References:
 
 
 def crc_places(numbers: list[int]) -> list[int]:
-    """Return where in a reference list the checksums of symbols stand, up to the first item that does not fit."""
+    """Return the positions of the checksums of symbols in a reference list, up to the first item that does not fit."""
     places: list[int] = []
     at = 3 + numbers[1] if len(numbers) > 3 else 0
     while at > 0 and at + 6 <= len(numbers) and len(places) < numbers[2]:

@@ -1,4 +1,4 @@
-"""S7comm-plus inside TLS, whose records may join and split frames, so that only their own lengths separate them."""
+"""S7comm-plus inside TLS: records may join and split frames, so only the lengths of the frames separate them."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _FIRST: Final = bytes((PROTOCOL_ID,))
 class FrameStream:
     """Splits one direction into frames, each with its trailer if it has one. At most one frame is kept.
 
-    A frame without a trailer is one of several of a PDU; only the next octets show that, so that it is returned with them.
+    A frame without a trailer is one of several of a PDU; only the next octets show that, so it is returned with them.
     """
 
     __slots__ = ("_rest",)
@@ -31,7 +31,7 @@ class FrameStream:
         return len(self._rest)
 
     def push(self, octets: bytes) -> list[bytes]:
-        """Take the next octets; return the frames that they complete, and other octets as they came.
+        """Take the next octets; return the frames that they complete, and all other octets unchanged.
 
         If ``octets`` are a whole frame, the unfinished frame before it had a wrong length, and ends. After octets that
         are not a frame, the next frame is searched for.
@@ -59,14 +59,14 @@ class FrameStream:
         return found
 
     def finish(self) -> bytes:
-        """Return the rest of an unfinished frame, as no more of it will come."""
+        """Return the rest of an unfinished frame; nothing more of it will come."""
         rest = self._rest
         self._rest = b""
         return rest
 
 
 def _is_open(octets: bytes) -> bool:
-    """Return whether a frame lacks octets by its own length."""
+    """Return whether a frame is incomplete by its own length."""
     return len(octets) < HEADER_SIZE or len(octets) < HEADER_SIZE + u16(octets, 2)
 
 
@@ -84,7 +84,7 @@ def _next(octets: bytes, at: i64, size: i64) -> i64:
 
 
 def _end(octets: bytes, at: i64, size: i64) -> i64:
-    """Return where the frame at ``at`` ends, -1 while that is not known."""
+    """Return the end of the frame at ``at``, -1 while it is unknown."""
     if size - at < HEADER_SIZE:
         return -1
     version: i64 = octets[at + 1]

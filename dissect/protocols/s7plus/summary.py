@@ -1,4 +1,4 @@
-"""Short texts about a PDU: addresses with values, objects by class and name, what is called, deleted or refused.
+"""Short texts about a PDU: addresses with values, objects by class and name, and what is called, deleted or refused.
 
 Text from the wire is not escaped.
 """
@@ -31,12 +31,12 @@ from dissect.protocols.s7plus.value_showing import in_line
 from dissect.protocols.s7plus.values import Value
 from dissect.wire.text import count
 
-#: How many things are named; the others are counted.
+#: Maximum number of names in a text; the others are counted.
 _NAMED: Final = 8
 
 
 def summary(pdu: PlusPdu, found: Contents) -> list[str]:
-    """Return a few texts about a PDU; none if its head says everything."""
+    """Return a few texts about a PDU; none if its head is sufficient."""
     if pdu.opcode == NOTIFICATION:
         said = _items(found)
         said += [f"{reference}: refused" for reference, _ in found.refusals[:_NAMED]]
@@ -50,7 +50,7 @@ def summary(pdu: PlusPdu, found: Contents) -> list[str]:
     if found.value is not None:
         said.append(in_line(found.value, 0))
         count += 1
-    # The ids in a refusal are of objects that were not created.
+    # The ids in a refusal belong to objects that were not created.
     if pdu.function in {CREATE_OBJECT, GET_LINK} and not refuses(pdu.return_code):
         said += [short_name(id_) for id_ in found.ids[:_NAMED]]
         count += len(found.ids)
@@ -104,7 +104,7 @@ def _label(address: Address) -> str:
 
 
 def references_text(value: Value, called: Callable[[Address], str]) -> str:
-    """Return what a subscription gets or loses by a new reference list; empty for a value that is none.
+    """Return what a subscription gets or loses by a new reference list; empty for any other value.
 
     ``called`` returns the name of an address.
     """
@@ -119,14 +119,14 @@ def references_text(value: Value, called: Callable[[Address], str]) -> str:
 
 
 def single_address(found: Contents) -> Address | None:
-    """Return the address in a request that is about one attribute of one object; None for other requests."""
+    """Return the address in a request about one attribute of one object; None for other requests."""
     if found.object_id < 0 or not found.ids or found.addresses:
         return None
     return known_address(0, found.object_id, found.ids[0], found.ids[1:])
 
 
 def object_text(found: PlusObject) -> str:
-    """Return class, id (if it has one yet) and name of an object; for an alarm, what happened."""
+    """Return class, id (if it already has one) and name of an object; for an alarm, the event."""
     if found.class_id == ALARM:
         return alarm_text(found)
     name = found.text(NAME)
@@ -137,5 +137,5 @@ def object_text(found: PlusObject) -> str:
 
 
 def _some(said: list[str], count: int) -> list[str]:
-    """Return the first of ``count`` texts, and how many more there are; ``said`` has at least the first ones."""
+    """Return the first of ``count`` texts, and the number of the others; ``said`` has at least the first ones."""
     return said if count <= _NAMED else [*said[:_NAMED], f"and {count - _NAMED} more"]

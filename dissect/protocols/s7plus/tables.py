@@ -1,7 +1,7 @@
 """Code tables of S7comm-plus (docs/s7plus.md names the sources).
 
 Siemens publishes nothing about this protocol. Versions, opcodes, functions and return values are those of Thomas Wiens's public
-Wireshark plugin and of his S7CommPlusDriver; codes that both leave open stay numbers.
+Wireshark plugin and of his S7CommPlusDriver; codes that neither names remain numbers.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ GET_VAR_SUBSTREAMED: Final = 0x0586
 ERROR_2: Final = 0x05A9
 INIT_SSL: Final = 0x05B3
 
-#: Functions of a response that says that a request could not be carried out, whatever its function.
+#: Functions of a response that reports that a request, of any function, could not be carried out.
 ERRORS: Final = frozenset((ERROR, ERROR_2))
 
 FUNCTIONS: Final = CodeTable("S7comm-plus function", 4, [
@@ -143,7 +143,7 @@ NOTIFIED: Final = CodeTable("S7comm-plus notified item", 2, [
     (UNKNOWN_ITEM, "unknown", "Four bytes of unknown meaning; two sources, in no capture."),
 ])  # fmt: skip
 
-#: Bit of the transport flags: the sender wants no response.
+#: Bit of the transport flags: the sender needs no response.
 NO_RESPONSE: Final = 0x40
 
 PARTIAL_ERROR: Final = 19

@@ -1,4 +1,4 @@
-"""Reads values and splits them into parts (docs/s7plus.md). Everything here raises `FormatError` for what does not fit."""
+"""Reads values and splits them into parts (docs/s7plus.md). Everything here raises `FormatError` for octets that do not fit."""
 
 from __future__ import annotations
 
@@ -34,8 +34,8 @@ from dissect.protocols.s7plus.walk import STEP, FormatError, Walk, big_endian
 from dissect.wire.layout import Layout
 from dissect.wire.varint import VLQ
 
-#: By type: octets if the size is fixed; the kind of a number of variable size (0 for none); whether it is signed. They are
-#: copied here because a look into another module's table takes longer, and is needed for each value.
+#: By type: size if it is fixed; the kind of a number of variable size (0 for none); whether it is signed. They are copied here
+#: because access to another module's table takes longer, and is needed for each value.
 _SIZES: Final = bytes([FIXED_SIZES.get(type_, 0) for type_ in range(256)])
 _KINDS: Final = [VARIABLE_SIZES.get(type_, 0) for type_ in range(256)]
 _SIGNED: Final = bytes([type_ in SIGNED_TYPES for type_ in range(256)])
@@ -82,7 +82,7 @@ def _read_content(walk: Walk, flags: int, type_: int) -> object:
             walk.spend(1, "key")
             pairs.append((key, walk.number(VLQ, "variant") if type_ == VARIANT else _read_one(walk, type_)))
     if flags & (ARRAY | ADDRESS_ARRAY):
-        # Elements of Null have no octets: only the budget bounds their number.
+        # Elements of Null have no octets: only the budget limits their number.
         count = walk.number(VLQ, "count") if type_ == NULL else walk.counted(VLQ, "count")
         walk.spend(count, "count")
         kind = _KINDS[type_]
@@ -108,7 +108,7 @@ def _read_one(walk: Walk, type_: int) -> object:
         if _SIGNED[type_] and number >> 8 * size - 1:
             number -= 1 << 8 * size
         if type_ == BOOL and number < 2:
-            return number != 0  # not as a conditional expression, which becomes a number in compiled code
+            return number != 0  # not a conditional expression, which becomes a number in compiled code
         return number
     kind = _KINDS[type_]
     if kind:

@@ -27,14 +27,14 @@ from dissect.protocols.s7plus.value_tables import (
 from dissect.protocols.s7plus.values import Blob, Member, Packed, Rows, Struct, Value
 from dissect.wire.text import Clock, hexadecimal, json_text
 
-#: How many elements of an array, characters and octets are shown.
+#: Maximum number of elements of an array, characters and octets that are shown.
 _SHOWN: Final = 8
 _SHOWN_TEXT: Final = 80
 _SHOWN_OCTETS: Final = 16
 #: Members of a structure that a line names.
 _SHOWN_MEMBERS: Final = 8
 _BYTE: Final = "0x%02x"
-#: Numbers that have another form.
+#: Numbers with another form.
 _OTHER: Final = "?"
 #: By type: the format of a number, empty for a decimal number.
 _FORMS: Final[list[str]] = [
@@ -53,7 +53,7 @@ def value_text(value: Value) -> str:
     """
     content = value.content
     if value.end == 0 and content == HIDDEN:
-        return HIDDEN  # nothing of the secret is told, and it was of another type
+        return HIDDEN  # nothing of the secret is shown; its type was another one
     name = value.type_name
     if value.sparse and isinstance(content, list):
         return f"{name}, sparse, {len(content)} elements"
@@ -74,7 +74,7 @@ def value_said(value: Value, id_: int) -> str:
 
 
 def in_line(value: Value, id_: int) -> str:
-    """Return `value_said` for lines that show no members: a structure without a name has the first of them with it."""
+    """Return `value_said` for lines that show no members: a structure without a name is shown with its first members."""
     content = value.content
     if isinstance(content, Struct) and content.id not in IDS:
         return f"{value.type_name} {_members_text(content)}"
@@ -88,7 +88,7 @@ def _members_text(struct: Struct) -> str:
 
 
 def _member_text(value: Value, id_: int) -> str:
-    """Return the value of a member without its type, and what its number means."""
+    """Return the value of a member without its type, and the meaning of its number."""
     content = value.content
     if isinstance(content, Struct | list) or value.type == NULL or (value.end == 0 and content == HIDDEN):
         return value_text(value)
@@ -108,7 +108,7 @@ def _member_said(name: str, value: object) -> str:
 
 
 def _json_said(value: object) -> str:
-    """Return data as JSON writes it, but members without quotes and text not escaped."""
+    """Return data in the form of JSON, but with members without quotes and text not escaped."""
     if isinstance(value, dict):
         inner = value.get("members")
         return members_said(inner if isinstance(inner, dict) else value)
@@ -178,7 +178,7 @@ def _number_text(type_: int, number: int) -> str:
 
 
 def iso_time(time_ns: int) -> str:
-    """Return a time in nanoseconds since 1970 as ISO 8601; as a number if no clock could show it."""
+    """Return a time in nanoseconds since 1970 as ISO 8601; return a number if no clock could show it."""
     return Clock().iso(time_ns) if 0 <= time_ns < 1 << 63 else str(time_ns)
 
 
@@ -192,8 +192,8 @@ def octets_text(octets: bytes) -> str:
 def as_json(value: Value) -> object:
     """Return the content of a value as JSON-ready data: numbers, texts, lists; octets in hexadecimal.
 
-    A structure is an object with its ``id`` and its ``members`` by number. A number that JSON does not have (NaN, infinity) is
-    a text.
+    A structure is an object with its ``id`` and its ``members`` by number. A number that JSON cannot represent (NaN, infinity)
+    becomes a text.
     """
     content = value.content
     if value.sparse and isinstance(content, list):
@@ -276,6 +276,6 @@ def _members_as_text(members: list[Member]) -> str:
 
 
 def _by_number(texts: dict[int, str]) -> str:
-    """Return a JSON object; of a number that comes twice, the last value takes the place of the first."""
+    """Return a JSON object; if a number occurs twice, the last value is used in the place of the first."""
     members = ",".join([f'"{number}":{text}' for number, text in texts.items()])
     return f"{{{members}}}"

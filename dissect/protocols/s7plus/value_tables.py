@@ -11,7 +11,7 @@ ARRAY: Final = 0x10
 ADDRESS_ARRAY: Final = 0x20
 SPARSE_ARRAY: Final = 0x40
 
-#: Combinations that captures have. Bit 7 does not change the layout; a CPU 1511 with firmware 1.0 sets it.
+#: Combinations found in captures. Bit 7 does not change the layout; a CPU 1511 with firmware 1.0 sets it.
 VALUE_FLAGS: Final = CodeTable("S7comm-plus value flags", 2, [
     (0x00, "scalar", "One value."),
     (0x10, "array", "A count and as many values."),

@@ -35,7 +35,7 @@ _TYPE_NAMES: Final[list[str]] = [VALUE_TYPES.name(type_) for type_ in range(256)
 
 @mypyc_attr(acyclic=True, free_list_len=1)
 class Value:
-    """A value. ``flags`` and ``type`` decide what ``content`` is.
+    """A value. ``flags`` and ``type`` determine the kind of ``content``.
 
     It is a number, a bool or a float; a text, or octets if they are not UTF-8 (WString); a `Blob`; a `Struct` or `Packed`, or
     `Rows` with an array flag; None for Null; a `Value` for a Variant. Arrays are lists of these, sparse arrays lists of (key,
@@ -120,7 +120,7 @@ class Packed:
 class Blob:
     """Octets after the id of a root. A ``root`` above 1 has a ``head`` (8 octets), ``kind``, and for kind 0 ``members``.
 
-    ``end`` is where the octets end within what they were read from.
+    ``end`` is where the octets end within the buffer that they were read from.
     """
 
     __slots__ = ("end", "head", "kind", "members", "octets", "root")

@@ -1,6 +1,6 @@
 """Lists of the variables of a block (0xAB) and of their names (0xAC), and an older form that has both (0xA7).
 
-The numbers in the first list are little-endian, unlike everything else (docs/s7plus.md).
+The numbers in the first list are little-endian, unlike all others (docs/s7plus.md).
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ from dissect.wire.copies import leaves
 from dissect.wire.octets import u32, u32_le
 from dissect.wire.varint import SIGNED, VLQ
 
-#: What a variable has before its attributes (LID, CRC, type) and behind them (offsets), and how many octets these are.
+#: The fields of a variable before its attributes (LID, CRC, type) and after them (offsets), and the size of these.
 _HEAD: Final = struct.Struct("<IIB")
 _OFFSETS: Final = struct.Struct("<BHH")
 _HEAD_SIZE: Final = 9
@@ -124,13 +124,13 @@ class Variable:
 
     @property
     def type_id(self) -> int:
-        """Id of the type of a structure or FB instance, or of such elements of an array; 0 for other variables."""
+        """Id of the type of a structure or FB instance, or of array elements of this kind; 0 for other variables."""
         at = _TYPE_ID.get(self.kind, -1)
         return self.numbers[at] if at >= 0 else 0
 
     @property
     def most_characters(self) -> int:
-        """Declared maximum length of a String or WString, 0 if it is not known."""
+        """Declared maximum length of a String or WString, 0 if unknown."""
         return self.offset_1 if self.kind in _STRINGS or (self.is_array and not self.type_id) else 0
 
     def offset(self, classic: bool) -> int:
@@ -148,12 +148,12 @@ class Variable:
         return self.bit_offsets >> 4 & 7 if classic and self.bit_offsets & 8 else self.attributes & 7
 
     def element_size(self, classic: bool) -> int:
-        """Return the octets of an element of an array of structures, 0 if not known."""
+        """Return the size of an element of an array of structures, 0 if unknown."""
         at = _ELEMENT_SIZES.get(self.kind, -1)
         return self.numbers[at if classic else at + 1] if at >= 0 else 0
 
     def index_text(self, index: int) -> str:
-        """Return the indices of an element as the program writes them: ``[3]``, ``[2,0]``; empty if it does not exist."""
+        """Return the indices of an element in the form of the program: ``[3]``, ``[2,0]``; empty if it does not exist."""
         dimensions = self.dimensions
         if not 0 <= index < self.count and self.datatype != _BBOOL:
             return ""
@@ -175,7 +175,7 @@ class Variable:
 class VariableList:
     """The variables of a block, in the blocks in which they were sent; ``first`` is the number before the first block.
 
-    The list may be read only when it is needed: until then ``octets`` hold it, after its tag.
+    The list may be read only when it is needed: until then ``octets`` contain it, after its tag.
     """
 
     __slots__ = ("_blocks", "_octets", "count", "first")
@@ -275,7 +275,7 @@ def _read_blocks(walk: Walk) -> tuple[int, list[list[Variable]]]:
 
 
 def _next_block(walk: Walk) -> int:
-    """Read the length of a block; return where the block ends, 0 at the end of the list."""
+    """Read the length of a block; return the end of the block, 0 at the end of the list."""
     at = walk.at
     length = walk.fixed(2, "block length")
     walk.part(LIST_BLOCK, at)

@@ -13,15 +13,15 @@ from dissect.wire.octets import u16, u32
 from dissect.wire.part import OCTETS, SURPLUS, Part
 from dissect.wire.varint import VLQ64, read_varint
 
-#: Nested objects and values that are read; the deepest in captures have seven levels.
+#: Maximum depth of nested objects and values that are read; the deepest in captures have seven levels.
 MAX_DEPTH: Final = 40
-#: Parts of one PDU that are kept; later ones are read and counted, and shown as octets.
+#: Maximum number of parts of one PDU that are kept; later ones are read and counted, and shown as octets.
 MAX_PARTS: Final = 100_000
 #: Work for a value, an object, a variable, an address or a refusal; an element of an array and an id cost 1.
 STEP: Final = 5
-#: Most work that judging a PDU may cost. The largest PDU in the captures at hand takes a fiftieth.
+#: Maximum work that the judgement of a PDU may cost. The largest PDU in the captures at hand takes a fiftieth.
 MAX_WORK: Final = 500_000
-#: The reason when the budget of a bounded walk is used up, which is not a fault of the PDU.
+#: The reason when the budget of a limited walk is used up, which is not a fault of the PDU.
 EXHAUSTED: Final = "exhausted"
 
 
@@ -38,7 +38,7 @@ class FormatError(Exception):
 
 
 def big_endian(octets: bytes, at: int, size: int) -> int:
-    """Return the ``size`` octets at ``at``, which must be there, as a number."""
+    """Return the ``size`` octets at ``at``, which must be present, as a number."""
     if size == 1:
         return octets[at]
     if size == 2:
@@ -50,12 +50,11 @@ def big_endian(octets: bytes, at: int, size: int) -> int:
 
 @mypyc_attr(acyclic=True, free_list_len=1)
 class Wanted:
-    """What is needed of a PDU, so that the rest may be skipped.
+    """The needed parts of a PDU, so that the rest may be skipped.
 
     ``attributes``: a table of the attributes of objects (`dissect.protocols.s7plus.cursor.table`), which also applies to
-    written
-    values, unless ``written`` says that all of these are needed. ``items``: the numbers of the values in a response, None for
-    all.
+    written values, unless ``written`` states that all of these are needed. ``items``: the numbers of the values in a response,
+    None for all.
     """
 
     __slots__ = ("attributes", "items", "written")
@@ -71,11 +70,11 @@ class Walk:
     """Reads ``octets[at:end]`` and raises `FormatError` if they end too soon.
 
     ``parts`` are made only if ``shown``. Values, objects and elements of arrays count against a ``budget``. By default it is
-    more than the octets can hold, so that it only stops elements without octets. With ``most``, the walk ends when that is used
+    more than the octets can contain, so it only stops elements without octets. With ``most``, the walk ends when that is used
     up, which is not a fault of the sender. Such a walk is ``hurried``: it inflates only compressed blobs that may swell
-    (`may_swell`), and none after the first that is not sound.
-    ``wanted``: what is needed, None for everything. ``blobs``: (offset, end) of compressed blobs. ``faults``: faults that do
-    not stop the walk. ``uncut`` counts the parts after `MAX_PARTS`.
+    (`may_swell`), and none after the first one that is not sound. ``wanted``: the parts that are needed, None for everything.
+    ``blobs``: (offset, end) of compressed blobs. ``faults``: faults that do not stop the walk. ``uncut`` counts the parts after
+    `MAX_PARTS`.
     """
 
     __slots__ = (
@@ -110,7 +109,7 @@ class Walk:
         self.depth = 0
         self.blobs: list[tuple[int, int]] = []
         self.faults: list[FormatError] = []
-        self.inflating = MAX_INFLATED  # octets that further blobs may become
+        self.inflating = MAX_INFLATED  # octets that further blobs may grow to
         self.budget = 3 * len(octets) + 1024
         self.hurried = most > 0
         self.bounded = 0 < most < self.budget
@@ -119,12 +118,12 @@ class Walk:
 
     @property
     def left(self) -> int:
-        """Octets that are left."""
+        """Number of remaining octets."""
         return self.end - self.at
 
     @property
     def full(self) -> bool:
-        """True if no more parts are kept, so that values for display need not be kept either."""
+        """True if no more parts are kept, so values for display need not be kept either."""
         return self.shown and len(self.parts) >= MAX_PARTS
 
     def need(self, size: int, field: str) -> None:
@@ -146,7 +145,7 @@ class Walk:
         return big_endian(self.octets, at, size)
 
     def step(self, size: int, field: str) -> int:
-        """Pass over ``size`` octets; return where they begin."""
+        """Skip ``size`` octets; return where they begin."""
         at = self.at
         self.need(size, field)
         self.at = at + size
@@ -216,7 +215,7 @@ class Walk:
         self.parts_end = self.at
 
     def rest(self, malformed: list[Malformed], fault: FormatError | None = None, limit: str = "tsdu") -> None:
-        """Make a part of the octets that are left, and report the fault that ended the walk."""
+        """Make a part of the remaining octets, and report the fault that ended the walk."""
         faults = self.faults
         if fault is not None and fault.reason != EXHAUSTED:
             faults = [*faults, fault]

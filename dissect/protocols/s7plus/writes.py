@@ -1,6 +1,6 @@
-"""What a request writes: variables, attributes of objects, orders to the CPU, lists of subscriptions.
+"""The writes in a request: variables, attributes of objects, orders to the CPU, lists of subscriptions.
 
-Of a sound request the check says where addresses and values begin. Values are read, and texts made, when they are needed.
+For a sound request the check gives the places of addresses and values. Values are read, and texts made, when they are needed.
 """
 
 from __future__ import annotations
@@ -46,22 +46,22 @@ from dissect.protocols.s7plus.value_showing import value_text
 from dissect.protocols.s7plus.values import Value
 from dissect.protocols.s7plus.walk import MAX_WORK
 
-#: The attributes whose values are read, where they are written.
+#: The attributes whose values are read if they are written.
 WANTED: Final = table(ASKED_OF_OBJECTS)
 #: For a write of one attribute: the highest id that is an area, the execution unit or the hardware configuration; the lowest
-#: kind of block; and by id, whether writing that attribute of any other object matters.
+#: kind of block; and, by id, whether writing that attribute of any other object matters.
 _LASTING_IDS: Final = PASSWORDS | PROTECTIONS | {REFERENCE_LIST}
 _LAST_AREA: Final = max(*AREAS, CPU_EXEC_UNIT)
 _SPECIAL: Final = frozenset((*AREAS, CPU_EXEC_UNIT, HARDWARE, FIRMWARE_PACKAGE))
 _FIRST_KIND: Final = min(BLOCK_KINDS)
 _LASTING: Final = bytes([id_ in _LASTING_IDS for id_ in range(8192)])
-#: Meaning of a state request, unless it asks for RUN.
+#: Meaning of a state request, unless it requests RUN.
 _ORDERS: Final = {1: STOP, 2: RESET}
 #: Writes to areas of the memory and to data blocks.
 _WRITES: Final = frozenset((WRITTEN, WRITTEN_OUTPUTS))
 #: Areas of the outputs.
 OUTPUTS: Final = frozenset((81,))
-#: How many variables a text names.
+#: Maximum number of variables that a text names.
 NAMED: Final = 5
 #: A request up to this size is always read within `MAX_WORK`.
 SHORT: Final = MAX_WORK // 4
@@ -69,7 +69,7 @@ SHORT: Final = MAX_WORK // 4
 
 @mypyc_attr(acyclic=True)
 class Write(Event):
-    """A write of variables of one kind with one result. Its text names the first of them, and is made when it is asked for."""
+    """A write of variables of one kind with one result. Its text names the first of them, and is made at the first access."""
 
     __slots__ = ("_items", "_session", "count")
 
@@ -81,7 +81,7 @@ class Write(Event):
 
     @property
     def text(self) -> str:
-        """What is written."""
+        """The written variables, as text."""
         if not self._text:
             more = f" and {self.count - NAMED} more" if self.count > NAMED else ""
             self._text = f"{', '.join([self._said(address, value) for address, value in self._items])}{more}"
@@ -92,7 +92,7 @@ class Write(Event):
         return f"{label} = {value_text(value.value)}" if value is not None else label
 
     def add(self, other: Write) -> None:
-        """Add what ``other`` writes."""
+        """Add the variables of ``other``."""
         self.count += 1
         if self.count <= NAMED:
             self._items += other._items
@@ -122,7 +122,7 @@ def is_plain(asked: Check, function: i64) -> bool:
 
 
 def take_write(session: PlusSession, events: list[Event], asked: Check, answered: bool, good: bool) -> None:
-    """Judge such a write; ``answered``: its answer is sound and refuses no item by itself; ``good``: nor all of them."""
+    """Judge such a write; ``answered``: its answer is sound and refuses no single item; ``good``: nor the whole request."""
     if asked.function == SET_VARIABLE:
         ids = numbers_at(asked.data, asked.place, asked.end)
         if ids:
@@ -191,7 +191,7 @@ def _item_written(
 
 
 def _listed(session: PlusSession, events: list[Event], object_id: int, numbers: list[int]) -> None:
-    """A subscription gets another list of variables, or more: some tools create it first and fill it later."""
+    """A subscription gets a new or longer list of variables: some tools create it first and fill it later."""
     told = parse_reference_list(numbers)
     session.change(object_id, told)
     labels = [session.label(address) for _, address in told[2][:NAMED]]

@@ -1,6 +1,6 @@
 """Owner, validity and weaknesses of a certificate (X.509, RFC 5280), read with `cryptography` (extra ``tls``).
 
-Certificates come from the wire: if one is damaged, `Certificate.unread` is set, and the parts that can be read are kept.
+Certificates come from the wire: if one is damaged, `Certificate.unread` is set, and its readable parts are kept.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from dissect.wire.text import printable, shortened
 if TYPE_CHECKING:
     from cryptography import x509
 
-#: Octets of the largest certificate that is read; characters of a name that are shown.
+#: Size of the largest certificate that is read; maximum number of characters of a name that are shown.
 MAX_CERTIFICATE: Final = 64 * 1024
 MAX_NAME: Final = 200
 #: Keys with fewer bits are obsolete (NIST SP 800-131A): of RSA and DSA, and of a curve.
@@ -62,7 +62,7 @@ class Certificate:
         self.unread = ""
 
     def validity_fault(self, time_ns: int) -> str:
-        """Return what is wrong with the period of validity at ``time_ns``; empty if nothing is, or it is not known."""
+        """Return the fault of the period of validity at ``time_ns``; empty if there is none, or it is unknown."""
         if self.not_after_ns is not None and time_ns > self.not_after_ns:
             return f"expired {_day(self.not_after_ns)}"
         if self.not_before_ns is not None and time_ns < self.not_before_ns:
@@ -87,7 +87,7 @@ def read_certificate(der: bytes) -> Certificate:
         found.unread = f"reading certificates {NEEDS}"
         return found
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # a fault of the certificate must not warn about this program
+        warnings.simplefilter("ignore")  # a fault of the certificate must not cause a warning about this program
         try:
             _read(found, x509.load_der_x509_certificate(der))
         except Exception as error:  # noqa: BLE001 - the library raises errors of many kinds about octets of the wire

@@ -16,26 +16,27 @@ EARLY: Final = 0
 HANDSHAKING: Final = 1
 TRAFFIC: Final = 2
 
-#: How many record numbers are tried after a gap: as many as records may fit into the gap, within these bounds.
+#: Number of record numbers that are tried after a gap: as many as records may fit into the gap, within these limits.
 MAX_TRIED: Final = 4096
 _LEAST_TRIED: Final = 64
 #: Octets of the smallest encrypted record.
 _LEAST_RECORD: Final = 22
-#: Wrong record numbers that are tried in one direction altogether; failures in a row after which decryption stops.
+#: Maximum number of wrong record numbers that are tried in one direction; number of failures in a row after which decryption
+#: stops.
 _MAX_TRIES: Final = 65_536
 MAX_MISSES: Final = 32
 
-#: Returns the key of a stage, None if its secret is not known.
+#: Returns the key of a stage, None if its secret is unknown.
 Openers = Callable[[int], Opener | None]
 
 
 class Direction:
-    """What one side sent.
+    """The data that one side sent.
 
-    ``records`` and ``octets`` count all records; ``opened`` counts decrypted ones, ``shut`` encrypted ones that stayed so.
+    ``records`` and ``octets`` count all records; ``opened`` counts decrypted records, ``shut`` records that stayed encrypted.
     ``first_ns`` and ``last_ns`` are the times of the first and the last record, 0 if there is none. ``changed``: a
-    ChangeCipherSpec of TLS 1.2 was seen. ``window``: how many record numbers a gap may have swallowed. ``given_up``: no key
-    fits any more. ``alert`` is the latest alert as text.
+    ChangeCipherSpec of TLS 1.2 was seen. ``window``: the number of records that may be lost in a gap. ``given_up``: no key fits
+    any more. ``alert`` is the latest alert as text.
     """
 
     def __init__(self) -> None:

@@ -1,6 +1,6 @@
-"""Handshake messages: joins them from records, and reads who talks to whom and how (RFC 5246 section 7.4, RFC 8446 4).
+"""Handshake messages: joins them from records, and reads the peers and their choices (RFC 5246 section 7.4, RFC 8446 4).
 
-Everything is read as far as it is present; nothing raises.
+Incomplete messages are read up to their end; nothing raises.
 """
 
 from __future__ import annotations
@@ -11,12 +11,12 @@ from dissect.protocols.tls.tables import CLIENT_HELLO, HANDSHAKE, HANDSHAKE_TYPE
 from dissect.wire.octets import u16, u24
 from dissect.wire.text import shortened
 
-#: Octets of the largest message that is kept; chains of certificates have a few thousand.
+#: Size of the largest message that is kept; chains of certificates have a few thousand octets.
 MAX_MESSAGE: Final = 128 * 1024
-#: Certificates of a chain that are kept; cipher suites of an offer that are kept.
+#: Maximum number of certificates of a chain, and of cipher suites of an offer, that are kept.
 MAX_CERTIFICATES: Final = 8
 MAX_OFFERED: Final = 256
-#: Characters of a server name that are shown.
+#: Maximum number of characters of a server name that are shown.
 MAX_NAME: Final = 200
 
 _HEAD: Final = 4
@@ -135,7 +135,7 @@ def _extensions(hello: Hello, body: bytes, at: int, from_client: bool) -> None:
 
 
 def _highest(versions: bytes) -> int:
-    """Return the highest known version in a list of versions, in which clients put meaningless numbers as well."""
+    """Return the highest known version in a list of versions; clients also put meaningless numbers in it."""
     listed = [u16(versions, at) for at in range(0, len(versions) - 1, 2)]
     return max([version for version in listed if version in TLS_VERSIONS], default=0)
 

@@ -18,20 +18,20 @@ TRAFFIC_OF: Final = ("CLIENT_TRAFFIC_SECRET_0", "SERVER_TRAFFIC_SECRET_0")
 #: Labels of secrets that open records; the other labels of the format (exporters, ECH) are known, but not kept.
 _KEPT: Final = frozenset((MASTER, EARLY, *HANDSHAKE_OF, *TRAFFIC_OF))
 _KNOWN: Final = frozenset(("EARLY_EXPORTER_SECRET", "EXPORTER_SECRET", "ECH_SECRET", "ECH_CONFIG", "RSA"))
-# Patterns are texts, which `re` compiles and keeps at their first use: most runs use none.
+# Patterns are texts, which `re` compiles and caches at their first use: most runs use none.
 _LINE: Final = rb"([A-Z][A-Z0-9_]{1,63}) ([0-9A-Fa-f]{2,512}) ([0-9A-Fa-f]{2,512})"
 _BEGINNING: Final = rb"[A-Z][A-Z0-9_]{0,63}( [0-9A-Fa-f]{0,512}( [0-9A-Fa-f]{0,512})?)?"
 _RANDOM: Final = 32
 _SECRETS: Final = frozenset((32, 48, 64))
 
-#: Sessions that are kept; a machine that logs for weeks may have more, then the oldest are dropped.
+#: Maximum number of sessions that are kept; a machine that logs for weeks may have more, then the oldest are dropped.
 MAX_SESSIONS: Final = 200_000
-#: Octets of an unfinished line that are kept; the format needs some three hundred.
+#: Maximum size of an unfinished line that is kept; the format needs some three hundred octets.
 _MAX_LINE: Final = 4096
 
 
 class Growing(Protocol):
-    """A file that another program writes: `more` returns what was added, ``begun`` counts how often it was restarted."""
+    """A file that another program writes: `more` returns the new data, ``begun`` counts how often the file was restarted."""
 
     begun: int
 
@@ -50,7 +50,7 @@ class KeyLog:
         self._sources = [*[_Source(more) for more in sources], *[_Source(file.more, file) for file in files]]
         self._sessions: OrderedDict[bytes, dict[str, bytes]] = (
             OrderedDict()
-        )  # a dict looks for its first key from the start
+        )  # a dict searches for its first key from the start
         self.lines = 0
         self.wrong = 0
         self.forgotten = 0
@@ -95,7 +95,7 @@ class KeyLog:
         return True
 
     def look(self) -> None:
-        """Read what was added to the sources: key logs grow during a live capture.
+        """Read what was added to the sources, because key logs grow during a live capture.
 
         The last line may be unfinished. It is used as soon as it could be complete, and counted as wrong as soon as it cannot
         become valid.
@@ -114,7 +114,7 @@ class KeyLog:
 
     @property
     def unfinished(self) -> int:
-        """How many sources end with an unfinished line, which gives no secret yet."""
+        """Number of sources that end with an unfinished line, which gives no secret yet."""
         return sum([source.unfinished for source in self._sources])
 
     def find(self, random: bytes) -> dict[str, bytes]:
@@ -175,7 +175,7 @@ class KeyRing:
 
     @property
     def lacks(self) -> str:
-        """What the key logs have instead of the secrets of a session, as half a sentence."""
+        """Return, as half a sentence, the content of the key logs if they lack the secrets of a session."""
         logs = (self.found,) if self.given is None else (self.found, self.given)
         count = len(self)
         others = f"only keys of {count} other session{'s' if count > 1 else ''}" if count else ""

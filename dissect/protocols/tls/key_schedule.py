@@ -44,7 +44,7 @@ def next_secret(suite: Suite, secret: bytes) -> bytes:
 class TrafficSecrets:
     """The traffic secrets of one direction; each KeyUpdate derives the next one.
 
-    The latest one and the one before it are kept, because `Direction` tries whether a KeyUpdate was missed.
+    The latest one and the previous one are kept, because `Direction` tries whether a KeyUpdate was missed.
     """
 
     __slots__ = ("_before", "_first", "_latest", "_steps", "_suite")

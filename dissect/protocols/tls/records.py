@@ -10,12 +10,12 @@ from dissect.wire.copies import leaves
 from dissect.wire.octets import u16
 
 HEADER: Final = 5
-#: Octets of the largest body of a record: 2**14 of content, and up to 2048 more in TLS 1.2 (256 in TLS 1.3).
+#: Size of the largest body of a record: 2**14 of content, and up to 2048 more in TLS 1.2 (256 in TLS 1.3).
 MAX_BODY: Final = (1 << 14) + 2048
 
 
 def begins_record(octets: bytes, at: i64, end: i64) -> bool:
-    """Return whether a record may begin at ``at``: type, version and length are valid, as far as they are present."""
+    """Return whether a record may begin at ``at``: those of type, version and length that are present are valid."""
     if at >= end or octets[at] < 0x14 or octets[at] > 0x18:
         return False
     if end - at >= 2 and octets[at + 1] != 3:
@@ -45,7 +45,7 @@ class RecordReader:
     def push(self, octets: bytes) -> list[bytes]:
         """Take the next octets; return the records that they complete, with their headers.
 
-        Where no record begins, the rest of ``octets`` is skipped: the next message may begin with a record.
+        If no record begins there, the rest of ``octets`` is skipped: the next message may begin with a record.
         """
         rest = self._rest
         if rest:

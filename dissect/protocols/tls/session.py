@@ -38,10 +38,10 @@ from dissect.protocols.tls.tables import (
 )
 from dissect.wire.copies import leaves
 
-#: Bounds for encrypted records that wait for their key, in octets: of a session, and of all sessions of a run together.
+#: Limits for encrypted records that wait for their key, in octets: for a session, and for all sessions of a run together.
 MAX_WAITING: Final = 128 * 1024
 MAX_WAITING_ALL: Final = 16 * 1024 * 1024
-#: KeyUpdates that are followed; each needs a step of the key schedule.
+#: Maximum number of KeyUpdates that are followed; each needs a step of the key schedule.
 _MAX_UPDATES: Final = 10_000
 
 
@@ -69,10 +69,10 @@ class Waiting:
 class TlsSession:
     """A TLS session, as far as captured. ``directions`` are by side of the connection; ``client`` is the side of the client.
 
-    ``version`` and ``suite_code`` are what the server chose, 0 and -1 while unknown. ``server_name`` is the name that the
-    client requested. ``why_closed`` is set at the end: why records stayed encrypted although there is a key log. ``malformed``
-    counts messages and records that contradict themselves. ``shown`` are the sides whose certificates were read since it was
-    last emptied.
+    ``version`` and ``suite_code`` are the server's choice, 0 and -1 while unknown. ``server_name`` is the name that the client
+    requested. ``why_closed`` is set at the end: why records stayed encrypted although there is a key log. ``malformed`` counts
+    messages and records that contradict themselves. ``shown`` are the sides whose certificates were read since it was last
+    emptied.
     """
 
     def __init__(self, keys: KeyRing, waiting: Waiting | None = None) -> None:
@@ -102,7 +102,7 @@ class TlsSession:
 
     @property
     def held(self) -> int:
-        """Octets that are kept: unfinished records and messages, and records that wait for their key."""
+        """Number of kept octets: unfinished records and messages, and records that wait for their key."""
         return self._waits + sum([one.reader.held + one.messages.held for one in self.directions])
 
     def wants(self, index: int, octets: bytes, start: int, end: int) -> bool:
@@ -369,7 +369,7 @@ class TlsSession:
         return any([one.content for one in self.directions])
 
     def _missing(self, index: int, first: int) -> str:
-        """Return the label of a secret that records of side ``index`` need from stage ``first`` on, but that is missing."""
+        """Return the label of a missing secret that records of side ``index`` need from stage ``first`` on."""
         if self.version != TLS_1_3:
             return "" if key_log.MASTER in self._secrets else key_log.MASTER
         for stage in range(first, TRAFFIC + 1):

@@ -97,7 +97,7 @@ ALERTS: Final = CodeTable("TLS alert", 2, [
     (120, "no_application_protocol", ""),
 ])  # fmt: skip
 
-# How a suite protects records.
+# The ways in which a suite protects records.
 GCM: Final = "GCM"
 CCM: Final = "CCM"
 CHACHA20: Final = "ChaCha20-Poly1305"
@@ -196,7 +196,7 @@ _TLS_1_2: Final = [
     (0xD005, "TLS_ECDHE_PSK_WITH_AES_128_CCM_SHA256"),
 ]
 
-#: Suites that are named, but not decrypted, because they are not AEAD.
+#: Suites that have names here, but are not decrypted, because they are not AEAD.
 _OTHERS: Final = [
     (0x0000, "TLS_NULL_WITH_NULL_NULL"),
     (0x0001, "TLS_RSA_WITH_NULL_MD5"),
@@ -242,7 +242,7 @@ WEAK_WORDS: Final = frozenset(("NULL", "RC4", "3DES", "DES40", "EXPORT", "anon",
 
 
 def suite_of(code: int) -> Suite | None:
-    """Return the parameters of the suite ``code``, which are all in its name; None if it is not AEAD or not known."""
+    """Return the parameters of the suite ``code``, which are all in its name; None if it is not AEAD or unknown."""
     name = CIPHER_SUITES.name(code)
     words = name.split("_")
     hash_ = "sha384" if words[-1] == "SHA384" else "sha256"
