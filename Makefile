@@ -48,7 +48,8 @@ installed-rest := tests $(foreach part,$(filter-out rest,$(INSTALLED)),$(install
 # What nothing can trace, count or give other bounds when it is compiled.
 UNCOMPILED := tests/test_architecture.py tests/test_open_files.py tests/benchmarks/test_work.py tests/cli/test_cut.py tests/testing/golden/test_reading.py tests/meaning/inventory/test_code.py \
 	tests/meaning/inventory/test_collector.py tests/files/jobs/test_inventories.py tests/output/page/test_gathered.py tests/output/page/test_samples.py \
-	tests/output/page/test_use.py tests/testing/playback/server/test_recording.py tests/engine/program/test_carved.py tests/promises/test_growth.py
+	tests/output/page/test_use.py tests/testing/playback/server/test_recording.py tests/engine/program/test_carved.py tests/promises/test_growth.py \
+	tests/output/variables/test_rows.py tests/output/variables/test_writers.py
 
 INTERPRETED := source rest
 interpreted-source := $(filter tests/packets/source tests/properties,$(ENGINE))

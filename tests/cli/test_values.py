@@ -5,24 +5,19 @@ from __future__ import annotations
 import csv
 import io
 import json
-import math
 import re
 import struct
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from dissect.output.variables.collector import Collector
-from dissect.output.variables.statistics import MAX_DISTINCT, POINTS, Pace, Statistics
-from dissect.output.variables.summary import Summary, limits_text, sparkline
 from tests.cases import each
 from tests.cli.support import on_terminal, run
 from tests.cli.test_outputs import lines_of
 from tests.meaning.report.support import ROOT, begun, saved
 from tests.meaning.tags.support import tank_file
-from tests.output.variables.support import BIT, BYTE, INT, REAL, WORD, collected, db, reads, real, writes
+from tests.output.variables.support import BYTE, REAL, WORD, db, reads, real, writes
 
 Capture = pytest.CaptureFixture[bytes]
 
@@ -157,62 +152,3 @@ def test_what_was_asked_for_and_not_seen_is_named(capfdbinary: Capture, tmp_path
     ran = run(capfdbinary, "values", tank(tmp_path), "MW900", "DB1.DBD0:REAL", "DB1.DBW90")
     assert ran.code == 0
     assert ran.err == "s7dissect: no value of MW900 in what was read\n"  # a refusal is an answer
-
-
-# ---- sums -----------------------------------------------------------------------------------------------------------
-
-
-def test_the_pace_of_a_client() -> None:
-    pace = Pace()
-    times = [0, 1_000_000, 2_100_000, 2_900_000, 4_000_000]
-    for time_ns in times:
-        pace.add(time_ns)
-    gaps = [later - earlier for earlier, later in pairwise(times)]
-    mean = sum(gaps) / len(gaps)
-    assert pace.period_ns == round(mean)
-    assert pace.jitter_ns == round(math.sqrt(sum([(gap - mean) ** 2 for gap in gaps]) / len(gaps)))
-
-
-def test_a_summary_of_any_length_stays_small() -> None:
-    talk = begun()
-    for ref in range(400):
-        reads(talk, ref + 1, (db(WORD, 0), struct.pack(">H", ref)))
-    found = collected(Collector(sums=True), talk.packets())
-    (variable,) = found.variables
-    sums = variable.statistics
-    assert sums is not None
-    assert (sums.count, sums.least, sums.most, sums.mean) == (400, 0, 399, 199.5)
-    assert (len(sums.distinct), sums.more_distinct) == (MAX_DISTINCT, True)
-    assert POINTS <= len(sums.trend) < 2 * POINTS
-    shown = [point for point in sums.trend if not math.isnan(point)]
-    assert shown == sorted(shown)
-    assert shown[-1] == 399
-    assert limits_text(Summary(found)) == ""
-
-
-def test_what_a_summary_leaves_out_is_said() -> None:
-    talk = begun()
-    for ref in range(1, 6):
-        reads(talk, ref, (db(INT, 2 * ref), b"\0\1"))
-    found = collected(Collector(sums=True, most=2), talk.packets())
-    summary = Summary(found)
-    assert len(summary.variables) == 2
-    assert limits_text(summary).startswith("3 values of variables beyond the first 2")
-
-
-def test_sparklines() -> None:
-    assert sparkline([]) == ""
-    assert sparkline([5.0, 5.0]) == "▅▅"
-    assert sparkline([0.0, math.nan, 7.0, 3.5]) == "▁▁█▅"
-    assert sparkline([-1.7e308, 1.7e308]) == "▁█"
-
-
-def test_statistics_of_odd_numbers() -> None:
-    talk = begun()
-    contents = [struct.pack(">f", value) for value in (1.0, math.nan, math.inf, 3.0)]
-    for ref, octets in enumerate(contents, 1):
-        reads(talk, ref, (db(REAL, 0), octets), (db(BIT, 9), bytes([ref % 2])))
-    found = collected(Collector(sums=True), talk.packets())
-    number, bit = [one.statistics or Statistics() for one in found.variables]
-    assert (number.count, number.numbers, number.least, number.most, number.mean) == (4, 2, 1.0, 3.0, 2.0)
-    assert (bit.least, bit.most, bit.mean) == (0, 1, 0.5)

@@ -21,7 +21,9 @@ if TYPE_CHECKING:
     from dissect.scd.dictionary import Dictionary
 
 _NEEDS: Final = "value_tables needs pyarrow: pip install 's7dissect[data]'"
-_LARGEST: Final = 2**63 - 1
+#: One more than the largest number of an int64, of which the smallest is as far below 0; and of a uint64.
+_BEYOND_SIGNED: Final = 2**63
+_BEYOND_UNSIGNED: Final = 2**64
 
 
 def values(
@@ -125,6 +127,8 @@ def _table(pa: Any, variable: Variable, rows: list[ValueRow]) -> pyarrow.Table:
     if kind is None:
         found = [None if value is None else str(value) for value in found]
         kind = pa.string()
+    elif kind.equals(pa.float64()) or kind.equals(pa.list_(pa.float64())):
+        found = [_floats(value) for value in found]
     about = {
         "plc": str(variable.plc),
         "address": variable.address,
@@ -158,7 +162,22 @@ def _kind(pa: Any, found: Sequence[object]) -> Any:
     if any([isinstance(value, bool) for value in there]):
         return None
     if all([isinstance(value, int) for value in there]):
-        return pa.int64() if all([abs(value) <= _LARGEST for value in there]) else pa.uint64()  # type: ignore[arg-type]
+        return _whole(pa, there)  # type: ignore[arg-type]
     if all([isinstance(value, (int, float)) for value in there]):
         return pa.float64()
     return pa.string() if all([isinstance(value, str) for value in there]) else None
+
+
+def _whole(pa: Any, there: Sequence[int]) -> Any:
+    """Return the Arrow type of whole numbers, None if none holds all of them."""
+    least, most = min(there), max(there)
+    if least >= -_BEYOND_SIGNED and most < _BEYOND_SIGNED:
+        return pa.int64()
+    return pa.uint64() if least >= 0 and most < _BEYOND_UNSIGNED else None
+
+
+def _floats(value: Any) -> Any:
+    """Return a number, or a list of them, as doubles: Arrow refuses a whole number that a double does not hold exactly."""
+    if value is None:
+        return None
+    return [_floats(element) for element in value] if isinstance(value, list) else float(value)

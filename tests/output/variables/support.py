@@ -6,6 +6,7 @@ import struct
 from collections.abc import Iterable
 
 from dissect.engine.pipeline import Options, Pipeline
+from dissect.engine.transactions.naming import Naming
 from dissect.output.variables.choosing import Known, choose
 from dissect.output.variables.collector import Collector
 from dissect.output.variables.model import ValueRow
@@ -51,10 +52,13 @@ def collected(collector: Collector, packets: Iterable[Packet], options: Options 
     return collector
 
 
-def rows_of(talk: Talk, *names: str, changes: bool = False, every_ns: int = 0) -> list[ValueRow]:
+def rows_of(
+    talk: Talk, *names: str, changes: bool = False, every_ns: int = 0, naming: Naming | None = None
+) -> list[ValueRow]:
     """Return the rows of a talk, of the variables that are named or of all."""
-    wanted = choose(names, Known(None)) if names else None
-    return collected(Collector(wanted, changes, every_ns), talk.packets()).take()
+    wanted = choose(names, Known(naming)) if names else None
+    options = Options(strict=True, naming=naming)
+    return collected(Collector(wanted, changes, every_ns), talk.packets(), options).take()
 
 
 def said(rows: Iterable[ValueRow]) -> list[tuple[str, str, str, object]]:

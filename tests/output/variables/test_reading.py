@@ -5,16 +5,19 @@ from __future__ import annotations
 import sys
 from datetime import timedelta
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 import dissect
-from dissect.engine.pipeline import Options
+from dissect.engine.pipeline import Options, Pipeline
 from dissect.meaning.tags.loading import load_tags
 from dissect.meaning.tags.naming import HostNaming
 from dissect.output.variables.choosing import Known, WantedError, choose
 from dissect.output.variables.collector import Collector
+from dissect.output.variables.model import Told, ValueRow
 from tests.cases import each
+from tests.engine.transactions import talk as line
 from tests.meaning.report.support import begun, saved
 from tests.output.variables.support import BIT, BYTE, INT, REAL, WORD, collected, db, reads, real, writes
 from tests.properties.messages import Item
@@ -62,6 +65,113 @@ def test_two_types_at_one_address_are_two_tables(tmp_path: Path) -> None:
     reads(talk, 1, (db(WORD, 0), b"\1\2"), (db(INT, 0), b"\1\2"))
     path = saved(tmp_path / "two.pcapng", talk.packets())
     assert set(dissect.value_tables(dissect.values(path))) == {"DB1.DBW0 WORD", "DB1.DBW0 INT"}
+
+
+def kinds_of(rows: list[ValueRow]) -> dict[str, tuple[str, list[object]]]:
+    """The type and the values of the tables of rows."""
+    return {
+        name: (str(table.schema.field("value").type), table.column("value").to_pylist())
+        for name, table in dissect.value_tables(rows).items()
+    }
+
+
+_LEAST, _MOST, _UNSIGNED = -(2**63), 2**63 - 1, 2**64 - 1
+
+
+@each(
+    ("values", "kind"),
+    [
+        ([_LEAST], "int64"), ([_MOST, _LEAST], "int64"), ([0, 1], "int64"), ([_MOST + 1], "uint64"), ([0, _UNSIGNED], "uint64"),
+        ([[_LEAST, 5], [_MOST]], "list<item: int64>"), ([[_UNSIGNED]], "list<item: uint64>"),
+        ([1, 2.5, None], "double"), ([_UNSIGNED, 0.5], "double"), ([2**53 + 1, 0.5], "double"),
+        ([[1], [0.5]], "list<item: double>"), ([[2**53 + 1, 0.5], None], "list<item: double>"),
+        ([True, None, False], "bool"), (["a", None], "string"), ([None], "string"), ([[]], "list<item: string>"),
+    ],
+)  # fmt: skip
+def test_the_type_of_a_table_holds_each_of_its_values(values: list[Any], kind: str) -> None:
+    """As double a whole number may lose digits; nothing raises."""
+    ((said, found),) = kinds_of(rows_with(values)).values()
+    assert said == kind
+    if "double" in kind:
+        values = [
+            None if one is None else [*map(float, one)] if isinstance(one, list) else float(one) for one in values
+        ]
+    assert found == values
+
+
+@each(
+    "values",
+    [[True, 1], [1, "x"], [[1], 2], [[1], ["x"]], [_LEAST, _UNSIGNED], [2**64], [[True, 5]],
+     [[[1], [2]], ["x"]], [1.5, "x", None]],
+)  # fmt: skip
+def test_values_without_a_type_in_common_are_texts(values: list[object]) -> None:
+    ((said, found),) = kinds_of(rows_with(values)).values()
+    assert said == "string"
+    assert found == [None if value is None else str(value) for value in values]
+
+
+def rows_with(values: list[object]) -> list[ValueRow]:
+    """Rows of one variable that have these values, whatever they are."""
+    talk = begun()
+    for ref in range(1, len(values) + 1):
+        reads(talk, ref, (db(WORD, 0), bytes((0, ref))))
+    rows = collected(Collector(), talk.packets()).take()
+    for row, value in zip(rows, values, strict=True):
+        row._told = Told(row.data, -1, value)
+    return rows
+
+
+def test_the_smallest_of_eight_bytes_is_a_number() -> None:
+    for text, octets, expected in (
+        ("DB1:0:LINT", b"\x80" + bytes(7), _LEAST), ("DB1:0:LINT", b"\xff" * 8, -1), ("DB1:0:ULINT", b"\xff" * 8, _UNSIGNED),
+    ):  # fmt: skip
+        talk = begun()
+        reads(talk, 1, (db(BYTE, 0, 8), octets))
+        rows = collected(Collector(choose([text], Known(None))), talk.packets()).take()
+        assert kinds_of(rows)["DB1.DBL0"][1] == [expected]
+
+
+def test_each_table_has_a_name_of_its_own() -> None:
+    """The address or tag; with the type where that is not enough, with the PLC where that is not either."""
+    collector = Collector()
+    first = line.Talk()
+    first.pipeline = Pipeline(collector, Options(strict=True))
+    word = line.dbw(1, 0)
+    for number, (host, vlan, items) in enumerate(
+        ((2, 0, [word, line.item(0x84, 1, 0, INT), line.dbw(1, 8)]), (3, 0, [word]), (3, 7, [word]))
+    ):
+        talk = first if not number else line.Talk(50000 + number, beside=first)
+        talk.hosts, talk.vlan = [1, host], vlan
+        talk.open()
+        talk.ask(line.read(1, *items))
+        answers = b"".join([line.good(4, bytes((number, at))) for at in range(len(items))])
+        talk.tell(line.ack_data(1, bytes((4, len(items))), answers))
+    found = kinds_of(collector.take())
+    assert {name: values for name, (_, values) in found.items()} == {
+        "DB1.DBW0 INT": [1], "DB1.DBW8": [2], "DB1.DBW0 WORD 10.0.0.2:102": [0], "DB1.DBW0 WORD 10.0.0.3:102": [256],
+        "DB1.DBW0 WORD 10.0.0.3:102 in VLAN 7": [512],
+    }  # fmt: skip
+
+
+def test_what_is_known_of_a_variable_is_beside_its_table(tmp_path: Path) -> None:
+    tags = tmp_path / "tags.csv"
+    tags.write_text("address,type,name,unit,scale\nDB1.DBW0,INT,Temp,°C,0.1\n", encoding="utf-8")
+    talk = begun()
+    reads(talk, 1, (db(INT, 0), b"\0\xd7"))
+    naming = load_tags([tags]).naming()
+    rows = collected(Collector(), talk.packets(), Options(strict=True, naming=naming)).take()
+    (table,) = dissect.value_tables(rows).values()
+    assert {key.decode(): value.decode() for key, value in table.schema.metadata.items()} == {
+        "plc": "10.0.0.2:102", "address": "DB1.DBW0", "tag": "Temp", "type": "INT", "unit": "°C",
+    }  # fmt: skip
+    assert table.column_names == ["time", "value", "how", "client", "connection", "frame", "certainty"]
+    assert table.to_pylist()[0]["client"] == "10.0.0.1"
+    assert (table.to_pylist()[0]["connection"], table.to_pylist()[0]["certainty"]) == (1, "sure")
+
+
+def test_a_table_is_in_order_of_time() -> None:
+    rows = rows_with([1, 2, 3])
+    assert kinds_of([rows[2], rows[0], rows[1]])["DB1.DBW0"][1] == [1, 2, 3]
 
 
 def test_what_to_install_is_said_without_pyarrow(monkeypatch: pytest.MonkeyPatch) -> None:
