@@ -11,8 +11,8 @@
 
 VENV ?= .venv
 DEMO ?= captures/nodes7-poll-missing.pcapng
-# Processes side by side: tests also wait for others and for time that has to pass.
-JOBS ?= $(shell echo $$(($$(nproc 2>/dev/null || echo 2) + 1)))
+# Processes side by side: tests also wait for others and for time that has to pass, a quarter of their time.
+JOBS ?= $(shell echo $$(($$(nproc 2>/dev/null || echo 2) + 2)))
 # In CI nothing falls back to interpreted.
 COMPILED := $(if $(CI),S7DISSECT_COMPILED=1)
 # Seconds for each fuzz target.
@@ -28,7 +28,7 @@ BIN := $(VENV)/bin
 PYTEST := $(BIN)/pytest
 # The tests of the engine itself, which run on both builds.
 ENGINE := $(wildcard tests/wire/test_*.py tests/packets/source tests/packets/tcp tests/protocols/iso tests/protocols/s7 \
-	tests/engine/test_*.py tests/engine/transactions tests/engine/findings tests/test_session.py tests/test_leaving.py tests/test_sources.py tests/test_examples.py tests/meaning/report tests/properties)
+	tests/engine/test_*.py tests/engine/transactions tests/engine/findings tests/test_session.py tests/test_leaving.py tests/test_sources.py tests/meaning/report tests/properties)
 # What these test is interpreted in the wheel as well: they would try the same code twice (tests/test_setup.py holds that).
 ONCE := $(wildcard tests/packets/source/test_live_*.py tests/packets/source/test_growing.py tests/packets/source/test_pcapng_writer.py tests/packets/source/test_remote.py)
 
@@ -51,6 +51,9 @@ UNCOMPILED := tests/test_architecture.py tests/test_open_files.py tests/benchmar
 	tests/output/page/test_use.py tests/testing/playback/server/test_recording.py tests/engine/program/test_carved.py tests/promises/test_growth.py \
 	tests/output/variables/test_rows.py tests/output/variables/test_writers.py
 
+# Tests with a size for every change and a larger one for a release.
+RELEASE_TESTS := tests/promises/test_kill.py tests/properties/test_captures.py tests/properties/test_pairs.py
+
 INTERPRETED := source rest
 interpreted-source := $(filter tests/packets/source tests/properties,$(ENGINE))
 interpreted-rest := $(filter-out $(interpreted-source),$(ENGINE)) $(UNCOMPILED)
@@ -67,7 +70,7 @@ export VENV
 # what it imports.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo test checks docs browser browser-sample wheels bundle container-steps lint types test-installed test-interpreted environment test-environment format coverage fuzz fuzz-installed properties record clean
+.PHONY: demo test checks release-tests docs browser browser-sample wheels bundle container-steps lint types test-installed test-interpreted environment test-environment format coverage fuzz fuzz-installed properties record clean
 # Only what `checks` starts goes side by side.
 ifndef BESIDE
 .NOTPARALLEL:
@@ -157,6 +160,10 @@ container-steps: environment
 format: test-environment
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
+
+# What takes too long for every change, with the wheel: tests whose size can be chosen, at their large one (tests/cases.py).
+release-tests: test-environment
+	S7DISSECT_EFFORT=release S7DISSECT_EXPECT=$$($(BIN)/s7dissect --version | sed 's/.*(\(.*\))/\1/') $(PYTEST) $(UNKEPT) $(WORKERS) $(RELEASE_TESTS)
 
 # Only interpreted code can be traced.
 coverage: test-environment

@@ -4,8 +4,12 @@ from __future__ import annotations
 
 import functools
 import inspect
+import os
 from collections.abc import Callable, Iterable
-from typing import Any
+from typing import Any, Final
+
+#: Before a release (`make release-tests`) tests whose size can be chosen take the large one, too long for every change.
+RELEASE: Final = os.environ.get("S7DISSECT_EFFORT") == "release"
 
 Test = Callable[..., None]
 

@@ -30,7 +30,7 @@ PLACES: Final = (
         "meaning/report",
         "properties",
     ),
-    *("test_session.py", "test_leaving.py", "test_sources.py", "test_examples.py"),
+    *("test_session.py", "test_leaving.py", "test_sources.py"),
 )
 
 
@@ -94,3 +94,9 @@ def test_the_engine_is_tested_on_its_sources_too() -> None:
     assert files - uncompiled() - inside == set()
     left = {file.name for file in inside - files}
     assert all(name.startswith(("test_live_", "test_growing", "test_pcapng_writer", "test_remote")) for name in left)
+
+
+def test_what_has_a_size_for_a_release_is_run_before_one() -> None:
+    sized = re.compile(r"^from tests\.cases import .*\bRELEASE\b", re.MULTILINE)
+    (words,) = commands("release-tests")
+    assert chosen(words) == {file for file in FILES if sized.search(file.read_text(encoding="utf-8"))}

@@ -1,12 +1,11 @@
 """Whatever packets are missing from a capture, an answer is not told for sure at another request (`tests.properties.clients`).
 
-``S7DISSECT_CONVERSATIONS`` is how many conversations of clients are tried that use one reference for all their requests; by
-default as many as the promise names, 10,000, which take half a minute interpreted.
+The promise names 10,000 conversations of clients that use one reference for all their requests: as many are tried before a
+release, and fewer with every change.
 """
 
 from __future__ import annotations
 
-import os
 from collections import Counter
 from collections.abc import Sequence
 from itertools import pairwise
@@ -22,7 +21,8 @@ from benchmarks.told import Capture, Key, Packet, Pair, Told
 from benchmarks.verdict import Truth, compare
 from dissect.engine.findings.catalogue import CATALOGUE
 from dissect.engine.transactions.transaction import LIKELY, SURE
-from tests.cases import each
+from dissect.wire.build import COMPILED
+from tests.cases import RELEASE, each
 from tests.properties.clients import (
     NEVER,
     SECOND,
@@ -45,7 +45,7 @@ from tests.properties.packets import MS
 #: of reach: with every pair behind the first gap of such a client only likely, 375 are left, which are decided before any later
 #: packet shows that one is missing. Where nothing is lost it is none.
 WRONG: Final = 450
-CONVERSATIONS: Final = int(os.environ.get("S7DISSECT_CONVERSATIONS") or 10_000)
+CONVERSATIONS: Final = 10_000 if RELEASE else 3000 if COMPILED else 1000
 #: Conversations of which the statements that blame are looked at, and how many of these may be untrue in all.
 LOOKED_AT: Final = 1000
 BLAMING: Final = 20
@@ -266,7 +266,7 @@ def shaped(shape: int, ref: int, number: int, address: int) -> tuple[bytes, byte
 
 
 def test_with_one_reference_hardly_a_wrong_pair_is_sure() -> None:
-    """Over 10,000 conversations."""
+    """Where nothing is lost there is none."""
     sure = likely = 0
     wrong: list[tuple[int, Pair]] = []
     complete_wrong: list[tuple[int, Pair]] = []
