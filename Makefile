@@ -52,7 +52,8 @@ UNCOMPILED := tests/test_architecture.py tests/test_open_files.py tests/benchmar
 	tests/output/variables/test_rows.py tests/output/variables/test_writers.py
 
 # Tests with a size for every change and a larger one for a release.
-RELEASE_TESTS := tests/promises/test_kill.py tests/properties/test_captures.py tests/properties/test_pairs.py
+RELEASE_TESTS := tests/promises/test_kill.py tests/properties/test_captures.py tests/properties/test_pairs.py \
+	tests/benchmarks/test_profiles.py tests/benchmarks/test_soak.py
 
 INTERPRETED := source rest
 interpreted-source := $(filter tests/packets/source tests/properties,$(ENGINE))

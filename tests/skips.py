@@ -22,6 +22,8 @@ REASONS: Final = (
     "instructions are counted of the compiled build",
     "no instructions are recorded for",
     "memory is promised for the compiled build",
+    # what takes too long for every change
+    "a size for a release",
     # the rights of the user, and what the kernel gives
     "only root ",
     "root may (read|write) anywhere",

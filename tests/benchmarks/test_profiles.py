@@ -18,10 +18,13 @@ from benchmarks.growth import MOST_MB, MOST_REPORT_MB, feed, packets_of
 from benchmarks.profiles import Extent, write_profile
 from benchmarks.streams import ENDLESS, FLOOD_FAULTS, NAMES, SMALL, flood_packets
 from dissect.wire.build import COMPILED
+from tests.cases import RELEASE
 
 #: How much of a stream there is, in GiB: at the half of it every bound of the engine that it touches was reached. Of half TPKTs
 #: there is more: with them the memory goes up and down by two steps of 1.2 MB without end, at the half or at the last.
-GIB = dict.fromkeys(NAMES, 0.02) | {"neverclose": 0.12, "halftpkt": 0.08}
+GIB = dict.fromkeys(NAMES, 0.02) | (
+    {"neverclose": 0.12, "halftpkt": 0.08} if RELEASE else {"neverclose": 0.05, "halftpkt": 0.05}
+)
 #: Less for each GiB than what `benchmarks.growth` allows, 5 % in the last three quarters of 0.05 GiB.
 MOST_GROWTH = 1.3
 

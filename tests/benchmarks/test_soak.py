@@ -22,6 +22,7 @@ from benchmarks.soak_trials import Trial, delays_ms
 from benchmarks.soak_watchers import MONITORS
 from dissect.packets.source.live import dumpcap, ring
 from dissect.wire.build import COMPILED
+from tests.cases import RELEASE
 
 #: In the last quarter of the small day, a third of a kibibyte for each of its connections; and the most at any time.
 _MOST_GROWTH: Final = 1.05
@@ -202,6 +203,7 @@ def test_a_day_in_small(tmp_path: Path) -> None:
 
 @pytest.mark.measured
 @pytest.mark.skipif(not COMPILED, reason="memory is promised for the compiled build")
+@pytest.mark.skipif(not RELEASE, reason="a size for a release")
 def test_memory_is_bounded(tmp_path: Path) -> None:
     """Sixty thousand connections, a quarter of which never end, and requests that nobody answers.
 
