@@ -20,6 +20,7 @@ from mypy_extensions import i64
 from dissect.engine.findings.reporter import Finding
 from dissect.files.recording import names
 from dissect.files.recording.recent import MAX_COMMENTS, KeptPacket, RecentPackets
+from dissect.files.recording.removing import Removing
 from dissect.meaning.select.comments import finding_comment, frames_in_words
 from dissect.packets.source.packet import PacketSink
 from dissect.packets.source.pcapng_writer import PcapngWriter
@@ -41,6 +42,7 @@ class KeptFiles:
         self.octets = 0
         self._by_hosts: dict[str, deque[tuple[int, Path, int]]] = {}  # each with its number and size, the oldest first
         self._number = 0
+        self._removing = Removing()
 
     def add(self, hosts: str, path: Path, octets: int) -> None:
         """Remember a file."""
@@ -53,20 +55,22 @@ class KeptFiles:
         """Delete files until there are no more than so many, and not more in them; the latest stays. Return how many."""
         removed = 0
         while self.files > files or (self.octets > octets and self.files > 1):
-            self._remove_one()
-            removed += 1
+            removed += self._remove_one()
         return removed
 
-    def _remove_one(self) -> None:
-        """Delete the oldest file of the hosts that have most of them; of several such hosts, the oldest of all."""
+    def _remove_one(self) -> int:
+        """Delete the oldest file of the hosts that have most of them; of several such hosts, the oldest of all.
+
+        Return how many are gone: none where somebody has it open, and with a later one those that waited.
+        """
         hosts = min(self._by_hosts, key=lambda one: (-len(self._by_hosts[one]), self._by_hosts[one][0][0]))
         kept = self._by_hosts[hosts]
         _, path, octets = kept.popleft()
         if not kept:
             del self._by_hosts[hosts]
-        path.unlink(missing_ok=True)
         self.files -= 1
         self.octets -= octets
+        return len(self._removing.remove(path))
 
 
 #: A number above that of every packet.

@@ -27,6 +27,7 @@ from mypy_extensions import i64
 
 from dissect.files.recording import names
 from dissect.files.recording.names import PART, SUFFIX
+from dissect.files.recording.removing import Removing
 from dissect.meaning.select.comments import MARK
 from dissect.packets.source.packet import PacketSink
 from dissect.packets.source.pcapng_writer import PcapngWriter, section_mark
@@ -242,8 +243,7 @@ class RingBuffer(PacketSink):
         self._directory.mkdir(parents=True, exist_ok=True)
         self._kept: deque[KeptFile] = deque()  # files that may be removed, the oldest first
         self._octets = 0
-        # Windows removes no file that somebody has open, Wireshark or the thread that hashes it: it goes with the next one.
-        self._read_by_others: list[KeptFile] = []
+        self._removing = Removing()  # Wireshark may have a file open, or the thread that hashes it
         if self._limits.removes:
             for file in earlier_files(self._directory, self._name):
                 self._keep(file.path, file.octets, file.written_ns)
@@ -436,15 +436,7 @@ class RingBuffer(PacketSink):
         self._octets -= file.octets
         if self.finished and self.finished[0] == file.path:
             self.finished.popleft()
-        self._read_by_others.append(file)
-        for one in [*self._read_by_others]:
-            try:
-                one.path.unlink(missing_ok=True)
-            except PermissionError:
-                if not locks.MANDATORY:
-                    raise
-                continue
-            self._read_by_others.remove(one)
-            self.witness.removed(one.path)
+        for path in self._removing.remove(file.path):
+            self.witness.removed(path)
             self.removed += 1
         return True

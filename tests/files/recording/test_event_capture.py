@@ -175,6 +175,41 @@ def test_files_are_bounded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> N
     assert (keeper.triggers, keeper.files, keeper.removed) == (5, 5, 2)
 
 
+def test_a_file_that_somebody_reads_goes_with_a_later_one(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Windows deletes no open file. It is counted when it is gone, and nothing else is kept less for it."""
+    read: set[str] = set()
+    unlink = Path.unlink
+
+    def unlinked(path: Path, missing_ok: bool = False) -> None:
+        if path.name in read:
+            raise PermissionError(13, "used by another process", str(path))
+        unlink(path, missing_ok)
+
+    monkeypatch.setattr(Path, "unlink", unlinked)
+    monkeypatch.setattr("dissect.files.recording.removing.locks.MANDATORY", True)
+    monkeypatch.setattr(keeper_module, "MAX_FILES", 3)
+    keeper = EventCapture(str(tmp_path), 0, 0, slugs=[STOP])
+
+    def trigger(second: int) -> None:
+        feed(keeper, [second])
+        keeper.finding(found(STOP, second + 1))
+
+    trigger(0)
+    trigger(1)
+    read.update(path.name for path in tmp_path.iterdir() if not path.name.endswith(".part"))
+    assert len(read) == 1
+    for second in range(2, 6):
+        trigger(second)
+    keeper.settle()
+    assert sorted([seconds(path) for path in keeper.finished if path.exists()]) == [[0], [3], [4]]
+    assert keeper.removed == 2
+    read.clear()
+    trigger(6)
+    keeper.close()
+    assert sorted([seconds(path) for path in tmp_path.iterdir()]) == [[4], [5], [6]]
+    assert (keeper.triggers, keeper.files, keeper.removed) == (7, 7, 4)
+
+
 def of(server: str, frame: int) -> Finding:
     finding = found(STOP, frame)
     finding.client, finding.server = "10.0.0.1", server

@@ -360,7 +360,7 @@ def test_where_an_open_file_cannot_be_removed_it_goes_with_the_next_one(
         unlink(path, missing_ok)
 
     monkeypatch.setattr(Path, "unlink", unlinked)
-    monkeypatch.setattr("dissect.files.recording.ring_buffer.locks.MANDATORY", True)
+    monkeypatch.setattr("dissect.files.recording.removing.locks.MANDATORY", True)
     ring = RingBuffer(str(tmp_path), RingLimits(octets=300, files=2))
     for number in range(6):
         put(ring, number)
@@ -377,7 +377,7 @@ def test_where_an_open_file_cannot_be_removed_it_goes_with_the_next_one(
     assert len(names(tmp_path)) == 2
     ring.close()
     assert (ring.lost, ring.removed) == (0, ring.files - 2)
-    monkeypatch.setattr("dissect.files.recording.ring_buffer.locks.MANDATORY", False)
+    monkeypatch.setattr("dissect.files.recording.removing.locks.MANDATORY", False)
     ring = RingBuffer(str(tmp_path), RingLimits(octets=300, age_ns=NS))
     read.update(names(tmp_path))
     for number in range(2):
