@@ -72,7 +72,7 @@ async function copied(text, button) {
 
 /** What a command wrote to standard error, without what the page does better. @param {Result} result */
 function complaints(result) {
-  const lines = result.errors.split("\n").filter((line) => line && !/^(Usage: |Try ')/.test(line));
+  const lines = result.errors.split("\n").filter((line) => line && !/^(Usage: |Try '|s7dissect: \d+ acts? written to acts\.csv$)/.test(line));
   if (!lines.length) return null;
   const bad = result.code === 2 || result.code > 3;
   return h("div", { class: bad ? "told error" : "told", role: bad ? "alert" : "status" }, ...lines.map((line) => h("p", {}, line.replace(/^s7dissect: /, ""))));

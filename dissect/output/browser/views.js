@@ -322,6 +322,6 @@ function deviceFacts(desk, one) {
   const facts = one.modules.flatMap((/** @type {any} */ module) => Object.entries(module.facts).flatMap(([name, values]) => /** @type {any[]} */ (values).map((value) => [module.module ?? "", { name, ...value }])));
   const rows = facts.map(([module, fact]) => row(module, fact.name.replaceAll("_", " "), fact.value, fact.source, packet(fact.first_frame)));
   const table = h("div", { class: "rows" }, h("table", {}, h("thead", {}, h("tr", {}, ...heads.map((head) => h("th", { scope: "col" }, head)))), h("tbody", {}, ...rows)));
-  const why = one.evidence.map((/** @type {any} */ each) => h("li", {}, `${each.role}: ${each.text}, ${counted(each.times, "time")} `, packet(each.frame)));
+  const why = one.evidence.map((/** @type {any} */ each) => h("li", {}, `${each.role}: ${each.text}${each.times > 1 ? `, on ${counted(each.times, "connection")}` : ""} `, packet(each.frame)));
   return [h("h3", {}, `${one.address}: ${one.role}`), h("p", { class: "quiet" }, [...one.macs.map((/** @type {any} */ mac) => mac.value), ...one.sessions, ...one.tsaps.map((/** @type {string} */ tsap) => `TSAP ${tsap}`)].join("; ")), rows.length > 0 && table, h("ul", {}, ...why), packets].filter(Boolean);
 }

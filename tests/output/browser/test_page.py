@@ -10,6 +10,7 @@ import re
 import sys
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -194,9 +195,24 @@ def test_a_device_tells_its_facts_and_what_it_is_known_by(opened: Opened) -> Non
     assert opened.texts(".detail td:nth-child(3)") == facts
     assert len(facts) > 1
     told = opened.texts(".detail li")
-    assert [each["text"] in line for each, line in zip(one["evidence"], told, strict=True)] == [True] * len(told)
+    assert told == [evidence_line(each) for each in one["evidence"]]
     opened.click(".detail li button")
     opened.until("document.querySelector('.detail .dissected')")
+
+
+def test_evidence_says_on_how_many_connections_it_was_seen(opened: Opened) -> None:
+    opened.choose(OWN / "two-clients.pcapng")
+    opened.select("devices")
+    devices = json.loads(here(OWN, ["devices", "-T", "json", "two-clients.pcapng"])[1])["devices"]
+    evidence = next(one["evidence"] for one in devices if any(each["times"] > 1 for each in one["evidence"]))
+    opened.click(f"tbody tr:nth-child({[one['evidence'] for one in devices].index(evidence) + 1})")
+    assert opened.texts(".detail li") == [evidence_line(each) for each in evidence]
+
+
+def evidence_line(evidence: dict[str, Any]) -> str:
+    """``times`` says on how many connections it was seen (docs/json.md), as the text of `devices` does."""
+    on = f", on {evidence['times']} connections" if evidence["times"] > 1 else ""
+    return f"{evidence['role']}: {evidence['text']}{on} packet {evidence['frame']}"
 
 
 def test_acts_are_those_of_the_table(opened: Opened, tmp_path: Path) -> None:
@@ -214,6 +230,7 @@ def test_acts_are_those_of_the_table(opened: Opened, tmp_path: Path) -> None:
         "return [...document.querySelectorAll('tbody tr')].map((one) => [...one.cells].map((c) => c.textContent))"
     )
     assert [[*row[:1], *row[2:10]] for row in rows] == [[one[name] for name in names] for one in records]
+    assert opened.texts(".told") == []
     opened.click("tbody tr")
     opened.until("document.querySelector('.detail .dissected')")
 
