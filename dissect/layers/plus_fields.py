@@ -12,7 +12,7 @@ from scapy.volatile import RandBin, RandNum
 from dissect.layers.fields import VarintField
 from dissect.protocols.s7plus.ids import id_name
 from dissect.protocols.s7plus.value_reading import parse_content
-from dissect.protocols.s7plus.value_showing import value_text
+from dissect.protocols.s7plus.value_showing import value_with_type
 from dissect.protocols.s7plus.value_tables import ADDRESS_ARRAY, ARRAY, SPARSE_ARRAY, STRUCT, VALUE_TYPES
 from dissect.protocols.s7plus.values import Value, build_value
 from dissect.wire.text import printable
@@ -72,7 +72,7 @@ class ContentField(XStrField):
             return repr(x)  # of a fuzzed packet, still to be drawn
         if type_ == STRUCT:
             return id_name(x) if isinstance(x, int) else repr(x)
-        return printable(value_text(Value(flags, type_, x)))
+        return printable(value_with_type(Value(flags, type_, x)))
 
     def randval(self) -> RandBin:
         """Return what ``fuzz()`` puts here (Scapy's interface)."""

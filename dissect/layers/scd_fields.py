@@ -217,7 +217,7 @@ def told_values(layer: SCD, message: Message) -> list[tuple[str, str]]:
     if layer.codec is None:
         return []
     od = layer.codec.dictionary
-    return [(printable(key_name(od, key)), value_text(od, key, value)) for key, value in message.values.items()]
+    return [(printable(key_name(od, key)), value_with_unit(od, key, value)) for key, value in message.values.items()]
 
 
 def joined(told: list[tuple[str, str]]) -> str:
@@ -225,7 +225,7 @@ def joined(told: list[tuple[str, str]]) -> str:
     return ", ".join([f"{name} = {text}" for name, text in told])
 
 
-def value_text(dictionary: Dictionary, key: Key, value: Value) -> str:
+def value_with_unit(dictionary: Dictionary, key: Key, value: Value) -> str:
     """Return a value for people: the physical one with its unit, or its text and the number."""
     if isinstance(value, str):
         return f'"{shortened(value, _LONGEST_TEXT)}"'

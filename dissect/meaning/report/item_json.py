@@ -48,7 +48,7 @@ _SURROGATES: Final = 0xF800
 _SURROGATE: Final = 0xD800
 
 
-def value_text(value: Value) -> str:
+def decoded_json(value: Value) -> str:
     """Return a decoded value as JSON; NaN and the infinities, which JSON has no numbers for, as strings."""
     if value is None:
         return "null"
@@ -63,14 +63,14 @@ def value_text(value: Value) -> str:
         return f'"{text}"' if text in {"nan", "inf", "-inf"} else text
     if isinstance(value, str):
         return json_text(value)
-    return f"[{','.join([value_text(element) for element in value])}]"
+    return f"[{','.join([decoded_json(element) for element in value])}]"
 
 
 def octets_value(transport_size: i64, octets: bytes) -> str:
     """Return the JSON of ``decode_value(transport_size, octets)``; bits and numbers are written without decoding them."""
     if transport_size == BIT and len(octets) == 1:
         return "true" if octets[0] & 1 else "false"
-    return numbers_json(transport_size, octets) or value_text(decode_value(transport_size, octets))
+    return numbers_json(transport_size, octets) or decoded_json(decode_value(transport_size, octets))
 
 
 #: The rest of the object of an item that is a single bit or byte, by its octet.
@@ -148,7 +148,7 @@ def write_good_item(out: BytesWriter, item: Item, octets: bytes, at: i64, size: 
         if text:
             out.write(f',"text":{json_text(text)}'.encode("ascii"))
     elif not write_times(out, kind, octets, at, size) and not _write_text(out, kind, octets, at, size):
-        out.write(value_text(decode_value(kind, octets[at : at + size])).encode("ascii"))
+        out.write(decoded_json(decode_value(kind, octets[at : at + size])).encode("ascii"))
     out.append(_CLOSE)
 
 
@@ -219,13 +219,13 @@ def with_tags(item: str, known: list[NamedValue]) -> str:
 
 
 def _tag(known: NamedValue) -> str:
-    raw = f',"raw":{value_text(known.raw)}' if known.raw is not known.value and known.raw != known.value else ""
+    raw = f',"raw":{decoded_json(known.raw)}' if known.raw is not known.value and known.raw != known.value else ""
     remark = f',"remark":{json_text(known.remark)}' if known.remark else ""
     comment = f',"comment":{json_text(known.comment)}' if known.comment else ""
     data = f',"data":"{known.data.hex()}"' if known.value is None and known.data else ""
     return (
         f'{{"name":{json_text(known.name)},"address":{json_text(known.address)},"type":{json_text(known.type)}'
-        f',"value":{value_text(known.value)},"unit":{json_text(known.unit) if known.unit else "null"}'
+        f',"value":{decoded_json(known.value)},"unit":{json_text(known.unit) if known.unit else "null"}'
         f',"whole":{"true" if known.whole else "false"},"offset":{known.offset}{raw}{data}{remark}{comment}}}'
     )
 

@@ -16,7 +16,7 @@ from mypy_extensions import i64
 from dissect.engine.transactions.good_items import good_octets
 from dissect.engine.transactions.naming import Naming
 from dissect.engine.transactions.transaction import ANSWERED, CERTAINTIES, PUSH, Transaction
-from dissect.meaning.report.item_json import value_text
+from dissect.meaning.report.item_json import decoded_json
 from dissect.output.export.transaction_rows import (
     MOST_KNOWN,
     Row,
@@ -326,7 +326,7 @@ class ItemColumns:
         elif isinstance(value, str):
             self._add(None, encodable(value))
         else:
-            self._add(None, value_text(value))
+            self._add(None, decoded_json(value))
 
     def _add(self, value: float | None, text: str | None) -> None:
         self.values.append(value)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from typing import Final
 
-from dissect.meaning.report.item_json import value_text
+from dissect.meaning.report.item_json import decoded_json
 from dissect.output.export.item_columns import rounded
 from dissect.output.export.transaction_rows import MOST_KNOWN, Packets, Shared, TransactionRows
 from dissect.output.variables.model import HOWS, ValueRow, Variable
@@ -107,5 +107,5 @@ def shown(value: object) -> tuple[float | None, str | None]:
     if isinstance(value, str):
         return None, encodable(value)
     if isinstance(value, list) and not any([isinstance(one, (dict, list)) for one in value]):
-        return None, value_text(value)
+        return None, decoded_json(value)
     return None, json.dumps(value, default=str)

@@ -13,7 +13,7 @@ from dissect.engine.transactions.connection import Connection
 from dissect.engine.transactions.transaction import SURE
 from dissect.meaning.report import words
 from dissect.meaning.report.certainty import doubt_mark
-from dissect.meaning.report.item_json import value_text
+from dissect.meaning.report.item_json import decoded_json
 from dissect.meaning.report.line_octets import ERRORS
 from dissect.meaning.report.styled import HANG, PLAIN, Line
 from dissect.meaning.report.words import Places
@@ -360,7 +360,7 @@ def line_remarks(row: ValueRow) -> str:
 def any_text(value: object) -> str:
     """Return any value as JSON, also an S7comm-plus value with members."""
     if value is None or isinstance(value, (bool, int, float, str)):
-        return value_text(value)
+        return decoded_json(value)
     if isinstance(value, list):
         return f"[{','.join([_element_text(element) for element in value])}]"
     return json.dumps(value, separators=(",", ":"), default=str).replace("\x7f", "\\u007f")

@@ -46,7 +46,7 @@ _FORMS: Final[list[str]] = [
 _BYTES: Final[list[str]] = [_BYTE % number for number in range(256)]
 
 
-def value_text(value: Value) -> str:
+def value_with_type(value: Value) -> str:
     """Return a value as a short text after its type: ``Int 5``, ``WString 'pump'``, ``USInt[256] 254, 5, 104 …``.
 
     Text from the wire is not escaped.
@@ -70,7 +70,7 @@ def value_said(value: Value, id_: int) -> str:
     meaning = meant(value.content, id_)
     if meaning and id_ in RECORDS:
         return f"I&M0 {meaning}"
-    return f"{value_text(value)} {meaning}" if meaning else value_text(value)
+    return f"{value_with_type(value)} {meaning}" if meaning else value_with_type(value)
 
 
 def in_line(value: Value, id_: int) -> str:
@@ -91,7 +91,7 @@ def _member_text(value: Value, id_: int) -> str:
     """Return the value of a member without its type, and the meaning of its number."""
     content = value.content
     if isinstance(content, Struct | list) or value.type == NULL or (value.end == 0 and content == HIDDEN):
-        return value_text(value)
+        return value_with_type(value)
     meaning = meant(content, id_)
     return f"{_content_text(value.type, content)} {meaning}".rstrip()
 
@@ -149,7 +149,7 @@ def _content_text(type_: int, content: object) -> str:
     if isinstance(content, Blob):
         return octets_text(content.octets)
     if isinstance(content, Value):
-        return value_text(content)
+        return value_with_type(content)
     if isinstance(content, Struct | Packed | Rows):
         return id_name(content.id)
     return "-"

@@ -42,7 +42,7 @@ from dissect.protocols.s7plus.session import (
 )
 from dissect.protocols.s7plus.states import number_in
 from dissect.protocols.s7plus.tables import REQUEST, SET_VARIABLE
-from dissect.protocols.s7plus.value_showing import value_text
+from dissect.protocols.s7plus.value_showing import value_with_type
 from dissect.protocols.s7plus.values import Value
 from dissect.protocols.s7plus.walk import MAX_WORK
 
@@ -89,7 +89,7 @@ class Write(Event):
 
     def _said(self, address: Address, value: Attribute | None) -> str:
         label = self._session.label(address)
-        return f"{label} = {value_text(value.value)}" if value is not None else label
+        return f"{label} = {value_with_type(value.value)}" if value is not None else label
 
     def add(self, other: Write) -> None:
         """Add the variables of ``other``."""
@@ -243,5 +243,5 @@ def _state_requested(value: Value) -> Event:
     number = number_in(value)
     row = STATE_REQUESTS.get(number)
     if row is None:
-        return Event(ORDERED, f"operating state request {value_text(value)} (unknown)")
+        return Event(ORDERED, f"operating state request {value_with_type(value)} (unknown)")
     return Event(_ORDERS.get(number, START), f"operating state request {number} {row.name}")

@@ -12,7 +12,7 @@ from dissect.protocols.s7plus.ids import HIDDEN
 from dissect.protocols.s7plus.message import PlusPdu, parse_plus
 from dissect.protocols.s7plus.summary import object_text, summary
 from dissect.protocols.s7plus.tables import NOTIFICATION
-from dissect.protocols.s7plus.value_showing import value_text
+from dissect.protocols.s7plus.value_showing import value_with_type
 from dissect.testing.golden.phrases import octets_change, short
 from dissect.wire.part import OCTETS, SURPLUS, Part
 
@@ -94,13 +94,13 @@ def _notified(pdu: PlusPdu, found: Contents, names: Names) -> dict[str, tuple[st
     items: dict[str, tuple[str, bytes]] = {}
     for reference, value in found.items:
         octets = pdu.data[value.offset : value.end]
-        items[names.get(reference) or f"item {reference}"] = (f"= {short(value_text(value))}", octets)
+        items[names.get(reference) or f"item {reference}"] = (f"= {short(value_with_type(value))}", octets)
     for reference, kind in found.refusals:
         items[names.get(reference) or f"item {reference}"] = ("refused", bytes((kind,)))
     for number, one in enumerate(found.objects, 1):
         items[f"object {number}"] = (f"= {short(object_text(one))}", pdu.data[one.offset : one.end])
     if found.value is not None:
-        items["value"] = (f"= {short(value_text(found.value))}", pdu.data[found.value.offset : found.value.end])
+        items["value"] = (f"= {short(value_with_type(found.value))}", pdu.data[found.value.offset : found.value.end])
     return items
 
 

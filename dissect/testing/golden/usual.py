@@ -190,7 +190,7 @@ def _plain_head(answer: bytes, function: i64, count: i64) -> bool:
 def _line(name: ItemName, data: bytes, kind: i64) -> str:
     """Return an item with its value, like `dissect.testing.golden.forms.item_text`."""
     item = name.item
-    value, meaning = value_text(item.transport_size, data, item.fits(len(data)))
+    value, meaning = fast_shown_value(item.transport_size, data, item.fits(len(data)))
     size = "" if kind == name.usual_size else f" as {_SIZES.get(kind) or hex_number(kind, 2)}"
     return f"  {name.text} = {value}{size}{_remark(name.remark or meaning)}"
 
@@ -199,7 +199,7 @@ def _remark(text: str) -> str:
     return f"  # {printable(text)}" if text else ""
 
 
-def value_text(transport_size: i64, data: bytes, fits: bool) -> tuple[str, str]:
+def fast_shown_value(transport_size: i64, data: bytes, fits: bool) -> tuple[str, str]:
     """Return the same as `shown_value`: the text of ``data``, and a remark with its value if the text does not show it."""
     size: i64 = len(data)
     if not fits:

@@ -16,7 +16,7 @@ from dissect.engine.transactions.results import ALIKE, GAPS
 from dissect.engine.transactions.side import Side
 from dissect.engine.transactions.transaction import HOLE, Transaction
 from dissect.files.session import Run
-from dissect.meaning.report.item_json import item_json, octets_value, value_text, write_good_item
+from dissect.meaning.report.item_json import decoded_json, item_json, octets_value, write_good_item
 from dissect.meaning.report.pdu_json import PduLines
 from dissect.meaning.report.writer import TransactionFeed
 from dissect.meaning.report.writers.jsonl import JsonlWriter, TransactionLines
@@ -123,14 +123,14 @@ def of_packets(packets: list[Packet]) -> Both:
         ([], "[]"),
     ],
 )
-def test_value_text(value: Value, text: str) -> None:
-    assert value_text(value) == text
+def test_decoded_json(value: Value, text: str) -> None:
+    assert decoded_json(value) == text
 
 
 @given(st.integers(0, 255), st.binary(max_size=40))
 def test_octets_value_is_the_decoded_value(transport_size: int, octets: bytes) -> None:
     told = json.loads(octets_value(transport_size, octets))
-    assert repr(told) == repr(json.loads(value_text(decode_value(transport_size, octets))))
+    assert repr(told) == repr(json.loads(decoded_json(decode_value(transport_size, octets))))
 
 
 #: Characters of which JSON escapes some, surrogates among them, and halves of them.
@@ -476,10 +476,10 @@ def check(path: Path) -> None:
         for item, result in zip(line["items"], results, strict=True):
             assert item["data"] == (None if result.data is None else result.data.hex())
             assert item["return_code"] == (None if result.return_code < 0 else result.return_code)
-            assert json.dumps(item["value"]) == json.dumps(json.loads(value_text(result.value)))
+            assert json.dumps(item["value"]) == json.dumps(json.loads(decoded_json(result.value)))
             if item["value"] is not None:
                 assert item["value"] == json.loads(
-                    value_text(decode_value(item["transport_size"], bytes.fromhex(item["data"])))
+                    decoded_json(decode_value(item["transport_size"], bytes.fromhex(item["data"])))
                 )
 
 

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from dissect.protocols.s7plus.layouts import VALUE
 from dissect.protocols.s7plus.value_reading import read_value
-from dissect.protocols.s7plus.value_showing import as_json, value_json, value_text
+from dissect.protocols.s7plus.value_showing import as_json, value_json, value_with_type
 from dissect.protocols.s7plus.value_tables import (
     BLOB,
     DINT,
@@ -186,7 +186,7 @@ def test_what_was_built_reads_back(value: Value) -> None:
         found, walk = read(wire + b"\xffbehind", shown)
         assert found.end == walk.at == len(wire)
         assert found == value
-        assert value_text(found) == value_text(value)
+        assert value_with_type(found) == value_with_type(value)
         assert value_json(found) == as_text(as_json(found))
         if shown:  # without gaps
             assert [part.offset for part in walk.parts] == [0, *[part.end for part in walk.parts[:-1]]]

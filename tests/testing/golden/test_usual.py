@@ -72,7 +72,10 @@ def test_values_are_written_as_any_others_are() -> None:
         for size in (0, 1, 2, 3, 4, 8, 12):
             for content in (rng.randbytes(size), bytes(size), b"\xff" * size, b"\1" * size, *_SPECIAL):
                 for fits in (True, False):
-                    assert usual.value_text(kind, content, fits) == shown_value(kind, content, fits), (kind, content)
+                    assert usual.fast_shown_value(kind, content, fits) == shown_value(kind, content, fits), (
+                        kind,
+                        content,
+                    )
 
 
 def test_lines_are_those_of_the_form_where_there_are_any() -> None:
