@@ -244,6 +244,7 @@ SUBFUNCTION_TRIED: Final = f"""
 import functools, json
 run("captures.craft", "-", "coverage-userdata")
 run("scripts/layers_stub.py", "dissect/layers/part_classes.pyi")
+run("scripts/layers_stub.py", "dissect/layers/__init__.pyi", "package")
 run("scripts/layers_doc.py", "docs/layers-parts.md")
 # The page and its tests are made of the same look at all captures.
 from scripts import coverage_doc
@@ -260,6 +261,7 @@ rows = test_coverage.census(None)
 test_coverage.test_the_page_is_what_the_captures_of_this_repository_say(rows)
 assert test_coverage.faults(rows) == []
 test_parts.test_each_structure_has_a_class_of_its_own()
+assert "    \\"S7_ClockQuality\\"," in Path("dissect/layers/__init__.pyi").read_text(encoding="utf-8").splitlines()
 events = dissect.open("captures/crafted/coverage-userdata.pcapng")
 transactions = [event for event in events if isinstance(event, Transaction)]
 found = [event for event in transactions if event.function_name.endswith("read clock quality")]
@@ -429,59 +431,6 @@ def test_to_add_a_source_of_packets(tree: Tree, tmp_path: Path) -> None:
     )
     one, other = json.loads(tree.python("-c", SOURCE_TRIED, "captures/item-errors.pcapng", str(tmp_path / "plain")))
     assert one == other > 10
-
-
-# ---- an output ------------------------------------------------------------------------------------------------------
-
-WRITER: Final = '''"""Transactions as a Markdown table."""
-
-from __future__ import annotations
-
-from dissect.meaning.report.words import Places
-from dissect.meaning.report.writer import Writer
-from dissect.engine.transactions.transaction import Transaction
-
-
-class MarkdownWriter(Writer):
-    """Writes the head of the table, then a row for each transaction."""
-
-    def begin(self, places: Places) -> None:
-        """Begin with the head."""
-        super().begin(places)
-        self.lines += ["| number | function | outcome |", "|---|---|---|"]
-
-    def transaction(self, transaction: Transaction) -> None:
-        """Add a row."""
-        self.lines.append(f"| {transaction.number} | {transaction.function_name} | {transaction.outcome} |")
-'''
-LAST_ROW: Final = """        _row("junit", "JUnit XML", ("dissect.meaning.report.writers.junit:junit_outcome", (DIFFERENCES,))),
-"""
-MARKDOWN_ROW: Final = """        _row(
-            "markdown", "a Markdown table", ("dissect.meaning.report.writers.markdown:MarkdownWriter", (TRANSACTIONS,))
-        ),
-"""
-#: The output of a capture, and the help that names the format.
-OUTPUT_TRIED: Final = f"""
-{RUNNING}
-import json
-made = run("dissect", "-", "transactions", "-T", "markdown", "captures/item-errors.pcapng")
-print(json.dumps([made, run("dissect", "-", "transactions", "--help")]))
-"""
-
-
-def test_to_add_an_output(tree: Tree) -> None:
-    tree.write("dissect/meaning/report/writers/markdown.py", WRITER)
-    tree.replace("dissect/meaning/report/formats.py", LAST_ROW, LAST_ROW + MARKDOWN_ROW)
-    assert {name.replace("markdown", "NAME") for name in tree.touched()} == listed("To add an output")
-    told, helped = json.loads(tree.python("-c", OUTPUT_TRIED))
-    expected = [
-        f"| {event.number} | {event.function_name} | {event.outcome} |"
-        for event in dissect.open(ROOT / "captures/item-errors.pcapng")
-        if isinstance(event, Transaction)
-    ]
-    assert told.splitlines() == ["| number | function | outcome |", "|---|---|---|", *expected]
-    assert len(expected) > 2
-    assert "markdown" in helped
 
 
 # ---- a protocol -----------------------------------------------------------------------------------------------------

@@ -1,15 +1,8 @@
-"""The formats of option ``-T``: one table, which every command uses. A new format is one file and one row.
+"""The formats of option ``-T``: one table, which every command uses.
 
-To add a format:
-1. Write one file in dissect/meaning/report/writers/: a subclass of `dissect.meaning.report.writer.Writer` with a method for
-each sort of
-   record it takes (`transaction`, `operation`, `pdu` …), or for single results a function from `Outcome` to lines.
-2. Add one row to `FORMATS` below: name, help text, and the class or function for each kind of result.
-3. No command has to be changed: ``--help``, completion and the hint after a wrong name are made from the rows.
-4. Lines are `str` (or UTF-8 octets), or `Line` to be wrapped and coloured on a terminal. Escape text from the wire, and hide
-   secrets of PDUs.
-5. tests/meaning/report/test_formats.py tries every row. Put a schema into dissect/meaning/schema, and describe columns in
-docs/.
+CONTRIBUTING.md says how to add one ("To add an output"): a file in dissect/meaning/report/writers and a row of `FORMATS`. No
+command has to be changed: ``--help``, completion and the hint after a wrong name are made from the rows. Lines are `str` (or
+UTF-8 octets), or `Line` to be wrapped and coloured on a terminal.
 """
 
 from __future__ import annotations

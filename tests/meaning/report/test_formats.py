@@ -184,8 +184,10 @@ def test_a_wrong_format_is_answered_with_the_nearest(
 
 def test_the_help_lists_the_table(capfdbinary: Capture) -> None:
     text = " ".join(run(capfdbinary, "transactions", "--help").out.split())
-    assert "[text|jsonl|csv|fields]" in text
-    for row in formats_for(TRANSACTIONS):
+    rows = formats_for(TRANSACTIONS)
+    assert len(rows) > 3
+    assert f"[{'|'.join([row.name for row in rows])}]" in text
+    for row in rows:
         assert f"{row.name} ({row.about})" in text
 
 
