@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from dissect.online.alerts.actions import Action
     from dissect.online.alerts.alert import Alert
 
-_EXIT_FOUND: Final = 1
+_EXIT_FAILED: Final = 1
 
 
 class _AlertsGroup(LazyGroup):
@@ -59,17 +59,17 @@ def test_command(rules: str) -> int:
     for name, action in actions.items():
         try:
             action.deliver(alert)
-            said = "delivered"
+            text = "delivered"
         except DeliveryError as error:
             failed += 1
-            said = f"not delivered: {error}"
+            text = f"not delivered: {error}"
         finally:
             action.close()
-        write([printable(f"{name}: {said}")])
+        write([printable(f"{name}: {text}")])
     unused = sorted(loaded.actions.keys() - {name for rule in loaded.rules for name in rule.actions})
     if unused:
         write([printable(f"used by no rule: {', '.join(unused)}")])
-    return _EXIT_FOUND if failed else EXIT_OK
+    return _EXIT_FAILED if failed else EXIT_OK
 
 
 def _alert() -> Alert:

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 import click
 
 from dissect.cli.configuration import hosts
+from dissect.cli.display import clock, write_lines
 from dissect.cli.folders import any_folder, foreign
 from dissect.cli.formats import format_option, write_outcome
-from dissect.cli.look import clock, write_lines
 from dissect.cli.options.given import was_given
 from dissect.cli.options.reading import reading_options
 from dissect.cli.reading import Reading

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING
 
 import click
 
+from dissect.cli.display import clock
 from dissect.cli.formats import format_option, write_outcome
-from dissect.cli.look import clock
 from dissect.cli.main import EXIT_DAMAGED, EXIT_GATE, EXIT_OK, EXIT_USAGE
 from dissect.cli.options.given import was_given
 from dissect.cli.options.reading import reading_options
@@ -181,18 +181,18 @@ def _compare(
 
     baseline = _baseline(against) if against is not None else None
     asked = _rules(rules) if rules is not None else _usual_rules(*factors)
-    told: list[Alert] = []
+    alerts: list[Alert] = []
     try:
-        engine = AlertEngine(asked, baseline, told.append)
+        engine = AlertEngine(asked, baseline, alerts.append)
     except RuleError as error:
         raise click.UsageError(f"{error} with --against") from None
 
     times = clock()
 
     def show() -> None:
-        for alert in told:
-            write_outcome(format_, ALERTS, _Told(alert, times))
-        told.clear()
+        for alert in alerts:
+            write_outcome(format_, ALERTS, _AlertOutcome(alert, times))
+        alerts.clear()
 
     reading.run(engine, make=partial(_Run, engine.restart), each=show)
     code = reading.code
@@ -205,7 +205,7 @@ def _compare(
     return EXIT_GATE if engine.count and code in {EXIT_OK, EXIT_DAMAGED} else code
 
 
-class _Told(Outcome):
+class _AlertOutcome(Outcome):
     """An alert."""
 
     layout = SPACED_LINE

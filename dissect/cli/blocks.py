@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Final
 
 import click
 
+from dissect.cli.display import clock
 from dissect.cli.formats import format_option, write_out, write_outcome
-from dissect.cli.look import clock
 from dissect.cli.main import EXIT_GATE, EXIT_INTERRUPTED, EXIT_OK, EXIT_USAGE
-from dissect.cli.nothing import nothing
+from dissect.cli.no_results import no_results_text
 from dissect.cli.options.reading import reading_options
 from dissect.cli.reading import Reading
 from dissect.cli.run import places_of
@@ -109,24 +109,24 @@ def command(
     blocks, lost, places = _read(reading, reading.files)
     from dissect.output.carve.listing import BlockList
 
-    told = BlockList(blocks, lost, places, clock())
+    listing = BlockList(blocks, lost, places, clock())
     if output is not None and blocks:  # an empty folder of ours would be in the way of the next run
-        _write(output, told, force)
-    write_out(format_.lines(BLOCKS, _shown(told, language, references, reading.naming)))
+        _write(output, listing, force)
+    write_out(format_.lines(BLOCKS, _shown(listing, language, references, reading.naming)))
     if not blocks and not reading.chosen.impossible:
         click.echo(f"s7dissect: {_none(reading)}", err=True)
     return reading.gated()
 
 
-def _shown(told: BlockList, language: str | None, references: bool, naming: Naming | None) -> Outcome:
+def _shown(listing: BlockList, language: str | None, references: bool, naming: Naming | None) -> Outcome:
     """Return the blocks in the requested form."""
     if language is None and not references:
-        return told
+        return listing
     from dissect.output.carve.code import CodeListing, References
 
     if references:
-        return References(told.blocks)
-    return CodeListing(told.blocks, told.places, told.clock, language or _LANGUAGES[0], naming)
+        return References(listing.blocks)
+    return CodeListing(listing.blocks, listing.places, listing.clock, language or _LANGUAGES[0], naming)
 
 
 def _read(reading: Reading, files: tuple[str, ...]) -> tuple[Sequence[CarvedBlock], int, Places]:
@@ -156,7 +156,11 @@ def _read(reading: Reading, files: tuple[str, ...]) -> tuple[Sequence[CarvedBloc
 
 def _none(reading: Reading) -> str:
     """Return the message for a capture without blocks."""
-    return "no block was downloaded or uploaded" if reading.chosen.where is None else nothing("block", reading.chosen)
+    return (
+        "no block was downloaded or uploaded"
+        if reading.chosen.where is None
+        else no_results_text("block", reading.chosen)
+    )
 
 
 def _refuse_selection(path: str, chosen: Chosen) -> None:
@@ -180,13 +184,13 @@ def _check_folder(output: str, names: Sequence[str], force: bool) -> None:
         raise click.UsageError(f"{printable(str(home / taken[0]))}{more} exists; --force overwrites it.")
 
 
-def _write(output: str, told: BlockList, force: bool) -> None:
+def _write(output: str, listing: BlockList, force: bool) -> None:
     from dissect.meaning.report.plus_blobs import dictionaries
     from dissect.output.carve.folder import Plan, write_folder
 
-    plan = Plan(told.blocks, dictionaries())
+    plan = Plan(listing.blocks, dictionaries())
     _check_folder(output, list(plan.files), force)
-    write_folder(output, plan, told.as_dict())
+    write_folder(output, plan, listing.as_dict())
 
 
 # ---- comparison -----------------------------------------------------------------------------------------------------
@@ -198,13 +202,13 @@ def _alike(first: Sequence[CarvedBlock], second: Sequence[CarvedBlock], alone: b
 
     kept = [versions(blocks, True).values() for blocks in (first, second)]
     compared = count(len(kept[1]), "block")
-    said = f"no differences between the versions of {compared}" if alone else f"no differences in {compared}"
+    text = f"no differences between the versions of {compared}" if alone else f"no differences in {compared}"
     parts = sum([not row[-1].complete for row in kept[1]]) + (
         0 if alone else sum([not row[-1].complete for row in kept[0]])
     )
     if not parts:
-        return said
-    return f"{said}; {count(parts, 'version is', 'versions are')} incomplete, compared as far as possible"
+        return text
+    return f"{text}; {count(parts, 'version is', 'versions are')} incomplete, compared as far as possible"
 
 
 def _compare(reading: Reading, format_: Format, language: str) -> int:

@@ -53,7 +53,7 @@ def command(output: str | None, verified: str | None, folder: Path | None, force
             check_out((), output, force)
         except OSError as error:
             raise click.ClickException(f"{printable(output)}: {reason(error)}") from None
-    told = None if verified is None else _read(verified)
+    read = None if verified is None else _read(verified)
     with tempfile.TemporaryDirectory() as kept:
         parts = Parts(Path(kept) if folder is None else folder)
         try:
@@ -62,11 +62,11 @@ def command(output: str | None, verified: str | None, folder: Path | None, force
         except (PartsError, TooLargeError) as error:
             raise click.ClickException(printable(str(error))) from None
     digest = hashlib.sha256(page).hexdigest()
-    if told is not None:
-        same = told == page
+    if read is not None:
+        same = read == page
         write(
             [
-                f"{'the same' if same else 'DIFFERENT'}: SHA-256 {hashlib.sha256(told).hexdigest()}",
+                f"{'the same' if same else 'DIFFERENT'}: SHA-256 {hashlib.sha256(read).hexdigest()}",
                 f"made here: {digest}",
             ]
         )

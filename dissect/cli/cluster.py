@@ -33,20 +33,20 @@ def readers_of(address: str, files: Sequence[str], folder: str) -> Iterator[Read
     besides = _besides(files, settings)
     try:
         with connected(address) as (client, patience):
-            found = workers_of(client, patience)
+            workers = workers_of(client, patience)
             ours = here()
             usable = []
-            for worker in found:
+            for worker in workers:
                 why = obstacle(worker, ours)
                 if why:
                     _say_of_workers(None, f"{worker.label}: {why}")
                 else:
                     usable.append(worker)
             if not usable:
-                said = "the cluster has no workers" if not found else "no worker of the cluster can be used"
-                raise click.ClickException(f"{printable(address)}: {said}")
+                problem = "the cluster has no workers" if not workers else "no worker of the cluster can be used"
+                raise click.ClickException(f"{printable(address)}: {problem}")
             with Cluster(client, usable, ours, besides, _say_of_workers) as cluster:
-                fewer = len(usable) < len(found)
+                fewer = len(usable) < len(workers)
                 yield Readers(
                     cluster, lambda: cluster.slots, folder, settings, cluster.look, lambda: fewer or cluster.troubled
                 )

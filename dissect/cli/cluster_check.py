@@ -41,10 +41,10 @@ def command(address: str, format_: Format) -> int:
     ours = here()
     try:
         with connected(address) as (client, patience):
-            found = workers_of(client, patience)
+            workers = workers_of(client, patience)
     except ClusterError as error:
         raise click.ClickException(printable(str(error))) from None
-    checked = [(worker, obstacle(worker, ours)) for worker in found]
+    checked = [(worker, obstacle(worker, ours)) for worker in workers]
     write_outcome(format_, OUTCOME, _Check(address, ours, checked))
     return EXIT_OK if checked and not any([why for _, why in checked]) else EXIT_GATE
 
@@ -77,8 +77,8 @@ class _Check(Outcome):
                 yield Line(f"  not there, but here: {', '.join(missing)}; files that need one fail there", FAILED, 4)
         usable = [worker for worker, why in self._checked if not why]
         threads = words.count(sum([worker.threads for worker in usable]), "file")
-        said = f"{len(usable)} of {words.count(len(self._checked), 'worker')} can be used, {threads} at the same time"
-        yield Line(said if self._checked else "the cluster has no workers", PLAIN if usable else FAILED, 2)
+        text = f"{len(usable)} of {words.count(len(self._checked), 'worker')} can be used, {threads} at the same time"
+        yield Line(text if self._checked else "the cluster has no workers", PLAIN if usable else FAILED, 2)
 
     def as_dict(self) -> Mapping[str, object]:
         """Return the object of the JSON contract."""

@@ -22,8 +22,8 @@ def command(shell: str) -> int:
     It completes commands, options, values of options, the fields of -Y expressions, questions of sql, topics of help, tables
     of export --only, and the connections of a capture.
     """
-    found = get_completion_class(shell)
-    assert found is not None
+    kind = get_completion_class(shell)
+    assert kind is not None
     # Not the class's own `source`, which starts bash to find out its version.
-    write(ShellComplete.source(found(group, {}, "s7dissect", COMPLETION)).strip("\n").split("\n"))
+    write(ShellComplete.source(kind(group, {}, "s7dissect", COMPLETION)).strip("\n").split("\n"))
     return EXIT_OK

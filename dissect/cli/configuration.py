@@ -55,8 +55,8 @@ def config_option() -> click.Option:
 def hosts() -> Mapping[str, str]:
     """Return the names of hosts by address that the settings of the command at hand give."""
     ctx = click.get_current_context(silent=True)
-    found: Mapping[str, str] = ctx.meta.get(_HOSTS, {}) if ctx is not None else {}
-    return found
+    names: Mapping[str, str] = ctx.meta.get(_HOSTS, {}) if ctx is not None else {}
+    return names
 
 
 def config_typed() -> list[str]:

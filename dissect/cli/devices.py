@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 import click
 
 from dissect.cli.configuration import hosts
+from dissect.cli.display import clock
 from dissect.cli.formats import format_option, write_outcome
-from dissect.cli.look import clock
 from dissect.cli.options.reading import reading_options
 from dissect.cli.reading import Reading
 from dissect.cli.run import EXIT_CODES

@@ -90,9 +90,9 @@ def command(
         raise click.ClickException(printable(str(error))) from None
     if EXIT_INTERRUPTED in {code_a, code_b}:
         return EXIT_INTERRUPTED
-    found = differences(a, b, options)
-    shown = list(islice(found, most))
-    rest = sum([1 for _ in found])
+    differing = differences(a, b, options)
+    shown = list(islice(differing, most))
+    rest = sum([1 for _ in differing])
     write_outcome(format_, DIFFERENCES, Comparison(a, b, shown, rest))
     if code_a or code_b:
         return EXIT_USAGE
@@ -147,9 +147,9 @@ class Comparison(Outcome):
         cases = [
             Case(
                 f"connection {number}" if number else "added connections",
-                tuple([(difference.kind, difference.text) for difference in told]),
+                tuple([(difference.kind, difference.text) for difference in differing]),
             )
-            for number, told in sorted(by_link.items())
+            for number, differing in sorted(by_link.items())
         ]
         if self.rest:
             text = f"{words.count(self.rest, 'further difference')} not shown"

@@ -23,8 +23,8 @@ AUTO: Final = "auto"
 ALWAYS: Final = "always"
 NEVER: Final = "never"
 
-_COLOR: Final = "dissect.cli.look.color"
-_LOCAL: Final = "dissect.cli.look.local_time"
+_COLOR: Final = "dissect.cli.display.color"
+_LOCAL: Final = "dissect.cli.display.local_time"
 _COLOURS: Final = {"heading": "cyan", "error": "red", "failed": "red", "warning": "yellow", "note": "blue"}
 _BOLD: Final = frozenset(("heading", "error"))
 

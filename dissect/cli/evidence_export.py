@@ -19,7 +19,7 @@ from dissect.wire.text import Clock, count, printable, reason
 if TYPE_CHECKING:
     from dissect.files.recording.incident import Chosen
 
-_EXIT_FOUND: Final = 1
+_EXIT_PROBLEMS: Final = 1
 _SECOND: Final = 1_000_000_000
 _MOST: Final = 1 << 20
 
@@ -74,9 +74,9 @@ def export_command(directory: str, output: str, window: str | None, alert: str |
         raise click.ClickException(reason(error)) from None
     for problem in chosen.problems:
         click.echo(f"s7dissect: {printable(problem)}", err=True)
-    said = f"{count(len(chosen.files), 'file')} exported to {printable(output)}"
-    click.echo(f"s7dissect: {said}; head {head}", err=True)
-    return _EXIT_FOUND if chosen.problems else EXIT_OK
+    text = f"{count(len(chosen.files), 'file')} exported to {printable(output)}"
+    click.echo(f"s7dissect: {text}; head {head}", err=True)
+    return _EXIT_PROBLEMS if chosen.problems else EXIT_OK
 
 
 def _filled(out: Path, chosen: Chosen, place: Path, begin_ns: int, end_ns: int) -> str:
@@ -106,7 +106,7 @@ def _range(window: str | None, alert: str | None, around_s: int) -> tuple[int, i
 
     try:
         if alert is not None:
-            begin, end = _told(alert)
+            begin, end = _alert_times(alert)
             return window_of(begin, around_s * _SECOND)[0], window_of(end, around_s * _SECOND)[1]
         times = read_time(window)
         assert times is not None
@@ -116,18 +116,18 @@ def _range(window: str | None, alert: str | None, around_s: int) -> tuple[int, i
         raise click.BadParameter(f"{error}.", param_hint=hint) from None
 
 
-def _told(alert: str) -> tuple[str, str]:
+def _alert_times(alert: str) -> tuple[str, str]:
     """Return when the events of an alert began, and the time of the alert. Raises ValueError for an invalid alert."""
     from dissect.wire.config.hostile import ContentError, read_json
 
     try:
-        told = read_json(_content(alert))
+        parsed = read_json(_content(alert))
     except OSError as error:
         raise ValueError(reason(error)) from None
     except ContentError as error:
         raise ValueError(str(error)) from None
-    said = [told.get(key) for key in ("since", "time")] if isinstance(told, dict) else [None, None]
-    since, at = [one if isinstance(one, str) else "" for one in said]
+    times = [parsed.get(key) for key in ("since", "time")] if isinstance(parsed, dict) else [None, None]
+    since, at = [one if isinstance(one, str) else "" for one in times]
     if not at:
         raise ValueError("invalid alert: it has no time")
     return since or at, at

@@ -201,5 +201,5 @@ EXAMPLES: Final = {
 
 def examples_of(path: str) -> str:
     """Return the examples of a command, such as ``scd decode``, as a paragraph of its help; empty when it has none."""
-    found = EXAMPLES.get(path, ())
-    return "\b\nExamples:\n" + "\n".join([f"  {line}" for line in found]) if found else ""
+    examples = EXAMPLES.get(path, ())
+    return "\b\nExamples:\n" + "\n".join([f"  {line}" for line in examples]) if examples else ""

@@ -14,7 +14,7 @@ import click
 
 from dissect import __version__
 from dissect.cli.main import EXIT_INTERRUPTED
-from dissect.cli.nothing import complain_nothing
+from dissect.cli.no_results import complain_no_results
 from dissect.cli.options.completing import from_table
 from dissect.cli.options.reading import reading_options
 from dissect.cli.reading import Reading
@@ -103,7 +103,7 @@ def command(reading: Reading, output: str, only: tuple[str, ...], zeek_compat: s
     place: Any  # a path, or a folder of another machine
     try:
         with saved_remotely(target, force, MARK) if remote else saved(target) as place:
-            counts, found = _exported(reading, target, only, place, {"strict": bool(zeek_compat)})
+            counts, findings_total = _exported(reading, target, only, place, {"strict": bool(zeek_compat)})
             if remote:
                 place.write(MARK, mark_of(target.form.name, counts, names))
             elif target.folder:
@@ -114,8 +114,8 @@ def command(reading: Reading, output: str, only: tuple[str, ...], zeek_compat: s
     except MissingLibraryError as error:
         raise click.ClickException(str(error)) from None
     reading.complain()
-    said = ", ".join([_said(name, count, found) for name, count in counts.items()])
-    click.echo(f"s7dissect: {said} written to {printable(shown(target.path))}", err=True)
+    summary = ", ".join([_counted(name, count, findings_total) for name, count in counts.items()])
+    click.echo(f"s7dissect: {summary} written to {printable(shown(target.path))}", err=True)
     return reading.code
 
 
@@ -134,7 +134,7 @@ def _exported(
         counts = apart(reading, target, only, place)
         _go_on(reading)
         if reading.chosen.where is not None and not any(counts.values()):
-            complain_nothing(f"row of {', '.join(only)}" if only else "", reading.chosen)
+            complain_no_results(f"row of {', '.join(only)}" if only else "", reading.chosen)
         return counts, 0
     names = [encodable(name) for name in reading.files]
     if remote:
@@ -152,10 +152,10 @@ def _exported(
     return dict(export.counts), findings_in(run.pipeline.exchange.ledger)
 
 
-def _said(name: str, count: int, found: int) -> str:
-    """Return the number of rows of a table; for findings also how many there were (``found``), since not all are in detail."""
-    if name == "findings" and found > count:
-        return f"{count} of {found} findings in detail"
+def _counted(name: str, count: int, total: int) -> str:
+    """Return the number of rows of a table; for findings also how many there were (``total``), since not all are in detail."""
+    if name == "findings" and total > count:
+        return f"{count} of {total} findings in detail"
     return f"{count} {(name if count != 1 else name.removesuffix('s')).replace('_', ' ')}"
 
 
@@ -206,8 +206,8 @@ def saved(target: Target) -> Iterator[Path]:
 
 def mark_of(form: str, counts: object, files: Sequence[str]) -> bytes:
     """Return the content of that file: the program, the captures, and the number of rows."""
-    told = {"schema": "s7dissect-export/1", "version": __version__, "form": form, "files": list(files), "rows": counts}
-    return (json.dumps(told, indent=1) + "\n").encode()
+    mark = {"schema": "s7dissect-export/1", "version": __version__, "form": form, "files": list(files), "rows": counts}
+    return (json.dumps(mark, indent=1) + "\n").encode()
 
 
 def write_mark(folder: Path, form: str, counts: object, files: Sequence[str]) -> None:

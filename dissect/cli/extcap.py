@@ -146,8 +146,8 @@ def command(
 def _write_options(interface: str, reload_option: str | None) -> None:
     from dissect.packets.source.live.interfaces import list_interfaces
 
-    found = list_interfaces(find_program("dumpcap")) if interface == sentences.LIVE else []
-    lines = list(sentences.option_sentences(interface, found))
+    interfaces = list_interfaces(find_program("dumpcap")) if interface == sentences.LIVE else []
+    lines = list(sentences.option_sentences(interface, interfaces))
     write([line for line in lines if line.startswith("value")] if reload_option else lines)
 
 
@@ -252,12 +252,12 @@ def _is_closed(writer: PcapngWriter) -> bool:
 
 def _tell(run: LiveRun, stream: CommentedStream) -> None:
     """Say on stderr, which Wireshark shows, what came too late for any packet."""
-    told = [*stream.late, *[f"s7dissect: {failure}" for failure in run.failures]]
+    complaints = [*stream.late, *[f"s7dissect: {failure}" for failure in run.failures]]
     if stream.dropped:
-        told.append(f"s7dissect: {stream.dropped} more findings came after the last packet")
+        complaints.append(f"s7dissect: {stream.dropped} more findings came after the last packet")
     if run.file.loss:
-        told.append(f"s7dissect: {run.file.name}: {run.file.loss}")
-    for line in told:
+        complaints.append(f"s7dissect: {run.file.name}: {run.file.loss}")
+    for line in complaints:
         click.echo(printable(line), err=True)
 
 
@@ -320,15 +320,15 @@ def _extcap_folder() -> Path:
         ).stdout
     except (OSError, subprocess.TimeoutExpired):
         asked = b""
-    told = {}
+    folders = {}
     for line in asked.decode("utf-8", "surrogateescape").splitlines():
         name, tab, value = line.partition("\t")
         if tab:
-            told[name.strip().rstrip(":").lower()] = value.strip()
-    if "personal extcap path" in told:
-        return Path(told["personal extcap path"])
-    if "personal configuration" in told:  # versions that do not list it look there
-        return Path(told["personal configuration"], "extcap")
+            folders[name.strip().rstrip(":").lower()] = value.strip()
+    if "personal extcap path" in folders:
+        return Path(folders["personal extcap path"])
+    if "personal configuration" in folders:  # versions that do not list it look there
+        return Path(folders["personal configuration"], "extcap")
     raise click.UsageError(
         f"{printable(os.fsdecode(program))} -G folders names no extcap folder: give it as --install DIR."
     )

@@ -23,8 +23,8 @@ INTERFACES: Final = {
 def sentence(word: str, *values: tuple[str, object]) -> str:
     """Return a sentence: a word and values in braces; a brace in a value, which would end it, becomes a parenthesis."""
     marks = str.maketrans({"\\": "\\\\", "{": "(", "}": ")"})
-    told = [f"{{{name}={printable(str(value)).translate(marks)}}}" for name, value in values]
-    return f"{word} {''.join(told)}"
+    parts = [f"{{{name}={printable(str(value)).translate(marks)}}}" for name, value in values]
+    return f"{word} {''.join(parts)}"
 
 
 def interface_sentences(version: str) -> Iterator[str]:

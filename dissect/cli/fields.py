@@ -30,12 +30,12 @@ def command(names: tuple[str, ...], format_: Format) -> int:
 
     With FIELD, only these, with the names their values can have; part of a name lists all fields that contain it.
     """
-    write_outcome(format_, OUTCOME, Listing(_found(names), bool(names)))
+    write_outcome(format_, OUTCOME, Listing(_matching(names), bool(names)))
     return EXIT_OK
 
 
-def _found(names: Iterable[str]) -> list[Field]:
-    found: dict[str, Field] = {}
+def _matching(names: Iterable[str]) -> list[Field]:
+    matching: dict[str, Field] = {}
     for name in names:
         exact = NAMES.get(name.lower())
         some = [exact] if exact is not None else [field for field in FIELDS.values() if name.lower() in field.name]
@@ -43,8 +43,8 @@ def _found(names: Iterable[str]) -> list[Field]:
             near = close_names(name, NAMES)
             hint = f" Did you mean {' or '.join(near)}?" if near else ""
             raise click.UsageError(f"no field {name!r}.{hint}")
-        found.update({field.name: field for field in some})
-    return list(found.values()) if found else list(FIELDS.values())
+        matching.update({field.name: field for field in some})
+    return list(matching.values()) if matching else list(FIELDS.values())
 
 
 class Listing(Outcome):
@@ -63,14 +63,14 @@ class Listing(Outcome):
             yield Line(f"{field.name.ljust(names)}  {field.kind.name.ljust(kinds)}  {field.about}", PLAIN, hang)
             if not self.whole:
                 continue
-            for title, said in (
+            for title, texts in (
                 ("example", field.example),
                 ("of", ", ".join([f"{thing}s" for thing in field.things])),
                 ("also", ", ".join(field.also)),
                 ("names", _names(field)),
             ):
-                if said:
-                    yield Line(f"    {title + ':':9}{said}", DIM, 13)
+                if texts:
+                    yield Line(f"    {title + ':':9}{texts}", DIM, 13)
 
     def as_dict(self) -> Mapping[str, object]:
         """Return the object of the JSON contract."""

@@ -27,10 +27,10 @@ def expanded(names: tuple[str, ...]) -> list[str]:
 
     Raises ClickException for a folder without a capture.
     """
-    found: list[str] = []
+    paths: list[str] = []
     for name in names:
-        found += _captures(name) if _is_meant(name) else [name]
-    return found
+        paths += _captures(name) if _is_meant(name) else [name]
+    return paths
 
 
 def any_folder() -> bool:
@@ -60,13 +60,13 @@ def _captures(folder: str) -> list[str]:
     from dissect.packets.source.order import by_time
 
     unreadable: dict[str, str] = {}
-    found = [os.path.join(folder, name) for name in captures(Path(folder), unreadable)]  # noqa: PTH118
+    paths = [os.path.join(folder, name) for name in captures(Path(folder), unreadable)]  # noqa: PTH118
     for name, why in unreadable.items():
         click.echo(f"s7dissect: {printable(os.path.join(folder, name))}: {why}", err=True)  # noqa: PTH118
-    if not found:
+    if not paths:
         raise click.ClickException(f"{printable(folder)}: a folder without a capture (.pcap, .pcapng, .cap).")
     click.get_current_context().meta.setdefault(_FOLDERS, []).extend(_others(folder))
-    return by_time(found, _known_first())
+    return by_time(paths, _known_first())
 
 
 def _known_first() -> Callable[[str], int | None]:
@@ -89,8 +89,8 @@ def indexes() -> Indexes:
     from dissect import __version__
     from dissect.files.index.lookup import Indexes
 
-    found: Indexes = click.get_current_context().meta.setdefault(_INDEXES, Indexes(__version__))
-    return found
+    opened: Indexes = click.get_current_context().meta.setdefault(_INDEXES, Indexes(__version__))
+    return opened
 
 
 def _others(folder: str) -> list[str]:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, cast
 
 import click
 
-from dissect.cli.look import write_lines
+from dissect.cli.display import write_lines
 from dissect.cli.run import write, write_octets
 from dissect.meaning.report.formats import FORMATS, Format, formats_for
 from dissect.wire.config.hints import close_names
@@ -67,12 +67,12 @@ def _commands_with(row: Format) -> list[str]:
     """Return the commands that take a format, as they say themselves; all are imported for it, which a mistake may cost."""
     from dissect.cli.main import group
 
-    found = []
+    names = []
     for name, command in _walk(group, ""):
         kinds = [parameter.type.kind for parameter in command.params if isinstance(parameter.type, FormatType)]
         if any([kind in row.writers for kind in kinds]):
-            found.append(name)
-    return found
+            names.append(name)
+    return names
 
 
 def _walk(command: click.Command, name: str) -> Iterator[tuple[str, click.Command]]:

@@ -52,10 +52,10 @@ def gate(run: Run | LiveRun, fail_on: frozenset[str], code: int, selected: Mappi
 
 def gate_of(counts: Mapping[str, int], fail_on: frozenset[str], code: int) -> int:
     """Do the same where it is known how often each finding was made."""
-    found = [slug for slug in CATALOGUE if slug in fail_on and counts.get(slug)]
-    if not found:
+    failing = [slug for slug in CATALOGUE if slug in fail_on and counts.get(slug)]
+    if not failing:
         return code
-    found.sort(key=lambda slug: SEVERITIES.index(CATALOGUE[slug].severity))
-    said = ", ".join([f"{slug} ({counts[slug]})" for slug in found])
-    click.echo(f"s7dissect: --fail-on: {said}", err=True)
+    failing.sort(key=lambda slug: SEVERITIES.index(CATALOGUE[slug].severity))
+    listed = ", ".join([f"{slug} ({counts[slug]})" for slug in failing])
+    click.echo(f"s7dissect: --fail-on: {listed}", err=True)
     return EXIT_GATE if code in {EXIT_OK, EXIT_DAMAGED} else code

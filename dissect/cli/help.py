@@ -10,7 +10,7 @@ from typing import Final
 
 import click
 
-from dissect.cli.look import coloured
+from dissect.cli.display import coloured
 from dissect.cli.main import COMMANDS, EXIT_OK, group
 from dissect.cli.options.completing import from_table
 from dissect.cli.run import write
@@ -116,12 +116,14 @@ def _typed(link: re.Match[str]) -> str:
     return typed if text.endswith(_SUFFIX) else f"{text} ({typed})"
 
 
-def _about() -> dict[str, str]:
-    return {topic: said for topics in groups().values() for topic, said in topics.items()}
+def _sentences() -> dict[str, str]:
+    return {topic: sentence for topics in groups().values() for topic, sentence in topics.items()}
 
 
 @click.command("help", epilog="Exit code: 0 success, 2 wrong use, 5 the output could not be written.")
-@click.argument("topic", required=False, metavar="[TOPIC]", shell_complete=from_table(lambda: {**COMMANDS, **_about()}))
+@click.argument(
+    "topic", required=False, metavar="[TOPIC]", shell_complete=from_table(lambda: {**COMMANDS, **_sentences()})
+)
 @click.pass_context
 def command(ctx: click.Context, topic: str | None) -> int:
     """Show the manual page of a command or topic; without one, list the commands and topics.
@@ -136,9 +138,9 @@ def command(ctx: click.Context, topic: str | None) -> int:
     name = _PAGES.get(topic, topic)
     if name in known:
         _show(page(name))
-    elif (found := group.get_command(ctx, topic)) is not None:
-        with click.Context(found, ctx.find_root(), topic) as inner:
-            write([found.get_help(inner)])
+    elif (subcommand := group.get_command(ctx, topic)) is not None:
+        with click.Context(subcommand, ctx.find_root(), topic) as inner:
+            write([subcommand.get_help(inner)])
     else:
         import difflib  # late: a run without this mistake does not need it
 

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Final
 import click
 
 from dissect import __version__
+from dissect.cli.display import clock
 from dissect.cli.formats import format_option, write_outcome
-from dissect.cli.look import clock
 from dissect.cli.main import EXIT_DAMAGED, EXIT_INTERRUPTED, EXIT_OK
 from dissect.cli.options.select import where_option
 from dissect.cli.run import drive
@@ -192,18 +192,18 @@ class Listing(Outcome):
                 yield Line(f"  {_findings(facts)}", PLAIN, 6)
             if facts.damage:
                 yield Line(f"  {printable(facts.damage)}", FAILED, 6)
-        said = words.count(len(self._files), "file")
+        total = words.count(len(self._files), "file")
         changes = self._changes
         if changes is not None:
-            said += f": {len(changes.read)} read, {changes.unchanged} unchanged since the last time"
+            total += f": {len(changes.read)} read, {changes.unchanged} unchanged since the last time"
             if changes.gone:
-                said += f", {len(changes.gone)} gone"
+                total += f", {len(changes.gone)} gone"
             folders = len([name for name in changes.unreadable if name.endswith("/")])
             kinds = {"file": len(changes.unreadable) - folders, "folder": folders}
             unread = " and ".join([words.count(count, kind) for kind, count in kinds.items() if count])
             if unread:
-                said += f"; {unread} could not be read"
-        yield Line(said, DIM, 4)
+                total += f"; {unread} could not be read"
+        yield Line(total, DIM, 4)
 
     def as_dict(self) -> Mapping[str, object]:
         """Return the object of the JSON contract."""
@@ -229,17 +229,17 @@ class Listing(Outcome):
 def _contents(facts: FileFacts, clock: Clock) -> str:
     if not facts.packets:
         return "no packets"
-    said = [
+    texts = [
         f"from {clock.moment(facts.first_ns)}, {duration_text(max(0, facts.last_ns - facts.first_ns))}",
         words.count(facts.packets, "packet"),
         words.count(facts.connections, "connection"),
         words.count(facts.transactions, "transaction"),
     ]
     if facts.errors:
-        said.append(f"{facts.errors} with errors")
+        texts.append(f"{facts.errors} with errors")
     if facts.unanswered:
-        said.append(f"{facts.unanswered} unanswered")
-    return ", ".join(said)
+        texts.append(f"{facts.unanswered} unanswered")
+    return ", ".join(texts)
 
 
 def _findings(facts: FileFacts) -> str:

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING
 
 import click
 
+from dissect.cli.display import clock
 from dissect.cli.folders import indexes
-from dissect.cli.look import clock
 from dissect.cli.options.jobs import indexed_meant
 from dissect.meaning.report import words
 from dissect.wire.text import printable
@@ -38,12 +38,14 @@ def may_match(files: tuple[str, ...], chosen: Chosen) -> tuple[str, ...]:
         click.echo(f"s7dissect: {printable(trouble)}; the files of this folder are opened", err=True)
     if not kept:
         where = printable(files[0]) if len(files) == 1 else f"any of {len(files)} files; only {printable(files[0])}"
-        said = f"{where} is opened" if len(files) > 1 else f"{where}; it is opened all the same"
-        click.echo(f"s7dissect: the index has nothing that -Y selects in {said}, to write an empty result", err=True)
+        consequence = f"{where} is opened" if len(files) > 1 else f"{where}; it is opened all the same"
+        click.echo(
+            f"s7dissect: the index has nothing that -Y selects in {consequence}, to write an empty result", err=True
+        )
         return files[:1]
     missing = len(files) - len(kept)
     if missing:
         verb, them = ("is", "it") if missing == 1 else ("are", "them")
-        said = f"{missing} of {words.count(len(files), 'file')} {verb} not opened"
-        click.echo(f"s7dissect: {said}: the index has nothing in {them} that -Y selects", err=True)
+        consequence = f"{missing} of {words.count(len(files), 'file')} {verb} not opened"
+        click.echo(f"s7dissect: {consequence}: the index has nothing in {them} that -Y selects", err=True)
     return tuple(kept)

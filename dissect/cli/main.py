@@ -208,8 +208,8 @@ class _Main(LazyGroup):
 def _equipped(command: click.Command, path: str) -> click.Command:
     """Give a command what all have, once: the options on how its output looks, and its examples."""
     from dissect.cli.configuration import config_option, wants_config
+    from dissect.cli.display import color_option, local_time_option
     from dissect.cli.examples import examples_of
-    from dissect.cli.look import color_option, local_time_option
 
     if any([parameter.name == "color" for parameter in command.params]):
         return command
@@ -315,10 +315,10 @@ def _show(exc: click.ClickException, arguments: list[str]) -> None:
     for word in arguments:
         if not word.isprintable():  # click breaks its own lines; a name must not
             vars(exc)["message"] = exc.message.replace(word, printable(word))
-    said = io.StringIO()
-    exc.show(file=said)
+    output = io.StringIO()
+    exc.show(file=output)
     # click lists choices with tabs, which are none of a name: those in names were escaped above.
-    lines = said.getvalue().rstrip("\n").replace("\n\t", "\n    ").split("\n")
+    lines = output.getvalue().rstrip("\n").replace("\n\t", "\n    ").split("\n")
     click.echo("\n".join([printable(line) for line in lines]), err=True)
 
 

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Final
 import click
 
 from dissect.cli.configuration import hosts
+from dissect.cli.display import clock, coloured
 from dissect.cli.formats import format_option, write_out
 from dissect.cli.gate import fail_on_option, gate
-from dissect.cli.look import clock, coloured
 from dissect.cli.main import EXIT_DAMAGED, EXIT_INTERRUPTED, EXIT_OK, EXIT_OUTPUT
 from dissect.cli.options.monitor import beside_options
 from dissect.cli.options.scd import scd_options
@@ -259,8 +259,8 @@ def _watchdog() -> list[Companion]:
     """Return the heartbeat, if systemd requests one."""
     from dissect.online.live.watchdog import of_environment
 
-    found = of_environment()
-    return [found] if found is not None else []
+    watchdog = of_environment()
+    return [watchdog] if watchdog is not None else []
 
 
 def _opened(opener: Callable[[], Reader], scrape: Scrape) -> Reader:
@@ -295,7 +295,7 @@ def _show(session: Session, shower: Shower, chosen: Chosen, reloading: Reloading
     lost = LostEvents(session, shower)
     selected = chosen.events(session)
     while True:
-        reloading.look()
+        reloading.check()
         running = session.running  # read before: the last values are taken then
         events = session.poll(POLL_S, POLL_MOST)
         write_events(shower, selected.of(events) if selected is not None else events, lost.lines())

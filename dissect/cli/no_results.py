@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Final
 
 import click
 
+from dissect.cli.display import clock
 from dissect.cli.formats import write_out
-from dissect.cli.look import clock
 from dissect.cli.options.select import Chosen
 from dissect.meaning.report.styled import Written
 from dissect.wire.text import duration_text, shortened
@@ -23,7 +23,7 @@ _ZONELESS: Final = r"(:[0-9]{2}(\.[0-9]+)?|-[0-9]{2})(?=\.\.|$)(?<![+-][0-9]{2}:
 _SHOWN = 200
 
 
-class Shown:
+class CountedOutput:
     """Writes the results of a command, and says why if there are none.
 
     ``noun`` is the name of a result; an output begins with ``heading`` lines that are not results.
@@ -42,21 +42,21 @@ class Shown:
     def explain(self, run: Run, chosen: Chosen, narrowed: Iterable[str] = ()) -> None:
         """Say why nothing was shown, where that is so; ``narrowed`` are other options that select."""
         if not complain_impossible(run, chosen) and self._lines <= self._heading:
-            complain_nothing(self._noun, chosen, narrowed)
+            complain_no_results(self._noun, chosen, narrowed)
             for text in _unknown(run, chosen):
                 click.echo(f"s7dissect: {text}", err=True)
 
 
-def nothing(noun: str, chosen: Chosen, narrowed: Iterable[str] = ()) -> str:
+def no_results_text(noun: str, chosen: Chosen, narrowed: Iterable[str] = ()) -> str:
     """Return the message that there is no ``noun``; ``narrowed`` are other options that select."""
     wanted = [*narrowed, *([shortened(chosen.where.text, _SHOWN)] if chosen.where is not None else [])]
-    said = f"matches {' and '.join(wanted)}" if wanted else "in what was read"
-    return f"no {noun} {said}" if noun else f"nothing {said}"
+    condition = f"matches {' and '.join(wanted)}" if wanted else "in what was read"
+    return f"no {noun} {condition}" if noun else f"nothing {condition}"
 
 
-def complain_nothing(noun: str, chosen: Chosen, narrowed: Iterable[str] = ()) -> None:
+def complain_no_results(noun: str, chosen: Chosen, narrowed: Iterable[str] = ()) -> None:
     """Say that on stderr."""
-    click.echo(f"s7dissect: {nothing(noun, chosen, narrowed)}", err=True)
+    click.echo(f"s7dissect: {no_results_text(noun, chosen, narrowed)}", err=True)
 
 
 def _unknown(run: Run, chosen: Chosen) -> list[str]:
@@ -69,17 +69,17 @@ def _unknown(run: Run, chosen: Chosen) -> list[str]:
     exchange = run.pipeline.exchange
     known = Known(exchange.naming, scd_names(exchange.decoder), files=False)
     tags = {tag.name: tag.name.lower() for tag, _ in known.tags}
-    found = []
+    problems = []
     for name in chosen.where.variables:
         alike = [] if name in tags else [tag for tag, lower in tags.items() if lower == name.lower()]
         try:
             if alike:
-                found.append(f"{shortened(name, 60)}: the tag is called {shortened(alike[0], 60)}")
+                problems.append(f"{shortened(name, 60)}: the tag is called {shortened(alike[0], 60)}")
             elif place_of(name) is None:
                 one_of(name, known)
         except WantedError as error:
-            found.append(str(error))
-    return found
+            problems.append(str(error))
+    return problems
 
 
 def complain_impossible(run: Run, chosen: Chosen) -> bool:

@@ -137,7 +137,7 @@ def _target(cutter: Cutter, choice: Choice, frame: int | None) -> int:
     numbers = cutter.numbers
     if frame is not None:
         return numbers[frame]
-    return next((numbers[found] for found in choice.comments if found in numbers), numbers[0])
+    return next((numbers[commented] for commented in choice.comments if commented in numbers), numbers[0])
 
 
 class _Waiting(Signals):

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import click
 
+from dissect.cli.display import clock
 from dissect.cli.formats import format_option
-from dissect.cli.look import clock
 from dissect.cli.options.numbers import DescribedChoice
 from dissect.cli.options.reading import reading_options
 from dissect.cli.reading import Reading

@@ -250,7 +250,7 @@ class _Proxy:
 
     def _follow(self) -> None:
         """Show events until the relay has ended and all traffic is reported."""
-        told = False
+        reported = False
         while True:
             running, relaying = self._session.running, self._relay.is_alive()  # asked before: what comes last is taken
             if not relaying:
@@ -258,8 +258,8 @@ class _Proxy:
             self._lines.show(self._session.poll(POLL_S, POLL_MOST))
             if running or self._session.waiting:
                 continue
-            if not told and self._session.error is not None:
-                told = True
+            if not reported and self._session.error is not None:
+                reported = True
                 _say(
                     f"the dissection failed: {self._session.error!r}{'; traffic is still relayed' if relaying else ''}"
                 )

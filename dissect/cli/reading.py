@@ -14,7 +14,7 @@ import click
 from dissect.cli.formats import write_out
 from dissect.cli.gate import gate, gate_of
 from dissect.cli.main import EXIT_DAMAGED, EXIT_INTERRUPTED, EXIT_OK
-from dissect.cli.nothing import Shown, complain_impossible, complain_nothing, expect_possible
+from dissect.cli.no_results import CountedOutput, complain_impossible, complain_no_results, expect_possible
 from dissect.cli.options.jobs import check_jobs
 from dissect.cli.options.select import Chosen
 from dissect.cli.run import complain, complain_of, drive, places_of
@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 F = TypeVar("F", "Analysis", "Inventory")
 
 
-class Looked(Protocol):
+class Summarized(Protocol):
     """The results of a file that is read separately."""
 
     @property
@@ -47,13 +47,13 @@ class Looked(Protocol):
         """The file."""
 
 
-L = TypeVar("L", bound=Looked)
+L = TypeVar("L", bound=Summarized)
 
 
 class Adder(Protocol[F]):
-    """Adds up the results of files, in their order; ``found`` is the sum."""
+    """Adds up the results of files, in their order; ``result`` is the sum."""
 
-    found: F
+    result: F
 
     def add(self, part: FilePart) -> None:
         """Add the part of the file that comes next."""
@@ -98,7 +98,7 @@ class Reading:
         self._run: Run | None = None
         self._reading: session.Reading | None = None
         self._counts: Any = {}
-        self._shown: Shown | None = None
+        self._shown: CountedOutput | None = None
         self._rows, self._noun = 0, ""
         self._part: Part | None = None  # for separate files
 
@@ -211,50 +211,50 @@ class Reading:
 
         self.code = separately(self.files, self.jobs, take, direct, folder, kept)
 
-    def one_by_one(self, look: Callable[[str], L], take: Callable[[str, L], None]) -> None:
-        """Let ``look`` read each file separately, as its task does, and pass the results to ``take``."""
+    def one_by_one(self, read: Callable[[str], L], take: Callable[[str, L], None]) -> None:
+        """Call ``read`` for each file separately, as its task does, and pass the results to ``take``."""
         if self.separate:
             self.apart(lambda done: None if done.why else take(done.file, done.result))
             return
         for file in self.files:
-            found = look(file)
-            if loss := found.about.loss:
+            result = read(file)
+            if loss := result.about.loss:
                 complain_of([(file, loss)], EXIT_OK)
                 self.code = EXIT_DAMAGED
-            take(file, found)
+            take(file, result)
 
     # ---- however ----------------------------------------------------------------------------------------------------
 
-    def sum(self, nothing: Callable[[], F], adder: Callable[[Options], Adder[F]]) -> F:
-        """Return what observers that ``nothing`` makes find: one for all files, or one for each, which an adder adds up."""
+    def sum(self, empty: Callable[[], F], adder: Callable[[Options], Adder[F]]) -> F:
+        """Return what observers that ``empty`` makes find: one for all files, or one for each, which an adder adds up."""
 
         def work(of: Task) -> None:
             from dissect.cli.separate import read_file
             from dissect.files.jobs.sums import part_of
 
-            found = nothing()
-            run = self.prepared(found)
+            result = empty()
+            run = self.prepared(result)
             read_file(run)
-            found.part = self.part(run)
-            of.found = part_of(found, run.pipeline, run.files)
+            result.part = self.part(run)
+            of.result = part_of(result, run.pipeline, run.files)
 
         self.as_task(work)
         if self.stand_alone():
-            return self._summed(nothing, adder(self.options()))
-        found = nothing()
-        run = self.run(found)
-        found.take(run.pipeline, run.files)
-        found.part = self.part(run)
-        return found
+            return self._summed(empty, adder(self.options()))
+        result = empty()
+        run = self.run(result)
+        result.take(run.pipeline, run.files)
+        result.part = self.part(run)
+        return result
 
-    def _summed(self, nothing: Callable[[], F], adder: Adder[F]) -> F:
+    def _summed(self, empty: Callable[[], F], adder: Adder[F]) -> F:
         from dissect.cli.separate import part_of_done
 
-        self.apart(lambda done: adder.add(part_of_done(done, nothing)))
+        self.apart(lambda done: adder.add(part_of_done(done, empty)))
         adder.finish()
-        self._counts = adder.found.finding_counts
-        self._part = adder.found.part
-        return adder.found
+        self._counts = adder.result.finding_counts
+        self._part = adder.result.part
+        return adder.result
 
     def rows(self, rows: Rows, noun: str) -> Total:
         """Read for rows, write them, and return what all files came to; a row is called ``noun``."""
@@ -276,7 +276,7 @@ class Reading:
             return total
         self._run = run = self.prepared(rows.observer, self.sieves(rows))
         rows.begin(places_of(run, self.files))
-        self._shown = shown = Shown(noun, len(rows.writer.lines))
+        self._shown = shown = CountedOutput(noun, len(rows.writer.lines))
         write = (lambda: shown.write(rows.take(run))) if rows.at_once else None
         self.code = drive(run, self.files, write, lambda: self.chosen.full)
         total.add(counts_of(run.pipeline, self.findings, rows.left()))
@@ -315,14 +315,14 @@ class Reading:
         if self._shown is not None and self._run is not None:
             self._shown.explain(self._run, self.chosen, narrowed)
         elif not self._rows and not self.interrupted:
-            complain_nothing(self._noun, self.chosen, narrowed)
+            complain_no_results(self._noun, self.chosen, narrowed)
 
     def match(self) -> None:
         """Report on stderr a selection that matches nothing."""
         sieve = self._reading.sieve if self._reading is not None else None
-        nothing = sieve.nothing if sieve is not None else self._part is not None and not self._part.passed
-        if nothing and not self.chosen.impossible:
-            complain_nothing("", self.chosen)
+        unmatched = sieve.nothing if sieve is not None else self._part is not None and not self._part.passed
+        if unmatched and not self.chosen.impossible:
+            complain_no_results("", self.chosen)
 
     def gated(self) -> int:
         """Return the exit code of the command; say on stderr why the gate of --fail-on failed."""

@@ -27,7 +27,7 @@ _HUP: Final = getattr(signal, "SIGHUP", None)
 
 
 class Reloading:
-    """Handles SIGHUP during a ``with``, and acts on it in `look`. If a process ignores the signal (`nohup`), it stays so."""
+    """Handles SIGHUP during a ``with``, and acts on it in `check`. If a process ignores the signal (`nohup`), it stays so."""
 
     def __init__(self, session: Session, beside: Beside) -> None:
         self._session = session
@@ -48,7 +48,7 @@ class Reloading:
     def _note(self, _number: int, _frame: object) -> None:
         self._asked = True
 
-    def look(self) -> None:
+    def check(self) -> None:
         """Read the files again if a signal arrived. Call it often; during an earlier change it waits."""
         alerting = self._beside.alerting
         if not self._asked or self._pending or (alerting is not None and not alerting.settled):

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Final
 import click
 
 from dissect.cli.diff import Comparison
+from dissect.cli.display import write_text
 from dissect.cli.formats import format_option, write_outcome
-from dissect.cli.look import write_text
 from dissect.cli.main import EXIT_GATE, EXIT_INTERRUPTED, EXIT_OK, EXIT_OUTPUT, EXIT_USAGE
 from dissect.cli.options.scd import scd_options
 from dissect.cli.second_pass import check_out
@@ -248,9 +248,9 @@ def _writer(output: str | None, force: bool) -> PcapngWriter:
 
 
 def _report(outcome: Outcome, options: DiffOptions, format_: Format, most: int) -> int:
-    found = outcome.differences(options)
-    shown = list(islice(found, most))
-    rest = sum([1 for _ in found])
+    differing = outcome.differences(options)
+    shown = list(islice(differing, most))
+    rest = sum([1 for _ in differing])
     compared = Comparison(outcome.expected, outcome.came, shown, rest)
     compared.schema = REPLAY_SCHEMA
     compared.more["replay"] = outcome.as_dict()

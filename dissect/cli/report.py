@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Final
 import click
 
 from dissect.cli.configuration import config_typed, hosts
-from dissect.cli.look import clock
+from dissect.cli.display import clock
 from dissect.cli.main import EXIT_INTERRUPTED
 from dissect.cli.options.given import was_given
 from dissect.cli.options.reading import reading_options
@@ -123,9 +123,9 @@ def command(
     b, second_code = _read(reading, both[1:], plots, full_paths, second)
     if second_code == EXIT_INTERRUPTED:
         return _unwritten(second_code)
-    told = differences(first.finish([]), second.finish([]), DiffOptions([], None, reading.naming))
-    shown = [printable(difference.text) for difference in islice(told, MAX_DIFFERENCES)]
-    write_page(output, render([a, b], __version__, shown, sum([1 for _ in told])))
+    differing = differences(first.finish([]), second.finish([]), DiffOptions([], None, reading.naming))
+    shown = [printable(difference.text) for difference in islice(differing, MAX_DIFFERENCES)]
+    write_page(output, render([a, b], __version__, shown, sum([1 for _ in differing])))
     return max(code, second_code)
 
 
@@ -161,7 +161,7 @@ def _read(
 def _reading() -> list[tuple[str, str]]:
     """Return the options for reading captures, as typed: the page shows them in commands to type."""
     params = click.get_current_context().params
-    found = [("--config", name) for name in config_typed()]
+    settings = [("--config", name) for name in config_typed()]
     for option, parameter in _READING.items():
         if was_given(parameter):
             value = params[parameter]
@@ -169,8 +169,8 @@ def _reading() -> list[tuple[str, str]]:
                 value = [f"{name}={number}" for name, number in value.items()]
             elif isinstance(value, bool):
                 value = [""] if value else []
-            found += [(option, str(one)) for one in ([value] if isinstance(value, str) else value)]
-    return found
+            settings += [(option, str(one)) for one in ([value] if isinstance(value, str) else value)]
+    return settings
 
 
 def _unwritten(code: int) -> int:

@@ -115,8 +115,8 @@ def _import_all() -> None:
     importlib.import_module(f"{dissect.__name__}.packets.source.statistics")  # at the end of a file with a loss count
     for room in _ROOMS:
         package = importlib.import_module(f"{dissect.__name__}.{room}")
-        for found in pkgutil.iter_modules(package.__path__):
-            importlib.import_module(f"{package.__name__}.{found.name}")
+        for module in pkgutil.iter_modules(package.__path__):
+            importlib.import_module(f"{package.__name__}.{module.name}")
 
 
 def _say(text: str) -> None:

@@ -94,9 +94,9 @@ def decode_command(
 
     codec = Codec(open_dictionary(path, node=node)[0], strict_pad=strict_pad)
     if message:
-        found = list(codec.parse_messages(octets))
-        _tell(codec.dictionary, found, format_, b"")
-        return EXIT_DAMAGED if any(one.error is not None for one in found) else EXIT_OK
+        messages = list(codec.parse_messages(octets))
+        _tell(codec.dictionary, messages, format_, b"")
+        return EXIT_DAMAGED if any(one.error is not None for one in messages) else EXIT_OK
     one, surplus = _decoded(codec, octets, pdo, struct, whole, value)
     _tell(codec.dictionary, [one], format_, surplus)
     return EXIT_OK
@@ -119,9 +119,9 @@ def _hex(text: str) -> bytes | None:
 def _payload(data: Sequence[str], raw: bool) -> bytes:
     """Return the octets of the arguments, of the file they name or of standard input."""
     if list(data) != ["-"] and not raw:
-        found = _hex(" ".join(data))
-        if found is not None:
-            return found
+        payload = _hex(" ".join(data))
+        if payload is not None:
+            return payload
         if len(data) != 1 or not Path(data[0]).exists():
             shown = printable(" ".join(data))
             raise click.UsageError(f"{shown}: neither hexadecimal bytes (two digits each) nor a file.")
@@ -136,10 +136,10 @@ def _payload(data: Sequence[str], raw: bool) -> bytes:
         raise click.UsageError(f"{printable(data[0])}: more than {_MOST} bytes.")
     if raw:
         return octets
-    found = _hex(octets.decode("ascii", "replace")) if octets.strip() else b""
-    if found is None:
+    payload = _hex(octets.decode("ascii", "replace")) if octets.strip() else b""
+    if payload is None:
         raise click.UsageError(f"{printable(data[0])}: not hexadecimal text; use --raw for raw bytes.")
-    return found
+    return payload
 
 
 def _decoded(
@@ -148,21 +148,21 @@ def _decoded(
     """Return the octets decoded as a message without an envelope, and the octets after it; raises `Error`."""
     from dissect.scd.messages import Message
 
-    found: Decoded
+    decoded: Decoded
     if pdo:
         row = codec.pdo(pdo)
-        found = codec.decode(pdo, octets)
+        decoded = codec.decode(pdo, octets)
         message = Message(service="pdo", phase="push", pdo=f"{row.direction}{row.number}")
     elif struct:
-        found, message = codec.decode_type(struct, octets), Message(content=struct)
+        decoded, message = codec.decode_type(struct, octets), Message(content=struct)
     elif whole:
-        found, message = codec.decode_object(object_key(whole), octets), Message(content=whole)
+        decoded, message = codec.decode_object(object_key(whole), octets), Message(content=whole)
     else:
         assert value is not None
-        found, message = codec.decode_value(value, octets), Message(content=value)
-    message.values, message.flags, message.data = found.values, found.flags, octets
+        decoded, message = codec.decode_value(value, octets), Message(content=value)
+    message.values, message.flags, message.data = decoded.values, decoded.flags, octets
     message.size = len(octets)
-    return message, found.surplus
+    return message, decoded.surplus
 
 
 # ---- what is told ---------------------------------------------------------------------------------------------------
@@ -220,11 +220,11 @@ def _error_text(od: Dictionary, number: int) -> str:
     return od.errors.get(number, "")
 
 
-def _table(found: Sequence[Row]) -> list[list[str]]:
+def _table(rows: Sequence[Row]) -> list[list[str]]:
     from dissect.scd.wording import value_text
 
     lines = [list(_HEADINGS)]
-    for row in found:
+    for row in rows:
         text = f" {printable(row.text)}" if row.text else ""
         lines.append(
             [
@@ -251,7 +251,7 @@ def _raw(row: Row) -> str:
     return f"{decimal} (0x{value:x})" if decimal else f"0x{value:x}"
 
 
-def _as_dict(od: Dictionary, message: Message, found: Sequence[Row], surplus: bytes) -> dict[str, object]:
+def _as_dict(od: Dictionary, message: Message, rows: Sequence[Row], surplus: bytes) -> dict[str, object]:
     from dissect.scd.wording import row_json
 
     has, error = message.numbers, message.error
@@ -264,7 +264,7 @@ def _as_dict(od: Dictionary, message: Message, found: Sequence[Row], surplus: by
         "envelope": has or None,
         "err_text": encodable(_error_text(od, message.err)) if "err" in has else None,
         "values": [
-            row_json(row) for row in found
+            row_json(row) for row in rows
         ],
         "flags": list(message.flags),
         "data": message.data.hex(),

@@ -105,7 +105,7 @@ def _given(words: Sequence[str], find: Callable[[str], Variable]) -> list[tuple[
     from dissect.scd.errors import Error
     from dissect.scd.written import parse_written
 
-    found = []
+    values = []
     for word in words:
         places = [at for at, char in enumerate(word) if char == "="]
         if not places:
@@ -117,12 +117,12 @@ def _given(words: Sequence[str], find: Callable[[str], Variable]) -> list[tuple[
             except Error as error:
                 refused = refused or error
             else:
-                found.append((variable, parse_written(word[at + 1 :], variable)))
+                values.append((variable, parse_written(word[at + 1 :], variable)))
                 break
         else:
             assert refused is not None
             raise refused
-    return found
+    return values
 
 
 def _once(pairs: Sequence[tuple[Any, Value]]) -> dict[Any, Value]:
@@ -140,8 +140,8 @@ def _struct(codec: Codec, name: str, words: Sequence[str], partial: bool) -> byt
     from dissect.scd.errors import E_SUB, Error
     from dissect.scd.model import StructType
 
-    found = codec.dictionary.type(name)
-    fields = found.fields if isinstance(found, StructType) else ()
+    type_ = codec.dictionary.type(name)
+    fields = type_.fields if isinstance(type_, StructType) else ()
     known = {field.name: field for field in fields if not field.reserved}
 
     def find(text: str) -> Variable:
@@ -199,8 +199,8 @@ def _address(od: Dictionary, text: str, kind: str) -> tuple[int, int]:
     """Return an address, also one that the dictionary does not have: it can be requested, and the device may refuse."""
     from dissect.scd.errors import Error
 
-    found = None if text in od.names else _ADDRESS.fullmatch(text)
-    if found is None:
+    match = None if text in od.names else _ADDRESS.fullmatch(text)
+    if match is None:
         try:
             return od.variable(text).address
         except Error:
@@ -208,4 +208,4 @@ def _address(od: Dictionary, text: str, kind: str) -> tuple[int, int]:
             if equals and (name in od or _ADDRESS.fullmatch(name)):
                 raise click.UsageError(f"a {kind} carries no value: give {name} alone.") from None
             raise
-    return int(found[1], 16), int(found[2] or 0)
+    return int(match[1], 16), int(match[2] or 0)

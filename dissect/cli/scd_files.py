@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Final
 
 import click
 
+from dissect.cli.display import write_text
 from dissect.cli.formats import format_option, write_outcome
-from dissect.cli.look import write_text
 from dissect.cli.main import EXIT_GATE, EXIT_OK
 from dissect.cli.run import write
 from dissect.meaning.report.formats import OUTCOME, Format
@@ -246,14 +246,14 @@ def _check_json(file: str, od: Dictionary, notes: Sequence[Note]) -> dict[str, o
 
 
 def _error_json(file: str, errors: Sequence[DictionaryError]) -> dict[str, object]:
-    told = [
+    rows = [
         {
             "code": error.code, "where": encodable(error.where), "detail": encodable(error.detail),
             "rule": error.rule or None, "line": error.line or None, "index": error.index if error.index >= 0 else None,
         }
         for error in errors
     ]  # fmt: skip
-    return {"schema": _CHECK_SCHEMA, "file": encodable(file), "error": told[0], "errors": told}
+    return {"schema": _CHECK_SCHEMA, "file": encodable(file), "error": rows[0], "errors": rows}
 
 
 # ---- diff -----------------------------------------------------------------------------------------------------------
@@ -276,9 +276,9 @@ def diff_command(first: str, second: str, format_: Format, encoding: str, node: 
 
     given = [(path, (encoding, node) if is_description(path) else ("", None)) for path in (first, second)]
     before, after = [open_dictionary(path, *how)[0] for path, how in given]
-    found = compare(before, after)
-    write_outcome(format_, OUTCOME, _Compared(found, (first, second), (before, after)))
-    return _DIFFERENT[found.level]
+    comparison = compare(before, after)
+    write_outcome(format_, OUTCOME, _Compared(comparison, (first, second), (before, after)))
+    return _DIFFERENT[comparison.level]
 
 
 class _Compared(Outcome):
@@ -286,20 +286,20 @@ class _Compared(Outcome):
 
     layout = LINE
 
-    def __init__(self, found: Comparison, names: tuple[str, str], both: tuple[Dictionary, Dictionary]) -> None:
-        self._found = found
+    def __init__(self, comparison: Comparison, names: tuple[str, str], both: tuple[Dictionary, Dictionary]) -> None:
+        self._comparison = comparison
         self._names = names
         self._both = both
 
     def text(self) -> Iterator[Line]:
         """Return a line for each change, and the consequences."""
         first, second = self._names
-        last = f"{printable(first)} and {printable(second)}: {_LEVELS[self._found.level]}"
-        return plain([*columns([_change(change) for change in self._found.changes]), last])
+        last = f"{printable(first)} and {printable(second)}: {_LEVELS[self._comparison.level]}"
+        return plain([*columns([_change(change) for change in self._comparison.changes]), last])
 
     def as_dict(self) -> dict[str, object]:
         """Return the changes."""
-        return _diff_json(self._found, *self._both)
+        return _diff_json(self._comparison, *self._both)
 
 
 def _change(change: Change) -> list[str]:
@@ -313,7 +313,7 @@ def _shown(text: str | None) -> str:
     return "nothing" if text is None else printable(text) or '""'
 
 
-def _diff_json(found: Comparison, before: Dictionary, after: Dictionary) -> dict[str, object]:
+def _diff_json(comparison: Comparison, before: Dictionary, after: Dictionary) -> dict[str, object]:
     changes = [
         {
             "wire": change.wire,
@@ -322,9 +322,9 @@ def _diff_json(found: Comparison, before: Dictionary, after: Dictionary) -> dict
             "before": None if change.before is None else encodable(change.before),
             "after": None if change.after is None else encodable(change.after),
         }
-        for change in found.changes
+        for change in comparison.changes
     ]
     return {
-        "schema": _DIFF_SCHEMA, "level": found.level, "wire_ids": [before.wire_id.hex(), after.wire_id.hex()],
+        "schema": _DIFF_SCHEMA, "level": comparison.level, "wire_ids": [before.wire_id.hex(), after.wire_id.hex()],
         "file_ids": [before.file_id.hex(), after.file_id.hex()], "changes": changes,
     }  # fmt: skip

@@ -41,12 +41,12 @@ def command(name: str | None) -> int:
         width = max(map(len, names))
         write([f"{each.ljust(width)}  {title}" for each, title in _titles().items()])
         return EXIT_OK
-    found = [each for each in names if name in {each, _id(each)}]
-    if not found:
+    matching = [each for each in names if name in {each, _id(each)}]
+    if not matching:
         near = close_names(name, names)
         hint = f" Did you mean {' or '.join(near)}?" if near else ""
         raise click.UsageError(f"no schema {name!r}; available: {', '.join(names)}.{hint}")
-    write([json.dumps(bundled(found[0]), indent=1)])
+    write([json.dumps(bundled(matching[0]), indent=1)])
     return EXIT_OK
 
 
@@ -54,14 +54,17 @@ def bundled(name: str) -> _Schema:
     """Return a schema with those it refers to among its ``$defs``, where a validator finds them by their ``$id``."""
     schema = _load(name)
     wanted = _referred(schema)
-    found: dict[str, _Schema] = {}
+    schemas: dict[str, _Schema] = {}
     while wanted:
         other = wanted.pop()
-        if other not in found and other != name:
-            found[other] = _load(other)
-            wanted |= _referred(found[other])
-    if found:
-        schema["$defs"] = {**schema.get("$defs", {}), **{f"schema-{other}": found[other] for other in sorted(found)}}
+        if other not in schemas and other != name:
+            schemas[other] = _load(other)
+            wanted |= _referred(schemas[other])
+    if schemas:
+        schema["$defs"] = {
+            **schema.get("$defs", {}),
+            **{f"schema-{other}": schemas[other] for other in sorted(schemas)},
+        }
     return schema
 
 
@@ -82,8 +85,8 @@ def _referred(value: object) -> set[str]:
         return set().union(*[_referred(inner) for inner in value])
     if not isinstance(value, dict):
         return set()
-    found = set().union(*[_referred(inner) for inner in value.values()])
+    referred = set().union(*[_referred(inner) for inner in value.values()])
     reference = value.get("$ref")
     if isinstance(reference, str) and reference.startswith(_URN):
-        found.add(reference.removeprefix(_URN).partition(":")[0])
-    return found
+        referred.add(reference.removeprefix(_URN).partition(":")[0])
+    return referred

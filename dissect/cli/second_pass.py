@@ -35,15 +35,15 @@ def _around(ctx: click.Context, param: click.Parameter, value: str | None) -> Ar
 
     if value is None:
         return Around()
-    found = _AROUND.fullmatch(value)
-    if not found:
+    match = _AROUND.fullmatch(value)
+    if not match:
         raise click.BadParameter(
             f"expected a number of packets or a time such as 500ms or 2s, got {value!r}.", ctx, param
         )
-    number = int(found[1])
-    if found[2] is None:
+    number = int(match[1])
+    if match[2] is None:
         return Around(packets=number)
-    return Around(ns=number * (1_000_000 if found[2] == "ms" else 1_000_000_000))
+    return Around(ns=number * (1_000_000 if match[2] == "ms" else 1_000_000_000))
 
 
 #: ``--around``; the command's argument is called ``around``.

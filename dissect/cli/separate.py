@@ -38,7 +38,7 @@ T = TypeVar("T")
 
 
 class Readers(NamedTuple):
-    """An executor and the function for how many tasks it may have ``at_once``; ``look`` is called regularly while it has some.
+    """An executor and the function for how many tasks it may have ``at_once``; ``check`` is called regularly while it has some.
 
     ``queued`` more may wait in it, so that a process that finished one gets the next at once. ``folder`` is where tasks write
     their files, "" if they are part of the result. ``settings`` are those of the command here, None if tasks find them by
@@ -49,7 +49,7 @@ class Readers(NamedTuple):
     at_once: Callable[[], int]
     folder: str
     settings: task.Settings | None = None
-    look: Callable[[], None] = lambda: None
+    check: Callable[[], None] = lambda: None
     troubled: Callable[[], bool] = lambda: False
     queued: int = 0
 
@@ -150,7 +150,7 @@ def separately(
             Interrupted.asked = staticmethod(lambda: interruption.asked)
 
             def stop() -> bool:
-                readers.look()
+                readers.check()
                 return interruption.asked
 
             doer = Files(
@@ -167,10 +167,10 @@ def separately(
                 take(done)
                 why = done.why
                 if not why:
-                    found: About = done.result.about
-                    why = found.loss
-                    octets += found.octets
-                    joints.look(found.first_ns, found.last_ns)
+                    summary: About = done.result.about
+                    why = summary.loss
+                    octets += summary.octets
+                    joints.add(summary.first_ns, summary.last_ns)
                 if why:
                     code = EXIT_DAMAGED
                     say(done.file, why, done.where)
@@ -227,15 +227,15 @@ def say(file: str, why: str, where: str = "") -> None:
     click.echo(f"s7dissect: {text if text.startswith(f'{name}: ') else f'{name}: {text}'}{at}", err=True)
 
 
-def part_of_done(done: Done, nothing: Callable[[], Observer]) -> FilePart:
-    """Return the results of the task of a file; ``nothing`` makes empty results for an unreadable file."""
+def part_of_done(done: Done, empty: Callable[[], Observer]) -> FilePart:
+    """Return the results of the task of a file; ``empty`` makes empty results for an unreadable file."""
     from dissect.files.jobs.sums import unread
 
     if not done.why:
         part: FilePart = done.result
         return part
     name = shown(done.file)
-    return unread(name, done.why.removeprefix(f"{printable(name)}: "), nothing())
+    return unread(name, done.why.removeprefix(f"{printable(name)}: "), empty())
 
 
 class _Joints:
@@ -245,7 +245,7 @@ class _Joints:
         self._last_ns = 0
         self._count = 0
 
-    def look(self, first_ns: int, last_ns: int) -> None:
+    def add(self, first_ns: int, last_ns: int) -> None:
         """Take the times of the packets at both ends of the next file, 0 for a file without packets."""
         from dissect.packets.source.packet import CONTINUES_NS
 

@@ -148,7 +148,7 @@ def _export_task(of: Task, target: Target, only: Sequence[str], reading: Reading
         if spool is not None:
             spool.abandon()
         raise
-    of.found = ExportPart(about(run), spool.done() if spool is not None else None, str(folder), export.counts)
+    of.result = ExportPart(about(run), spool.done() if spool is not None else None, str(folder), export.counts)
 
 
 def export_separately(reading: Reading, target: Target, only: Sequence[str], place: Path) -> dict[str, int]:
@@ -214,7 +214,7 @@ class _Gathered:
         """Remove what tasks left that died; a table without rows is there too, with its columns."""
         for rest in self._place.glob(f".task-*{PART}"):
             shutil.rmtree(rest, ignore_errors=True)
-        found = {day.parts[0] for day in self._files}
-        missing = [table for table in self._tables if table.name not in found]
+        days = {day.parts[0] for day in self._files}
+        missing = [table for table in self._tables if table.name not in days]
         if missing:
             ParquetSink(self._place, missing, False, True, self._metadata).close()

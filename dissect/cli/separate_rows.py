@@ -140,7 +140,7 @@ def rows_task(of: Task, reading: Reading, rows: Rows) -> None:
         read_file(run, write)
         if spooler is not None:
             spooler.marks.over(pipeline)
-        of.found = RowsPart(
+        of.result = RowsPart(
             about=about(run),
             rows=None if spooler is None else spooler.spool.done(),
             marks=Marks() if spooler is None else spooler.marks,
@@ -151,7 +151,7 @@ def rows_task(of: Task, reading: Reading, rows: Rows) -> None:
     except OverflowError as error:
         raise FileError(str(error)) from None
     finally:
-        if spooler is not None and of.found is None:
+        if spooler is not None and of.result is None:
             spooler.spool.abandon()
 
 

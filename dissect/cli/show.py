@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import click
 
+from dissect.cli.display import clock
 from dissect.cli.formats import format_option
-from dissect.cli.look import clock
 from dissect.cli.main import EXIT_OK, EXIT_USAGE
 from dissect.cli.options.numbers import NumberRange, Numbers
 from dissect.cli.options.reading import reading_options
@@ -55,7 +55,7 @@ def command(reading: Reading, format_: Format, frames: tuple[range, ...], verbos
     return reading.gated()
 
 
-def _frames_missing(most: int, frames: tuple[range, ...], found: set[int]) -> int:
+def _frames_missing(most: int, frames: tuple[range, ...], frames_seen: set[int]) -> int:
     """Report packets of a file, up to ``most``, that complete no message or do not exist; return the code of wrong use."""
     for asked in dict.fromkeys(frames):
         first, last = asked.start, asked.stop - 1
@@ -65,6 +65,6 @@ def _frames_missing(most: int, frames: tuple[range, ...], found: set[int]) -> in
                 f"s7dissect: no {named if first == last else f'packet {last}'}; the last one is {most}", err=True
             )
             return EXIT_USAGE
-        if not any([frame in asked for frame in found]):
+        if not any([frame in asked for frame in frames_seen]):
             click.echo(f"s7dissect: {named} {'completes' if first == last else 'complete'} no message", err=True)
     return EXIT_OK

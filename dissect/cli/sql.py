@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING
 
 import click
 
+from dissect.cli.display import clock
 from dissect.cli.formats import format_option, write_outcome
-from dissect.cli.look import clock
 from dissect.cli.main import EXIT_OK
 from dissect.cli.options.completing import from_table
 from dissect.cli.options.reading import reading_options
@@ -79,11 +79,11 @@ def _query(text: str, allow_files: bool) -> tuple[Query, str]:
     from dissect.wire.config.hints import close_names
 
     try:
-        found = named(text, clock().local)
+        saved = named(text, clock().local)
     except ValueError as error:
         raise click.UsageError(f"{str(error)[:1].upper()}{str(error)[1:]}.") from None
-    if found is not None:
-        question, given = found
+    if saved is not None:
+        question, given = saved
         return Query(question.sql.strip(), allow_files, given), question.none
     if text and not any(map(str.isspace, text.strip())):
         near = close_names(text, QUESTIONS)

@@ -65,18 +65,18 @@ def check_command(
     """
     from dissect.meaning.tags.loading import TagError, read_tags
 
-    found: TagSet = guarded(lambda: read_tags(files, encoding, numbers), TagError)
-    coverage = _covered(found, captures) if captures else None
-    outcome = _Checked(found, coverage)
+    tags: TagSet = guarded(lambda: read_tags(files, encoding, numbers), TagError)
+    coverage = _covered(tags, captures) if captures else None
+    outcome = _Checked(tags, coverage)
     write_outcome(format_, OUTCOME, outcome)
     return EXIT_GATE if outcome.broken else EXIT_OK
 
 
-def _covered(found: TagSet, captures: tuple[str, ...]) -> Coverage:
+def _covered(tags: TagSet, captures: tuple[str, ...]) -> Coverage:
     from dissect.files.session import Run
     from dissect.meaning.tags.coverage import Coverage
 
-    coverage = Coverage(found)
+    coverage = Coverage(tags)
     run = Run(captures, coverage)
     complain(run, drive(run, captures))
     return coverage
@@ -85,17 +85,17 @@ def _covered(found: TagSet, captures: tuple[str, ...]) -> Coverage:
 class _Checked(Outcome):
     """The results of checking files of tags."""
 
-    def __init__(self, found: TagSet, coverage: Coverage | None) -> None:
+    def __init__(self, tags: TagSet, coverage: Coverage | None) -> None:
         from dissect.meaning.tags.checks import overlaps
 
-        self._found = found
+        self._tags = tags
         self._coverage = coverage
-        self._overlaps, self._overlapping = overlaps(found.tags)
-        self.broken = any([problem.severity == "error" for problem in found.problems])
+        self._overlaps, self._overlapping = overlaps(tags.tags)
+        self.broken = any([problem.severity == "error" for problem in tags.problems])
 
     def text(self) -> Iterator[Line]:
         """Return files, problems, overlaps and coverage."""
-        for file in self._found.files:
+        for file in self._tags.files:
             yield Line(f"{printable(file.path)}: {_summary(file)}", HEADING, 4)
             problems = sorted(file.problems.found, key=lambda row: row.line)
             for problem in problems:
@@ -107,40 +107,40 @@ class _Checked(Outcome):
             yield Line(f"  note: {printable(str(overlap))}", PLAIN, 6)
         if self._overlapping > _SHOWN:
             yield Line(f"  note: and {self._overlapping - _SHOWN} more overlaps", PLAIN, 6)
-        errors = len([problem for problem in self._found.problems if problem.severity == "error"])
+        errors = len([problem for problem in self._tags.problems if problem.severity == "error"])
         state = f"{words.count(errors, 'error')}: fix them to use these tags" if errors else "no errors"
-        yield Line(f"{words.count(len(self._found.tags), 'tag')}, {state}", FAILED if errors else PLAIN, 4)
+        yield Line(f"{words.count(len(self._tags.tags), 'tag')}, {state}", FAILED if errors else PLAIN, 4)
         if self._coverage is not None:
-            yield from _coverage_lines(self._coverage, len(self._found.tags))
+            yield from _coverage_lines(self._coverage, len(self._tags.tags))
 
     def as_dict(self) -> dict[str, object]:
         """Return the same as values."""
         return {
             "schema": _CHECK_SCHEMA,
             "valid": not self.broken,
-            "tags": len(self._found.tags),
-            "files": [_file_json(file) for file in self._found.files],
+            "tags": len(self._tags.tags),
+            "files": [_file_json(file) for file in self._tags.files],
             "overlaps": {"count": self._overlapping, "listed": [encodable(str(each)) for each in self._overlaps]},
-            "coverage": _coverage_json(self._coverage, len(self._found.tags)) if self._coverage is not None else None,
+            "coverage": _coverage_json(self._coverage, len(self._tags.tags)) if self._coverage is not None else None,
         }
 
 
 def _summary(file: TagFile) -> str:
     kind = file.format or "unknown format"
-    said = [kind, words.count(len(file.tags), "tag")]
+    texts = [kind, words.count(len(file.tags), "tag")]
     if file.blocks:
-        said.append(words.count(len(file.blocks), "block"))
+        texts.append(words.count(len(file.blocks), "block"))
     if file.programs:
-        said.append(words.count(sum([one.count for one in file.programs.values()]), "variable") + " of S7comm-plus")
+        texts.append(words.count(sum([one.count for one in file.programs.values()]), "variable") + " of S7comm-plus")
     for what, count in file.skipped.items():
-        said.append(
+        texts.append(
             f"{count} {what}"
             if what == "repeated"
             else f"{words.count(count, what.removesuffix('s'))} without an address"
         )
     if file.encoding:
-        said.append(f"read as {file.encoding}")
-    return printable(", ".join(said))
+        texts.append(f"read as {file.encoding}")
+    return printable(", ".join(texts))
 
 
 def _problem_json(problem: Problem) -> dict[str, object]:
@@ -226,16 +226,16 @@ def list_command(files: tuple[str, ...], format_: Format, encoding: str, numbers
     return EXIT_OK
 
 
-def _ordered(found: TagSet) -> list[Tag]:
-    return sorted(found.tags, key=lambda tag: (tag.area, tag.db, tag.start, tag.name))
+def _ordered(tags: TagSet) -> list[Tag]:
+    return sorted(tags.tags, key=lambda tag: (tag.area, tag.db, tag.start, tag.name))
 
 
 class _Listed(Outcome):
     """Tags as a table."""
 
-    def __init__(self, found: TagSet) -> None:
-        self._tags = _ordered(found)
-        self._symbols = [(host, one) for host, program in found.programs.items() for one in program.symbols()]
+    def __init__(self, tags: TagSet) -> None:
+        self._tags = _ordered(tags)
+        self._symbols = [(host, one) for host, program in tags.programs.items() for one in program.symbols()]
 
     def text(self) -> Iterator[Line]:
         """Return a line for each tag."""
@@ -243,8 +243,13 @@ class _Listed(Outcome):
         widths = [max([len(str(row[at])) for row in rows], default=0) for at in (0, 1, 2)]
         for address, type_, name, tag in rows:
             scale = f"x{tag.factor:g}{tag.shift:+g}" if tag.shift else f"x{tag.factor:g}" if tag.scaled else ""
-            said = [scale, shortened(tag.unit, 20), shortened(tag.comment, 80), f"({tag.remark})" if tag.remark else ""]
-            rest = "  ".join([printable(text) for text in said if text])
+            texts = [
+                scale,
+                shortened(tag.unit, 20),
+                shortened(tag.comment, 80),
+                f"({tag.remark})" if tag.remark else "",
+            ]
+            rest = "  ".join([printable(text) for text in texts if text])
             line = f"{address.ljust(widths[0])}  {type_.ljust(widths[1])}  {name.ljust(widths[2])}  {rest}"
             yield Line(line.rstrip(), PLAIN, 4)
         for host, one in self._symbols:
@@ -307,12 +312,12 @@ def convert_command(files: tuple[str, ...], output: str, force: bool, encoding: 
     from dissect.meaning.tags.converting import table_lines
 
     check_out(files, output, force)
-    found = load(files, encoding, numbers)
-    if found.programs and not found.tags:
+    tags = load(files, encoding, numbers)
+    if tags.programs and not tags.tags:
         raise click.ClickException(
             "the captures name variables of S7comm-plus, which have no address for a table: see 's7dissect tags list'"
         )
-    lines = list(table_lines(_ordered(found)))
+    lines = list(table_lines(_ordered(tags)))
     if output == "-":
         write(lines)
     else:

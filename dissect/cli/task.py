@@ -1,7 +1,7 @@
 """A command as the task of one file of several that are read separately (option --separate).
 
 The process for the file runs the same command line with this one file instead of all; only the words of the command line are
-sent to another process or machine. The command stores its results in `Task.found`, and writes nothing.
+sent to another process or machine. The command stores its results in `Task.result`, and writes nothing.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ class Task:
         self.folder = folder
         self.place = place
         self.direct = direct
-        self.found: Any = None
+        self.result: Any = None
         #: Represent all files where it matters whether packets are named with their file.
         self.files: Sequence[str] = (file, file) if several else (file,)
 
@@ -96,4 +96,4 @@ def work(arguments: list[str], several: bool, settings: Settings | None, folder:
         raise FileError(f"{error.filename or file}: {error.strerror or type(error).__name__}") from None
     finally:
         _task = None
-    return task.found
+    return task.result

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 import click
 
+from dissect.cli.display import clock
 from dissect.cli.formats import format_option
-from dissect.cli.look import clock
 from dissect.cli.options.reading import reading_options
 from dissect.cli.reading import Reading
 from dissect.cli.rows import Left, Rows, Total
@@ -80,8 +80,8 @@ def _instead(total: Total) -> str:
     packets = f"{total.packets} packets" + (f" ({', '.join(parts)})" if parts else "")
     if total.sealed:
         packets += f"; {total.sealed} wrapped in something that is not opened (s7dissect analyze names it)"
-    said = [f"{number} {PROTOCOLS.get(name, 'ISO-on-TCP')}" for name, number in sorted(total.protocols.items())]
-    return f"{packets}; connections: {', '.join(said)}" if said else packets
+    counts = [f"{number} {PROTOCOLS.get(name, 'ISO-on-TCP')}" for name, number in sorted(total.protocols.items())]
+    return f"{packets}; connections: {', '.join(counts)}" if counts else packets
 
 
 _NOT_S7 = {

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Final
 
 import click
 
+from dissect.cli.display import clock
 from dissect.cli.formats import format_option
-from dissect.cli.look import clock
 from dissect.cli.options.reading import reading_options
 from dissect.cli.options.variables import wanted_of
 from dissect.cli.reading import Reading
@@ -144,9 +144,9 @@ class _Rows(Rows):
 
 def _leave_out(doubts: Mapping[str, int], likely: bool) -> None:
     """Report how many transactions were left out because they are only likely, and why; nothing if they were requested."""
-    said = "" if likely else values_left_out(doubts)
-    if said:
-        click.echo(f"s7dissect: {said}; --likely lists them", err=True)
+    sentence = "" if likely else values_left_out(doubts)
+    if sentence:
+        click.echo(f"s7dissect: {sentence}; --likely lists them", err=True)
 
 
 def _split(reading: Reading) -> tuple[tuple[str, ...], WantedSet | None]:
@@ -164,11 +164,11 @@ def _is_file(word: str) -> bool:
         return False  # no path can have such a name
 
 
-def _miss(wanted: WantedSet | None, found: Collection[str], selected: bool) -> None:
+def _miss(wanted: WantedSet | None, names: Collection[str], selected: bool) -> None:
     """Report which of the chosen variables had neither a value nor a refusal in the captures, or the ``selected`` part."""
     if wanted is None:
         return
-    missing = [printable(one.text) for one in wanted.all if one.text not in found]
+    missing = [printable(one.text) for one in wanted.all if one.text not in names]
     if missing:
         where = "selected" if selected else "read"
         click.echo(f"s7dissect: no value of {some(missing, _LISTED)} in what was {where}", err=True)

@@ -92,7 +92,7 @@ def _task(of: Task, compared: Callable[[str], _Part]) -> None:
     from dissect.testing.oracle.tshark import OracleError
 
     try:
-        of.found = compared(of.file)
+        of.result = compared(of.file)
     except OracleError:
         if Interrupted.asked():  # Ctrl-C reaches tshark too
             raise KeyboardInterrupt from None

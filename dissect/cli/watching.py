@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any, Final, Protocol, cast
 
 import click
 
+from dissect.cli.display import clock
 from dissect.cli.formats import write_out
-from dissect.cli.look import clock
 from dissect.cli.run import Signals, nanoseconds
 from dissect.meaning.report.formats import EVENTS, Format
 
@@ -97,15 +97,15 @@ class LostEvents:
     def __init__(self, session: Session, shower: Shower) -> None:
         self._session = session
         self._shower = shower
-        self._told: dict[str, int] = {}
+        self._reported: dict[str, int] = {}
 
     def lines(self) -> list[str]:
         """Return the line about those since the last call, none where there are none."""
-        if self._session.lost == self._told:
+        if self._session.lost == self._reported:
             return []
-        lost, told = dict(self._session.lost), self._told
-        self._told = lost
-        fresh = {kind: count - told.get(kind, 0) for kind, count in lost.items() if count > told.get(kind, 0)}
+        lost, reported = dict(self._session.lost), self._reported
+        self._reported = lost
+        fresh = {kind: count - reported.get(kind, 0) for kind, count in lost.items() if count > reported.get(kind, 0)}
         return [self._shower.lost(self._session.run.now_ns, fresh)]
 
 

@@ -302,10 +302,10 @@ class MeaningField(XStrField):
         """Return the form for ``show()``: a text as it is, anything else with its octets (Scapy's interface)."""
         if not isinstance(x, bytes):
             return repr(x)
-        told = self.means(self.i2m(pkt, x)) if self.size == REST or len(x) <= self.size else None
-        if told is None:
+        meaning = self.means(self.i2m(pkt, x)) if self.size == REST or len(x) <= self.size else None
+        if meaning is None:
             return x.hex()
-        text = printable(told)
+        text = printable(meaning)
         if not text or text.encode("latin-1", "replace") == x.rstrip(b" \0"):
             return text or x.hex()
         return f"{text} ({x.hex()})"

@@ -40,20 +40,20 @@ def at(address: str, count: int | None = None, transport_size: str | int | None 
     an invalid address.
     """
     text = address.strip().upper()
-    if (pointer := _POINTER.fullmatch(text)) and (found := parse_address(_written(pointer[1]))) is not None:
+    if (pointer := _POINTER.fullmatch(text)) and (parsed := parse_address(_written(pointer[1]))) is not None:
         kind = transport_size if transport_size is not None else pointer[2] or BIT
-        return _placed(address, found, int(pointer[3] or 1) if count is None else count, kind, found.bit)
+        return _placed(address, parsed, int(pointer[3] or 1) if count is None else count, kind, parsed.bit)
     if counted := _COUNT.search(text):
         text = text[: counted.start()] if counted.end() == len(text) else text
         count = int(counted[1]) if count is None else count
     text = _PERIPHERAL.sub(r"P\1", text)
-    found = parse_address(_written(text))
-    if found is None:
+    parsed = parse_address(_written(text))
+    if parsed is None:
         raise _no_address(address, _advice(text))
-    size = _WIDTHS[found.width]
-    if found.area not in NUMBERED_AREAS and found.area != RECORD_AREA and (found.bit < 0) == (size == BIT):
+    size = _WIDTHS[parsed.width]
+    if parsed.area not in NUMBERED_AREAS and parsed.area != RECORD_AREA and (parsed.bit < 0) == (size == BIT):
         raise _no_address(address, _of_bits(text))
-    return _placed(address, found, 1 if count is None else count, transport_size, 0)
+    return _placed(address, parsed, 1 if count is None else count, transport_size, 0)
 
 
 def _advice(text: str) -> str:
@@ -80,19 +80,19 @@ def _written(text: str) -> str:
     return re.sub("^AREA0X[0-9A-F]{2}", lambda area: area[0].lower(), text)
 
 
-def _placed(address: str, found: Address, count: int, transport_size: str | int | None, bit: int) -> S7_Any:
+def _placed(address: str, parsed: Address, count: int, transport_size: str | int | None, bit: int) -> S7_Any:
     """Return the item of an address that was read; a pointer to anything wider than a bit ends with ``bit`` 0."""
-    if found.area in NUMBERED_AREAS:
-        if found.number > _MAX_WORD:
+    if parsed.area in NUMBERED_AREAS:
+        if parsed.number > _MAX_WORD:
             raise _no_address(address, "a counter or timer is a letter and a number")
-        return _item(address, found.area, 0, found.number, found.area, count, transport_size)
-    if found.number > MAX_OCTET or found.db > MAX_DB:
+        return _item(address, parsed.area, 0, parsed.number, parsed.area, count, transport_size)
+    if parsed.number > MAX_OCTET or parsed.db > MAX_DB:
         raise _no_address(address, "its numbers do not fit the fields of an item")
-    if found.area == RECORD_AREA:
-        return _item(address, found.area, found.db, found.field, _WIDTHS["B"], count, transport_size)
+    if parsed.area == RECORD_AREA:
+        return _item(address, parsed.area, parsed.db, parsed.field, _WIDTHS["B"], count, transport_size)
     if bit > 0 and transport_size not in {"BIT", "BOOL", BIT}:
         raise _no_address(address, "a pointer to anything wider than a bit ends with .0")
-    return _item(address, found.area, found.db, found.field, _WIDTHS[found.width], count, transport_size)
+    return _item(address, parsed.area, parsed.db, parsed.field, _WIDTHS[parsed.width], count, transport_size)
 
 
 def _item(

@@ -35,7 +35,7 @@ def plus_parts(*things: Value | Element) -> list[Packet]:
 
     Raises ValueError or TypeError for contents that do not fit their type, and ValueError for more than 40 levels.
     """
-    found: list[Packet] = []
+    packets: list[Packet] = []
     for thing in things:
         octets = build_value(thing) if isinstance(thing, Value) else build_elements([thing])
         walk = Walk(octets, 0, len(octets), True)
@@ -47,8 +47,8 @@ def plus_parts(*things: Value | Element) -> list[Packet]:
         except FormatError as error:
             message = f"{error.field} does not fit at byte {error.at}: give fewer levels, or names of fewer bytes"
             raise ValueError(message) from None
-        found += _packets(walk.parts, octets)
-    return found
+        packets += _packets(walk.parts, octets)
+    return packets
 
 
 def _packets(parts: list[Part], octets: bytes) -> list[Packet]:

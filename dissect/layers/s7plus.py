@@ -44,9 +44,9 @@ def _carve_body(pkt: Packet, rest: bytes) -> list[Piece]:
     frame = pkt.parent
     if isinstance(frame, S7Plus) and rest:
         pdu = parse_plus(frame.original)
-        found = parse_contents(pdu)
-        if pdu.whole and pdu.frames == 1 and sum([part.end - part.offset for part in found.parts]) == len(rest):
-            return pieces_of(found.parts, pdu.data)
+        contents = parse_contents(pdu)
+        if pdu.whole and pdu.frames == 1 and sum([part.end - part.offset for part in contents.parts]) == len(rest):
+            return pieces_of(contents.parts, pdu.data)
     return [(CLASSES[OCTETS], rest)] if rest else []
 
 
@@ -242,10 +242,10 @@ class S7Plus(WireLayer):
     def line(self) -> str:
         """Return one line."""
         body = self.body
-        said = body.line() if isinstance(body, S7Plus_Body) else "fragment"
+        text = body.line() if isinstance(body, S7Plus_Body) else "fragment"
         goes_on = " goes on" if self.getfieldval("trailer") == b"" and self.version != tables.SYSTEM_EVENT else ""
         version = "" if self.version == tables.SYSTEM_EVENT else f"{tables.VERSIONS.name(self.version)} "
-        return f"S7comm-plus {version}{said}{goes_on}"
+        return f"S7comm-plus {version}{text}{goes_on}"
 
 
 class S7Plus_KeepAlive(WireLayer):

@@ -26,7 +26,7 @@ from dissect.layers.scd_fields import (
     joined,
     key_name,
     readable,
-    told_values,
+    value_texts,
 )
 from dissect.scd.codec import Codec
 from dissect.scd.dictionary import Dictionary
@@ -43,7 +43,7 @@ CHAIN_LIMIT: Final = 32
 #: Classes that are kept for the dictionaries they were made for.
 _MOST_CLASSES: Final = 64
 #: Maximum number of values in a summary, and of octets of data without a dictionary.
-_MOST_TOLD: Final = 8
+_MOST_VALUES: Final = 8
 _MOST_OCTETS: Final = 16
 
 _CARRIERS: Final[dict[str, type[Packet]]] = {"udp": UDP, "tcp": TCP}
@@ -197,10 +197,10 @@ class SCD(WireLayer):
         """Return the message in one line (``SCD read response tid=7 0x6041:0 Status = 567``), without others in its chain."""
         service = KINDS.get(self.kind, f"kind 0x{self.kind:02x}")
         phase = " abort" if self.abort else " response" if self.response else ""
-        told = f"SCD {service}{phase} tid={self.tid} {self._place()}{self._content()}"
+        text = f"SCD {service}{phase} tid={self.tid} {self._place()}{self._content()}"
         if self.err or self.abort:
-            told += f": {error_text(self, self.err)}"
-        return told, [type(self)]
+            text += f": {error_text(self, self.err)}"
+        return text, [type(self)]
 
     def _place(self) -> str:
         if self.kind == NUMBERS["pdo"]:
@@ -223,11 +223,11 @@ class SCD(WireLayer):
             return f" data={octets}" if self.data else ""
         if message.error is not None:
             return f" [{printable(str(message.error))}]"
-        told = told_values(self, message)
+        texts = value_texts(self, message)
         if not message.pdo:
-            return f" = {told[0][1]}" if told else ""
-        more = f", … ({len(told)} values)" if len(told) > _MOST_TOLD else ""
-        return f": {joined(told[:_MOST_TOLD])}{more}" if told else ""
+            return f" = {texts[0][1]}" if texts else ""
+        more = f", … ({len(texts)} values)" if len(texts) > _MOST_VALUES else ""
+        return f": {joined(texts[:_MOST_VALUES])}{more}" if texts else ""
 
 
 @lru_cache(maxsize=_MOST_CLASSES)

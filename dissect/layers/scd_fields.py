@@ -86,8 +86,8 @@ class SCDDataField(OctetsField):
         message = readable(layer)
         if message is None or (message.error is not None and message.error.code == E_CRC):  # shown with the crc itself
             return octets
-        told = printable(str(message.error)) if message.error is not None else joined(told_values(layer, message))
-        return f"{octets} ({told})" if octets and told else octets or told
+        text = printable(str(message.error)) if message.error is not None else joined(value_texts(layer, message))
+        return f"{octets} ({text})" if octets and text else octets or text
 
 
 class SCDCrcField(Field[Any, Any]):
@@ -187,8 +187,8 @@ def name_of_index(layer: SCD | None, index: int) -> str:
     """Return the name of an object, of a PDO for a mapping object; empty without a dictionary or a name."""
     if layer is None or layer.codec is None:
         return ""
-    found = layer.codec.dictionary.objects.get(index)
-    return printable(found.name) if found is not None else ""
+    entry = layer.codec.dictionary.objects.get(index)
+    return printable(entry.name) if entry is not None else ""
 
 
 def key_name(dictionary: Dictionary, key: Key) -> str:
@@ -212,7 +212,7 @@ def _variable(dictionary: Dictionary, key: Key) -> Variable | None:
         return None
 
 
-def told_values(layer: SCD, message: Message) -> list[tuple[str, str]]:
+def value_texts(layer: SCD, message: Message) -> list[tuple[str, str]]:
     """Return name and text of each value of a message, in the order of the message."""
     if layer.codec is None:
         return []
@@ -220,9 +220,9 @@ def told_values(layer: SCD, message: Message) -> list[tuple[str, str]]:
     return [(printable(key_name(od, key)), value_with_unit(od, key, value)) for key, value in message.values.items()]
 
 
-def joined(told: list[tuple[str, str]]) -> str:
+def joined(texts: list[tuple[str, str]]) -> str:
     """Return names and values on one line."""
-    return ", ".join([f"{name} = {text}" for name, text in told])
+    return ", ".join([f"{name} = {text}" for name, text in texts])
 
 
 def value_with_unit(dictionary: Dictionary, key: Key, value: Value) -> str:

@@ -46,7 +46,7 @@ _VIDS: Final = 4096
 _MASK: Final = 0xFFFFFFFF
 
 
-class _Found:
+class _Message:
     """A TPKT, an IBH-NetLink packet, or a PDU that was cut: its octets, direction and time, and the S7 PDU it completed."""
 
     __slots__ = ("ack", "cut", "end", "fragment", "octets", "pdu", "side", "time_ns")
@@ -71,27 +71,27 @@ class _Witness(Observer):
         super().__init__()
         self.wants_tpdus = True
         self.wants_pdus = True
-        self.found: list[_Found] = []
+        self.messages: list[_Message] = []
 
     def tpdu(self, frame: int, time_ns: int, side: Side, octets: bytes) -> None:
         """A TPKT; a DT inside a TSDU that began before is a fragment, whatever its octets look like."""
-        self.found.append(_Found(side, time_ns, octets, not side.assembler.clear, False))
+        self.messages.append(_Message(side, time_ns, octets, not side.assembler.clear, False))
 
     def ibh_packet(self, frame: int, time_ns: int, side: Side, octets: bytes) -> None:
         """An IBH-NetLink packet; one inside a message that began before is a fragment, whatever its octets look like."""
-        self.found.append(_Found(side, time_ns, octets, not side.assembler.clear, False))
+        self.messages.append(_Message(side, time_ns, octets, not side.assembler.clear, False))
 
     def pdu(self, frame: int, time_ns: int, side: Side, octets: bytes, cut: bool) -> None:
         """Keep an S7 PDU: that of the packet just reported, or one the capture cut."""
         if cut:
-            self.found.append(_Found(side, time_ns, octets, False, True))
+            self.messages.append(_Message(side, time_ns, octets, False, True))
         else:
-            self.found[-1].pdu = octets
+            self.messages[-1].pdu = octets
 
     def plus_pdu(self, frame: int, time_ns: int, side: Side, octets: bytes, cut: bool) -> None:
         """An S7comm-plus PDU; one of a single frame that came in several DTs hangs on the last of them, as S7 does."""
-        if not cut and self.found[-1].fragment and parse_plus(octets).frames == 1:
-            self.found[-1].pdu = octets
+        if not cut and self.messages[-1].fragment and parse_plus(octets).frames == 1:
+            self.messages[-1].pdu = octets
 
 
 class S7Session(DefaultSession):
@@ -156,26 +156,26 @@ def _delivered(pipeline: Pipeline, packet: Packet | None) -> Iterator[Packet]:
     """Make a packet of each thing found since the last call."""
     witness = pipeline.observer
     assert isinstance(witness, _Witness)
-    found, witness.found = witness.found, []
-    for one in found:
+    messages, witness.messages = witness.messages, []
+    for one in messages:
         whole = _stacked([*_lower(one, packet), _built(one)])
         whole.time = EDecimal(one.time_ns) / _NS
         yield whole
 
 
-def _built(found: _Found) -> Packet:
+def _built(message: _Message) -> Packet:
     """Return the TPKT or IBH-NetLink packet, its data packet holding the S7 PDU it completed."""
-    if found.cut:
-        return _pdu(found.octets)
-    tpkt: Packet = TPKT(found.octets) if found.side.ibh is None else IBH(found.octets)
+    if message.cut:
+        return _pdu(message.octets)
+    tpkt: Packet = TPKT(message.octets) if message.side.ibh is None else IBH(message.octets)
     content = tpkt.payload
-    if isinstance(content, COTP_DT | MPI) and (found.fragment or found.pdu):
+    if isinstance(content, COTP_DT | MPI) and (message.fragment or message.pdu):
         octets = bytes(content.payload)
-        if not found.pdu:
+        if not message.pdu:
             content.remove_payload()
             content.add_payload(octets)
-        elif found.pdu != octets or not isinstance(content.payload, S7):
-            content.join(_pdu(found.pdu))
+        elif message.pdu != octets or not isinstance(content.payload, S7):
+            content.join(_pdu(message.pdu))
     return tpkt
 
 
@@ -192,9 +192,9 @@ def _stacked(layers: list[Packet]) -> Packet:
     return layers[0]
 
 
-def _lower(found: _Found, packet: Packet | None) -> list[Packet]:
+def _lower(message: _Message, packet: Packet | None) -> list[Packet]:
     """Return the layers under the TPKT, as the direction has them."""
-    side = found.side
+    side = message.side
     source, target = side.tcp.ends[side.index], side.tcp.ends[1 - side.index]
     src, dst = address_text(source.address), address_text(target.address)
     macs = _macs(packet, src, dst)
@@ -204,12 +204,12 @@ def _lower(found: _Found, packet: Packet | None) -> list[Packet]:
         left, vid = divmod(left, _VIDS)
         tags.append(Dot1Q(vlan=vid))
     network = IPv6 if len(source.address) == _IPV6_SIZE else IP
-    seq = (found.end - len(found.octets)) & _MASK
+    seq = (message.end - len(message.octets)) & _MASK
     return [
         Ether(src=macs[0], dst=macs[1]),
         *reversed(tags),
         network(src=src, dst=dst),
-        TCP(sport=source.port, dport=target.port, flags="PA", seq=seq, ack=found.ack),
+        TCP(sport=source.port, dport=target.port, flags="PA", seq=seq, ack=message.ack),
     ]
 
 

@@ -80,9 +80,9 @@ class CaptureFolder:
         for one in (path, *[path.with_name(path.name + suffix) for suffix in SUFFIXES], Path(name)):
             if one.is_file():
                 return Capture(one)
-        raise FileNotFoundError(self._nothing(path))
+        raise FileNotFoundError(self._missing_text(path))
 
-    def _nothing(self, path: Path) -> str:
+    def _missing_text(self, path: Path) -> str:
         if not self.folder.is_dir():
             return f"no capture {near(path)}: there is no folder {near(self.folder)} (the ini setting s7_captures names it)"
         there = sorted([one.relative_to(self.folder).as_posix() for one in self.folder.rglob("*") if one.is_file()])

@@ -146,9 +146,9 @@ def _differing(path: Path, session: Session, options: DiffOptions, timed: bool) 
         golden = load_golden(path)
     except GoldenError as error:
         return [_cut(str(error))]
-    found = differences(golden, session, options)
-    lines = [_cut(difference.text) for difference in islice(found, MAX_DIFFERENCES)]
-    rest = sum([1 for _ in found])
+    differing = differences(golden, session, options)
+    lines = [_cut(difference.text) for difference in islice(differing, MAX_DIFFERENCES)]
+    rest = sum([1 for _ in differing])
     if rest:
         lines.append(f"and {words.count(rest, 'further difference')}")
     if timed and not _timed(golden) and _timed(session):

@@ -24,7 +24,7 @@ from typing import TYPE_CHECKING, Any
 import click
 import pytest
 
-from dissect.cli.look import write_lines
+from dissect.cli.display import write_lines
 from dissect.cli.main import EXIT_DAMAGED, EXIT_GATE, EXIT_INTERRUPTED, EXIT_OK, EXIT_OUTPUT, EXIT_USAGE, group
 from dissect.cli.run import Bar
 from dissect.meaning.report.styled import Line

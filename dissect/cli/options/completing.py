@@ -27,8 +27,8 @@ def from_table(table: Callable[[], Mapping[str, str]], several: bool = False) ->
 
         before, comma, last = incomplete.rpartition(",") if several else ("", "", incomplete)
         return [
-            CompletionItem(f"{before}{comma}{name}", help=said)
-            for name, said in table().items()
+            CompletionItem(f"{before}{comma}{name}", help=sentence)
+            for name, sentence in table().items()
             if name.startswith(last)
         ]
 
@@ -65,10 +65,10 @@ def connections(ctx: click.Context, _param: click.Parameter, incomplete: str) ->
         from dissect.packets.source.packet import CaptureError
 
         try:
-            found = analyze(*files).connections
+            read = analyze(*files).connections
         except CaptureError:
             return []
     except OSError:
         return []
-    named = [(str(one.number), f"{one.tcp.ends[0]} {one.tcp.ends[1]}") for one in found]
+    named = [(str(one.number), f"{one.tcp.ends[0]} {one.tcp.ends[1]}") for one in read]
     return [CompletionItem(number, help=ends) for number, ends in named if number.startswith(incomplete)][:_MOST]

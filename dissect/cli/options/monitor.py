@@ -54,11 +54,11 @@ def _kept(
     """Return (slugs, nanoseconds before and after) of each ``--keep-around``."""
     kept = []
     for what, text in values:
-        found = _TIME.fullmatch(text)
-        if found is None:
+        match = _TIME.fullmatch(text)
+        if match is None:
             raise click.BadParameter(f"expected a time such as 500ms, 30s or 2min, got {text!r}.", ctx, param)
         try:
-            kept.append((slugs_of(what), int(found[1]) * _UNITS[found[2] or "s"]))
+            kept.append((slugs_of(what), int(match[1]) * _UNITS[match[2] or "s"]))
         except ValueError as error:
             raise click.BadParameter(str(error), ctx, param) from None
     return kept
@@ -68,8 +68,8 @@ def _period(ctx: click.Context, param: click.Parameter, value: str | None) -> in
     """Return the value of ``--every`` in nanoseconds, 0 if it was not given."""
     if value is None:
         return 0
-    found = _PERIOD.fullmatch(value)
-    length = int(found[1]) * _PERIODS[found[2]] if found is not None else 0
+    match = _PERIOD.fullmatch(value)
+    length = int(match[1]) * _PERIODS[match[2]] if match is not None else 0
     if length < _LEAST:
         raise click.BadParameter(f"expected a time of at least 10 s such as 15min or 1h, got {value!r}.", ctx, param)
     return length
@@ -79,10 +79,10 @@ def _size(ctx: click.Context, param: click.Parameter, value: str | None) -> int:
     """Return the value of ``--keep-free`` in octets, 0 if it was not given."""
     if value is None:
         return 0
-    found = _SIZE.fullmatch(value)
-    if found is None or not int(found[1]):
+    match = _SIZE.fullmatch(value)
+    if match is None or not int(match[1]):
         raise click.BadParameter(f"expected a size such as 500M or 2G, got {value!r}.", ctx, param)
-    return int(found[1]) * _SIZES[found[2]]
+    return int(match[1]) * _SIZES[match[2]]
 
 
 def file_of(out: str) -> Path | None:
@@ -118,10 +118,10 @@ def _export_folder(ctx: click.Context, param: click.Parameter, value: str | None
 
 
 def _file_time(ctx: click.Context, param: click.Parameter, value: str) -> int:
-    found = _TIME.fullmatch(value)
-    if found is None or not int(found[1]):
+    match = _TIME.fullmatch(value)
+    if match is None or not int(match[1]):
         raise click.BadParameter(f"expected a time such as 30s or 5min, got {value!r}.", ctx, param)
-    return int(found[1]) * _UNITS[found[2] or "s"]
+    return int(match[1]) * _UNITS[match[2] or "s"]
 
 
 class Beside:
@@ -340,7 +340,7 @@ class Beside:
     def _report(self, directory: str, name: str) -> ReportCompanion:
         from dissect import __version__
         from dissect.cli.configuration import hosts
-        from dissect.cli.look import clock
+        from dissect.cli.display import clock
         from dissect.cli.report import needs_template_engine
         from dissect.online.live.reports import ReportCompanion
         from dissect.packets.source.live.privileges import missing

@@ -25,9 +25,9 @@ class NumberRange(_RangeType):
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> range:
         """Return the numbers that a text means."""
-        found = _RANGE.fullmatch(value)
-        first = int(found[1]) if found else 0
-        last = int(found[2] or first) if found else 0
+        match = _RANGE.fullmatch(value)
+        first = int(match[1]) if match else 0
+        last = int(match[2] or first) if match else 0
         if not 1 <= first <= last:
             raise click.BadParameter(f"expected a number from 1, or a range such as 10-12, got {value!r}.", ctx, param)
         return range(first, last + 1)
@@ -55,9 +55,9 @@ class DescribedChoice(_ChoiceType):
         if value in self._described:
             return str(value)
         stem = str(value).lower().rstrip("s")
-        meant = [name for name, said in self._described.items() if len(stem) > 2 and stem in said.lower()][:3]
+        meant = [name for name, sentence in self._described.items() if len(stem) > 2 and stem in sentence.lower()][:3]
         if not meant:
             return super().convert(value, param, ctx)
         option = param.opts[0] if param is not None else ""
-        said = "; ".join([f"{option} {name}: {self._described[name]}" for name in meant])
-        raise click.BadParameter(f"there is no {value!r}, but {said}", ctx, param)
+        choices = "; ".join([f"{option} {name}: {self._described[name]}" for name in meant])
+        raise click.BadParameter(f"there is no {value!r}, but {choices}", ctx, param)

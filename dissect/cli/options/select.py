@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import click
 
-from dissect.cli.look import clock, plain
+from dissect.cli.display import clock, plain
 from dissect.cli.main import EXIT_OK, EXIT_USAGE
 from dissect.cli.options.completing import connections
 from dissect.cli.task import current

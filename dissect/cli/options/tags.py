@@ -74,13 +74,13 @@ def _encoding(ctx: click.Context, param: click.Parameter, name: str) -> str:
 
 
 def _numbers(ctx: click.Context, param: click.Parameter, texts: Sequence[str]) -> dict[str, int]:
-    found = {}
+    numbers = {}
     for text in texts:
         name, equals, number = text.rpartition("=")
         if not equals or not name.strip() or not number.strip().isdigit() or not 0 < int(number) <= 65535:
             raise click.BadParameter(f"expected NAME=NUMBER with a number from 1 to 65535, got {text!r}.", ctx, param)
-        found[name.strip().strip('"')] = int(number)
-    return found
+        numbers[name.strip().strip('"')] = int(number)
+    return numbers
 
 
 def naming_of(paths: Sequence[str], encoding: str, numbers: dict[str, int]) -> Naming | None:
@@ -100,9 +100,9 @@ def naming_of(paths: Sequence[str], encoding: str, numbers: dict[str, int]) -> N
     sets = {host: load(names, encoding, numbers, several) for host, names in by_host.items()}
     for name in [name for name in numbers if not any([tags.has_block(name) for tags in sets.values()])]:
         raise click.ClickException(f"--tags-db {name}: no file of tags has a data block of that name")
-    found = {host: tags.naming(host) for host, tags in sets.items()}
-    rest = found.pop("", None)
-    return HostNaming(found, rest) if found else rest
+    namings = {host: tags.naming(host) for host, tags in sets.items()}
+    rest = namings.pop("", None)
+    return HostNaming(namings, rest) if namings else rest
 
 
 def naming_again() -> Naming | None:
@@ -125,9 +125,9 @@ def load(paths: Sequence[str], encoding: str, numbers: dict[str, int], more: boo
     from dissect.meaning.tags.loading import load_tags
     from dissect.meaning.tags.problems import ERROR, WARNING
 
-    found = guarded(lambda: load_tags(paths, encoding, numbers, more), TagError)
-    if isinstance(found, TagError):
-        errors = [problem for problem in found.problems if problem.severity == ERROR]
+    loaded = guarded(lambda: load_tags(paths, encoding, numbers, more), TagError)
+    if isinstance(loaded, TagError):
+        errors = [problem for problem in loaded.problems if problem.severity == ERROR]
         listed = listing(errors)
         raise click.ClickException(
             "\n".join(
@@ -136,8 +136,8 @@ def load(paths: Sequence[str], encoding: str, numbers: dict[str, int], more: boo
                 else listed
             )
         )
-    tags: TagSet = found
-    for text in listing([problem for problem in found.problems if problem.severity == WARNING]):
+    tags: TagSet = loaded
+    for text in listing([problem for problem in loaded.problems if problem.severity == WARNING]):
         click.echo(f"s7dissect: {text}", err=True)
     return tags
 

@@ -67,12 +67,12 @@ class ScdRules:
         """Whether there is a dictionary."""
         return self._carrier is not None
 
-    def message(self, found: ScdMessage) -> bytes:
+    def message(self, scd_message: ScdMessage) -> bytes:
         """Return the rewritten form of a message, of the same size."""
-        message, octets = found.message, found.octets
+        message, octets = scd_message.message, scd_message.octets
         if not message.numbers:
             if message.phase == "push":  # data without an envelope
-                return self._data(found, octets)
+                return self._data(scd_message, octets)
             self._account.mask(account.UNKNOWN, octets)
             return bytes(len(octets))
         code = message.error.code if message.error is not None else ""
@@ -81,7 +81,9 @@ class ScdRules:
             self._account.mask(account.UNKNOWN, octets[head:])
             known = code in (E_SHORT, E_LENGTH)
             return (octets[:head] if known else bytes(min(head, len(octets)))) + bytes(max(len(octets) - head, 0))
-        return self._wrapped(octets, message.numbers, message.data, self._data(found, message.data), code == E_CRC)
+        return self._wrapped(
+            octets, message.numbers, message.data, self._data(scd_message, message.data), code == E_CRC
+        )
 
     def inside(self, octets: bytes) -> bytes | None:
         """Return the rewritten form of messages inside an S7 value; None if it contains none."""
@@ -93,8 +95,8 @@ class ScdRules:
         at = 0
         for size in sizes:
             piece = octets[at : at + size]
-            found = ScdMessage(carrier.devices.codec.parse_message(piece), carrier.dictionary, "", piece)
-            rewritten.append(self.message(found))
+            message = ScdMessage(carrier.devices.codec.parse_message(piece), carrier.dictionary, "", piece)
+            rewritten.append(self.message(message))
             at += size
         return b"".join(rewritten) + octets[at:]
 
@@ -106,9 +108,9 @@ class ScdRules:
         rewritten = []
         at = 0
         for size in _messages(self._default, octets):
-            found = self._default.parse(octets[at : at + size])
-            rewritten.append(self._default.build(found.numbers, bytes(len(found.data))))
-            self._account.mask(account.SCD_UNKNOWN, found.data)
+            header = self._default.parse(octets[at : at + size])
+            rewritten.append(self._default.build(header.numbers, bytes(len(header.data))))
+            self._account.mask(account.SCD_UNKNOWN, header.data)
             at += size
         return b"".join(rewritten) + octets[at:] if rewritten else None
 
@@ -130,12 +132,12 @@ class ScdRules:
 
     # ---- data -------------------------------------------------------------------------------------------------------
 
-    def _data(self, found: ScdMessage, data: bytes) -> bytes:
+    def _data(self, message: ScdMessage, data: bytes) -> bytes:
         """Return the rewritten data of a message."""
-        if not data or self._is_structure(found):
+        if not data or self._is_structure(message):
             return data
         try:
-            slots = self._slots(found, 8 * len(data))
+            slots = self._slots(message, 8 * len(data))
         except Error:
             slots = []  # the dictionary does not have it
         number = int.from_bytes(data, "little")
@@ -156,9 +158,9 @@ class ScdRules:
         self._account.mask(account.UNKNOWN, (number & ~valued).to_bytes(len(data), "little").strip(b"\0"))
         return new.to_bytes(len(data), "little")
 
-    def _is_structure(self, found: ScdMessage) -> bool:
+    def _is_structure(self, scd_message: ScdMessage) -> bool:
         """Return whether the data are facts of the dictionary: the class of an object, the mapping of a PDO."""
-        message = found.message
+        message = scd_message.message
         dictionary = self._dictionary
         if message.service not in ("read", "write") or dictionary is None or message.index not in dictionary.objects:
             return False
@@ -167,19 +169,19 @@ class ScdRules:
             return fits and message.data == dictionary.wire_id[:4]
         return fits and (message.sub == _STRUCTURE or is_mapping(message.index))
 
-    def _slots(self, found: ScdMessage, bits: int) -> list[_Slot]:
+    def _slots(self, scd_message: ScdMessage, bits: int) -> list[_Slot]:
         """Return the values in the data; raises `Error` for anything that the dictionary does not have."""
-        message, dictionary = found.message, self._dictionary
+        message, dictionary = scd_message.message, self._dictionary
         if dictionary is None:
             return []
         if message.service == "pdo":
             if not message.pdo:
                 return []
-            pdo = found.mapping or dictionary.pdo(message.pdo)
+            pdo = scd_message.mapping or dictionary.pdo(message.pdo)
             return [
                 (row.offset, row.bits, row.variable.type, _known(row.variable), row.variable.traits) for row in pdo.map
             ]
-        holds = self._holds.get(found.binding, "messages")
+        holds = self._holds.get(scd_message.binding, "messages")
         if holds == "struct":
             struct = dictionary.type(message.index)
             return _fields(struct.fields) if isinstance(struct, StructType) else []
@@ -254,11 +256,11 @@ def _messages(envelope: Envelope, octets: bytes) -> list[int]:
     if not opening.strip(b"\0") or not envelope.has_crc or not envelope.framed:
         return sizes
     while octets.startswith(opening, at):
-        found = envelope.parse(octets, at)
-        if found.error is not None:
+        header = envelope.parse(octets, at)
+        if header.error is not None:
             return []
-        sizes.append(found.size)
-        at += found.size
+        sizes.append(header.size)
+        at += header.size
     return sizes if not any(octets[at:]) else []
 
 

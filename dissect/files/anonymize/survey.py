@@ -388,17 +388,17 @@ class Survey(Observer):
 
     # ---- SCD --------------------------------------------------------------------------------------------------------
 
-    def scd(self, frame: i64, time_ns: i64, side: Side, found: ScdMessage) -> None:
+    def scd(self, frame: i64, time_ns: i64, side: Side, message: ScdMessage) -> None:
         """Plan an SCD message in a datagram, a stream or a TSDU."""
         if self._rules.scd is None:
             return
-        plan = RewritePlan(found.octets, self._account)
-        plan.write(self._rules.scd.message(found))
-        at = int(found.offset)
+        plan = RewritePlan(message.octets, self._account)
+        plan.write(self._rules.scd.message(message))
+        at = int(message.offset)
         if side.connection.udp:
             self._in_datagram(int(frame), at, plan)
         elif isinstance(side.kept, Backlog):
-            self._in_stream(side, found, plan)
+            self._in_stream(side, message, plan)
         elif self._tsdu:
             track, _ = self._direction(side)
             begin = 0
@@ -416,7 +416,7 @@ class Survey(Observer):
         new = b"".join([piece or plan.octets[begin:end] for begin, end, piece in plan.pieces])
         self._datagrams.setdefault(frame, []).append((at, new))
 
-    def _in_stream(self, side: Side, found: ScdMessage, plan: RewritePlan) -> None:
+    def _in_stream(self, side: Side, scd_message: ScdMessage, plan: RewritePlan) -> None:
         """Plan messages of a bound stream.
 
         Messages that are reported together end at the position up to which the stream was processed. If anything else follows
@@ -431,7 +431,7 @@ class Survey(Observer):
         if units is None or units.track is not track or units.end != end:
             self._plan_units()
             units = self._units = Units(track, end)
-        if side.framer.synced or not found.message.numbers:
+        if side.framer.synced or not scd_message.message.numbers:
             units.plans.append(plan)
             message.reported = end
             return

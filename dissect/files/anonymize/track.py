@@ -145,12 +145,12 @@ class Track:
         else:
             self.full = True
 
-    def expect(self, place: int, found: int) -> None:
-        """Note that a TPKT was expected at ``place`` and the next whole one began at ``found``, -1 for none.
+    def expect(self, place: int, actual: int) -> None:
+        """Note that a TPKT was expected at ``place`` and the next whole one began at ``actual``, -1 for none.
 
-        If ``found`` is later, the header of an incomplete TPKT may be at ``place`` (`_headers`).
+        If ``actual`` is later, the header of an incomplete TPKT may be at ``place`` (`_headers`).
         """
-        if found != place and self._expected[-1] < place and self._room.take(0):
+        if actual != place and self._expected[-1] < place and self._room.take(0):
             self._expected.append(place)
 
     def apply(self, plan: RewritePlan, offset: int, begin: int = 0, end: int = -1) -> None:

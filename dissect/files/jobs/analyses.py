@@ -17,15 +17,15 @@ from dissect.meaning.report.per_file import PerFile
 
 
 class Analyses:
-    """Adds up parts. ``found`` is the analysis of all parts so far; ``options`` are those of the whole run."""
+    """Adds up parts. ``result`` is the analysis of all parts so far; ``options`` are those of the whole run."""
 
     def __init__(self, options: Options) -> None:
-        self.found = Analysis()
+        self.result = Analysis()
         self._sum = Sum(options)
         self._naming: Naming | None = options.naming
         self._bounds = Bounds()
         self._explained_bounds = Bounds()
-        self.found.take(self._sum.pipeline, self._sum.files)
+        self.result.take(self._sum.pipeline, self._sum.files)
 
     def add(self, part: FilePart) -> None:
         """Add the part of the next file."""
@@ -40,7 +40,7 @@ class Analyses:
                 )
             }.values():
                 connection.naming = self._naming.of(connection)
-        self.found.merge(later)
+        self.result.merge(later)
         self._add_findings(later, before)
 
     def finish(self) -> None:
@@ -59,9 +59,9 @@ class Analyses:
             if later.part is not None:
                 finding.number, finding.explained_by = own and before + own, cause and before + cause
             else:
-                numbers[own] = finding.number = len(self.found.findings) + len(self.found.explained) + 1
+                numbers[own] = finding.number = len(self.result.findings) + len(self.result.explained) + 1
                 finding.explained_by = numbers.get(cause, 0)
-            self.found.finding(finding)
+            self.result.finding(finding)
 
     def _keeps(self, finding: Finding) -> bool:
         """Return whether one run would keep this finding in detail (`dissect.engine.findings.bounds`)."""
@@ -79,23 +79,23 @@ class AnalysesByFile(Analyses):
 
     def add(self, part: FilePart) -> None:
         """Add the part of the next file, which has what there is more then."""
-        before = _counts(self.found)
+        before = _counts(self.result)
         super().add(part)
-        after = _counts(self.found)
+        after = _counts(self.result)
         counts = self.rows.of(len(self._sum.files) - 1)
         more = [now - then for now, then in zip(after, before, strict=True)]
         counts.connections, counts.transactions, counts.errors, counts.missed = more[:4]
         counts.findings = dict(zip(SEVERITIES, more[4:], strict=True))
 
 
-def _counts(found: Analysis) -> list[int]:
+def _counts(analysis: Analysis) -> list[int]:
     """Return connections, transactions, errors, missing answers, and findings by severity."""
-    counts = found.finding_counts
+    counts = analysis.finding_counts
     by_severity = [
         sum([n for slug, n in counts.items() if CATALOGUE[slug].severity == severity]) for severity in SEVERITIES
     ]
-    connections = len(found.connections) + int(found.connections_not_listed)
-    return [connections, int(found.total), int(found.with_errors), found.missed, *by_severity]
+    connections = len(analysis.connections) + int(analysis.connections_not_listed)
+    return [connections, int(analysis.total), int(analysis.with_errors), analysis.missed, *by_severity]
 
 
 def _number(finding: Finding) -> int:

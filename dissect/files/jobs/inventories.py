@@ -11,16 +11,16 @@ from dissect.meaning.inventory.collector import Inventory
 
 
 class Inventories:
-    """Adds up parts. ``found`` is complete after `finish`; ``options`` are those of the whole run."""
+    """Adds up parts. ``result`` is complete after `finish`; ``options`` are those of the whole run."""
 
     def __init__(self, options: Options) -> None:
-        self.found = Inventory()
+        self.result = Inventory()
         self._sum = Sum(options)
 
     def add(self, part: FilePart) -> None:
         """Add the part of the next file."""
-        self.found.merge(self._sum.take(part))
+        self.result.merge(self._sum.take(part))
 
     def finish(self) -> None:
         """Sort the devices, after all parts were added."""
-        self.found.take(self._sum.pipeline, self._sum.files)
+        self.result.take(self._sum.pipeline, self._sum.files)

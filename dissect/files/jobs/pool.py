@@ -42,12 +42,12 @@ class _Process:
         """Call a function in the process; return its result or raise its exception. BrokenExecutor if the process dies."""
         try:
             self._pipe.send((fn, arguments))
-            well, found = self._pipe.recv()
+            well, result = self._pipe.recv()
         except (EOFError, OSError):
             raise BrokenExecutor("the process ended") from None
         if well:
-            return found
-        raise found
+            return result
+        raise result
 
     def end(self) -> None:
         """Kill the process. A thread that is in `call` returns then."""
@@ -112,7 +112,7 @@ class Pool(Executor):
             if not future.set_running_or_notify_cancel():
                 continue
             try:
-                found = self._processes[at].call(fn, arguments)
+                result = self._processes[at].call(fn, arguments)
             except BrokenExecutor as error:
                 future.set_exception(error)  # first, so that the caller need not wait for a new process
                 if not self._replace(at):
@@ -120,7 +120,7 @@ class Pool(Executor):
             except Exception as error:  # noqa: BLE001 - as every executor hands it on
                 future.set_exception(error)
             else:
-                future.set_result(found)
+                future.set_result(result)
         self._processes[at].close()
 
     def _replace(self, at: int) -> bool:

@@ -78,22 +78,22 @@ _LEFT_OUT: Final[dict[str, frozenset[str]]] = {
 
 
 class Sent(NamedTuple):
-    """Objects as plain values: ``found``, and for each object of ours in it its class and the arguments of its constructor.
+    """Objects as plain values: ``value``, and for each object of ours in it its class and the arguments of its constructor.
 
     ``classes`` are the (module, name) of the classes; an object has the index of its class there. A column has the values of
     one attribute of objects of one class: their indexes in ``objects``, the name of the attribute, and the values.
     """
 
-    found: Any
+    value: Any
     classes: list[tuple[str, str]]
     objects: list[tuple[int, list[Any] | None]]
     columns: list[tuple[list[int], str, list[Any]]]
 
 
-def send(found: object) -> Sent:
+def send(value: object) -> Sent:
     """Return objects as plain values. Raises TypeError for an object that cannot be sent."""
     sender = _Sender()
-    plain = sender.plain(found)
+    plain = sender.plain(value)
     sender.finish()
     return Sent(plain, list(sender.classes), sender.objects, sender.columns)
 
@@ -190,15 +190,15 @@ def receive(sent: Sent, offsets: Offsets) -> Any:
             whole = _moved(type(which[0]), name, whole, offsets)
         for _ in map(setattr, which, repeat(name), whole):
             pass
-    return _value(sent.found, objects)
+    return _value(sent.value, objects)
 
 
 @cache
 def _ours(module: str, name: str) -> Any:
-    found = getattr(importlib.import_module(module), name) if module.startswith(_OURS) else None
-    if not isinstance(found, type) or found.__module__ != module:
+    kind = getattr(importlib.import_module(module), name) if module.startswith(_OURS) else None
+    if not isinstance(kind, type) or kind.__module__ != module:
         raise ValueError(f"{module}.{name} is not a class of this package")
-    return found
+    return kind
 
 
 def _values(plain: list[Any], objects: list[Any]) -> list[Any]:

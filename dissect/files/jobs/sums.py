@@ -35,23 +35,23 @@ class FilePart(NamedTuple):
         return About(*self[:5])
 
 
-def part_of(found: Observer, pipeline: Pipeline, files: list[SourceFile]) -> FilePart:
+def part_of(observer: Observer, pipeline: Pipeline, files: list[SourceFile]) -> FilePart:
     """Return the results of a finished run over one file."""
     counted = counted_by(pipeline)
     file = files[0]
     return FilePart(
-        file.name, file.loss, int(file.octets), pipeline.first_ns, pipeline.now_ns, send((found, counted, files))
+        file.name, file.loss, int(file.octets), pipeline.first_ns, pipeline.now_ns, send((observer, counted, files))
     )
 
 
-def unread(name: str, why: str, found: Observer) -> FilePart:
-    """Return the part for an unreadable file; ``found`` is an empty observer of its kind."""
+def unread(name: str, why: str, observer: Observer) -> FilePart:
+    """Return the part for an unreadable file; ``observer`` is an empty one of its kind."""
     file = SourceFile(name, 1)
     file.damage = why
-    pipeline = Pipeline(found)
+    pipeline = Pipeline(observer)
     pipeline.note_damage(f"{name}: {why}")
     pipeline.finish()
-    return part_of(found, pipeline, [file])
+    return part_of(observer, pipeline, [file])
 
 
 class Sum:
@@ -72,7 +72,7 @@ class Sum:
         received: tuple[Any, Counted, list[SourceFile]] = receive(
             part.sent, Offsets(packets, connections, int(pipeline.exchange.dialogue.count))
         )
-        found, counted, files = received
+        result, counted, files = received
         add_counted(pipeline, counted, packets, self._given_keys)
         self.files += files
-        return found
+        return result

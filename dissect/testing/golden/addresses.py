@@ -60,9 +60,9 @@ def item_octets(address: str, type_: str, count: int, idle_db: int = 0) -> bytes
 
 
 def _type(name: str) -> int:
-    found = _BY_TYPE.get(name)
-    if found is None and re.fullmatch("0x[0-9a-f]{2}", name):
-        found = int(name, 16)
-    if found is None:
+    type_ = _BY_TYPE.get(name)
+    if type_ is None and re.fullmatch("0x[0-9a-f]{2}", name):
+        type_ = int(name, 16)
+    if type_ is None:
         raise ValueError(f"{name} is not a type; known types: {', '.join(_BY_TYPE)}, and numbers such as 0x1f")
-    return found
+    return type_

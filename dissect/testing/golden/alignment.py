@@ -68,11 +68,11 @@ def _anchors(a: Sequence[int], b: Sequence[int], left: list[int], right: list[in
     """Return the longest ascending chain of elements that are unique on both sides, as indices of ``left`` and ``right``."""
     counts, others = Counter(a[i] for i in left), Counter(b[j] for j in right)
     places = {b[j]: at for at, j in enumerate(right) if others[b[j]] == 1}
-    found = [(at, places[a[i]]) for at, i in enumerate(left) if counts[a[i]] == 1 and a[i] in places]
+    pairs = [(at, places[a[i]]) for at, i in enumerate(left) if counts[a[i]] == 1 and a[i] in places]
     ends: list[int] = []  # the smallest position at which a chain of each length ends
     tops: list[int] = []
     before: list[int] = []
-    for index, (_, place) in enumerate(found):
+    for index, (_, place) in enumerate(pairs):
         length = bisect_left(ends, place)
         before.append(tops[length - 1] if length else -1)
         ends[length : length + 1] = [place]
@@ -80,7 +80,7 @@ def _anchors(a: Sequence[int], b: Sequence[int], left: list[int], right: list[in
     chain: list[Pair] = []
     at = tops[-1] if tops else -1
     while at >= 0:
-        chain.append(found[at])
+        chain.append(pairs[at])
         at = before[at]
     chain.reverse()
     return chain
@@ -93,8 +93,8 @@ def _searched(a: Sequence[int], b: Sequence[int], left: list[int], right: list[i
     pairs: list[Pair] = []
     x, y = 0, 0
     while x < len(first) and y < len(second):
-        found, x, y = _search(first, second, x, y)
-        pairs += [(left[i], right[j]) for i, j in found]
+        shared, x, y = _search(first, second, x, y)
+        pairs += [(left[i], right[j]) for i, j in shared]
     return pairs
 
 

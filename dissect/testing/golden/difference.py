@@ -59,13 +59,13 @@ class DiffOptions:
         if latency is not None and not isinstance(latency, str):
             raise ValueError(f"latency={latency!r}: a tolerance is a text such as '20%', '5ms' or '20%,5ms'")
         for part in latency.split(",") if latency is not None else ():
-            found = _TOLERANCE.fullmatch(part.strip())
-            if found is None:
+            match = _TOLERANCE.fullmatch(part.strip())
+            if match is None:
                 raise ValueError(f"{part!r} is not a tolerance such as 20% or 5ms")
-            if found[2] == "%":
-                self.latency_share = float(found[1]) / 100
+            if match[2] == "%":
+                self.latency_share = float(match[1]) / 100
             else:
-                self.latency_ns = float(found[1]) * _NS[found[2]]
+                self.latency_ns = float(match[1]) * _NS[match[2]]
 
     def ignores(self, kind: str, *targets: str) -> bool:
         """Return whether a difference of this kind about any of these is to be ignored."""

@@ -48,9 +48,9 @@ _SETUP: Final = re.compile(r"PDU ([0-9]{1,5}), AmQ ([0-9]{1,5})/([0-9]{1,5})")
 
 def parse_setup(text: str) -> Setup:
     """Parse the text of a `Setup`. Raises ValueError."""
-    found = _SETUP.fullmatch(text)
-    numbers = [int(number) for number in found.groups()] if found else [0x10000]
-    if found is None or max(numbers) > 0xFFFF:
+    match = _SETUP.fullmatch(text)
+    numbers = [int(number) for number in match.groups()] if match else [0x10000]
+    if match is None or max(numbers) > 0xFFFF:
         raise ValueError(f"{text} is not of the form PDU 480, AmQ 1/1")
     return Setup(numbers[1], numbers[2], numbers[0])
 
@@ -139,22 +139,22 @@ def _named(octets: bytes) -> tuple[Item, str]:
 
 def parse_item_text(text: str) -> ItemLine:
     """Parse the output of `item_text` without its comment; ``code`` is -1 unless the item was refused. Raises ValueError."""
-    found = _ITEM.fullmatch(text)
-    if found is None:
+    match = _ITEM.fullmatch(text)
+    if match is None:
         raise ValueError(f"{text} is not an item such as DB10.DBW4 INT = 1234")
-    if found["spec"] is not None:
-        octets = hex_octets(found["spec"])
+    if match["spec"] is not None:
+        octets = hex_octets(match["spec"])
         if len(octets) < 3 or len(octets) != octets[1] + 2:
-            raise ValueError(f"{found['spec']} is not an item: its second byte must count the bytes after it")
+            raise ValueError(f"{match['spec']} is not an item: its second byte must count the bytes after it")
     else:
-        octets = item_octets(found["address"], found["type"], int(found["count"] or 1), int(found["db"] or 0))
+        octets = item_octets(match["address"], match["type"], int(match["count"] or 1), int(match["db"] or 0))
     item = parse_item(octets, 0)
-    data = value_octets(found["value"], int(item.transport_size)) if found["value"] is not None else None
+    data = value_octets(match["value"], int(item.transport_size)) if match["value"] is not None else None
     size = usual_size(item)
-    if found["size"] is not None:
-        size = _BY_SIZE[found["size"]] if found["size"] in _BY_SIZE else int(found["size"], 16)
-    code = int(found["code"], 16) if found["code"] is not None else -1
-    head = hex_octets(found["head"]) if found["head"] is not None else _REFUSED
+    if match["size"] is not None:
+        size = _BY_SIZE[match["size"]] if match["size"] in _BY_SIZE else int(match["size"], 16)
+    code = int(match["code"], 16) if match["code"] is not None else -1
+    head = hex_octets(match["head"]) if match["head"] is not None else _REFUSED
     if len(head) != len(_REFUSED) or not 0 <= size <= 0xFF:
         raise ValueError(f"{text}: a head has three bytes, a transport size has one")
     return ItemLine(octets, data, code, size, head)

@@ -55,9 +55,9 @@ def _names(exchange: Exchange) -> list[str]:
 def _without(names: Sequence[str], others: Sequence[str]) -> list[str]:
     """Return the names, in order, that ``others`` does not have or has less often."""
     left = Counter(others)
-    found = []
+    rest = []
     for name in names:
         left[name] -= 1
         if left[name] < 0:
-            found.append(name)
-    return found
+            rest.append(name)
+    return rest

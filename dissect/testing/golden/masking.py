@@ -148,8 +148,8 @@ def mask_plus(octets: bytes) -> bytes:
     elif pdu.sequence >= 0:
         request = pdu.opcode == REQUEST and pdu.session_id >= 0
         _clear_data(masked, pdu, _PLUS_REQUEST if request else _PLUS_RESPONSE)
-    found, secrets = shown_contents(pdu)
-    for part in found.parts:
+    contents, secrets = shown_contents(pdu)
+    for part in contents.parts:
         if part.layout is INTEGRITY_ID:
             _clear_data(masked, pdu, [(part.offset, part.end)], _MORE)
         elif part.layout is DIGEST:

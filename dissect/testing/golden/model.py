@@ -233,9 +233,9 @@ class Session:
             exchange.response_seen,
             exchange.subscribed,
         )
-        found = self._exchanges.get(key)
-        if found is not None:
-            return found
+        shared = self._exchanges.get(key)
+        if shared is not None:
+            return shared
         size = len(exchange.request) + len(exchange.response)
         self._take(size + sum([len(line) for line in exchange.scd]) if exchange.scd else size)
         self._exchanges[key] = exchange

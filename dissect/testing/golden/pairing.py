@@ -36,7 +36,7 @@ def pair_links(a: Session, b: Session, keys: Keys) -> list[tuple[Link | None, Li
     their requests are the same, or if each session has only one connection.
     """
     counts = {id(link): Counter([keys.exact(each) for each in link.transactions]) for link in (*a.links, *b.links)}
-    found: dict[int, Link] = {}
+    partners: dict[int, Link] = {}
     left, right = list(a.links), list(b.links)
     groups: dict[Hashable, list[Link]] = defaultdict(list)
     for link in right:
@@ -44,15 +44,15 @@ def pair_links(a: Session, b: Session, keys: Keys) -> list[tuple[Link | None, Li
     for who in dict.fromkeys([link.who for link in left]):
         ours = [link for link in left if link.who == who]
         for one, other in _most_alike(ours, groups[who], counts, 0.0):
-            found[id(one)] = other
-    taken = {id(link) for link in found.values()}
-    lonely = [link for link in left if id(link) not in found]
+            partners[id(one)] = other
+    taken = {id(link) for link in partners.values()}
+    lonely = [link for link in left if id(link) not in partners]
     others = [link for link in right if id(link) not in taken]
     least = 0.5 if len(left) > 1 or len(right) > 1 else 0.0
     for one, other in _most_alike(lonely, others, counts, least):
-        found[id(one)] = other
-    taken = {id(link) for link in found.values()}
-    pairs: list[tuple[Link | None, Link | None]] = [(link, found.get(id(link))) for link in left]
+        partners[id(one)] = other
+    taken = {id(link) for link in partners.values()}
+    pairs: list[tuple[Link | None, Link | None]] = [(link, partners.get(id(link))) for link in left]
     return pairs + [(None, link) for link in right if id(link) not in taken]
 
 
@@ -134,11 +134,11 @@ def _moved(first: Sequence[int], second: Sequence[int], partner: dict[int, int])
     for at, key in enumerate(second):
         if at not in taken:
             waiting[key].append(at)
-    found = {}
+    pairs = {}
     for at, key in enumerate(first):
         if at not in partner and waiting.get(key):
-            found[at] = waiting[key].popleft()
-    return found
+            pairs[at] = waiting[key].popleft()
+    return pairs
 
 
 def _close(
@@ -154,13 +154,13 @@ def _close(
     for at, transaction in enumerate(b):
         if at not in taken:
             waiting[regions[1][at], key(transaction)].append(at)
-    found = {}
+    pairs = {}
     for at, transaction in enumerate(a):
         if at not in partner:
             queue = waiting.get((regions[0][at], key(transaction)))
             if queue:
-                found[at] = queue.popleft()
-    return found
+                pairs[at] = queue.popleft()
+    return pairs
 
 
 def _in_order(

@@ -154,18 +154,18 @@ class _Reader:
             self._links.append(link)
             self._numbers = {}
             return
-        found = _HEAD.fullmatch(head.text)
-        if found is None:
+        match = _HEAD.fullmatch(head.text)
+        if match is None:
             raise _LineError(
                 head, f"{head.text!r} starts neither a connection nor a transaction such as '1 client READ'"
             )
         if not self._links:
             raise _LineError(head, "a transaction before the first connection")
         link = self._links[-1]
-        key = (found[3], *[line.text for line in below])
+        key = (match[3], *[line.text for line in below])
         draft = self._known.get(key)
         if draft is None:
-            draft = _Draft(found[3])
+            draft = _Draft(match[3])
             for line in below:
                 _read(line, draft.take)
             draft.made = draft.exchange()
@@ -184,20 +184,20 @@ class _Reader:
                 head,
                 "request or answer is missing, and no line gives the reason, such as 'no answer: connection_closed'",
             )
-        transaction = Transaction(link, found[2], exchange, outcome, draft.reason)
+        transaction = Transaction(link, match[2], exchange, outcome, draft.reason)
         if draft.doubt and outcome not in {"answered", "unsolicited"}:
             raise _LineError(head, "'likely' belongs to a request with its answer, or to a push of a job")
         if draft.doubt or draft.perhaps:
             transaction.certainty, transaction.doubt = LIKELY, draft.doubt
         if pushed(transaction):
-            transaction.asked_by = OTHER_ROLE[found[2]]
+            transaction.asked_by = OTHER_ROLE[match[2]]
         transaction.time_ns, transaction.latency_ns, transaction.pdu_ref = (
             draft.time_ns,
             draft.latency_ns,
             draft.pdu_ref,
         )
         link.transactions.append(transaction)
-        self._numbers[int(found[1])] = transaction
+        self._numbers[int(match[1])] = transaction
 
     def finish(self) -> Session:
         """Return the session, in the order of the text."""
@@ -215,24 +215,24 @@ def _read(line: Line, take: Callable[[Line], None]) -> None:
 
 def _link_fact(link: Link, line: Line) -> None:
     text = line.text
-    if found := _TSAP.fullmatch(text):
-        octets = hex_octets(found[2])
-        if found[1] == "client":
+    if match := _TSAP.fullmatch(text):
+        octets = hex_octets(match[2])
+        if match[1] == "client":
             link.calling = octets
         else:
             link.called = octets
-    elif found := _ADDRESS.fullmatch(text):
+    elif match := _ADDRESS.fullmatch(text):
         client, server = link.addresses
-        link.addresses = (found[2], server) if found[1] == "client" else (client, found[2])
-    elif found := _SIZES.fullmatch(text):
-        link.tpdu_size, link.tpdu_size_asked = int(found[1]), int(found[2])
-    elif found := _ENDS.fullmatch(text):
-        link.ended, link.ended_by = found[1], found[2] or ""
-        link.farewell = unquoted(found[3]) if found[3] else ""
+        link.addresses = (match[2], server) if match[1] == "client" else (client, match[2])
+    elif match := _SIZES.fullmatch(text):
+        link.tpdu_size, link.tpdu_size_asked = int(match[1]), int(match[2])
+    elif match := _ENDS.fullmatch(text):
+        link.ended, link.ended_by = match[1], match[2] or ""
+        link.farewell = unquoted(match[3]) if match[3] else ""
     elif text == "begins before the capture":
         link.begun = False
-    elif found := _SPOKEN.fullmatch(text):
-        setattr(link, found[1], printable(found[2]))  # in the notation of the text
+    elif match := _SPOKEN.fullmatch(text):
+        setattr(link, match[1], printable(match[2]))  # in the notation of the text
     elif text.startswith("refused "):
         link.refused = unquoted(text.removeprefix("refused "))
     else:
@@ -251,8 +251,8 @@ class _Half:
 
     def take(self, text: str) -> None:
         """Take a line below the head."""
-        if found := _ERROR.fullmatch(text):
-            self.error = int(found[1], 16)
+        if match := _ERROR.fullmatch(text):
+            self.error = int(match[1], 16)
         elif text.startswith("parameters "):
             self.parameters = hex_octets(text.removeprefix("parameters "))
         elif text.startswith("data "):
@@ -325,16 +325,16 @@ class _Draft:
 
     def _recorded(self, text: str) -> bool:
         """Parse a line that belongs to one recording; return False if it is a different line."""
-        if found := _LATENCY.fullmatch(text):
-            self.latency_ns = int(found[1])
-        elif found := _JOB.fullmatch(text):
-            self.job = int(found[1])
-        elif found := _REFERENCE.fullmatch(text):
-            self.pdu_ref = int(found[1], 16)
-        elif found := _TIME.fullmatch(text):
-            second = datetime.fromisoformat(found[1]).replace(tzinfo=UTC)
+        if match := _LATENCY.fullmatch(text):
+            self.latency_ns = int(match[1])
+        elif match := _JOB.fullmatch(text):
+            self.job = int(match[1])
+        elif match := _REFERENCE.fullmatch(text):
+            self.pdu_ref = int(match[1], 16)
+        elif match := _TIME.fullmatch(text):
+            second = datetime.fromisoformat(match[1]).replace(tzinfo=UTC)
             self.time_ns = int((second - datetime(1970, 1, 1, tzinfo=UTC)).total_seconds()) * 1_000_000_000 + int(
-                found[2]
+                match[2]
             )
         else:
             return False
@@ -344,18 +344,18 @@ class _Draft:
         if text.startswith("scd "):
             message = unquoted(text.removeprefix("scd "))
             self._scd.append(f"answer {message.removeprefix('says ')}" if message.startswith("says ") else message)
-        elif found := _HALF.fullmatch(text):
-            raw = found[2] in {PLUS, SCD, "octets"}
-            if raw == (found[3] is None) and found[2] != SCD:
+        elif match := _HALF.fullmatch(text):
+            raw = match[2] in {PLUS, SCD, "octets"}
+            if raw == (match[3] is None) and match[2] != SCD:
                 raise ValueError(
-                    f"{found[2]} bytes of a PDU must be in angle brackets"
+                    f"{match[2]} bytes of a PDU must be in angle brackets"
                     if raw
-                    else f"unexpected bytes after {found[2]}"
+                    else f"unexpected bytes after {match[2]}"
                 )
-            half = _Half(found[2], hex_octets(found[3] or "<>") if raw else None)
-            if (found[1] == "says") != (self.outcome == "unsolicited" and found[1] != "request"):
+            half = _Half(match[2], hex_octets(match[3] or "<>") if raw else None)
+            if (match[1] == "says") != (self.outcome == "unsolicited" and match[1] != "request"):
                 raise ValueError("use 'says' below 'wants no answer', and 'answer' after a request")
-            self._halves["answer" if found[1] == "says" else found[1]] = half
+            self._halves["answer" if match[1] == "says" else match[1]] = half
             self._last = half
         elif self._function == SETUP_COMMUNICATION and text.startswith("asks "):
             self._request = build_setup(JOB, parse_setup(text.removeprefix("asks ")))

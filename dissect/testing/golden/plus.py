@@ -37,8 +37,8 @@ def plus_notes(octets: bytes, request: bytes = b"") -> list[str]:
 
 def plus_subject(octets: bytes) -> tuple[object, ...]:
     """Return the subject of a request without the values in it."""
-    found = shown_contents(parse_plus(octets), shown=False)[0]
-    return found.object_id, *found.ids, *[address.key for address in found.addresses]
+    contents = shown_contents(parse_plus(octets), shown=False)[0]
+    return contents.object_id, *contents.ids, *[address.key for address in contents.addresses]
 
 
 def plus_differences(
@@ -54,19 +54,20 @@ def plus_differences(
     old, new = _meaningful(one, first), _meaningful(other, second)
     if [name for name, _, _ in old] != [name for name, _, _ in new]:
         texts = [
-            ", ".join([short(text) for text in summary(pdu, found)]) for pdu, found in ((one, first), (other, second))
+            ", ".join([short(text) for text in summary(pdu, differing)])
+            for pdu, differing in ((one, first), (other, second))
         ]
         if texts[0] != texts[1]:
             return [(texts[0] or "nothing", texts[1] or "nothing")]
         return [(f"{len(old)} parts", f"{len(new)} parts")]
-    found: list[tuple[str, str]] = []
+    differing: list[tuple[str, str]] = []
     for (name, note, octets), (_, note_now, octets_now) in zip(old, new, strict=True):
         if note != note_now:
-            found.append((f"{name} {short(note)}", f"{name} {short(note_now)}"))
+            differing.append((f"{name} {short(note)}", f"{name} {short(note_now)}"))
         elif octets != octets_now:
             before, after = octets_change(octets, octets_now)
-            found.append((f"{name} {before}", f"{name} {after}"))
-    return found
+            differing.append((f"{name} {before}", f"{name} {after}"))
+    return differing
 
 
 def _notified_differences(
@@ -74,33 +75,36 @@ def _notified_differences(
 ) -> list[tuple[str, str]]:
     """Compare the items of two notifications by the names that their subscriptions gave them."""
     old, new = _notified(*was), _notified(*is_)
-    found: list[tuple[str, str]] = []
+    differing: list[tuple[str, str]] = []
     for name in dict.fromkeys([*old, *new]):
         before, now = old.get(name), new.get(name)
         if before is None or now is None:
-            found.append((_item(name, before), _item(name, now)))
+            differing.append((_item(name, before), _item(name, now)))
         elif before[1] != now[1]:
             texts = (before[0], now[0]) if before[0] != now[0] else octets_change(before[1], now[1])
-            found.append((_item(name, (texts[0], b"")), _item(name, (texts[1], b""))))
-    return found
+            differing.append((_item(name, (texts[0], b"")), _item(name, (texts[1], b""))))
+    return differing
 
 
 def _item(name: str, item: tuple[str, bytes] | None) -> str:
     return f"without {short(name)}" if item is None else f"{short(name)} {item[0]}"
 
 
-def _notified(pdu: PlusPdu, found: Contents, names: Names) -> dict[str, tuple[str, bytes]]:
+def _notified(pdu: PlusPdu, contents: Contents, names: Names) -> dict[str, tuple[str, bytes]]:
     """Return each item of a notification, in words and as octets; if an item is repeated, the last value wins."""
     items: dict[str, tuple[str, bytes]] = {}
-    for reference, value in found.items:
+    for reference, value in contents.items:
         octets = pdu.data[value.offset : value.end]
         items[names.get(reference) or f"item {reference}"] = (f"= {short(value_with_type(value))}", octets)
-    for reference, kind in found.refusals:
+    for reference, kind in contents.refusals:
         items[names.get(reference) or f"item {reference}"] = ("refused", bytes((kind,)))
-    for number, one in enumerate(found.objects, 1):
+    for number, one in enumerate(contents.objects, 1):
         items[f"object {number}"] = (f"= {short(object_text(one))}", pdu.data[one.offset : one.end])
-    if found.value is not None:
-        items["value"] = (f"= {short(value_with_type(found.value))}", pdu.data[found.value.offset : found.value.end])
+    if contents.value is not None:
+        items["value"] = (
+            f"= {short(value_with_type(contents.value))}",
+            pdu.data[contents.value.offset : contents.value.end],
+        )
     return items
 
 
@@ -109,11 +113,11 @@ def _read(octets: bytes) -> tuple[PlusPdu, Contents]:
     return pdu, shown_contents(pdu)[0]
 
 
-def _meaningful(pdu: PlusPdu, found: Contents) -> list[tuple[str, str, bytes]]:
+def _meaningful(pdu: PlusPdu, contents: Contents) -> list[tuple[str, str, bytes]]:
     """Return the meaningful parts: name, note, and the octets if the note does not show them completely."""
     return [
         (part.layout.name, part.note, b"" if _note_is_complete(part) else pdu.data[part.offset : part.end])
-        for part in found.parts
+        for part in contents.parts
         if id(part.layout) not in _PASSING
     ]
 

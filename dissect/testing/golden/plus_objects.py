@@ -75,31 +75,31 @@ class Objects:
         if exchange.kind != PLUS:
             return exchange
         key = transaction.connection, exchange
-        found = self._exchanges.get(key)
-        if found is None:
-            found = renumbered(exchange, self._stable_of(transaction.connection))
-            self._exchanges[key] = found
-        return found
+        exchange_ = self._exchanges.get(key)
+        if exchange_ is None:
+            exchange_ = renumbered(exchange, self._stable_of(transaction.connection))
+            self._exchanges[key] = exchange_
+        return exchange_
 
     def _stable_of(self, link: Link) -> dict[int, int]:
         """Return the stable number for each id; it counts the objects that the device created before."""
-        found = self._stable.get(link)
-        if found is None:
-            found = {}
+        numbers = self._stable.get(link)
+        if numbers is None:
+            numbers = {}
             for id_ in _all_made(link.transactions):
-                if id_ not in found and len(found) < MAX_OBJECTS:
-                    found[id_] = (_STABLE_SMALL if id_ < _SMALL else _STABLE) + len(found)
-            self._stable[link] = found
-        return found
+                if id_ not in numbers and len(numbers) < MAX_OBJECTS:
+                    numbers[id_] = (_STABLE_SMALL if id_ < _SMALL else _STABLE) + len(numbers)
+            self._stable[link] = numbers
+        return numbers
 
     def names(self, transaction: Transaction) -> Names:
         """Return the names for the references of a notification, empty if its subscription is unknown."""
         link = transaction.connection
-        found = self._names.get(link)
-        if found is None:
-            found = _subscribed(link)
-            self._names[link] = found
-        return found.get(transaction.number, {})
+        names = self._names.get(link)
+        if names is None:
+            names = _subscribed(link)
+            self._names[link] = names
+        return names.get(transaction.number, {})
 
 
 class Named:
@@ -119,11 +119,11 @@ def with_objects(transaction: Transaction, numbers: Mapping[int, int]) -> Transa
     exchange = renumbered(transaction.exchange, numbers)
     if exchange is transaction.exchange:
         return transaction
-    found = Transaction(transaction.connection, transaction.asked_by, exchange, transaction.outcome, transaction.reason)
-    found.number = transaction.number
-    found.latency_ns = transaction.latency_ns
-    found.certainty, found.doubt = transaction.certainty, transaction.doubt
-    return found
+    copy = Transaction(transaction.connection, transaction.asked_by, exchange, transaction.outcome, transaction.reason)
+    copy.number = transaction.number
+    copy.latency_ns = transaction.latency_ns
+    copy.certainty, copy.doubt = transaction.certainty, transaction.doubt
+    return copy
 
 
 def _all_made(transactions: Iterable[Transaction]) -> list[int]:
@@ -133,7 +133,7 @@ def _all_made(transactions: Iterable[Transaction]) -> list[int]:
 def _subscribed(link: Link) -> dict[int, Names]:
     """Return, for each notification of a connection, the names of the items of its subscription."""
     session = PlusSession(Program(), Identity())
-    found: dict[int, Names] = {}
+    subscribed: dict[int, Names] = {}
     known: dict[int, Names] = {}
     for each in link.transactions:
         exchange = each.exchange
@@ -152,17 +152,17 @@ def _subscribed(link: Link) -> dict[int, Names]:
                 names = {reference: session.label(address) for reference, address in references.items()}
                 known[id_] = names
             if names:
-                found[each.number] = names
-    return found
+                subscribed[each.number] = names
+    return subscribed
 
 
 def same_objects(pairs: Iterable[tuple[Transaction, Transaction]]) -> dict[int, int]:
     """Return the object of the first recording for each object of the second, matched by the requests that created them."""
-    found: dict[int, int] = {}
+    same: dict[int, int] = {}
     for one, other in pairs:
-        if one.exchange.kind == other.exchange.kind == PLUS and len(found) < MAX_OBJECTS:
-            found.update(zip(made(other.exchange), made(one.exchange), strict=False))
-    return found
+        if one.exchange.kind == other.exchange.kind == PLUS and len(same) < MAX_OBJECTS:
+            same.update(zip(made(other.exchange), made(one.exchange), strict=False))
+    return same
 
 
 def renumbered(exchange: Exchange, numbers: Mapping[int, int]) -> Exchange:

@@ -95,7 +95,7 @@ class _Bench:
         self.result.not_comparable += witness.not_comparable
         self.result.loss = witness.loss
         self.result.plus = witness.plus
-        self._evidence = Evidence(path, witness.found)
+        self._evidence = Evidence(path, witness.messages)
         self._lonely: dict[str, tuple[list[Record], list[tuple[Record, Frame]]]] = {
             facts.TPDU: ([], []),
             facts.PDU: ([], []),
@@ -172,8 +172,8 @@ class _Bench:
                         self._difference(where, mine.offset, other.offset, ours, theirs, frame)
                     )
             if mine is None or other is None or not _same(mine.value, other.value):
-                told = mine.value if mine is not None else None, other.value if other is not None else None
-                self.result.differences.append(self._difference(place, *told, ours, theirs, frame))
+                values = mine.value if mine is not None else None, other.value if other is not None else None
+                self.result.differences.append(self._difference(place, *values, ours, theirs, frame))
 
     def _difference(
         self,
@@ -213,9 +213,9 @@ def compare(path: str, read: Reader = read_tshark, reorder: bool = False, tls_ke
     """
     witness = Witness(path, tls_keys)
     bench = _Bench(path, witness)
-    waiting: dict[str, dict[int, list[int]]] = {kind: {} for kind in witness.found}
-    for kind, found in witness.found.items():
-        for number, (frame_number, _) in enumerate(found):
+    waiting: dict[str, dict[int, list[int]]] = {kind: {} for kind in witness.messages}
+    for kind, records in witness.messages.items():
+        for number, (frame_number, _) in enumerate(records):
             waiting[kind].setdefault(frame_number, []).append(number)
     last = 0
     gave_up = False

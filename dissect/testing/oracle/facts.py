@@ -76,13 +76,13 @@ def layouts() -> list[Layout]:
 
     Each that a module imported by `dissect.protocols.s7.bodies` has in a variable or in a table.
     """
-    found: dict[int, Layout] = {}
+    by_id: dict[int, Layout] = {}
     modules = [sys.modules[name] for name in sorted(sys.modules) if name.startswith("dissect.protocols.s7.")]
     for module in (part, bodies, *modules):
         for value in vars(module).values():
             for layout in _layouts_in(value):
-                found[id(layout)] = layout
-    return list(found.values())
+                by_id[id(layout)] = layout
+    return list(by_id.values())
 
 
 def _layouts_in(value: object) -> Iterator[Layout]:

@@ -57,12 +57,12 @@ class Arrival:
 
 def _places(octets: bytes, payload: bytes) -> list[int]:
     """Return every position of octets in a payload."""
-    found = []
+    places = []
     place = payload.find(octets) if octets else -1
     while place >= 0:
-        found.append(place)
+        places.append(place)
         place = payload.find(octets, place + 1)
-    return found
+    return places
 
 
 class _Flow:
@@ -110,24 +110,24 @@ class _Flow:
 
     def find(self, octets: bytes, begin: int, end: int) -> list[int]:
         """Return every position of the octets in the stretches between two positions."""
-        found = []
+        offsets = []
         for start, stretch in zip(self._starts, self._stretches, strict=True):
             low, high = max(begin - start, 0), max(end - start, 0)
-            found += [start + low + place for place in _places(octets, bytes(stretch[low:high]))]
-        return found
+            offsets += [start + low + place for place in _places(octets, bytes(stretch[low:high]))]
+        return offsets
 
     def places(self, pieces: Sequence[tuple[int, bytes]]) -> list[int | None]:
         """Return the position of each piece (position of its segment, octets) near there, after the previous piece."""
         passed = list(self._starts)  # for each stretch, the end of the last piece found in it
-        found: list[int | None] = []
+        places: list[int | None] = []
         for at, octets in pieces:
             index = bisect_right(self._starts, at) - 1
             start = max(passed[index], at - _REACH) - self._starts[index]
             place = self._stretches[index].find(octets, start, at + 2 * _REACH - self._starts[index])
-            found.append(self._starts[index] + place if place >= 0 else None)
+            places.append(self._starts[index] + place if place >= 0 else None)
             if place >= 0:
                 passed[index] = self._starts[index] + place + len(octets)
-        return found
+        return places
 
 
 class Streams:
@@ -179,12 +179,12 @@ class Streams:
             if arrival is not None:
                 arrivals[index] = arrival
                 by_flow.setdefault(arrival.segment.flow, []).append(index)
-        found: list[int | None] = [None] * len(pieces)
+        places: list[int | None] = [None] * len(pieces)
         for name, indexes in by_flow.items():
             placed = [(arrivals[index].at, pieces[index][1]) for index in indexes]
             for index, place in zip(indexes, self._flows[name].places(placed), strict=True):
-                found[index] = place
-        return found
+                places[index] = place
+        return places
 
 
 #: Names without a Wireshark field: a whole record, its packet, its octets.
@@ -210,9 +210,9 @@ _READ_CODES: Final = frozenset((0x00, 0x0A, 0xFF))
 class Evidence:
     """Evidence from the TCP streams, for differences that originate there; the streams are only read if there is one."""
 
-    def __init__(self, path: str, found: dict[str, list[tuple[int, bytes]]]) -> None:
+    def __init__(self, path: str, records: dict[str, list[tuple[int, bytes]]]) -> None:
         self._streams = Streams(path)
-        self._found = found
+        self._messages = records
         self._standing: dict[str, list[bool]] = {}
         self._tpkts: dict[str, list[tuple[int, int]]] = {}
 
@@ -230,7 +230,7 @@ class Evidence:
 
         A TPKT must be in the TCP stream, a PDU in the user data of the DTs there.
         """
-        self._look()
+        self._locate()
         return self._standing[record.kind][record.number]
 
     def inside(self, frame: int, octets: bytes) -> bool:
@@ -241,7 +241,7 @@ class Evidence:
         arrival = self.arrival(frame)
         if arrival is None:
             return False
-        self._look()
+        self._locate()
         tpkts = self._tpkts.get(arrival.segment.flow, [])
         within = False
         for at in self._streams.headers(arrival, octets):
@@ -258,15 +258,15 @@ class Evidence:
         arrival = self.arrival(frame)
         return arrival is not None and not self._streams.protocols(arrival.segment).isdisjoint(protocols)
 
-    def _look(self) -> None:
+    def _locate(self) -> None:
         """Locate all our records in the streams, once."""
         if self._standing:
             return
-        found = self._found[facts.TPDU]
-        places = self._streams.places(found)
+        tpdus = self._messages[facts.TPDU]
+        places = self._streams.places(tpdus)
         self._standing[facts.TPDU] = [place is not None for place in places]
         self._standing[facts.PDU] = self._follow_pdus()
-        for (frame, octets), place in zip(found, places, strict=True):
+        for (frame, octets), place in zip(tpdus, places, strict=True):
             arrival = self.arrival(frame)
             if arrival is not None and place is not None:
                 self._tpkts.setdefault(arrival.segment.flow, []).append((place, place + len(octets)))
@@ -274,22 +274,22 @@ class Evidence:
             tpkts.sort()
 
     def _follow_pdus(self) -> list[bool]:
-        said: dict[str, bytearray] = {}
-        for (frame, octets), stands in zip(self._found[facts.TPDU], self._standing[facts.TPDU], strict=True):
+        joined: dict[str, bytearray] = {}
+        for (frame, octets), stands in zip(self._messages[facts.TPDU], self._standing[facts.TPDU], strict=True):
             arrival = self.arrival(frame)
             if stands and arrival is not None and octets[facts.TPKT_SIZE + 1] >> 4 == DT:
                 user_data = facts.TPKT_SIZE + octets[facts.TPKT_SIZE] + 1
-                said.setdefault(arrival.segment.flow, bytearray()).extend(octets[user_data:])
-        passed = dict.fromkeys(said, 0)
-        found = []
-        for frame, octets in self._found[facts.PDU]:
+                joined.setdefault(arrival.segment.flow, bytearray()).extend(octets[user_data:])
+        passed = dict.fromkeys(joined, 0)
+        standing = []
+        for frame, octets in self._messages[facts.PDU]:
             arrival = self.arrival(frame)
             flow = arrival.segment.flow if arrival is not None else ""
-            place = said[flow].find(octets, passed[flow]) if flow in said else -1
+            place = joined[flow].find(octets, passed[flow]) if flow in joined else -1
             if place >= 0:
                 passed[flow] = place + len(octets)
-            found.append(place >= 0)
-        return found
+            standing.append(place >= 0)
+        return standing
 
 
 class Case:
@@ -367,8 +367,8 @@ def split_in_fours(case: Case) -> bool:
     octet = case.octets[at]
     # Groups 0x10, 0x20 and 0x30 become group 0, whose subfunctions have other names.
     if case.place.name in SUBFUNCTIONS:
-        told = case.ours if case.ours is not None else case.theirs
-        return octet & 0x3F > octet & 0x0F == 0 and told == case.octets[at + 1]
+        value = case.ours if case.ours is not None else case.theirs
+        return octet & 0x3F > octet & 0x0F == 0 and value == case.octets[at + 1]
     if case.place.name == "s7comm.param.userdata.type":
         return case.ours == octet >> 6 and case.theirs == octet >> 4
     return case.ours == octet & 0x3F and case.theirs == octet & 0x0F
@@ -459,7 +459,7 @@ def broken_parameter(case: Case) -> bool:
     if case.ours is not None or case.their_record is None:
         return False
     at = case.their_record.facts[case.place].offset
-    return any(told.field == "parameter" and told.offset in {at, at - 1} for told in _complaints(case))
+    return any(complaint.field == "parameter" and complaint.offset in {at, at - 1} for complaint in _complaints(case))
 
 
 def no_tpdu(case: Case) -> bool:

@@ -60,7 +60,7 @@ class Witness(Observer):
         super().__init__()
         self.wants_tpdus = True
         self.wants_pdus = True
-        self.found: dict[str, list[tuple[int, bytes]]] = {facts.TPDU: [], facts.PDU: []}
+        self.messages: dict[str, list[tuple[int, bytes]]] = {facts.TPDU: [], facts.PDU: []}
         self.ports: set[int] = set()
         self.not_comparable: Counter[str] = Counter()
         self.plus = PlusProof()
@@ -75,7 +75,7 @@ class Witness(Observer):
         read = tpdu_record if kind == facts.TPDU else pdu_record
         records = []
         for number in numbers:
-            record = read(*self.found[kind][number])
+            record = read(*self.messages[kind][number])
             record.number = number
             records.append(record)
         return records
@@ -94,7 +94,7 @@ class Witness(Observer):
 
     def tpdu(self, frame: int, time_ns: int, side: Side, octets: bytes) -> None:
         """Keep a TPKT."""
-        self.found[facts.TPDU].append((frame, octets))
+        self.messages[facts.TPDU].append((frame, octets))
 
     def pdu(self, frame: int, time_ns: int, side: Side, octets: bytes, cut: bool) -> None:
         """Keep an S7 PDU, unless it came in packets that Wireshark shows as data."""
@@ -103,7 +103,7 @@ class Witness(Observer):
         elif side.inner is not None:
             self.not_comparable[ENCRYPTED] += 1
         else:
-            self.found[facts.PDU].append((frame, octets))
+            self.messages[facts.PDU].append((frame, octets))
 
     def plus_pdu(self, frame: int, time_ns: int, side: Side, octets: bytes, cut: bool) -> None:
         """Check an S7comm-plus PDU."""
@@ -111,48 +111,48 @@ class Witness(Observer):
 
 
 def _read(
-    found: dict[Place, Fact], part: str, number: int, layout: Layout, octets: bytes, at: int, read: object
+    facts_: dict[Place, Fact], part: str, number: int, layout: Layout, octets: bytes, at: int, read: object
 ) -> None:
     """Add the fields of one header: their positions from the layout, their values from the object ``read``."""
     for value in layout.read(octets, at):
         field = value.field
         if field.wireshark:
             attribute = getattr(read, _ATTRIBUTES.get(field.name, field.name), None)
-            told = attribute if isinstance(attribute, int) else value.value
-            found[Place(part, number, field.wireshark)] = Fact(told, value.offset)
+            fact = attribute if isinstance(attribute, int) else value.value
+            facts_[Place(part, number, field.wireshark)] = Fact(fact, value.offset)
 
 
 def tpdu_record(frame: int, octets: bytes) -> Record:
     """Return the facts of a TPKT and its TPDU."""
-    found: dict[Place, Fact] = {}
-    _read(found, facts.IN_TPKT, 0, iso.TPKT, octets, 0, _NO_FIELDS)
+    facts_: dict[Place, Fact] = {}
+    _read(facts_, facts.IN_TPKT, 0, iso.TPKT, octets, 0, _NO_FIELDS)
     tpdu = parse_tpdu(octets[facts.TPKT_SIZE :])
     for value in tpdu.fields:
         if value.field.wireshark:
-            found[Place(facts.IN_TPDU, 0, value.field.wireshark)] = Fact(value.value, value.offset)
+            facts_[Place(facts.IN_TPDU, 0, value.field.wireshark)] = Fact(value.value, value.offset)
     for number, parameter in enumerate(tpdu.parameters, 1):
         at = parameter.offset
         code, length = iso.PARAMETER.fields
-        found[Place(facts.IN_PARAMETER, number, code.wireshark)] = Fact(parameter.code, at)
-        found[Place(facts.IN_PARAMETER, number, length.wireshark)] = Fact(len(parameter.value), at + code.size)
-    _connection_parameters(found, tpdu)
+        facts_[Place(facts.IN_PARAMETER, number, code.wireshark)] = Fact(parameter.code, at)
+        facts_[Place(facts.IN_PARAMETER, number, length.wireshark)] = Fact(len(parameter.value), at + code.size)
+    _connection_parameters(facts_, tpdu)
     header = facts.TPKT_SIZE + min(octets[facts.TPKT_SIZE] + 1, len(octets) - facts.TPKT_SIZE)
-    return Record(facts.TPDU, frame, octets[:header], found)
+    return Record(facts.TPDU, frame, octets[:header], facts_)
 
 
-def _connection_parameters(found: dict[Place, Fact], tpdu: Tpdu) -> None:
+def _connection_parameters(facts_: dict[Place, Fact], tpdu: Tpdu) -> None:
     """Add the parameters of a CR or CC: TSAPs and sizes."""
     for code, name in _TSAPS.items():
         tsap = tpdu.tsap(code)
         if tsap is not None and tsap.octets:
-            found[Place(facts.IN_TPDU, 0, name)] = Fact(tsap.octets, _last(tpdu, code) + 2)
+            facts_[Place(facts.IN_TPDU, 0, name)] = Fact(tsap.octets, _last(tpdu, code) + 2)
     for code, name in _SIZES.items():
         # `tpdu_size` is the size in force; each parameter is compared with its own value.
         alone = Tpdu(tpdu.type, tpdu.layout)
         stated = [parameter.value for parameter in tpdu.parameters if parameter.code == code]
         alone.take_variable(b"".join([bytes((code, len(value))) + value for value in stated]))
         if alone.tpdu_size:
-            found[Place(facts.IN_TPDU, 0, name)] = Fact(alone.tpdu_size, _last(tpdu, code) + 2)
+            facts_[Place(facts.IN_TPDU, 0, name)] = Fact(alone.tpdu_size, _last(tpdu, code) + 2)
 
 
 def _last(tpdu: Tpdu, code: int) -> int:
@@ -162,27 +162,27 @@ def _last(tpdu: Tpdu, code: int) -> int:
 
 def pdu_record(frame: int, octets: bytes) -> Record:
     """Return the facts of an S7 PDU."""
-    found: dict[Place, Fact] = {}
+    facts_: dict[Place, Fact] = {}
     pdu = parse_pdu(octets, frame)
     header = s7.ACK_HEADER if pdu.header_size == ACK_HEADER_SIZE else s7.HEADER
-    _read(found, facts.IN_HEADER, 0, header, octets, 0, pdu)
-    _parameters(found, pdu)
+    _read(facts_, facts.IN_HEADER, 0, header, octets, 0, pdu)
+    _parameters(facts_, pdu)
     if pdu.rosctr == USERDATA:
         if pdu.data_length >= DATA_HEAD:
-            _read(found, facts.IN_DATA, 0, s7.DATA_ITEM, octets, pdu.data_offset, _NO_FIELDS)
-        _body(found, facts.IN_BODY, pdu, 0)
-        return Record(facts.PDU, frame, octets, found)
+            _read(facts_, facts.IN_DATA, 0, s7.DATA_ITEM, octets, pdu.data_offset, _NO_FIELDS)
+        _body(facts_, facts.IN_BODY, pdu, 0)
+        return Record(facts.PDU, frame, octets, facts_)
     for number, item in enumerate(pdu.parameters.items, 1):
         layout = s7.S7ANY_ITEM if item.transport_size >= 0 else s7.ITEM_HEAD
-        _read(found, facts.IN_ITEM, number, layout, octets, pdu.header_size + item.offset, item)
-    _data_items(found, pdu)
-    _body(found, facts.IN_BODY, pdu, 0)
-    return Record(facts.PDU, frame, octets, found)
+        _read(facts_, facts.IN_ITEM, number, layout, octets, pdu.header_size + item.offset, item)
+    _data_items(facts_, pdu)
+    _body(facts_, facts.IN_BODY, pdu, 0)
+    return Record(facts.PDU, frame, octets, facts_)
 
 
-def _body(found: dict[Place, Fact], place: str, pdu: Pdu, start: int) -> None:
+def _body(facts_: dict[Place, Fact], place: str, pdu: Pdu, start: int) -> None:
     """Add the fields of a body after ``start`` that were not added already; positions count from there."""
-    taken = {(fact.offset, told.name) for told, fact in found.items()}
+    taken = {(fact.offset, content.name) for content, fact in facts_.items()}
     for part in parse_body(pdu).parts:
         if part.offset < start:
             continue
@@ -190,8 +190,8 @@ def _body(found: dict[Place, Fact], place: str, pdu: Pdu, start: int) -> None:
             name, at = value.field.wireshark, value.offset - start
             if not name or value.end == value.offset or (at, name) in taken:
                 continue
-            told = value.value if value.field.bits is not None else pdu.octets[value.offset : value.end]
-            found[Place(place, at, name)] = Fact(told, at)
+            content = value.value if value.field.bits is not None else pdu.octets[value.offset : value.end]
+            facts_[Place(place, at, name)] = Fact(content, at)
 
 
 def take_joined(record: Record, joined: bytes) -> None:
@@ -216,7 +216,7 @@ def take_joined(record: Record, joined: bytes) -> None:
     _body(record.facts, facts.IN_JOINED, parse_pdu(bytes(octets)), start)
 
 
-def _parameters(found: dict[Place, Fact], pdu: Pdu) -> None:
+def _parameters(facts_: dict[Place, Fact], pdu: Pdu) -> None:
     if pdu.rosctr not in ROSCTR:
         return
     at = pdu.header_size
@@ -224,43 +224,43 @@ def _parameters(found: dict[Place, Fact], pdu: Pdu) -> None:
     octets = pdu.octets[: at + pdu.param_length]
     part = facts.IN_PARAMETERS
     if parameters.userdata is not None:
-        _userdata(found, pdu, octets)
+        _userdata(facts_, pdu, octets)
     elif parameters.setup is not None:
-        _read(found, part, 0, s7.SETUP, octets, at, parameters.setup)
+        _read(facts_, part, 0, s7.SETUP, octets, at, parameters.setup)
     elif parameters.function in {READ_VAR, WRITE_VAR} and parameters.item_count >= 0:
-        _read(found, part, 0, s7.VARIABLES_HEAD, octets, at, parameters)
+        _read(facts_, part, 0, s7.VARIABLES_HEAD, octets, at, parameters)
     elif parameters.function >= 0 and pdu.rosctr != USERDATA:
         function = s7.VARIABLES_HEAD.fields[0]
-        found[Place(part, 0, function.wireshark)] = Fact(parameters.function, at)
+        facts_[Place(part, 0, function.wireshark)] = Fact(parameters.function, at)
 
 
-def _userdata(found: dict[Place, Fact], pdu: Pdu, octets: bytes) -> None:
+def _userdata(facts_: dict[Place, Fact], pdu: Pdu, octets: bytes) -> None:
     head = pdu.parameters.userdata
     assert head is not None
     at = pdu.header_size
     part = facts.IN_PARAMETERS
     if pdu.function != 0:
-        _read(found, part, 0, s7.MODE_TRANSITION, octets, at, _NO_FIELDS)
+        _read(facts_, part, 0, s7.MODE_TRANSITION, octets, at, _NO_FIELDS)
         return
     layout = s7.USERDATA_EXTENDED if head.extended else s7.USERDATA_SHORT
     if head.usend:
         octets = octets[: at + _BEFORE_R_ID]  # at the position of type and group in other requests
-    _read(found, part, 0, layout, octets, at, head)
+    _read(facts_, part, 0, layout, octets, at, head)
 
 
-def _data_items(found: dict[Place, Fact], pdu: Pdu) -> None:
+def _data_items(facts_: dict[Place, Fact], pdu: Pdu) -> None:
     part = facts.IN_DATA_ITEM
     items = pdu.data_items()
     for number, item in enumerate(items, 1):
-        _read(found, part, number, s7.DATA_ITEM, pdu.octets, item.offset, item)
+        _read(facts_, part, number, s7.DATA_ITEM, pdu.octets, item.offset, item)
         size = len(item.data)
         if not size:
             continue
         at = item.offset + DATA_HEAD
-        found[Place(part, number, facts.CONTENT)] = Fact(item.data, at)
+        facts_[Place(part, number, facts.CONTENT)] = Fact(item.data, at)
         if item_fill(size, number == len(items)):
-            found[Place(part, number, facts.FILL)] = Fact(pdu.octets[at + size], at + size)
+            facts_[Place(part, number, facts.FILL)] = Fact(pdu.octets[at + size], at + size)
     if not items:
         name = s7.DATA_ITEM.fields[0].wireshark
         for number, code in enumerate(pdu.return_codes(), 1):
-            found[Place(part, number, name)] = Fact(code, pdu.data_offset + number - 1)
+            facts_[Place(part, number, name)] = Fact(code, pdu.data_offset + number - 1)

@@ -70,34 +70,34 @@ class PlusProof:
         if not pdu.whole:
             self.cut += 1
             return
-        found = parse_contents(pdu, shown=False)
-        facts = [*pdu.malformed, *[fact.at(pdu.place(fact.offset)) for fact in found.malformed]]
+        contents = parse_contents(pdu, shown=False)
+        facts = [*pdu.malformed, *[fact.at(pdu.place(fact.offset)) for fact in contents.malformed]]
         if not facts and not is_known(pdu):
             self.unknown += 1
             return
         self.pdus += 1
-        if not facts and (found.whole or pdu.version == KEEP_ALIVE):
+        if not facts and (contents.whole or pdu.version == KEEP_ALIVE):
             self.read += 1
         else:
             self._fault(pdu, str(facts[0]) if facts else "its body is not known")
-        self._pair(pdu, found)
+        self._pair(pdu, contents)
 
-    def _pair(self, pdu: PlusPdu, found: Contents) -> None:
-        if found.integrity_id < 0:
+    def _pair(self, pdu: PlusPdu, contents: Contents) -> None:
+        if contents.integrity_id < 0:
             return
         asker = pdu.side if pdu.opcode == REQUEST else 1 - pdu.side
         key = (pdu.connection, asker, pdu.sequence)
         if pdu.opcode == REQUEST:
             while len(self._asked) >= _OPEN:
                 del self._asked[next(iter(self._asked))]
-            self._asked[key] = found.integrity_id
+            self._asked[key] = contents.integrity_id
         elif pdu.opcode == RESPONSE and key in self._asked:
             self.pairs += 1
             asked = self._asked.pop(key)
-            if found.integrity_id == (asked + pdu.sequence) & 0xFFFFFFFF:
+            if contents.integrity_id == (asked + pdu.sequence) & 0xFFFFFFFF:
                 self.true += 1
             else:
-                self._fault(pdu, f"integrity id {found.integrity_id}, that of its request is {asked}")
+                self._fault(pdu, f"integrity id {contents.integrity_id}, that of its request is {asked}")
 
     def _fault(self, pdu: PlusPdu, why: str) -> None:
         if len(self.faults) < _KEPT:

@@ -81,14 +81,14 @@ def _raw(layer: Any) -> list[Any]:
 
 def _layers(packet: Any) -> Tree:
     """Return a packet's layers in the form that tshark gives them."""
-    told: Tree = {"frame": {name: packet.frame_info.get_field(name).raw_value for name in OF_FRAME}}
+    tree: Tree = {"frame": {name: packet.frame_info.get_field(name).raw_value for name in OF_FRAME}}
     for layer in packet.layers:
         name = layer.layer_name
         if name in PROTOCOLS:
-            told[name] = [_plain(name, part) for part in (layer, *layer.duplicate_layers)]
+            tree[name] = [_plain(name, part) for part in (layer, *layer.duplicate_layers)]
         elif name.removesuffix("_raw") in PROTOCOLS:
-            told[name] = _raw(layer)
-    return told
+            tree[name] = _raw(layer)
+    return tree
 
 
 def main(path: str, reorder: str, *ports: str) -> None:

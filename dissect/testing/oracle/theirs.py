@@ -95,7 +95,7 @@ def _value(name: str, text: str) -> Value:
     return bytes.fromhex(text.replace(":", "")) if name in OCTETS else _number(text)
 
 
-def _take(found: dict[Place, Fact], part: str, number: int, tree: Tree, start: int, which: int = 0) -> None:
+def _take(facts_: dict[Place, Fact], part: str, number: int, tree: Tree, start: int, which: int = 0) -> None:
     """Add the compared fields that are directly in ``tree``; positions count from ``start``.
 
     If a field occurs more than once, the first one counts, or the one at index ``which``.
@@ -103,15 +103,15 @@ def _take(found: dict[Place, Fact], part: str, number: int, tree: Tree, start: i
     for name in NAMES[part]:
         raws = _raws(tree, name)
         if raws:
-            found[Place(part, number, name)] = Fact(_value(name, listed(tree[name])[which]), raws[which][1] - start)
+            facts_[Place(part, number, name)] = Fact(_value(name, listed(tree[name])[which]), raws[which][1] - start)
 
 
-def _take_old_head(found: dict[Place, Fact], tree: Tree, start: int) -> None:
+def _take_old_head(facts_: dict[Place, Fact], tree: Tree, start: int) -> None:
     """Add the fields of a userdata head that old versions give different names."""
     for old, names in _OLD_NAMES.items():
         for raw in _raws(tree, old)[:1]:
             for index, octet in enumerate(bytes.fromhex(raw[0])):
-                found[Place(facts.IN_PARAMETERS, 0, names[index])] = Fact(octet, raw[1] + index - start)
+                facts_[Place(facts.IN_PARAMETERS, 0, names[index])] = Fact(octet, raw[1] + index - start)
 
 
 def _tpdus(number: int, layers: Tree) -> list[Record]:
@@ -120,47 +120,47 @@ def _tpdus(number: int, layers: Tree) -> list[Record]:
     for tree, raw in _layers(layers, "tpkt"):
         if "tpkt.version" not in tree:
             continue  # a "continuation": octets in which it could not find a TPKT
-        found: dict[Place, Fact] = {}
+        facts_: dict[Place, Fact] = {}
         octets, start = bytes.fromhex(raw[0]), raw[1]
-        _take(found, facts.IN_TPKT, 0, tree, start)
+        _take(facts_, facts.IN_TPKT, 0, tree, start)
         if cotps and cotps[0][1][1] == start + len(octets):
             cotp, its_raw = cotps.pop(0)
             octets += bytes.fromhex(its_raw[0])
             start = its_raw[1]
             # The last value of a repeated parameter counts (X.224 13.2.3).
-            _take(found, facts.IN_TPDU, 0, cotp, start, -1)
-            _parameters(found, cotp, start)
-        records.append(Record(facts.TPDU, number, octets, found))
+            _take(facts_, facts.IN_TPDU, 0, cotp, start, -1)
+            _parameters(facts_, cotp, start)
+        records.append(Record(facts.TPDU, number, octets, facts_))
     return records
 
 
-def _parameters(found: dict[Place, Fact], cotp: Tree, start: int) -> None:
+def _parameters(facts_: dict[Place, Fact], cotp: Tree, start: int) -> None:
     part = facts.IN_PARAMETER
     for name in NAMES[part]:
         for number, (text, raw) in enumerate(zip(listed(cotp.get(name)), _raws(cotp, name), strict=False), 1):
-            found[Place(part, number, name)] = Fact(_number(text), raw[1] - start)
+            facts_[Place(part, number, name)] = Fact(_number(text), raw[1] - start)
 
 
 def _pdu(number: int, tree: Tree, raw: list[Any]) -> Record:
-    found: dict[Place, Fact] = {}
+    facts_: dict[Place, Fact] = {}
     start = raw[1]
     for header, _ in _layers(tree, "s7comm.header"):
-        _take(found, facts.IN_HEADER, 0, header, start)
+        _take(facts_, facts.IN_HEADER, 0, header, start)
     for parameters, _ in _layers(tree, "s7comm.param"):
-        _take(found, facts.IN_PARAMETERS, 0, parameters, start)
-        _take_old_head(found, parameters, start)
+        _take(facts_, facts.IN_PARAMETERS, 0, parameters, start)
+        _take_old_head(facts_, parameters, start)
         for index, (item, _) in enumerate(_layers(parameters, "s7comm.param.item"), 1):
-            _take(found, facts.IN_ITEM, index, item, start)
-    record = Record(facts.PDU, number, bytes.fromhex(raw[0]), found)
+            _take(facts_, facts.IN_ITEM, index, item, start)
+    record = Record(facts.PDU, number, bytes.fromhex(raw[0]), facts_)
     userdata = record.value(facts.IN_HEADER, "s7comm.header.rosctr") == _USERDATA
     for joined in _raws(tree, "s7comm.fragments")[:1]:
         record.joined = bytes.fromhex(joined[0])
     for data, _ in _layers(tree, "s7comm.data")[:1]:
         if userdata:
-            _take(found, facts.IN_DATA, 0, data, start)
+            _take(facts_, facts.IN_DATA, 0, data, start)
         else:
             for index, (item, _) in enumerate(_layers(data, "s7comm.data.item"), 1):
-                _take(found, facts.IN_DATA_ITEM, index, item, start)
+                _take(facts_, facts.IN_DATA_ITEM, index, item, start)
     _take_body(record, tree, start)
     return record
 

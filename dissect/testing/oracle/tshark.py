@@ -89,21 +89,21 @@ class Child:
         self.stdout.close()
         code = self._process.wait()
         self._complaints.seek(0)
-        told = self._complaints.read().decode("utf-8", "replace").strip().splitlines()
+        complaints = self._complaints.read().decode("utf-8", "replace").strip().splitlines()
         self._complaints.close()
         if code and not stop:
             # The last line is the reason; before it come warnings.
             raise OracleError(
-                f"{self._what}: it failed with code {code}: {told[-1] if told else 'it does not say why'}"
+                f"{self._what}: it failed with code {code}: {complaints[-1] if complaints else 'it does not say why'}"
             )
 
 
 def version() -> str:
     """Return tshark's version, as ``4.0.17``. Raises OracleError if tshark is missing."""
     child = Child([PROGRAM, "--version"], "the comparison needs tshark")
-    said = child.stdout.read().decode("utf-8", "replace")
+    output = child.stdout.read().decode("utf-8", "replace")
     child.close()
-    return next((word for word in said.split() if word[0].isdigit()), "of an unknown version")
+    return next((word for word in output.split() if word[0].isdigit()), "of an unknown version")
 
 
 def records(stream: IO[bytes]) -> Iterator[bytes]:

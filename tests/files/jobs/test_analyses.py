@@ -71,7 +71,7 @@ def added(paths: Sequence[str]) -> Analysis:
     sums = Analyses(Options())
     for path in paths:
         sums.add(part(path))
-    return sums.found
+    return sums.result
 
 
 @settings(max_examples=8)
@@ -97,8 +97,8 @@ def test_findings_of_the_whole_capture_have_their_bound() -> None:
             pipeline.note_damage("x")
         pipeline.finish()
         sums.add(part_of(analysis, pipeline, [SourceFile("x", 1)]))
-    assert sums.found.finding_counts == {"capture.damaged": 180}
-    assert len(sums.found.findings) == 100
+    assert sums.result.finding_counts == {"capture.damaged": 180}
+    assert len(sums.result.findings) == 100
 
 
 @pytest.mark.parametrize("count", [3, EXACT, EXACT + 3])
@@ -182,13 +182,13 @@ def test_a_file_that_could_not_be_read_stays_in_the_list() -> None:
     sums = Analyses(Options())
     for one in (part(APART[0]), unread("gone.pcap", "no such file", Analysis()), part(APART[3])):
         sums.add(one)
-    assert [(file.name, file.damage) for file in sums.found.files][1] == ("gone.pcap", "no such file")
-    assert sums.found.finding_counts["capture.damaged"] == 1
-    told = [finding.detail for finding in sums.found.findings if finding.rule.slug == "capture.damaged"]
+    assert [(file.name, file.damage) for file in sums.result.files][1] == ("gone.pcap", "no such file")
+    assert sums.result.finding_counts["capture.damaged"] == 1
+    told = [finding.detail for finding in sums.result.findings if finding.rule.slug == "capture.damaged"]
     assert told == ["gone.pcap: no such file"]
-    assert text(sums.found).count("gone.pcap: 0 packets") == 2
+    assert text(sums.result).count("gone.pcap: 0 packets") == 2
     whole = dissect.analyze(APART[0], APART[3])
-    assert sums.found.latencies.as_dict() == whole.latencies.as_dict()
+    assert sums.result.latencies.as_dict() == whole.latencies.as_dict()
 
 
 def test_numbers_in_words_and_frames_move() -> None:

@@ -72,7 +72,7 @@ def added(*parts: FilePart) -> Inventory:
     for each in parts:
         sums.add(each)
     sums.finish()
-    return sums.found
+    return sums.result
 
 
 @settings(max_examples=8)

@@ -162,7 +162,7 @@ def test_the_bounds_of_both_kinds_hold_for_the_sum() -> None:
             reporter.note("transaction.refused", connection, [2], 1)
         reading.pipeline.exchange.report_findings()
         sums.add(part_of(analysis, reading.pipeline, reading.files))
-    found = sums.found
+    found = sums.result
     assert found.finding_counts["transaction.refused"] >= 1200
     assert found.explained_counts == {("s7.malformed", "transaction.refused"): 1200}
     assert len(found.explained) == MAX_DETAILED_ALL

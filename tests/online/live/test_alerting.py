@@ -97,10 +97,10 @@ def test_a_change_that_fails_lets_the_next_signal_be_heard(monkeypatch: pytest.M
         monkeypatch.setattr(f"dissect.cli.reloading.{name}", dict)
     reloading = Reloading(session, beside)
     reloading._note(1, None)
-    reloading.look()
+    reloading.check()
     with pytest.raises(OSError, match="no thread"):
         changes.pop()()
     reloading._note(1, None)
-    reloading.look()
+    reloading.check()
     changes.pop()()
     assert said == ["HUP: rules, baseline, tags and hosts were read again; new files begin"]

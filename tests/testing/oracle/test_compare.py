@@ -259,7 +259,7 @@ def test_a_message_we_count_twice_is_a_difference(
     class Generous(Witness):
         def __init__(self, path: str, tls_keys: KeyLog | None = None) -> None:
             super().__init__(path, tls_keys)
-            found = self.found[PDU]
+            found = self.messages[PDU]
             found.insert(3, found[2])
 
     monkeypatch.setattr(comparison_module, "Witness", Generous)
@@ -271,7 +271,7 @@ def test_a_message_we_lose_is_a_difference(capture: Path, frames: list[Frame], m
     class Careless(Witness):
         def __init__(self, path: str, tls_keys: KeyLog | None = None) -> None:
             super().__init__(path, tls_keys)
-            del self.found[PDU][2]
+            del self.messages[PDU][2]
 
     monkeypatch.setattr(comparison_module, "Witness", Careless)
     comparison = compare(str(capture), says(frames))

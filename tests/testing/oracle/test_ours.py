@@ -180,9 +180,9 @@ def test_witness_keeps_everything_in_order_and_finds_the_port(tmp_path: Path) ->
         connection.put(number % 2, PUSH_ACK, message)
     witness = Witness(str(write_capture(tmp_path / "made.pcap", connection.packets)))
     assert witness.ports == {10102}
-    assert [frame for frame, _ in witness.found[TPDU]] == [4, 5, 6, 7, 7]
-    assert b"".join(octets for _, octets in witness.found[TPDU]) == b"".join(messages)
-    assert [frame for frame, _ in witness.found[PDU]] == [6, 7]
+    assert [frame for frame, _ in witness.messages[TPDU]] == [4, 5, 6, 7, 7]
+    assert b"".join(octets for _, octets in witness.messages[TPDU]) == b"".join(messages)
+    assert [frame for frame, _ in witness.messages[PDU]] == [6, 7]
     first, second = witness.records(PDU, [0, 1])
     assert (first.number, first.frame, second.number, second.frame) == (0, 6, 1, 7)
 
@@ -192,4 +192,4 @@ def test_port_102_needs_no_telling(tmp_path: Path) -> None:
     connection.put(0, PUSH_ACK, connect(Random(1), 0xE0, 0))
     witness = Witness(str(write_capture(tmp_path / "made.pcap", connection.packets)))
     assert witness.ports == set()
-    assert len(witness.found[TPDU]) == 1
+    assert len(witness.messages[TPDU]) == 1

@@ -32,7 +32,7 @@ def request_name(octets: bytes) -> str:
     return f"{name}, index 0x{szl[1]:04x}" if szl is not None and szl[1] else name
 
 
-def near(request: Pdu, recorded: Iterable[bytes]) -> str:
+def nearest(request: Pdu, recorded: Iterable[bytes]) -> str:
     """Return the end of a sentence: `` (nearest recorded: …)``, empty if nothing of the kind was recorded."""
     ranked: dict[str, tuple[int, ...]] = {}
     for octets in _few(recorded):
@@ -43,10 +43,10 @@ def near(request: Pdu, recorded: Iterable[bytes]) -> str:
             _rank_items(ranked, request.parameters.items, items)
         else:
             ranked.setdefault(name, _distance(_szl(request), szl))
-    return _told(ranked)
+    return _ranked_text(ranked)
 
 
-def near_plus(request: PlusPdu, recorded: Iterable[bytes]) -> str:
+def nearest_plus(request: PlusPdu, recorded: Iterable[bytes]) -> str:
     """Return the same for a request of S7comm-plus: recorded requests of its function with the most in common."""
     wanted = set(map(repr, plus_subject(request.octets)))
     ranked: dict[str, tuple[int, ...]] = {}
@@ -54,7 +54,7 @@ def near_plus(request: PlusPdu, recorded: Iterable[bytes]) -> str:
         function, about, name = _known_plus(octets)
         if function == request.function:
             ranked.setdefault(name, (-len(wanted & about),))
-    return _told(ranked)
+    return _ranked_text(ranked)
 
 
 # Cached: recorded requests do not change, and a client that polls repeats its requests.
@@ -110,6 +110,6 @@ def _distance(one: tuple[int, int] | None, other: tuple[int, int] | None) -> tup
     return int(one[0] & 0xFF != other[0] & 0xFF), abs(one[0] - other[0]), abs(one[1] - other[1])
 
 
-def _told(ranked: dict[str, tuple[int, ...]]) -> str:
+def _ranked_text(ranked: dict[str, tuple[int, ...]]) -> str:
     nearest = sorted(ranked, key=lambda name: ranked[name])[:_NAMED]
     return f" (nearest recorded: {'; '.join(nearest)})" if nearest else ""

@@ -25,7 +25,7 @@ from dissect.testing.playback.server.answers import (
 )
 from dissect.testing.playback.server.image import Image, holds
 from dissect.testing.playback.server.model import Recording, Script, ServerMessage, Step
-from dissect.testing.playback.server.near import near
+from dissect.testing.playback.server.nearest import nearest
 from dissect.testing.playback.server.plus import PlusIndex
 from dissect.testing.playback.server.plus_items import PlusItems
 from dissect.wire.text import some
@@ -75,12 +75,12 @@ class Stage:
     @property
     def troubles(self) -> list[str]:
         """Return what had no room in memory, one line each."""
-        found = []
+        troubles = []
         if self.image is not None and self.image.full:
-            found.append("the recording has more memory than is kept: its last part is not served")
+            troubles.append("the recording has more memory than is kept: its last part is not served")
         if self.all.full:
-            found.append("the recording has more items than are kept: answers use its first part")
-        return found
+            troubles.append("the recording has more items than are kept: answers use its first part")
+        return troubles
 
     def book(self, script: Script) -> AnswerIndex:
         """Return the index of one recorded connection."""
@@ -99,7 +99,7 @@ class Stage:
 
     def near(self, request: Pdu) -> str:
         """Return the names of the recorded requests that are nearest to an unrecorded one."""
-        return near(
+        return nearest(
             request, [step.request for script in self.recording.scripts if not script.plus for step in script.steps]
         )
 
@@ -132,18 +132,18 @@ class Player:
     def reply(self, request: Pdu) -> Reply:
         """Return the reply to a request. Never raises, whatever the request contains."""
         keys = keys_of(request.octets, request)
-        found, level, own = self._find(keys)
+        step, level, own = self._find(keys)
         # The references in a golden are all equal: a later answer does not belong to an unanswered request.
-        counts = found is not None and (self.script.numbered or bool(found.answer))
-        self.reference = found.request[PDU_REF] if found is not None and counts else b""
+        counts = step is not None and (self.script.numbered or bool(step.answer))
+        self.reference = step.request[PDU_REF] if step is not None and counts else b""
         items = request.rosctr == JOB and request.function in {READ_VAR, WRITE_VAR} and bool(request.parameters.items)
         whole = items and not request.malformed
-        remembers = self._stage.image is not None and whole and not (found is not None and _refused_whole(found))
+        remembers = self._stage.image is not None and whole and not (step is not None and _refused_whole(step))
         if request.parameters.setup is not None and request.rosctr == JOB and level != 0:
             reply = self._set_up(request)
-        elif found is not None and not remembers:
-            answer = self._recorded_answer(found, request) if found.answer else b""
-            reply = Reply(answer, LEVELS[level], found.latency_ns, tuple(found.then), self._end_after(found, own))
+        elif step is not None and not remembers:
+            answer = self._recorded_answer(step, request) if step.answer else b""
+            reply = Reply(answer, LEVELS[level], step.latency_ns, tuple(step.then), self._end_after(step, own))
         elif whole:
             reply = self._items(request)
         else:
@@ -154,8 +154,8 @@ class Player:
 
     # ---- recorded answers -------------------------------------------------------------------------------------------
 
-    def _recorded_answer(self, found: Step, request: Pdu) -> bytes:
-        answer = with_reference(found.answer, request.octets[PDU_REF])
+    def _recorded_answer(self, step: Step, request: Pdu) -> bytes:
+        answer = with_reference(step.answer, request.octets[PDU_REF])
         return answer if self.script.numbered else answered_piece(answer, request)
 
     def _find(self, keys: tuple[bytes, bytes, bytes]) -> tuple[Step | None, int, bool]:

@@ -7,7 +7,7 @@ from typing import Final
 from dissect.protocols.s7plus.message import PlusPdu
 from dissect.testing.playback.server.answer_index import LEVELS
 from dissect.testing.playback.server.model import Script, Step
-from dissect.testing.playback.server.near import near_plus
+from dissect.testing.playback.server.nearest import nearest_plus
 from dissect.testing.playback.server.player import CYCLE, Reply, Stage
 from dissect.testing.playback.server.plus import plus_keys, refuse_plus, renewed, wants_answer
 from dissect.testing.playback.server.plus_items import ItemAnswer, Key, put_together
@@ -44,7 +44,7 @@ class PlusPlayer:
             lacking = f"not recorded: {some(missing, 5)}" if missing else ""
             how = "unmatched" if missing else "items"
             return Reply(together.octets, how, together.latency_ns, lacking=lacking)
-        lacking = "no similar request was recorded" + near_plus(request, self._books[1].requests)
+        lacking = "no similar request was recorded" + nearest_plus(request, self._books[1].requests)
         return Reply(refuse_plus(request) if wants_answer(request) else b"", "unmatched", lacking=lacking)
 
     def _item(self, key: Key) -> ItemAnswer | None:

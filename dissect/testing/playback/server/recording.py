@@ -21,7 +21,7 @@ from dissect.testing.playback.server.model import ENDS, Recording, Script
 MAX_STEPS: Final = 200_000
 
 #: Ends that a TPDU announces.
-_TOLD: Final = frozenset((DISCONNECT, ERROR_TPDU))
+_FAREWELLS: Final = frozenset((DISCONNECT, ERROR_TPDU))
 _SERVED: Final = frozenset((S7, PLUS))
 _OURS: Final = frozenset(("", "s7comm"))
 
@@ -87,7 +87,7 @@ def _add(recording: Recording, link: Link, transactions: list[Transaction]) -> N
             if transaction.asked_by == "client" and granted is not None:
                 script.pdu_length = granted.pdu_length
     else:
-        script.farewell = tpdus.farewell if script.end in _TOLD else b""
+        script.farewell = tpdus.farewell if script.end in _FAREWELLS else b""
         script.confirm = tpdus.confirm
         script.refused = tpdus.requested and (not tpdus.confirm or parse_tpdu(tpdus.confirm).type != CC)
         if script.refused and transactions:

@@ -11,7 +11,7 @@ from typing import Final, NamedTuple
 from dissect.protocols.s7.message import Pdu
 from dissect.protocols.s7plus.message import PlusPdu
 from dissect.testing.playback.server.faults import Fault
-from dissect.testing.playback.server.near import request_name
+from dissect.testing.playback.server.nearest import request_name
 from dissect.testing.playback.server.player import Player, Reply, Stage
 from dissect.testing.playback.server.plus import plus_name
 from dissect.testing.playback.server.plus_player import PlusPlayer
@@ -70,7 +70,7 @@ class RequestLog:
         self._lock = threading.Lock()
         self._faults = list(faults)
         self._latency_ms = latency_ms
-        self._told: set[str] = set()
+        self._reported: set[str] = set()
 
     @property
     def requests(self) -> list[Request]:
@@ -113,8 +113,8 @@ class RequestLog:
             Request(self.total, connection, time.time_ns(), name, addresses, kept, reply.how, reply.lacking, kinds)
         )
         for trouble in self.stage.troubles:
-            if trouble not in self._told:
-                self._told.add(trouble)
+            if trouble not in self._reported:
+                self._reported.add(trouble)
                 self.problems.append(trouble)
 
     def _delay_s(self, reply: Reply) -> float:
