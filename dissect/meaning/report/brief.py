@@ -6,7 +6,6 @@ from collections import Counter
 from collections.abc import Iterator, Mapping
 from typing import Final
 
-from dissect.engine.findings.catalogue import CATALOGUE
 from dissect.engine.stations import facts
 from dissect.engine.transactions.connection import Connection
 from dissect.meaning.report import endings, words
@@ -89,7 +88,7 @@ def _findings(analysis: Analysis, places: Places, told: Told) -> Iterator[Line]:
         details.setdefault(
             finding.slug, f"{places.phrase(finding.frames[:2])}: {places.named(finding.detail)}".rstrip(": ")
         )
-    rules = by_gravity([CATALOGUE[slug] for slug in counts], told.ledger)
+    rules = by_gravity(counts, told.ledger)
     explained = analysis.by_cause()
     for rule in rules[:_FINDINGS]:
         detail = cut_inside(details.get(rule.slug, ""), _TEXT)

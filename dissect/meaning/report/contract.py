@@ -6,7 +6,7 @@ import json
 from collections.abc import Iterator, Sequence
 from typing import Final
 
-from dissect.engine.findings.catalogue import CATALOGUE, SEVERITIES
+from dissect.engine.findings.catalogue import SEVERITIES
 from dissect.engine.findings.reporter import Finding
 from dissect.engine.pipeline import Pipeline
 from dissect.engine.transactions.accounts import CATEGORIES, FIRST_IGNORED
@@ -19,7 +19,7 @@ from dissect.meaning.report.analysis import Analysis, FunctionStatistics
 from dissect.meaning.report.certainty import left_out
 from dissect.meaning.report.endings import ending_as_dict
 from dissect.meaning.report.facets import facet_of_row
-from dissect.meaning.report.happened import facts_of
+from dissect.meaning.report.happened import by_gravity, facts_of
 from dissect.meaning.report.stations import station_as_dict, stations_that_state
 from dissect.meaning.report.tls import tls_as_dict
 from dissect.meaning.report.words import Places
@@ -79,7 +79,8 @@ def analysis_sections(analysis: Analysis, interrupted: bool = False) -> Iterator
     yield "findings", dict(sorted(analysis.finding_counts.items()))
     yield "findings_explained", analysis.by_cause()
     told = facts_of(analysis, clock)
-    yield "finding_facts", {slug: told.as_dict(CATALOGUE[slug], places) for slug in sorted(analysis.ledger.rules)}
+    rules = by_gravity(analysis.ledger.rules, analysis.ledger)
+    yield "finding_facts", {rule.slug: told.as_dict(rule, places) for rule in rules}
     details = by_weight(analysis.findings, analysis.explained)
     yield "finding_details", (finding_as_dict(finding, places, clock) for finding in details)
     yield "loss", _loss(pipeline)

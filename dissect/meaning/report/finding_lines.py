@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 from typing import Final
 
-from dissect.engine.findings.catalogue import CATALOGUE, Rule
+from dissect.engine.findings.catalogue import Rule
 from dissect.engine.findings.reporter import Finding
 from dissect.meaning.report import words
 from dissect.meaning.report.analysis import Analysis
@@ -33,7 +33,7 @@ def findings_lines(analysis: Analysis, places: Places, told: Told) -> Iterator[L
     yield Line("Findings", HEADING)
     details = _shown(analysis.findings)
     explained = analysis.by_cause()
-    for rule in by_gravity([CATALOGUE[slug] for slug in counts], told.ledger):
+    for rule in by_gravity(counts, told.ledger):
         explains = words.explained(explained.get(rule.slug, {}))
         events = times_of(rule.slug, counts[rule.slug], told.ledger)
         yield from finding_lines(

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from operator import itemgetter
 from typing import Final, NamedTuple
 
-from dissect.engine.findings.catalogue import SEVERITIES, Rule
+from dissect.engine.findings.catalogue import CATALOGUE, SEVERITIES, Rule
 from dissect.engine.findings.ledger import Ledger, Occurrences
 from dissect.meaning.report.analysis import Analysis
 from dissect.meaning.report.words import Places
@@ -104,8 +104,9 @@ def facts_of(analysis: Analysis, clock: Clock) -> Told:
     return Told(analysis.ledger, clock, counters.earliest_ns, counters.latest_ns)
 
 
-def by_gravity(rules: Iterable[Rule], ledger: Ledger) -> list[Rule]:
+def by_gravity(slugs: Iterable[str], ledger: Ledger) -> list[Rule]:
     """Return rules in the order in which they are shown: by severity, what changes a running plant first, then by time."""
+    rules = [CATALOGUE[slug] for slug in slugs]
     found = [
         (SEVERITIES.index(rule.severity), rule.gravity, _first_ns(rule, ledger), rule.slug, rule) for rule in rules
     ]

@@ -180,11 +180,16 @@ class FindingList:
             del kept[next(place for place, one in enumerate(kept) if _hosts(one) == most)]
 
     def facts(self, counts: Mapping[str, int]) -> list[FindingFacts]:
-        """Return the rules that applied, by severity, the newest first. ``counts`` are exact and may precede details."""
+        """Return the rules that applied: by severity, what changes a plant first, then the newest.
+
+        ``counts`` are exact and may precede details.
+        """
         found = [
             FindingFacts(CATALOGUE[slug], count, tuple(self._details.get(slug, ()))) for slug, count in counts.items()
         ]
-        return sorted(found, key=lambda one: (SEVERITIES.index(one.rule.severity), -_last(one), one.key))
+        return sorted(
+            found, key=lambda one: (SEVERITIES.index(one.rule.severity), one.rule.gravity, -_last(one), one.key)
+        )
 
 
 def _hosts(finding: Finding) -> tuple[str, str]:

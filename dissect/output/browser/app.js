@@ -173,7 +173,6 @@ function findingsTab(place) {
     const slugs = Object.keys(told.finding_facts);
     const about = (/** @type {string} */ slug) => told.finding_details.filter((/** @type {any} */ one) => one.slug === slug);
     const grave = (/** @type {string} */ slug) => ["error", "warning", "note"].indexOf(about(slug)[0]?.severity ?? "note");
-    slugs.sort((a, b) => grave(a) - grave(b) || told.finding_facts[b].events - told.finding_facts[a].events);
     const list = slugs.map((slug) => {
       const facts = told.finding_facts[slug];
       const details = about(slug);

@@ -8,6 +8,7 @@ from __future__ import annotations
 import time
 from typing import Any, Final
 
+from dissect.meaning.report.happened import by_gravity
 from dissect.meaning.report.operations import NAMES as KINDS
 from dissect.output.page.bins import WIDTHS, cells_of, lower_end
 from dissect.output.page.cards import cards
@@ -17,7 +18,6 @@ from dissect.output.page.ordered import Ordered
 from dissect.output.page.rows import OUTCOME_NAMES, Station, selecting, station_of
 from dissect.output.page.tables import Tables
 from dissect.output.page.tag_steps import TagSteps
-from dissect.output.page.verdict import by_weight
 from dissect.wire.text import printable, shortened
 
 #: Bins of time in a plot.
@@ -289,7 +289,7 @@ class Data:
 
         If there are too many, one of each severity is kept for each interval, so that no interval with findings looks empty.
         """
-        rules = by_weight(self._of.analysis)
+        rules = by_gravity(self._of.analysis.finding_counts, self._of.analysis.ledger)
         order = {rule.slug: number for number, rule in enumerate(rules)}
         found = sorted(self._of.analysis.findings, key=lambda finding: (order[finding.slug], int(finding.time_ns)))
         for stretches in (_MARKS, _MARKS // 2, _MARKS // 4):

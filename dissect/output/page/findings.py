@@ -8,10 +8,9 @@ from dissect.engine.findings.catalogue import CATALOGUE
 from dissect.engine.findings.reporter import Finding
 from dissect.meaning.report import words
 from dissect.meaning.report.examples import examples_of
-from dissect.meaning.report.happened import facts_of, times_of
+from dissect.meaning.report.happened import by_gravity, facts_of, times_of
 from dissect.output.page.gathered import Gathered
 from dissect.output.page.numbers import how_often
-from dissect.output.page.verdict import by_weight
 from dissect.wire.text import cut_inside
 
 #: At most this many findings of a kind are shown one by one, with this many characters each.
@@ -20,7 +19,7 @@ _DETAIL: Final = 400
 
 
 def findings_of(gathered: Gathered) -> list[dict[str, Any]]:
-    """Return the findings, the most severe first, for the part of the page that works without a script."""
+    """Return the findings, in the order of all faces, for the part of the page that works without a script."""
     counts = gathered.analysis.finding_counts
     explained = gathered.analysis.by_cause()
     details: dict[str, list[Any]] = {}
@@ -29,7 +28,7 @@ def findings_of(gathered: Gathered) -> list[dict[str, Any]]:
     told = []
     listed = {row["cells"][0] for row, _ in gathered.connections.rows()}
     facts = facts_of(gathered.analysis, gathered.rows.clock)
-    for rule in by_weight(gathered.analysis):
+    for rule in by_gravity(counts, gathered.analysis.ledger):
         times = times_of(rule.slug, counts[rule.slug], facts.ledger)
         found = sorted(details.get(rule.slug, []), key=lambda one: int(one.time_ns))
         shown = examples_of(found, _DETAILS)

@@ -6,7 +6,6 @@ from typing import Final
 
 from dissect.engine.findings.catalogue import (
     CAPTURE,
-    CATALOGUE,
     ERROR,
     FUNCTION,
     NEGOTIATION,
@@ -53,7 +52,7 @@ class Verdict:
 
 def by_weight(analysis: Analysis) -> list[Rule]:
     """Return the rules that applied, the heaviest first: what changes a running plant, then what failed, then by time."""
-    rules = by_gravity([CATALOGUE[slug] for slug in analysis.finding_counts], analysis.ledger)
+    rules = by_gravity(analysis.finding_counts, analysis.ledger)
     return sorted(rules, key=_weight)  # for equal weight, the order stays
 
 

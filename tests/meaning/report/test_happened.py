@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import sqlite3
 from pathlib import Path
 from typing import Any, Final
@@ -15,7 +16,8 @@ from dissect.engine.findings.ledger import Ledger
 from dissect.files.session import Run
 from dissect.meaning.report.analysis import Analysis
 from dissect.meaning.report.contract import analysis_as_dict
-from dissect.meaning.report.happened import by_gravity, span, times
+from dissect.meaning.report.finding_lines import findings_lines
+from dissect.meaning.report.happened import by_gravity, facts_of, span, times
 from dissect.meaning.report.summary import Summary
 from dissect.output.export.ecs import ecs_export
 from dissect.output.export.forms import Request, sqlite_export
@@ -23,6 +25,7 @@ from dissect.output.export.stix import stix_export
 from dissect.output.page.findings import findings_of
 from dissect.output.page.verdict import verdict
 from dissect.wire.text import Clock, cut_inside, printable
+from tests.meaning.report.schemas import ROOT
 from tests.meaning.report.support import WORD, begun, saved
 from tests.output.page.support import gathered_of
 from tests.properties.messages import dt, read_answer, read_job, write_answer, write_job
@@ -158,7 +161,7 @@ def test_what_changes_a_plant_comes_first_then_what_came_first() -> None:
         for _ in range(place + 1):
             ledger.add(slug, "", "c", "s", 1, [place + 1], EPOCH_NS + place, True)
     ledger.add("security.write", "", "c", "s", 1, [1], EPOCH_NS - 5, True)
-    shown = [rule.slug for rule in by_gravity([CATALOGUE[slug] for slug in (*sorted(order), "security.write")], ledger)]
+    shown = [rule.slug for rule in by_gravity((*sorted(order), "security.write"), ledger)]
     assert shown == [
         "security.plc_stop",
         "security.plc_start",
@@ -193,3 +196,21 @@ def test_the_outcome_is_not_cut_off() -> None:
 
 def test_an_analysis_before_its_run_has_no_facts() -> None:
     assert Analysis().ledger.rules == {}
+
+
+def test_all_faces_show_findings_in_one_order() -> None:
+    """The text, JSON and the report page; the browser edition takes the order of JSON."""
+    several = 0
+    for path in sorted((ROOT / "captures").rglob("*.pcap*")):
+        if path.name.endswith(".gz"):
+            continue
+        gathered = gathered_of([path])
+        analysis = gathered.analysis
+        told: Any = analysis_as_dict(analysis)
+        listed = [slug for slug in told["finding_facts"] if slug in told["findings"]]
+        lines = [line.text for line in findings_lines(analysis, gathered.rows.places, facts_of(analysis, Clock()))]
+        shown = [line.split()[1].rstrip(":") for line in lines if re.match(r"  (error|warning|note)  ", line)]
+        assert listed == shown, path.name
+        assert [one["rule"].slug for one in findings_of(gathered)] == shown, path.name
+        several += len(shown) > 2
+    assert several > 10
