@@ -482,7 +482,7 @@ DOC_END: Final = '")},'
 
 
 def keep_docs(source: str) -> None:
-    """Write the docstrings of methods and properties, which mypyc leaves out, into a C file: ``help`` shows them then."""
+    """Write the docstrings that mypyc leaves out, of classes, methods and properties, into a C file, for ``help``."""
     path = Path(source)
     module = path.name.removeprefix("__native_").removesuffix(".c").replace("___", ".")
     if not Path(*module.split(".")).with_suffix(".py").is_file():
@@ -492,6 +492,8 @@ def keep_docs(source: str) -> None:
     for number, line in enumerate(lines):
         if table := re.match(r"static Py(?:GetSet|Method)Def (\w+?)_?(?:getseters|methods)\[\] = ", line):
             owner = "" if table[1].endswith("module") else table[1].split("___")[-1]
+        elif kind := re.match(r' *\.tp_name = "(\w+)",', line):
+            owner, name = kind[1], ""
         elif entry := re.match(r' *\{"(\w+)",', line):
             name = entry[1]
         said = docs.get((owner, name), "")
@@ -499,12 +501,18 @@ def keep_docs(source: str) -> None:
             lines[number] = f'{line.removesuffix("NULL, NULL},")}PyDoc_STR("{c_text(said)}"), NULL}},'
         elif said and "PyDoc_STR(" in line and line.endswith('\\n--\\n\\n")},'):
             lines[number] = f"{line.removesuffix(DOC_END)}{c_text(said)}{DOC_END}"
+        elif said and (head := re.match(r' *\.tp_doc = PyDoc_STR\((?:NULL|(".*)")\),', line)):
+            lines[number] = f'    .tp_doc = PyDoc_STR({head[1] or chr(34)}{c_text(said)}"),'
+            owner = ""
     path.write_text("\n".join(lines), encoding="utf-8")
 
 
 @cache
 def docs_of(module: str) -> dict[tuple[str, str], str]:
-    """Return the docstrings of a module's functions, methods and attributes, by class (empty for none) and name."""
+    """Return the docstrings of a module's functions, methods and attributes, by class (empty for none) and name.
+
+    That of a class itself has an empty name.
+    """
     found: dict[tuple[str, str], str] = {}
     attributes = runpy.run_path(ATTRIBUTES)["ATTRIBUTES"]
     tree = ast.parse(Path(*module.split(".")).with_suffix(".py").read_text(encoding="utf-8"))
@@ -514,6 +522,7 @@ def docs_of(module: str) -> dict[tuple[str, str], str]:
                 name = owner.name if isinstance(owner, ast.ClassDef) else ""
                 found.setdefault((name, node.name), ast.get_docstring(node) or "")
         if isinstance(owner, ast.ClassDef):
+            found[owner.name, ""] = ast.get_docstring(owner) or ""
             found.update({(owner.name, name): said for name, said in attributes.get(owner.name, {}).items()})
     return found
 

@@ -15,6 +15,43 @@ __path__ = pkgutil.extend_path(__path__, __name__)
 
 __version__: Final = "0.1.0"
 
+#: What ``from dissect import *`` brings, `open` among it, as that of gzip and os does. Type checkers read this list.
+__all__ = [
+    "Act",
+    "Analysis",
+    "CaptureError",
+    "CarvedBlock",
+    "Connection",
+    "Device",
+    "Error",
+    "Finding",
+    "KeyLogError",
+    "Observer",
+    "Operation",
+    "Options",
+    "Pdu",
+    "Pipeline",
+    "PlusPdu",
+    "Run",
+    "ScdMessage",
+    "SelectError",
+    "TagError",
+    "Transaction",
+    "TransactionError",
+    "TransactionItem",
+    "ValueRow",
+    "Where",
+    "analyze",
+    "blocks",
+    "devices",
+    "frames",
+    "live",
+    "open",
+    "stream",
+    "value_tables",
+    "values",
+]
+
 #: Each public name and the module that defines it. The imports below say the same to a type checker.
 _PUBLIC: Final = {
     "Act": "dissect.engine.acts.act",
@@ -53,6 +90,7 @@ _PUBLIC: Final = {
 }
 
 if TYPE_CHECKING:
+    from dissect import scd as scd
     from dissect.engine.acts.act import Act as Act
     from dissect.engine.findings.reporter import Finding as Finding
     from dissect.engine.observer import Observer as Observer
@@ -90,6 +128,8 @@ else:
 
     def __getattr__(name: str) -> object:
         """Load a public name on its first use (PEP 562)."""
+        if name == "scd":
+            return importlib.import_module("dissect.scd")
         home = _PUBLIC.get(name)
         if home is None:
             message = f"module {__name__!r} has no attribute {name!r}"
@@ -102,32 +142,21 @@ else:
 
 
 def _document(kind: type, name: str) -> None:
-    """Give a class its text, with its attributes, which have no docstrings of their own."""
+    """Add the attributes of a class to its text: Python gives them no docstrings."""
     from inspect import cleandoc
 
     from dissect.wire.attribute_tables import ATTRIBUTES
 
     members = ATTRIBUTES.get(name, {})
-    text = kind.__doc__ or _written_doc(kind.__module__, name) or ""
+    if isinstance(vars(kind).get("__slots__"), tuple):  # interpreted: from here `help` takes the text of an attribute
+        setattr(kind, "__slots__", {each: members.get(each) for each in vars(kind)["__slots__"]})  # noqa: B010
+    text = kind.__doc__ or ""
     if members and "\nAttributes:\n" not in text:
         lines = [f"    {attribute}: {said}" for attribute, said in members.items()]
         text = "\n".join([cleandoc(text), "", "Attributes:", *lines])
     kind.__doc__ = text
 
 
-def _written_doc(home: str, name: str) -> str | None:
-    """Return the text of a class as it stands in the source of its module, which is installed too: mypyc leaves it out."""
-    import re
-    from inspect import cleandoc
-    from pathlib import Path
-
-    try:
-        source = Path(__file__).parent.joinpath(*home.split(".")[1:]).with_suffix(".py").read_text(encoding="utf-8")
-    except OSError:
-        return None
-    found = re.search(rf'^class {name}\b[^\n]*:\n    """(.*?)"""', source, re.MULTILINE | re.DOTALL)
-    return cleandoc(found[1]) if found else None
-
-
 def __dir__() -> list[str]:
-    return sorted({*globals(), *_PUBLIC})
+    """Return the public names, for the Tab key; not what this module uses itself."""
+    return sorted({*__all__, "scd", *[name for name in globals() if name.startswith("__")]})

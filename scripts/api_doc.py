@@ -27,9 +27,11 @@ same. Names that are not on this page or in `dissect.scd`, `dissect.layers` ([la
 - Objects are values for reading: they copy, deep-copy and pickle, also between the compiled and the interpreted build of one
   version. Two objects are equal only if they are the same object; compare what they say (`as_dict()`, `repr()`).
   Items are tuples, and equal where their content is.
-- A copy has what is known at that moment, and no session keys. A `Run` and a `Live` cannot be copied; the error says so.
+- A copy has what is known at that moment, and no session keys. A `Run`, a `Live` and a `Stream` cannot be
+  copied; the error says so. What public objects hold copies and pickles as well.
 - Everything wrong with what is given raises a `dissect.Error`. What is wrong inside a capture is a finding and raises nothing.
   What your own `Observer` raises reaches you, from `Run.step` or `Run.read`, and ends the reading.
+- `from dissect import *` brings every name on this page, `open` among them, as that of gzip and os does.
 - Types: mypy in strict mode and pyright know them all. mypy takes some numbers for `i64`, an `int` that it does not divide by a
   float: `time_ns / 1_000_000_000`, or `int(time_ns) / 1e9`.
 - Threads: each run, `Live` and `Stream` belongs to one thread or task. Several of them run side by side in threads and give
@@ -37,7 +39,7 @@ same. Names that are not on this page or in `dissect.scd`, `dissect.layers` ([la
 
 ## Programs
 
-Items of all protocols, refused ones included:
+[examples.md](examples.md) has a program for each usual task. Items of all protocols, refused ones included:
 
 ```python
 import dissect

@@ -28,7 +28,7 @@ PROGRAMS: Final = {path.name: path.read_text(encoding="utf-8") for path in sorte
 #: Programs that need something beside them: an interface, a PLC, pytest.
 BESIDE: Final = {"live.py", "live_async.py", "proxy.py", "test_plant.py"}
 #: A program that starts processes has to be a file.
-SPAWNING: Final = {"pool.py"}
+SPAWNING: Final = {"pool.py", "spawned.py"}
 #: The programs that end with another code than 0.
 CODES: Final = {"findings.py": 1}
 MOST_LINES: Final = 45
@@ -50,10 +50,17 @@ def test_the_page_lists_every_program_and_each_is_short() -> None:
         assert (name in BESIDE) != ("\n# Output:\n" in text), name
 
 
+def test_no_program_takes_the_name_of_a_module() -> None:
+    """`python docs/examples/NAME.py` looks for modules in that folder first."""
+    taken = {name.removesuffix(".py") for name in PROGRAMS}
+    assert not taken & (sys.stdlib_module_names | {"dissect", "pandas", "pytest", "scapy"})
+
+
 @pytest.mark.parametrize("name", [name for name in PROGRAMS if name not in BESIDE])
 def test_a_program_prints_what_it_says(name: str) -> None:
     (row,) = re.findall(rf".*\(examples/{name}\).*", PAGE.read_text(encoding="utf-8"))
-    program = f"{hiding(row)}\nimport runpy\nrunpy.run_path({str(FOLDER / name)!r}, run_name='__main__')\n"
+    run = f"runpy.run_path({str(FOLDER / name)!r}, run_name='__main__')"
+    program = f"{hiding(row)}\nimport runpy, sys\nsys.path.insert(0, {str(FOLDER)!r})\n{run}\n"
     command = [sys.executable, str(FOLDER / name)] if name in SPAWNING else [sys.executable, "-c", program]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False, timeout=120)
     assert done.returncode == CODES.get(name, 0), done.stderr

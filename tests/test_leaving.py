@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import copy
 import functools
+import inspect
 import json
 import multiprocessing
 import os
@@ -12,7 +13,8 @@ import pickle
 import pydoc
 import subprocess
 import sys
-from collections.abc import Callable, Iterable
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 from typing import Any, Final
@@ -20,8 +22,12 @@ from typing import Any, Final
 import pytest
 
 import dissect
+from dissect.engine.transactions.old_names import OldNames
 from dissect.engine.transactions.transaction import OUTCOMES
+from dissect.online.live import iterating
 from dissect.wire.attribute_tables import ATTRIBUTES
+from dissect.wire.layout import Layout
+from tests.test_sources import Line
 
 CAPTURES: Final = Path(__file__).parents[1] / "captures"
 PLANT: Final = CAPTURES / "scd" / "plant.toml"
@@ -89,6 +95,8 @@ MADE: Final[dict[str, Callable[[], list[Any]]]] = {
     "ValueRow": lambda: list(dissect.values(CAPTURES / FILES[0]))[:20],
     "Where": lambda: [dissect.Where('function contains "Read" and not error.code', also=["latency > 1 ms"])],
 }
+#: Old names of a transaction, which warn.
+OLD: Final = frozenset(name for name in vars(OldNames) if not name.startswith("_"))
 #: Public classes that are not made, or hold an open file.
 NO_COPIES: Final = frozenset(("Run",))
 
@@ -245,6 +253,95 @@ def test_what_is_shared_stays_shared() -> None:
     assert copy.copy(transactions[0]).connection is transactions[0].connection
     finding = copy.deepcopy(of(dissect.Finding)[0])
     assert finding.rule is of(dissect.Finding)[0].rule
+
+
+#: What these hold is the machinery of a run, or a part of it: they go as a whole.
+WHOLE: Final = frozenset(("Analysis.ledger", "Analysis.own_ledger", "Analysis.pipeline", "Pipeline", "Where.context"))
+#: Bookkeeping of the engine, which needs no words of its own.
+SILENT: Final = frozenset(
+    (
+        "Book",
+        "Counted",
+        "Direction",
+        "HalfStream",
+        "ItemReader",
+        "OpenOperations",
+        "OpenRequests",
+        "Program",
+        "Traits",
+        "Writes",
+    )
+)
+
+
+def held(path: str, found: Any, depth: int) -> Iterator[tuple[str, Any]]:
+    """Give what an object of ours holds in its public attributes, lists and dictionaries, and what that holds."""
+    if isinstance(found, (list, tuple, set)) and type(found).__module__ == "builtins":
+        for one in list(found)[:3]:
+            yield from held(f"{path}[]", one, depth)
+    elif isinstance(found, dict):
+        for one in [*list(found)[:3], *list(found.values())[:3]]:
+            yield from held(f"{path}[]", one, depth)
+    elif type(found).__module__.startswith("dissect.") and path not in WHOLE:
+        yield path, found
+        for name in [name for name in dir(found) if depth and not name.startswith("_") and name not in OLD]:
+            value = getattr(found, name)
+            if not inspect.isroutine(value):
+                yield from held(f"{path}.{name}", value, depth - 1)
+
+
+@pytest.mark.parametrize("name", sorted(MADE))
+def test_what_a_public_object_holds_leaves_as_well_and_has_words(name: str) -> None:
+    seen: Counter[type] = Counter()
+    for one in MADE[name]()[:12]:
+        for path, found in held(name, one, 2):
+            seen[type(found)] += 1
+            assert type(found).__doc__, path
+            if seen[type(found)] > 4:
+                continue
+            for way in ("copy", "deepcopy", "pickle 5"):
+                taken = WAYS[way](found)
+                assert type(taken) is type(found), path
+                assert repr(taken) == repr(found) or " object at 0x" in repr(found), path
+            words = " object at 0x" not in repr(found)
+            assert words or type(found).__name__ in SILENT | {"Observer"}, path
+    assert name == "Pipeline" or seen
+
+
+def test_parts_of_a_message_keep_their_layouts() -> None:
+    for pdu in of(dissect.Pdu)[:12]:
+        body = pdu.body
+        for take in WAYS.values():
+            again = take(body)
+            assert [part.layout for part in again.parts] == [part.layout for part in body.parts]
+            for part, other in zip(body.parts, again.parts, strict=True):
+                assert [repr(value) for value in other.values] == [repr(value) for value in part.values]
+                assert all(take(value.field) is value.field for value in other.values)
+    own = Layout("own", "nowhere", [])
+    with pytest.raises(TypeError, match="a Layout of your own cannot be copied or pickled: it stands in no constant"):
+        pickle.dumps(own)
+
+
+def test_frames_leave_with_their_tables() -> None:
+    frames = dissect.frames(CAPTURES / FILES[0], library="arrow", tables=["items", "pdus"])
+    items = frames["items"]
+    for take in WAYS.values():
+        taken = take(frames)
+        assert repr(taken) == repr(frames)
+        assert taken["items"].equals(items)
+        assert len(taken.pdus) == len(frames.pdus)
+
+
+def test_a_stream_and_an_interface_say_why_they_stay(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(iterating, "open_live", lambda *_: Line())
+    with dissect.live("eth0") as live, dissect.stream() as stream:
+        for found, reason in (
+            (live, "a Live cannot be copied or pickled: it reads an interface"),
+            (stream, "a Stream cannot be copied or pickled: it follows a connection; copy the events"),
+        ):
+            for take in WAYS.values():
+                with pytest.raises(TypeError, match=reason):
+                    take(found)
 
 
 def test_a_run_says_why_it_stays() -> None:

@@ -253,8 +253,8 @@ class Connections:
         self.end(side, CONNECTION_CLOSED, frame, now_ns)
         self.count += 1
         connection = Connection(self.count, side.tcp)
-        connection.state = old.state
-        connection.told = old.told  # these reports concern octets that still wait to be passed on
+        connection._state = old._state
+        connection._told = old._told  # these reports concern octets that still wait to be passed on
         connection.naming = old.naming
         for end in (side, peer):
             end.connection = connection
@@ -268,7 +268,7 @@ class Connections:
         ``frame`` is the current packet, which may belong to another connection; unfinished messages are reported with their own
         last packet.
         """
-        if side.connection.state == LEFT_OUT:
+        if side.connection._state == LEFT_OUT:
             return
         exchange = self._exchange
         peer = side.peer
@@ -300,7 +300,7 @@ class Connections:
         exchange.causes.forget(side.connection)
         exchange.observer.connection_closed(side.connection)
         exchange.reporter.over(side.connection.number)
-        side.connection.let_go()
+        side.connection._let_go()
 
 
 class Recognition(Protocol):
@@ -327,16 +327,16 @@ class Recognition(Protocol):
                 side.protocol.feed(side, octets, 0, size, frame, time_ns)
                 return
         connection = side.connection
-        found: i64 = recognise(octets, at_start, on_102(side), connection.probed)
+        found: i64 = recognise(octets, at_start, on_102(side), connection._probed)
         if found == HERE or found == WITHIN:
             # Garbage before the first TPKT is reported only when it is certain that nothing was missed.
             self._connections.open(side, self._iso, found == HERE or at_start)
             side.protocol.feed(side, octets, 0, size, frame, time_ns)
             return
-        if connection.probed == 0:
-            connection.probed_frame = frame
-            connection.probed_ns = time_ns
-        connection.probed += 1
+        if connection._probed == 0:
+            connection._probed_frame = frame
+            connection._probed_ns = time_ns
+        connection._probed += 1
         if connection.protocol == "":
             raw: i64 = raw_protocol(octets)
             connection.protocol = UPPER_NAMES[raw]
@@ -347,10 +347,10 @@ class Recognition(Protocol):
 
     def end(self, side: Side, frame: i64, time_ns: i64) -> None:
         """Report a connection on port 102 that was never recognised, unless too little of it was captured."""
-        if side.tcp.known_start or side.connection.probed >= PROBES:
+        if side.tcp.known_start or side.connection._probed >= PROBES:
             self._take_other(side)
 
     def _take_other(self, side: Side) -> None:
         """Report an unsupported protocol with the first octets of the connection, not with those that made it certain."""
         connection = side.connection
-        self._connections.foreign.take(side, connection.protocol, connection.probed_frame, connection.probed_ns)
+        self._connections.foreign.take(side, connection.protocol, connection._probed_frame, connection._probed_ns)

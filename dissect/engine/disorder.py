@@ -48,9 +48,9 @@ def take(counters: Counters, timers: Timers, side: Side, seq: i64, octets: bytes
     if what == stream.KEEP_ALIVE and (side.probes or untold(side)):
         side.note_probe(counters.frames, counters.now_ns, True)
         return accounts.KEEP_ALIVE
-    if connection.state == LEFT_OUT:
+    if connection._state == LEFT_OUT:
         return accounts.LEFT_OUT
-    if connection.state == FOREIGN or (connection.state == PROBING and half.held is None):
+    if connection._state == FOREIGN or (connection._state == PROBING and half.held is None):
         return accounts.OTHER_PROTOCOL  # unused even now, before it is reported as a different protocol
     if what == stream.NEW or what == stream.OLD:
         return PAYLOAD if what == stream.NEW else accounts.RETRANSMISSION

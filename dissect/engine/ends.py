@@ -41,7 +41,7 @@ def take(counters: Counters, side: Side, seq: i64, flags: i64, size: i64, link: 
     ``link`` are the Ethernet addresses of its packet, destination first, empty for none.
     """
     tcp = side.tcp
-    state = side.connection.state
+    state = side.connection._state
     read: bool = state != FOREIGN and state != LEFT_OUT
     in_doubt: bool = tcp.doubt is not None
     if flags & RST:

@@ -282,7 +282,7 @@ class Exchange:
         if transaction.rosctr == USERDATA:
             follow(transaction)
         if transaction.has_errors:
-            transaction.connection.note_error(transaction.parameters, transaction.response_ns, transaction.error_code)
+            transaction.connection._note_error(transaction.parameters, transaction.response_ns, transaction.error_code)
         if (
             transaction._flags
             or transaction.has_errors
@@ -318,7 +318,7 @@ class Exchange:
     def _end(self, transaction: Transaction, now_ns: i64) -> None:
         """Judge and report a transaction without an answer, or without a request."""
         if transaction.has_errors:
-            transaction.connection.note_error(transaction.parameters, transaction.response_ns, transaction.error_code)
+            transaction.connection._note_error(transaction.parameters, transaction.response_ns, transaction.error_code)
         self.causes.begin(transaction, now_ns)
         self._judge_command(transaction)
         if transaction._outcome == UNANSWERED:

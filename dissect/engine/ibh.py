@@ -91,7 +91,7 @@ class IbhNetLink(Protocol):
         elif kind == KIND_CONNECT:
             connection.mid_stream = False
             connection.iso_ended = ""
-            connection.set_client(side.index)
+            connection._set_client(side.index)
         elif kind == KIND_DISCONNECT:
             connection.iso_ended = f"MPI disconnect from {side.tcp.ends[side.index]}"
 

@@ -164,7 +164,7 @@ class IsoOnTcp(Protocol):
                 longest = -1  # the TPKT may have changed it
             if at == end:
                 return
-        if side.connection.state == FOREIGN:
+        if side.connection._state == FOREIGN:
             framer.skipped += end - at
             return
         self._frame(side, buf, at, at == start, frame, time_ns)
@@ -227,11 +227,11 @@ class IsoOnTcp(Protocol):
             or framer.skip
             or not side.assembler.clear
             or connection.tls is not None
-            or connection.state != ISO
-            or connection.dt_limit < 0
+            or connection._state != ISO
+            or connection._dt_limit < 0
         ):
             return 0
-        return connection.dt_limit + 4
+        return connection._dt_limit + 4
 
     def usual(self, side: Side, buf: bytes, at: i64, most: i64, frame: i64, time_ns: i64) -> i64:
         """Take the TPKT at ``at`` if it is an ordinary one (a DT with EOT and one whole S7 PDU); return its size.
@@ -320,7 +320,7 @@ class IsoOnTcp(Protocol):
             self._note_reserved(side, buf[at + 1], frame, time_ns)
         if buf[at + 4] == 2 and buf[at + 5] == 0xF0:  # DT of class 0
             self.tpdus.often_count += 1
-            if length - 4 > side.connection.dt_limit:
+            if length - 4 > side.connection._dt_limit:
                 if judge_data(exchange.reporter, side, length - 4, frame, time_ns) and is_request(
                     buf[at + 7 : at + length]
                 ):
@@ -461,7 +461,7 @@ class IsoOnTcp(Protocol):
                 reporter.note("cotp.answer_without_request", connection.number, [frame], time_ns)
             judge_confirm(reporter, side, tpdu, frame, time_ns)
             if not (tpdu.malformed and connection.established):
-                connection.note_cc(side.index, tpdu, frame)
+                connection._note_cc(side.index, tpdu, frame)
         elif type_ == DR:
             judge_disconnect(reporter, side, tpdu, self._connections.table, frame, time_ns)
             if connection.refused:
@@ -483,7 +483,7 @@ class IsoOnTcp(Protocol):
         elif connection.cr_seen:
             self._exchange.reporter.note("cotp.repeated_request", connection.number, [frame], time_ns)
         connection.mid_stream = False
-        connection.note_cr(side.index, tpdu, frame)
+        connection._note_cr(side.index, tpdu, frame)
         self._connections.scans.asked(connection, frame, time_ns)
 
     def _tsdu(self, side: Side, buf: bytes, at: i64, size: i64, frame: i64, time_ns: i64) -> None:

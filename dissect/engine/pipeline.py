@@ -372,7 +372,7 @@ class Pipeline(PacketSink):
             self.silent.begin(side)
             if flags & SYN and flags & ACK and side.tcp.initiator < 0:
                 side.tcp.initiator = 1 - side.index
-                side.connection.set_client(1 - side.index)
+                side.connection._set_client(1 - side.index)
         if flags & SYN:
             seq = (seq + 1) & stream.MASK
             if side.stream.next_seq < 0:
@@ -433,11 +433,11 @@ class Pipeline(PacketSink):
         size: i64 = len(octets)
         if size == 0 and missing == 0:
             side.note_bare(seq, flags & NO_PROBE != 0)
-            if side.connection.state == PROBING and peer.last_ack == (seq + 1) & stream.MASK and not flags & NO_PROBE:
+            if side.connection._state == PROBING and peer.last_ack == (seq + 1) & stream.MASK and not flags & NO_PROBE:
                 side.note_probe(counters.frames, counters.now_ns, False)
             return NO_PAYLOAD
         half = side.stream
-        if seq == half.next_seq and half.held is None and missing == 0 and side.connection.state == ISO:
+        if seq == half.next_seq and half.held is None and missing == 0 and side.connection._state == ISO:
             half.passed(octets, size)
             side.end_seq = half.next_seq
             side.size = size
@@ -470,7 +470,7 @@ class Pipeline(PacketSink):
         assert peer is not None
         if (side.rival is not None or peer.rival is not None) and ends.follows(side, peer, seq):
             return self._reopen(side, seq, octets, missing)
-        if connection.state == FOREIGN:
+        if connection._state == FOREIGN:
             if len(octets) > MIN_LENGTH and sound_length(octets, 0, len(octets)):
                 return self._reopen(side, seq, octets, missing)  # a TPKT: the earlier data must not hide S7
             return accounts.OTHER_PROTOCOL
@@ -481,14 +481,14 @@ class Pipeline(PacketSink):
                     return self._reopen(side, seq, octets, missing)
             if side.tcp.reset_frame and half.held is None and ahead > ends.AFTER_RESET:
                 return accounts.AFTER_CLOSE
-        if connection.state == LEFT_OUT:
+        if connection._state == LEFT_OUT:
             size: i64 = len(octets)
             end_seq: i64 = (seq + size + missing) & stream.MASK
             if half.next_seq < 0 or 0 < (end_seq - half.next_seq) & stream.MASK < stream.HALF_SPACE:
                 half.next_seq = end_seq  # needed to check the sequence numbers of its FIN and RST
                 side.end_seq = end_seq
                 side.protocol.feed(side, octets, 0, size, self.counters.frames, self.counters.now_ns)
-            if side.connection.state == LEFT_OUT:
+            if side.connection._state == LEFT_OUT:
                 return accounts.LEFT_OUT
             return PAYLOAD
         if half.next_seq < 0 and missing == 0 and may_be_probe(side, octets):
@@ -547,7 +547,7 @@ class Pipeline(PacketSink):
         except Exception as bug:
             self.exchange.note_bug(bug, self.counters.frames, self.counters.now_ns)
         # A connection that was never recognised counts only on port 102, where ISO-on-TCP is expected.
-        if side.connection.state != LEFT_OUT and (side.connection.number or on_102(side)):
+        if side.connection._state != LEFT_OUT and (side.connection.number or on_102(side)):
             self.counters.add_up(side)
             self.counters.add_up(peer)
         self.table.remove(side)
@@ -569,9 +569,9 @@ class Pipeline(PacketSink):
             if side.tcp.ended and reason == CAPTURE_ENDED:
                 reason = CONNECTION_CLOSED
             self.connections.end(side, reason, self.counters.frames, self.counters.now_ns)
-        elif connection.state == PROBING and connection.probed:
+        elif connection._state == PROBING and connection._probed:
             side.protocol.end(side, side.tcp.last_frame, side.tcp.last_ns)
-        elif connection.state == PROBING:
+        elif connection._state == PROBING:
             judge_silent(self.counters, side, peer)
 
     def forget(self) -> None:

@@ -221,13 +221,13 @@ class S7Plus(Protocol):
         connection = side.connection
         parameters = self._parameters.get(head.function)
         if head.opcode == NOTIFICATION:
-            connection.set_client(1 - side.index)
+            connection._set_client(1 - side.index)
             self._count_notification(side, frame, time_ns)
             exchange.indication(side, 0, parameters, octets, frame, time_ns)
             return
         sequence: i64 = head.sequence
         if head.opcode == REQUEST:
-            connection.set_client(side.index)
+            connection._set_client(side.index)
             self._count_request(side, frame, time_ns)
             if head.frames > 1:
                 self._note_beginning(side, sequence, frame)
@@ -240,7 +240,7 @@ class S7Plus(Protocol):
                 told = exchange.dialogue.tell(side, sequence, parameters, octets, frame, time_ns)
                 exchange.completed(told, frame, time_ns)
             return
-        connection.set_client(1 - side.index)
+        connection._set_client(1 - side.index)
         if head.opcode == RESPONSE2 and head.version == V3 and not exchange.dialogue.waits(side, PLUS, sequence):
             exchange.indication(side, sequence, parameters, octets, frame, time_ns)
         else:
@@ -251,10 +251,10 @@ class S7Plus(Protocol):
         assembler = side.plus
         if assembler is None:
             return
-        begun = side.connection.begun
+        begun = side.connection._begun
         if begun is None:
             begun = {}
-            side.connection.begun = begun
+            side.connection._begun = begun
         while len(begun) >= _MAX_BEGUN:
             del begun[next(iter(begun))]
         begun[sequence, frame] = (assembler.begun_frame, assembler.begun_ns, assembler.left_out)

@@ -174,7 +174,7 @@ class S7(Protocol):
         return True
 
     def _first_pdu(self, connection: Connection, frame: i64, time_ns: i64) -> None:
-        if connection.state == ISO:  # the name of an IBH-NetLink gateway stays, whatever it carries
+        if connection._state == ISO:  # the name of an IBH-NetLink gateway stays, whatever it carries
             connection.protocol = UPPER_NAMES[S7COMM]
         judge_port(self._exchange.reporter, connection, frame, time_ns)
 
@@ -202,7 +202,7 @@ class S7(Protocol):
         exchange = self._exchange
         connection = side.connection
         fault = ""
-        if exchange.behind.used and connection.aside is not None:
+        if exchange.behind.used and connection._aside is not None:
             exchange.behind.asked(side)
         shared: bool = exchange.dialogue.shared
         if shared:

@@ -178,7 +178,7 @@ def note_idle(counters: Counters, first: Endpoint, second: Endpoint, probes: Pro
 
 def untold(side: Side) -> bool:
     """Return whether ``side`` belongs to a connection to port 102 of which no octet was examined."""
-    return side.connection.state == PROBING and side.connection.probed == 0 and on_102(side)
+    return side.connection._state == PROBING and side.connection._probed == 0 and on_102(side)
 
 
 def may_be_probe(side: Side, octets: bytes) -> bool:

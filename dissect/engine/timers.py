@@ -268,7 +268,7 @@ class Timers:
         """Drop answers of ``side`` that waited too long for their request."""
         exchange = self._exchange
         exchange.dialogue.expire(side, self._counters.now_ns)
-        if side.connection.aside is not None:
+        if side.connection._aside is not None:
             exchange.behind.expire(side, self._counters.now_ns)
         if exchange.dialogue.also:
             exchange.beside(self._counters.frames, self._counters.now_ns)
@@ -306,7 +306,7 @@ class Timers:
                 side.stream.time_bound
                 or asked.orphans is not None
                 or asked.undecided is not None
-                or side.connection.aside is not None
+                or side.connection._aside is not None
             )
 
     def look_at_ends(self) -> None:
@@ -350,7 +350,7 @@ class Timers:
                     if oldest == 0 or stretch.frame < oldest:
                         oldest = stretch.frame
             waiting = side.connection.open_requests[1 - side.index].waiting()
-            aside = side.connection.aside
+            aside = side.connection._aside
             if aside is not None:
                 waiting = waiting + aside.answers()
             for answer in waiting:

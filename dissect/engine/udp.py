@@ -45,7 +45,7 @@ class Datagrams:
         side.tcp.packets += 1
         side.tcp.last_frame = counters.frames
         side.tcp.last_ns = counters.now_ns
-        if side.connection.state == LEFT_OUT:
+        if side.connection._state == LEFT_OUT:
             return accounts.LEFT_OUT
         self._decoder.datagram(side, found.octets, found.missing, counters.frames, counters.now_ns)
         return accounts.PAYLOAD

@@ -27,7 +27,7 @@ class Row(NamedTuple):
 
     ``address`` is "0x6041:0", for a field of a bare struct "struct.field"; ``name`` is the label of the variable. ``value`` is
     the raw value, ``physical`` the one with scale and shift (the same if there are none) in ``unit``; ``text`` is the
-    dictionary's text for the value. ``flags`` say what is odd.
+    dictionary's text for the value. ``flags`` say what is odd. ``type`` is the name of its type, empty if it is unknown.
     """
 
     address: str
@@ -37,6 +37,7 @@ class Row(NamedTuple):
     unit: str
     text: str
     flags: tuple[str, ...]
+    type: str = ""
 
 
 class Told(NamedTuple):
@@ -67,10 +68,11 @@ def rows(dictionary: Dictionary, message: Message) -> list[Row]:
                 known[key] = told
         variable = told.variable
         if told.plain:
-            found.append(Row(told.address, told.name, value, value, told.unit, "", flags))
+            found.append(Row(told.address, told.name, value, value, told.unit, "", flags, told.variable.type.name))
         else:
             text = variable.desc(value) or _mapped(variable, value)
-            found.append(Row(told.address, told.name, value, variable.phys(value), told.unit, text, flags))
+            physical = variable.phys(value)
+            found.append(Row(told.address, told.name, value, physical, told.unit, text, flags, variable.type.name))
     return found
 
 
@@ -80,6 +82,15 @@ def _told(variable: Variable, message: Message, key: Key) -> Told:
     if isinstance(key, tuple):
         return Told(address_text(key), variable.label, variable.unit, plain, variable)
     return Told(f"{message.content}.{key}", variable.name, variable.unit, plain, variable)
+
+
+def described(dictionary: Dictionary, address: tuple[int, int]) -> tuple[str, str, str]:
+    """Return label, name of the type, and unit of a variable; empty texts if the dictionary has none there."""
+    try:
+        variable = dictionary.variable(address)
+    except Error:
+        return "", "", ""
+    return variable.label, variable.type.name, variable.unit
 
 
 def _mapped(variable: Variable, value: Value) -> str:
@@ -170,7 +181,7 @@ known_text: Final = lru_cache(maxsize=4096)(encodable)
 
 def row_json(row: Row) -> dict[str, object]:
     """Return a row for JSON."""
-    address, name, value, physical, unit, text, flags = row
+    address, name, value, physical, unit, text, flags, _ = row
     shown = json_value(value)
     return {
         "address": known_text(address),

@@ -10,8 +10,10 @@ from __future__ import annotations
 
 import copyreg
 import inspect
-from collections.abc import Callable
+import sys
+from collections.abc import Callable, Iterator
 from functools import cache
+from importlib import import_module
 from typing import Any, Final, TypeAlias
 
 from librt.strings import BytesWriter
@@ -23,6 +25,8 @@ Reduced: TypeAlias = "tuple[Callable[..., Any], tuple[Any, ...], dict[str, Any]]
 #: Gives the arguments for the constructor of a class from one of its objects.
 Taken: TypeAlias = Callable[[Any], "tuple[Any, ...]"]
 
+#: So many lists and dictionaries may enclose an object within a constant (`leaves_by_name`).
+_NESTED: Final = 2
 _LEFT_OUT: Final[dict[type, frozenset[str]]] = {}
 _TAKEN: Final[dict[type, Taken]] = {}
 
@@ -44,6 +48,55 @@ def leaves(*kinds: type, without: tuple[str, ...] = (), taken: Taken | None = No
 def leaves_as(kind: type, take: Callable[[Any], tuple[Any, ...]]) -> None:
     """Let objects of a class be copied and pickled in the form that ``take`` returns: a function and its arguments."""
     copyreg.pickle(kind, take)
+
+
+def leaves_by_name(kind: type, inner: str = "") -> None:
+    """Let objects of a class, which all stand in constants of modules, be copied and pickled as the very same object.
+
+    They stand in the constant itself, in lists and dictionaries there, or in the list ``inner`` of an object that does.
+    """
+
+    def place(found: Any) -> tuple[Callable[..., Any], tuple[Any, ...]]:
+        known = _places(kind, inner, len(sys.modules)).get(id(found))
+        if known is None or known[0] is not found:
+            raise refuse(f"a {kind.__name__} of your own", "it stands in no constant of a module")
+        return _at, known[1:]
+
+    copyreg.pickle(kind, place)
+
+
+def _at(module: str, name: str, *keys: Any) -> Any:
+    """Return what stands in a constant of a module."""
+    found = getattr(import_module(module), name)
+    for key in keys:
+        found = found[key] if isinstance(found, (dict, list, tuple)) else getattr(found, key)
+    return found
+
+
+@cache
+def _places(kind: type, inner: str, modules: int) -> dict[int, tuple[Any, ...]]:
+    """Return the objects of a class by their identity: the object, its module, the name of the constant, and keys within.
+
+    It looks into the first ``modules`` modules: with more of them there are more constants.
+    """
+    found: dict[int, tuple[Any, ...]] = {}
+    for module in [name for name in list(sys.modules)[:modules] if name.startswith("dissect.")]:
+        for name, value in list(vars(sys.modules[module]).items()):
+            for keys, one in _within(value, inner, _NESTED):
+                if isinstance(one, kind):
+                    found.setdefault(id(one), (one, module, name, *keys))
+    return found
+
+
+def _within(value: Any, inner: str, depth: int) -> Iterator[tuple[tuple[int | str, ...], Any]]:
+    yield (), value
+    listed = getattr(value, inner, None) if inner and not isinstance(value, type) else None
+    if isinstance(listed, list):
+        yield from [((inner, number), one) for number, one in enumerate(listed)]
+    if depth and isinstance(value, (dict, list, tuple)):
+        for key, one in list(value.items()) if isinstance(value, dict) else enumerate(value):
+            if isinstance(key, (int, str)):
+                yield from [((key, *keys), found) for keys, found in _within(one, inner, depth - 1)]
 
 
 def keep_out(kind: type, *names: str) -> None:
@@ -126,13 +179,13 @@ def _parameters(kind: Any) -> tuple[str, ...]:
         for name, parameter in inspect.signature(kind).parameters.items()
         if parameter.default is inspect.Parameter.empty
     ]
-    # A class without slots does not show its attributes (`SourceFile`, interpreted): they have the names of the parameters.
-    return tuple(
-        [
-            next((each for each in (name, f"_{name}", name.removesuffix("_")) if hasattr(kind, each)), name)
-            for name in needed
-        ]
-    )
+    return tuple([_attribute(kind, name) for name in needed])
+
+
+def _attribute(kind: Any, name: str) -> str:
+    """Return the attribute that holds a parameter; its own name where a class without slots shows none (interpreted)."""
+    found = (each for each in (name, f"_{name}", name.removesuffix("_")) if hasattr(kind, each))
+    return next((each for each in found if not inspect.isroutine(getattr(kind, each))), name)
 
 
 def _writer(octets: bytes) -> BytesWriter:

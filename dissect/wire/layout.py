@@ -11,8 +11,12 @@ from collections.abc import Callable
 from typing import Final
 
 from dissect.wire.codes import CodeTable
+from dissect.wire.copies import leaves, leaves_by_name
+from dissect.wire.text import printable
 from dissect.wire.varint import read_varint
 
+#: So many octets without a meaning are in the representation of a field.
+_SHOWN: Final = 16
 #: Size of a field that takes the rest of its part: a text or octets whose length is stated elsewhere.
 REST: Final = -1
 
@@ -121,6 +125,9 @@ class Field:
         self.holds = holds
         self.says: Says | None = says
 
+    def __repr__(self) -> str:
+        return f"Field({self.label}: {self.text})"
+
     def read(self, octets: bytes, offset: int) -> int:
         """Return the field's number; its octets begin at ``offset`` of ``octets`` (big-endian)."""
         size = self.size
@@ -163,6 +170,12 @@ class FieldValue:
         self.value = value
         self.octets = octets
 
+    def __repr__(self) -> str:
+        if self.field.holds == HOLDS_SECRET:
+            return f"FieldValue({self.field.label}: hidden)"
+        shown = self.octets[:_SHOWN].hex() if self.octets is not None else str(self.value)
+        return f"FieldValue({self.field.label}: {printable(self.meaning) or shown})"
+
     @property
     def meaning(self) -> str:
         """The meaning of the number or the octets as text; empty for none."""
@@ -195,6 +208,9 @@ class Layout:
                 start = end
                 end += field.size
             self.numbers.setdefault(field.name, (start, field))
+
+    def __repr__(self) -> str:
+        return f"Layout({self.name}: {', '.join([field.label for field in self.fields])})"
 
     def places(self, holds: str) -> list[tuple[int, int]]:
         """Return (begin, end) of the fixed fields whose `Field.holds` is ``holds``, from the beginning of the part."""
@@ -264,3 +280,8 @@ def _value(field: Field, octets: bytes, start: int, end: int) -> FieldValue:
     if field.means is None:
         return FieldValue(field, start, end, field.read(octets, start))
     return FieldValue(field, start, end, 0, octets[start:end])
+
+
+leaves_by_name(Layout)
+leaves_by_name(Field, "fields")
+leaves(FieldValue)

@@ -9,8 +9,10 @@ from __future__ import annotations
 
 from typing import Final
 
+from dissect.wire.copies import leaves
 from dissect.wire.layout import REST, Field, FieldValue, Layout
 from dissect.wire.malformed import Malformed
+from dissect.wire.text import printable
 
 #: Octets whose meaning is not known, or depends on more than this message.
 OCTETS: Final = Layout("octets", "content of unknown structure", [Field("octets", REST, "As on the wire.")])
@@ -39,6 +41,11 @@ class Part:
         self.depth = 0
         self._octets = octets
         self._values: list[FieldValue] | None = None
+
+    def __repr__(self) -> str:
+        return printable(
+            f"Part({self.layout.name}{f': {self.note}' if self.note else ''}, bytes {self.offset} to {self.end})"
+        )
 
     @property
     def values(self) -> list[FieldValue]:
@@ -164,3 +171,6 @@ class Cursor:
         if self.left:
             self.tell("trailing_octets", "end", 0, self.left)
             self.take(SURPLUS, self.left)
+
+
+leaves(Part, without=("_values",))

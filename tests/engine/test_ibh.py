@@ -72,7 +72,7 @@ def test_a_session() -> None:
     told = {"mpi_data": 4, "mpi_ack": 2, "mpi_connect": 1, "mpi_confirm": 1, "mpi_disconnect": 1}
     assert link.kinds() == {**told, "receipt": 3, "service": 2}
     [connection] = link.connections
-    assert (connection.protocol, connection.state, connection.number, connection.pdus) == (IBH_NETLINK, FOLLOWED, 1, 4)
+    assert (connection.protocol, connection._state, connection.number, connection.pdus) == (IBH_NETLINK, FOLLOWED, 1, 4)
     assert (connection.pdu_length, connection.client.port, connection.client_known) == (240, 50000, True)
     assert connection.iso_ended.startswith("MPI disconnect from 10.0.0.1")
     assert link.transactions[1].s7_results[0].value == 42
@@ -113,7 +113,7 @@ def test_ordinary_s7_on_the_same_port() -> None:
     assert talk.outcomes() == ["answered"]
     assert talk.slugs() == ["session.unusual_port"]
     assert talk.connections[0].protocol == "s7comm"
-    assert talk.connections[0].state == ISO
+    assert talk.connections[0]._state == ISO
 
 
 @pytest.mark.parametrize("first", [CLAIM, ASK])
@@ -142,7 +142,7 @@ def test_something_else_on_the_port() -> None:
     link.hello()
     link.packet(CLIENT, b"JRMI\x00\x02K")
     sides = link.pipeline.table.all_open()
-    assert [side.connection.state for side in sides] == [FOREIGN]
+    assert [side.connection._state for side in sides] == [FOREIGN]
     link.close()
     assert (link.packets, link.findings) == ([], [])
 

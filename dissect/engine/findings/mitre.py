@@ -26,6 +26,9 @@ class Technique:
         self.v19 = v19
         self.source = source
 
+    def __repr__(self) -> str:
+        return f"Technique({self})"
+
     @property
     def ids(self) -> str:
         """The v18 id, and the v19 id where it differs: ``T0855 (v19: T1692.001)``."""

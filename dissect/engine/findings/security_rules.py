@@ -164,7 +164,7 @@ class SecurityWatch:
 
     def count_writes(self, connection: Connection) -> None:
         """Add the writes of a connection that were only added up so far to the counts."""
-        writes = connection.counted_writes
+        writes = connection._counted_writes
         if writes is None:
             return
         events = Occurrences()
@@ -280,7 +280,7 @@ class SecurityWatch:
     def end(self, connection: Connection) -> None:
         """A connection is over, so all its requests are counted: judge fast writes without answers by their share."""
         self.count_writes(connection)
-        writes = connection.hasty_writes
+        writes = connection._hasty_writes
         if writes is None or writes.hasty is None:
             return
         if int(writes.count) >= _MOST * int(connection.answered + connection.unanswered):

@@ -29,7 +29,7 @@ from dissect.wire.text import count
 _MIN_PDU_LENGTH: Final = 64
 #: A connection must have this many PDUs to be reported as captured on one side only.
 _ONE_SIDED_PDUS: Final = 3
-#: A bit of `Connection.told` for side 0, shifted by one for side 1; the transport rules use the lower bits.
+#: A bit of `Connection._told` for side 0, shifted by one for side 1; the transport rules use the lower bits.
 _REDUNDANT: Final = 64
 #: Another bit: two open requests with the same reference were reported.
 _SHARED: Final = 512
@@ -85,8 +85,8 @@ def judge_request(
 def judge_shared(reporter: Reporter, side: Side, parameters: Parameters, frame: i64, time_ns: i64) -> None:
     """Report a request with the same reference as one that is still open; once per connection."""
     connection = side.connection
-    if not connection.told & _SHARED:
-        connection.told |= _SHARED
+    if not connection._told & _SHARED:
+        connection._told |= _SHARED
         detail = f"{parameters.subject}: {connection.tcp.ends[side.index]} still waits for an answer to the one before"
         reporter.note("session.shared_reference", connection.number, [frame], time_ns, detail)
     else:
@@ -129,8 +129,8 @@ def judge_header(
     connection = side.connection
     who = connection.tcp.ends[side.index]
     told: i64 = _REDUNDANT << side.index
-    if redundancy and not connection.told & told:
-        connection.told |= told
+    if redundancy and not connection._told & told:
+        connection._told |= told
         reporter.note("s7.redundancy_id", connection.number, [frame], time_ns, f"0x{redundancy:04x} from {who}")
     elif redundancy:
         reporter.again("s7.redundancy_id", connection.number, frame, time_ns)
@@ -202,7 +202,7 @@ def judge_disconnect(
             detail = f"{who} refuses{where}: {reason}{beside(table, connection)}"
             reporter.detail("cotp.refused", connection.number, [frame], time_ns, detail)
     else:
-        connection.note_iso_end(f"DR from {who}: {reason}", DISCONNECT, side.index, frame, time_ns)
+        connection._note_iso_end(f"DR from {who}: {reason}", DISCONNECT, side.index, frame, time_ns)
         if not _is_leave(connection, side, tpdu):
             reporter.note("cotp.disconnected", connection.number, [frame], time_ns, f"{who}: {reason}")
 
@@ -223,7 +223,7 @@ def judge_error_tpdu(reporter: Reporter, side: Side, tpdu: Tpdu, frame: i64, tim
     cause = _reason(ER_CAUSES, tpdu.field("cause"))
     connection = side.connection
     words = f"ER from {connection.tcp.ends[side.index]}: {cause}"
-    connection.note_iso_end(words, ERROR_TPDU, side.index, frame, time_ns)
+    connection._note_iso_end(words, ERROR_TPDU, side.index, frame, time_ns)
     reporter.note("cotp.error", connection.number, [frame], time_ns, cause)
 
 

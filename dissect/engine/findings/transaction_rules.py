@@ -358,8 +358,8 @@ def _judge_flags(reporter: Reporter, transaction: Transaction) -> None:
         )
     if flags & SIZE_MISMATCH:
         _note(reporter, "transaction.size_mismatch", transaction, _sizes(transaction))
-    if flags & ODD_DATA_CODE and not transaction.connection.told & _DATA_CODES:
-        transaction.connection.told |= _DATA_CODES
+    if flags & ODD_DATA_CODE and not transaction.connection._told & _DATA_CODES:
+        transaction.connection._told |= _DATA_CODES
         _note(reporter, "transaction.odd_data_code", transaction, _data_codes(transaction))
     elif flags & ODD_DATA_CODE:
         frame, time_ns = transaction.response_frame, transaction.response_ns

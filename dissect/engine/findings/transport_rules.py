@@ -96,21 +96,21 @@ def end_stray(reporter: Reporter, side: Side) -> None:
 
 
 def judge_data(reporter: Reporter, side: Side, size: i64, frame: i64, time_ns: i64) -> bool:
-    """Judge a DT longer than `Connection.dt_limit`: it is too long, or comes before the setup or after the end.
+    """Judge a DT longer than `Connection._dt_limit`: it is too long, or comes before the setup or after the end.
 
     Return whether it is longer than the TPDU size.
     """
     connection = side.connection
     large = 0 < connection.tpdu_size < size
     if large:
-        connection.told |= _LARGE << side.index
+        connection._told |= _LARGE << side.index
         detail = f"{size} bytes, {connection.tpdu_size} negotiated"
         reporter.note("cotp.size_exceeded", connection.number, [frame], time_ns, detail)
-    if connection.dt_limit > 0:
+    if connection._dt_limit > 0:
         return large
     judge_order(reporter, side, DT, frame, time_ns)
     if not _watched(connection):
-        connection.dt_limit = connection.tpdu_size or NO_LIMIT
+        connection._dt_limit = connection.tpdu_size or NO_LIMIT
     return large
 
 
@@ -118,36 +118,40 @@ def note_large(side: Side, size: i64) -> None:
     """A side sent a message in several TPDUs, of ``size`` octets in all."""
     connection = side.connection
     if size > connection.tpdu_size - DT_HEAD > 0:
-        connection.told |= _LARGE << side.index
+        connection._told |= _LARGE << side.index
 
 
 def sent_large(connection: Connection, side: i64) -> bool:
     """Return whether a side sent a message that does not fit one TPDU of the negotiated size."""
-    return connection.told & (_LARGE << side) != 0
+    return connection._told & (_LARGE << side) != 0
 
 
 def _watched(connection: Connection) -> bool:
     """Return whether the order of further TPDUs still needs a check."""
     if connection.iso_ended_how == DISCONNECT:
-        return not connection.told & (_AFTER_END << connection.iso_ended_by)
+        return not connection._told & (_AFTER_END << connection.iso_ended_by)
     begun: i64 = 3 * _BEGUN
-    return connection.tpdu_size == 0 and connection.told & begun != begun
+    return connection.tpdu_size == 0 and connection._told & begun != begun
 
 
 def judge_order(reporter: Reporter, side: Side, type_: i64, frame: i64, time_ns: i64) -> None:
     """Judge the order of TPDUs: connect request, confirm or refusal, data, and nothing after a disconnect."""
     connection = side.connection
     ended: i64 = _AFTER_END << side.index
-    if connection.iso_ended_how == DISCONNECT and connection.iso_ended_by == side.index and not connection.told & ended:
-        connection.told |= ended
+    if (
+        connection.iso_ended_how == DISCONNECT
+        and connection.iso_ended_by == side.index
+        and not connection._told & ended
+    ):
+        connection._told |= ended
         name = TPDU_TYPES.name(type_)
         who = connection.tcp.ends[side.index]
         frames = [int(connection.iso_ended_frame), int(frame)]
         reporter.note("cotp.after_disconnect", connection.number, frames, time_ns, f"{name} from {who}")
     begun: i64 = _BEGUN << side.index
-    if connection.told & begun:
+    if connection._told & begun:
         return
-    connection.told |= begun
+    connection._told |= begun
     peer = side.peer
     if not connection.tcp.known_start or peer is None or side.holes or side.framer.skipped:
         return
@@ -166,8 +170,8 @@ def judge_number(reporter: Reporter, side: Side, number: i64, frame: i64, time_n
     """Report a TPDU number other than 0, as class 0 has no numbers; once per side."""
     connection = side.connection
     told: i64 = _NUMBERED << side.index
-    if not connection.told & told:
-        connection.told |= told
+    if not connection._told & told:
+        connection._told |= told
         detail = f"TPDU number {number} from {connection.tcp.ends[side.index]}"
         reporter.note("cotp.tpdu_nr", connection.number, [frame], time_ns, detail)
     else:
@@ -204,9 +208,9 @@ def judge_confirm(reporter: Reporter, side: Side, tpdu: Tpdu, frame: i64, time_n
     connection = side.connection
     if not connection.cr_seen or tpdu.malformed or connection.client_side == side.index:
         return
-    connection.told &= ~_BARE
+    connection._told &= ~_BARE
     if tpdu.calling is None and tpdu.called is None and connection.tsap_called is not None:
-        connection.told |= _BARE
+        connection._told |= _BARE
     wrong: list[str] = []
     told: i64 = tpdu.field("dst_ref")
     if told != connection.cr_ref and connection.cr_ref >= 0:
@@ -227,7 +231,7 @@ def judge_bare_confirm(reporter: Reporter, side: Side, ending: Ending) -> None:
     """Report a client that ends its connection right after a connect confirm without TSAPs."""
     connection = side.connection
     asking = side if side.index == connection.client_side else side.peer
-    if not connection.told & _BARE or connection.pdus or connection.protocol or asking is None:
+    if not connection._told & _BARE or connection.pdus or connection.protocol or asking is None:
         return
     if ending.side == connection.client_side and whole(asking):
         said = f"{ending.deed(connection)}; the confirm of {connection.server} has no TSAPs"

@@ -51,6 +51,9 @@ class ClassicBlock:
             self.version = foot.text("version")
             self.checksum = foot.number("checksum")
 
+    def __repr__(self) -> str:
+        return f"ClassicBlock({self.kind} {self.number}, {self.language}, {self.size} bytes)"
+
 
 def read_classic(octets: bytes) -> ClassicBlock | None:
     """Return the block at the beginning of octets; None if there is none. Never raises."""

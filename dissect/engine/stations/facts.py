@@ -185,6 +185,9 @@ class Station:
         self.blocks: dict[str, Stretch] = {}
         self.not_kept = 0
 
+    def __repr__(self) -> str:
+        return f"Station({self.host}{f', VLAN {self.vlan}' if self.vlan else ''}, {len(self.facts)} kinds of facts)"
+
     def latest(self, key: str) -> str:
         """Return the latest value of a kind, from any module; empty if there is none."""
         found = [last_of(stretches) for (_, own), stretches in self.facts.items() if own == key]

@@ -112,7 +112,7 @@ class Behind:
 
     def take(self, side: Side, told: Transaction) -> bool:
         """Return whether an answer of ``side`` that belongs to no ordinary request completes a waiting request."""
-        aside = side.connection.aside
+        aside = side.connection._aside
         if aside is None:
             return False
         key: i64 = key_of(told.response_rosctr, told.pdu_ref)
@@ -133,7 +133,7 @@ class Behind:
 
     def take_orphan(self, side: Side, key: i64, told: Transaction) -> bool:
         """Return whether an ordinary answer completes a waiting request; no ordinary request with its key may be open."""
-        if side.connection.aside is None or side.connection.open_requests[1 - side.index].find(key) is not None:
+        if side.connection._aside is None or side.connection.open_requests[1 - side.index].find(key) is not None:
             return False
         return self.take(side, told)
 
@@ -164,7 +164,7 @@ class Behind:
 
     def asked(self, side: Side) -> None:
         """``side`` sent a request: if it now has more open than allowed, it accepted the answers behind malformed headers."""
-        aside = side.connection.aside
+        aside = side.connection._aside
         requests = side.connection.open_requests[side.index]
         if aside is None or requests.count <= max(1, side.connection.jobs_allowed(side.index)):
             return
@@ -172,7 +172,7 @@ class Behind:
 
     def expire(self, side: Side, time_ns: i64) -> None:
         """End what waited too long for an answer of ``side``, or for a better one."""
-        aside = side.connection.aside
+        aside = side.connection._aside
         if aside is None:
             return
         over: list[Held] = []
@@ -187,7 +187,7 @@ class Behind:
 
     def end(self, side: Side) -> None:
         """The connection of ``side`` is over: end everything that waits on it."""
-        aside = side.connection.aside
+        aside = side.connection._aside
         if aside is not None:
             for asked_by in (0, 1):
                 self._end_all(aside, list(aside.held), side, asked_by)

@@ -63,7 +63,7 @@ def check_answer(transaction: Transaction, parameters: Parameters, data_at: i64)
     elif function == SETUP_COMMUNICATION:
         setup = parameters.setup
         if setup is not None and code == 0:
-            transaction.connection.grant(setup, transaction.asked_by)
+            transaction.connection._grant(setup, transaction.asked_by)
 
 
 def _check_read(transaction: Transaction, count: i64, buf: bytes, at: i64, end: i64) -> None:

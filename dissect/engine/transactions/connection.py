@@ -49,7 +49,7 @@ FOREIGN: Final = 2  # not S7: its octets are only counted
 FOLLOWED: Final = 3  # read by another protocol of the engine: IBH-NetLink, SCD where a port is bound to it
 LEFT_OUT: Final = 4  # recognised and numbered, but not selected: its content is not read
 
-#: `Connection.dt_limit` while no size is known to be wrong.
+#: `Connection._dt_limit` while no size is known to be wrong.
 NO_LIMIT: Final = 0x7FFFFFFF
 
 #: Jobs that identify the client (reference 5.3); in a download the PLC sends the requests.
@@ -213,14 +213,20 @@ class Connection:
     """
 
     __slots__ = (
+        "_begun",
+        "_bound",
+        "_dt_limit",
         "_operations",
+        "_probed",
+        "_probed_frame",
+        "_probed_ns",
         "_setup_by",
+        "_state",
         "_subscriptions",
+        "_told",
         "_traits",
         "answered",
-        "begun",
         "behind",
-        "bound",
         "class_",
         "client_known",
         "client_side",
@@ -228,7 +234,6 @@ class Connection:
         "cr_class",
         "cr_ref",
         "cr_seen",
-        "dt_limit",
         "ending",
         "errors",
         "granted",
@@ -258,20 +263,15 @@ class Connection:
         "pdu_length",
         "pdus",
         "plus",
-        "probed",
-        "probed_frame",
-        "probed_ns",
         "protocol",
         "refused",
         "setup_asked",
         "setup_open",
         "setup_seen",
-        "state",
         "still_open",
         "system_events",
         "tcp",
         "tls",
-        "told",
         "tpdu_size",
         "tpdu_size_asked",
         "tsap_called",
@@ -290,16 +290,16 @@ class Connection:
         self.number: i64 = number
         self.tcp: TcpConnection = tcp
         self.udp: bool = False  # a conversation over UDP, which has neither beginning nor end
-        self.bound: i64 = -1  # number of the SCD binding for its TSAPs or ports, -1 while undetermined
+        self._bound: i64 = -1  # number of the SCD binding for its TSAPs or ports, -1 while undetermined
         self.naming: Naming | None = None  # names for addresses of this CPU
-        self.state: i64 = PROBING
-        self.probed: i64 = 0  # segments with octets that were examined while probing
-        self.probed_frame: i64 = 0  # the packet of the first of them, and its time
-        self.probed_ns: i64 = 0
+        self._state: i64 = PROBING
+        self._probed: i64 = 0  # segments with octets that were examined while probing
+        self._probed_frame: i64 = 0  # the packet of the first of them, and its time
+        self._probed_ns: i64 = 0
         self.plus: PlusSession | None = None  # facts of S7comm-plus about client, CPU and subscriptions
         #: S7comm-plus requests in several frames, by sequence number and packet of the last frame: packet and time of the first
         #: frame, and the number of octets that were not kept.
-        self.begun: dict[tuple[int, int], tuple[int, int, int]] | None = None
+        self._begun: dict[tuple[int, int], tuple[int, int, int]] | None = None
         self.tls: TlsSession | None = None  # there from the first record of TLS on
         self.protocol: str = ""  # the name of the protocol in its TSDUs
         self.identified_by: str = ""  # how a protocol other than S7 was identified, as text
@@ -313,8 +313,8 @@ class Connection:
         self.class_: i64 = -1  # chosen by the CC, -1 if no CC was seen
         #: A larger DT is examined closely. It is -1, so that every DT is examined, until the connection is set up and after its
         #: end.
-        self.dt_limit: i64 = -1 if tcp.known_start else NO_LIMIT
-        self.told: i64 = 0  # what was reported on it, one bit for each of some rules (dissect.engine.findings)
+        self._dt_limit: i64 = -1 if tcp.known_start else NO_LIMIT
+        self._told: i64 = 0  # what was reported on it, one bit for each of some rules (dissect.engine.findings)
         self.tsap_calling: Tsap | None = None
         self.tsap_called: Tsap | None = None
         self.tsap_frame: i64 = 0  # the packet with the TSAPs: the CR, or else the CC
@@ -365,7 +365,7 @@ class Connection:
     def _find_client(self, tcp: TcpConnection) -> None:
         """Find the client by the handshake, otherwise by the ports."""
         if tcp.initiator >= 0:
-            self.set_client(tcp.initiator)
+            self._set_client(tcp.initiator)
         elif tcp.ends[0].port == ISO_TSAP_PORT and tcp.ends[1].port != ISO_TSAP_PORT:
             self.client_side = 1
 
@@ -420,7 +420,7 @@ class Connection:
         return traits.early_ack(1 - transaction.asked_by, transaction.request_frame, transaction.response_frame)
 
     @property
-    def aside(self) -> Aside | None:
+    def _aside(self) -> Aside | None:
         """Waiting messages behind malformed TPDU headers, None if there are none."""
         aside = self._traits.aside if self._traits is not None else None
         return aside if aside is not None and aside.held else None
@@ -431,12 +431,12 @@ class Connection:
         return self._traits is not None and self._traits.has_loaded
 
     @property
-    def counted_writes(self) -> Writes | None:
+    def _counted_writes(self) -> Writes | None:
         """Its writes that are not yet in the facts of findings; None if there are none."""
         return self._traits.counted if self._traits is not None else None
 
     @property
-    def hasty_writes(self) -> Writes | None:
+    def _hasty_writes(self) -> Writes | None:
         """Its writes, if some came fast and without an answer; None for nearly every connection."""
         return self._traits.hasty if self._traits is not None else None
 
@@ -453,13 +453,13 @@ class Connection:
         """True when cyclic or test jobs of it send values."""
         return self._subscriptions is not None and len(self._subscriptions) > 0
 
-    def let_go(self) -> None:
+    def _let_go(self) -> None:
         """After its end and report: keep what reports show of it, and release its working data."""
         self.open_requests = _NONE_OPEN
         self._operations = None
         self._traits = None
         self._subscriptions = None
-        self.begun = None
+        self._begun = None
 
     @property
     def ended(self) -> str:
@@ -480,7 +480,7 @@ class Connection:
         """Name a side: ``client`` or ``server``."""
         return "client" if side == self.client_side else "server"
 
-    def set_client(self, side: i64) -> None:
+    def _set_client(self, side: i64) -> None:
         """Note evidence that ``side`` is the client; the first evidence of this strength counts."""
         if not self.client_known:
             self.client_side = side
@@ -489,17 +489,17 @@ class Connection:
     @property
     def followed(self) -> bool:
         """True while the octets of the connection are read, by any protocol."""
-        return self.state == ISO or self.state == FOLLOWED
+        return self._state == ISO or self._state == FOLLOWED
 
     @property
     def established(self) -> bool:
         """True when data or a CC was seen."""
-        return (self.state == ISO or self.state == LEFT_OUT) and (self.pdus > 0 or self.tpdu_size > 0)
+        return (self._state == ISO or self._state == LEFT_OUT) and (self.pdus > 0 or self.tpdu_size > 0)
 
-    def note_cr(self, side: i64, tpdu: Tpdu, frame: i64) -> None:
+    def _note_cr(self, side: i64, tpdu: Tpdu, frame: i64) -> None:
         """A connect request in packet ``frame``: it names its sender, the TSAPs and the size."""
         self.cr_seen = True
-        self.set_client(side)
+        self._set_client(side)
         self.tsap_calling = tpdu.tsap(0xC1)
         self.tsap_called = tpdu.tsap(0xC2)
         self.tsap_frame = frame
@@ -507,12 +507,12 @@ class Connection:
         self.cr_ref = tpdu.field("src_ref")
         self.cr_class = tpdu.field("class_")
 
-    def note_cc(self, side: i64, tpdu: Tpdu, frame: i64) -> None:
+    def _note_cc(self, side: i64, tpdu: Tpdu, frame: i64) -> None:
         """A connect confirm in packet ``frame``: it has the final size, and the TSAPs if the CR was not captured."""
-        self.set_client(1 - side)
+        self._set_client(1 - side)
         self.class_ = max(0, tpdu.field("class_"))
         self.tpdu_size = tpdu.tpdu_size or 65531
-        self.dt_limit = self.tpdu_size
+        self._dt_limit = self.tpdu_size
         if self.tsap_calling is None and self.tsap_called is None:
             self.tsap_frame = frame
         if self.tsap_calling is None:
@@ -520,44 +520,44 @@ class Connection:
         if self.tsap_called is None:
             self.tsap_called = tpdu.tsap(0xC2)
 
-    def note_request(self, side: i64, parameters: Parameters) -> None:
+    def _note_request(self, side: i64, parameters: Parameters) -> None:
         """Without a handshake, the request identifies the client (reference 5.3)."""
         userdata = parameters.userdata
         if userdata is not None:
             if userdata.group != GROUP_PBC:  # either end may send a BSEND request
-                self.set_client(side)
+                self._set_client(side)
         elif parameters.function in _ASKED_BY_SERVER:
-            self.set_client(1 - side)
+            self._set_client(1 - side)
         elif parameters.function in _ASKED_BY_CLIENT:
-            self.set_client(side)
+            self._set_client(side)
 
-    def note_answer(self, side: i64, parameters: Parameters) -> None:
+    def _note_answer(self, side: i64, parameters: Parameters) -> None:
         """An answer from the registered port identifies the client; one to that port contradicts it and proves nothing."""
         if self.tcp.ends[side].port == ISO_TSAP_PORT and self.tcp.ends[1 - side].port != ISO_TSAP_PORT:
-            self.note_request(1 - side, parameters)
+            self._note_request(1 - side, parameters)
 
-    def note_iso_end(self, words: str, how: str, side: i64, frame: i64, time_ns: i64) -> None:
+    def _note_iso_end(self, words: str, how: str, side: i64, frame: i64, time_ns: i64) -> None:
         """A DR or ER of ``side``: the transport connection is over, unless something follows."""
         self.iso_ended = words
         self.iso_ended_how = how
         self.iso_ended_by = side
         self.iso_ended_frame = frame
         self.iso_ended_ns = time_ns
-        self.dt_limit = -1
+        self._dt_limit = -1
 
-    def note_one_way(self) -> None:
+    def _note_one_way(self) -> None:
         """Count a request that needs no answer."""
         self.unsolicited += 1
         self.one_way += 1
 
-    def note_error(self, asked: Parameters, time_ns: i64, code: i64) -> None:
+    def _note_error(self, asked: Parameters, time_ns: i64, code: i64) -> None:
         """Note an answer with an error: ``code`` in its header or parameter, otherwise in an item."""
         self.errors += 1
         self.last_error = asked
         self.last_error_ns = time_ns
         self.last_error_code = code
 
-    def grant(self, setup: Setup, asked_by: i64) -> None:
+    def _grant(self, setup: Setup, asked_by: i64) -> None:
         """Take the answer to the setup that ``asked_by`` sent: its values apply from now on."""
         self.granted = setup
         self.granted_for = self.setup_asked
@@ -575,4 +575,4 @@ class Connection:
         return granted.max_amq_called if asked_by == self._setup_by else granted.max_amq_calling
 
 
-leaves(Connection, without=("_operations", "_subscriptions", "_traits", "begun", "open_requests"))
+leaves(Connection, without=("_operations", "_subscriptions", "_begun", "_traits", "open_requests"))

@@ -134,6 +134,9 @@ class Ending:
             self.oldest_frame = first.request_frame
             self.oldest_ns = first.request_ns
 
+    def __repr__(self) -> str:
+        return f"Ending({self.how}{f', packet {self.frame}' if self.frame else ''})"
+
     def _set(self, how: str, side: i64, frame: i64, time_ns: i64) -> None:
         self.how = how
         self.side = side

@@ -117,9 +117,13 @@ def _scd_items(transaction: Transaction) -> list[TransactionItem]:
     for message in reversed(messages):
         if message.values:
             return [
-                TransactionItem(row.address, row.name, "", row.physical, row.unit, said, None) for row in message.values
+                TransactionItem(row.address, row.name, row.type, row.physical, row.unit, said, None)
+                for row in message.values
             ]
     if not messages:
         return []
+    from dissect.scd.wording import described
+
     asked = messages[0].message
-    return [TransactionItem(f"0x{asked.index:04x}:{asked.sub}", "", "", None, "", said, None)]
+    name, kind, unit = described(messages[0].dictionary, (asked.index, asked.sub))
+    return [TransactionItem(f"0x{asked.index:04x}:{asked.sub}", name, kind, None, unit, said, None)]

@@ -31,7 +31,7 @@ def held_octets(side: Side) -> int:
     for end in (side, side.peer):
         if end is not None:
             held += _held_by(end)
-    aside = side.connection.aside
+    aside = side.connection._aside
     if aside is not None:
         held += aside.octets
     joiner = side.connection.operations.joiner
@@ -57,14 +57,14 @@ def _open(requests: OpenRequests) -> i64:
 def holds_something(side: Side) -> bool:
     """Return whether anything is open or unread on the connection of ``side``, so that forgetting it would lose something."""
     connection = side.connection
-    if connection.state == PROBING and connection.probed:
+    if connection._state == PROBING and connection._probed:
         return True  # octets of a protocol not recognised yet
     for end in (side, side.peer):
         if end is not None:
             requests = connection.open_requests[end.index]
             if end.stream.held is not None or end.protocol.held(end) or requests.count or requests.waiting():
                 return True
-    return connection.aside is not None or connection.has_open_operations
+    return connection._aside is not None or connection.has_open_operations
 
 
 class Room:

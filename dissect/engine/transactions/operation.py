@@ -127,6 +127,9 @@ class Activation:
         self.frame = 0
         self.deleted = False
 
+    def __repr__(self) -> str:
+        return f"Activation({printable(self.name)}{f', packet {self.frame}' if self.frame else ', not activated'})"
+
     @property
     def due(self) -> bool:
         """True while the block is in the passive file system, where it has no effect until it is activated."""
@@ -154,6 +157,8 @@ class Operation:
     """
 
     __slots__ = (
+        "_held",
+        "_pieces",
         "activation",
         "announced",
         "asked_by",
@@ -170,7 +175,6 @@ class Operation:
         "first_push_ns",
         "gap",
         "half_captured",
-        "held",
         "key",
         "kind",
         "lacking",
@@ -181,7 +185,6 @@ class Operation:
         "octets",
         "oddities",
         "parts",
-        "pieces",
         "places",
         "pushes",
         "reason",
@@ -221,8 +224,8 @@ class Operation:
         self.content_head: UserdataHead | None = None
         self.places: list[tuple[int, int]] = []
         self.steps: list[str] = []  # of a load of S7comm-plus: the result of each request
-        self.pieces: list[bytes] = []  # the pieces of a block while it is transferred
-        self.held = 0  # size of `pieces` in octets
+        self._pieces: list[bytes] = []  # the pieces of a block while it is transferred
+        self._held = 0  # size of `pieces` in octets
         self.dropped = 0
         self.gap = -1
         self.lacking = 0  # number of octets missing from the sender of the pieces when the latest piece was taken
@@ -261,7 +264,7 @@ class Operation:
         ends = [frame for at, frame in self.places if at >= end]
         return sorted({found[0] if found else self.last_frame, ends[0] if ends else self.last_frame})
 
-    def add(self, transaction: Transaction) -> None:
+    def _add(self, transaction: Transaction) -> None:
         """Count a transaction as part of this operation."""
         self.parts += 1
         if transaction.is_likely:
@@ -278,12 +281,12 @@ class Operation:
         self.last_frame = max(self.last_frame, frame)
         self.end_ns = max(self.end_ns, time_ns)
 
-    def push(self, transaction: Transaction, octets: int) -> None:
+    def _push(self, transaction: Transaction, octets: int) -> None:
         """Add a push with this many octets to this operation."""
-        self.add(transaction)
-        self.count_push(transaction, octets)
+        self._add(transaction)
+        self._count_push(transaction, octets)
 
-    def count_push(self, transaction: Transaction, octets: int) -> None:
+    def _count_push(self, transaction: Transaction, octets: int) -> None:
         """Count a transaction that is already in it as a push with this many octets."""
         if self.pushes == 0:
             self.first_push_ns = transaction.response_ns
@@ -296,7 +299,7 @@ class Operation:
         """Mean time from one push to the next, 0 for fewer than two; other transactions do not count."""
         return int(self.last_push_ns - self.first_push_ns) // int(self.pushes - 1) if self.pushes > 1 else 0
 
-    def odd(self, name: str, detail: str, frame: int) -> None:
+    def _odd(self, name: str, detail: str, frame: int) -> None:
         """Note a contradiction."""
         if len(self.oddities) < _MAX_ODDITIES:
             self.oddities.append(Oddity(name, detail, frame))
@@ -346,7 +349,7 @@ class OperationBook:
         connection = transaction.connection
         operation = Operation(kind, connection, int(transaction.asked_by), key, time_ns, frame)
         operation.subject = subject
-        operation.add(transaction)
+        operation._add(transaction)
         going = connection.operations.these
         if len(going) >= MAX_OPEN:
             self.evicted += 1
@@ -361,21 +364,21 @@ class OperationBook:
         """
         size = len(octets)
         lacks = operation.dropped > 0 and not alone  # all later pieces are dropped, too: `content` must not have a gap
-        if lacks or operation.held + size > MAX_CONTENT or self._held + size > MAX_CONTENTS:
+        if lacks or operation._held + size > MAX_CONTENT or self._held + size > MAX_CONTENTS:
             operation.dropped += size
             return False
-        operation.pieces.append(octets)
-        operation.held += size
+        operation._pieces.append(octets)
+        operation._held += size
         self._held += size
         return True
 
     def close(self, operation: Operation, result: str, reason: str = "") -> None:
         """Close an operation with this result."""
-        if operation.pieces:
-            operation.content = b"".join(operation.pieces)
-            operation.pieces = []
-            self._held -= operation.held
-            operation.held = 0
+        if operation._pieces:
+            operation.content = b"".join(operation._pieces)
+            operation._pieces = []
+            self._held -= operation._held
+            operation._held = 0
         self.count += 1
         operation.number = self.count
         operation.result = result

@@ -222,7 +222,7 @@ class Operations(OperationBook):
         key = f"{head.group}/{head.subfunction}/{sequence}"
         operation = transaction.connection.operations.find(LONG_ANSWER, key)
         if operation is not None and head.sequence == sequence:
-            operation.add(transaction)
+            operation._add(transaction)
         elif more:
             if operation is not None:
                 self.close(operation, UNFINISHED, "restarted")
@@ -256,7 +256,7 @@ class Operations(OperationBook):
         if goes_on(head):
             if operation is None:
                 return
-            operation.add(transaction)
+            operation._add(transaction)
         else:
             if operation is not None:
                 self.close(operation, UNFINISHED, "restarted")
@@ -270,7 +270,7 @@ class Operations(OperationBook):
         operation.complete = head.last_data_unit == 0
         if operation.complete and operation.octets != operation.announced and not operation.connection.tcp.has_holes:
             detail = f"{operation.octets} bytes, {operation.announced} announced"
-            operation.odd(WRONG_SIZE, detail, int(transaction.request_frame))
+            operation._odd(WRONG_SIZE, detail, int(transaction.request_frame))
         if operation.complete or transaction.refused:
             self.settle(operation, transaction, DONE, FAILED)
 
@@ -282,7 +282,7 @@ class Operations(OperationBook):
         elif head.subfunction == CHANGE_DRIVEN_MODIFY:
             changed = going.find(CYCLIC, str(head.sequence))
             if changed is not None:
-                changed.add(transaction)
+                changed._add(transaction)
                 changed.octets += payload_size(transaction)
         elif head.subfunction == UNSUBSCRIBE:
             # imported late, like the others below: see `Pdu.body`
@@ -292,7 +292,7 @@ class Operations(OperationBook):
             named = body.find(CYCLIC_UNSUBSCRIBE) if body is not None else None
             stopped = going.find(CYCLIC, str(named.number("job"))) if named is not None else None
             if stopped is not None:
-                stopped.add(transaction)
+                stopped._add(transaction)
                 self.settle(stopped, transaction, DONE, FAILED)
 
     def _begin_job(self, kind: str, key: str, transaction: Transaction) -> None:
@@ -324,7 +324,7 @@ class Operations(OperationBook):
                 going.find(TEST_JOB, f"{part.number('function')}/{part.number('job')}") if part.layout is JOB else None
             )
             if named is not None:
-                named.add(transaction)
+                named._add(transaction)
                 if head.subfunction == DELETE_JOB:
                     self.settle(named, transaction, DONE, FAILED)
 
@@ -340,7 +340,7 @@ class Operations(OperationBook):
         if body is not None and body.number("alarm_type") in _ALARM_ABORTS:
             stops = True
         if running is not None:
-            running.add(transaction)
+            running._add(transaction)
             if stops:
                 self.settle(running, transaction, DONE, FAILED)
             elif not transaction.refused:
@@ -356,7 +356,7 @@ class Operations(OperationBook):
         """Take a push and find its subscription."""
         operation = subscription_of(transaction)
         if operation is not None:
-            operation.push(transaction, payload_size(transaction))
+            operation._push(transaction, payload_size(transaction))
         elif not transaction.connection.mid_stream and not transaction.connection.tcp.has_holes:
             head = transaction.parameters.userdata
             if head is None or not head.usend:  # a USEND comes from the PLC's program and needs no subscription
@@ -389,7 +389,7 @@ def _hold_to_its_head(operation: Operation, frame: int) -> None:
     if lacking > 0:
         length, count = u16(octets, 4), u16(octets, 6)
         detail = shortage(u16(octets, 0), length, count, length * count - lacking)
-        operation.odd(WRONG_SIZE, detail, frame)
+        operation._odd(WRONG_SIZE, detail, frame)
 
 
 def _from_the_beginning(operation: Operation) -> None:

@@ -140,7 +140,7 @@ class Dialogue:
         transaction._request_offset = at
         transaction.request_size = size
         if not connection.client_known:
-            connection.note_request(side.index, parameters)
+            connection._note_request(side.index, parameters)
         if parameters.function == WRITE_VAR:
             transaction._flags |= check_written(parameters, buf, at, size)
         key: i64 = pdu_ref if rosctr < USERDATA else key_of(rosctr, pdu_ref)
@@ -245,7 +245,7 @@ class Dialogue:
         """
         connection = side.connection
         if not connection.client_known:
-            connection.note_answer(side.index, parameters)
+            connection._note_answer(side.index, parameters)
         requests = connection.open_requests[1 - side.index]
         key: i64 = pdu_ref if rosctr < USERDATA else key_of(rosctr, pdu_ref)
         waiting = requests.latest
@@ -436,7 +436,7 @@ class Dialogue:
         transaction._request_buf = octets
         transaction.request_size = len(octets)
         transaction._outcome = PUSH
-        side.connection.note_one_way()
+        side.connection._note_one_way()
         return transaction
 
     def push(
@@ -528,7 +528,7 @@ class Dialogue:
         self.open -= 1
         if not wants_answer(transaction):
             transaction._outcome = PUSH
-            transaction.connection.note_one_way()
+            transaction.connection._note_one_way()
             self.also.append(transaction)
             return
         transaction._outcome = UNANSWERED

@@ -50,7 +50,7 @@ class Load:
             self._results = set()
             operation.first_frame, operation.begin_ns, _ = beginning_of(transaction)
         elif self._latest != transaction.number:
-            operation.add(transaction)
+            operation._add(transaction)
         _name(operation, event.text)
         if self._latest == transaction.number:
             return
@@ -59,7 +59,7 @@ class Load:
         operation.octets += int(transaction.request_size) + left_out
         result, reason, error = result_of(transaction, DONE, REFUSED, code)
         if book.gather(operation, transaction.request_octets, alone=True):
-            operation.places.append((operation.held, int(transaction.request_frame)))
+            operation.places.append((operation._held, int(transaction.request_frame)))
             operation.steps.append(result)
         operation.dropped += left_out
         self._reason = self._reason or reason
@@ -70,7 +70,7 @@ class Load:
         """The client states that the loaded objects are consistent."""
         operation = self._operation
         if operation is not None and not operation.result and code == 0 and transaction.response_frame:
-            operation.add(transaction)
+            operation._add(transaction)
             _name(operation, "consistent")
 
     def begun(self, transaction: Transaction) -> None:
@@ -84,7 +84,7 @@ class Load:
         operation = self._operation
         if self._depth or operation is None or operation.result:
             return
-        operation.add(transaction)
+        operation._add(transaction)
         result, reason, error = result_of(transaction, DONE, FAILED)
         self._reason = self._reason or reason
         operation.error = operation.error or error
@@ -124,7 +124,7 @@ def _name(operation: Operation, text: str) -> None:
 
 def beginning_of(transaction: Transaction) -> tuple[int, int, int]:
     """Return packet and time of the first frame of a request, and the number of its octets that were not kept."""
-    begun = transaction.connection.begun
+    begun = transaction.connection._begun
     found = begun.get((int(transaction.pdu_ref), int(transaction.request_frame))) if begun is not None else None
     if found is None:
         return int(transaction.request_frame), int(transaction.request_ns), 0

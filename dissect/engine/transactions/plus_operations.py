@@ -203,7 +203,7 @@ class PlusOperations:
         here.pushing = None
         self._count -= 1
         if not operation.result:
-            operation.add(transaction)
+            operation._add(transaction)
             self._book.settle(operation, transaction, DONE, FAILED)
 
     def _list(self, event: Event, transaction: Transaction) -> None:
@@ -226,7 +226,7 @@ class PlusOperations:
             here.pushing = operation
             here.notified = subscription
         if not operation.result:
-            operation.push(transaction, int(transaction.response_size))
+            operation._push(transaction, int(transaction.response_size))
         return False
 
     def _begin_before(self, subscription: int, transaction: Transaction) -> bool:
@@ -243,7 +243,7 @@ class PlusOperations:
         kind = kinds.MESSAGES if alarms else kinds.CYCLIC
         operation = self._book.begin(kind, str(subscription), transaction, subject)
         operation.asked_by = int(connection.client_side)
-        operation.count_push(transaction, int(transaction.response_size))
+        operation._count_push(transaction, int(transaction.response_size))
         self._remember(subscription, transaction, operation)
         return True
 
@@ -307,7 +307,7 @@ class PlusOperations:
         operation = poll.operation
         if operation is not None:
             if not operation.result:
-                operation.add(transaction)
+                operation._add(transaction)
         elif poll.count >= _POLLED:
             labels = [session.label(address) for address in _addresses(poll, transaction)]
             operation = self._book.begin(kinds.POLLING, "", transaction, ", ".join(labels)[:MAX_SUBJECT])

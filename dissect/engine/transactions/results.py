@@ -371,6 +371,9 @@ class Subscription:
         self.request: bytes = request
         self.doubts: i64 = doubts
 
+    def __repr__(self) -> str:
+        return f"Subscription({self.head.name}: {', '.join([item.address for item in self.items])})"
+
     @property
     def written(self) -> list[DataItem]:
         """The values to which the request modifies or forces its items, read again at each call; empty for other jobs."""

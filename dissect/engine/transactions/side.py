@@ -138,7 +138,7 @@ class Side:
         self.protocol = protocol
         if self.peer is not None:
             self.peer.protocol = protocol
-        self.connection.state = protocol.state
+        self.connection._state = protocol.state
 
     def note_probe(self, frame: i64, time_ns: i64, filled: bool) -> None:
         """Packet ``frame`` is a keep-alive before all other packets; ``filled``: it has an octet."""

@@ -173,7 +173,7 @@ class Transfers:
         return operation
 
     def _add(self, operation: Operation, transaction: Transaction) -> None:
-        operation.add(transaction)
+        operation._add(transaction)
         if half_captured(transaction):
             operation.half_captured = True
 
@@ -203,7 +203,7 @@ class Transfers:
         else:
             self._add(operation, transaction)
         if operation.complete:
-            operation.odd(BEYOND_END, "a segment was requested after the last one", _frame(transaction))
+            operation._odd(BEYOND_END, "a segment was requested after the last one", _frame(transaction))
         self._gather(operation, piece, carrier)
         operation.complete = _last(transaction, answer)
         if transaction.unseen and operation.octets == operation.announced:
@@ -257,10 +257,10 @@ class Transfers:
         if operation.connection.tcp.has_holes or operation.half_captured or not operation.begun:
             return  # the capture may lack pieces, or the announced size
         if not operation.complete:
-            operation.odd(CUT_SHORT, f"ended after {operation.octets} bytes although more was announced", frame)
+            operation._odd(CUT_SHORT, f"ended after {operation.octets} bytes although more was announced", frame)
         elif operation.announced >= 0 and operation.octets != operation.announced:
             detail = f"{operation.octets} bytes, {operation.announced} announced"
-            operation.odd(WRONG_SIZE, detail, frame)
+            operation._odd(WRONG_SIZE, detail, frame)
 
     # ---- from the PLC -----------------------------------------------------------------------------------------------
 
@@ -290,7 +290,7 @@ class Transfers:
             return latest
         if not half_captured(transaction):
             detail = f"upload {body.number('upload_id')}, the PLC assigned {told}"
-            latest.odd(WRONG_ID, detail, _frame(transaction))
+            latest._odd(WRONG_ID, detail, _frame(transaction))
         return None
 
     def _upload_piece(self, transaction: Transaction, body: Body, answer: Body) -> None:
@@ -305,7 +305,7 @@ class Transfers:
         else:
             self._add(operation, transaction)
         if operation.complete:
-            operation.odd(BEYOND_END, "a segment was requested after the last one", _frame(transaction))
+            operation._odd(BEYOND_END, "a segment was requested after the last one", _frame(transaction))
         self._gather(operation, piece, transaction.response)
         operation.complete = _last(transaction, answer)
         if transaction.error_code:
@@ -317,7 +317,7 @@ class Transfers:
             return
         self._add(operation, transaction)
         if not operation.octets and operation.parts == 2 and not operation.half_captured:
-            operation.odd(CUT_SHORT, "ended before a segment was requested", _frame(transaction))
+            operation._odd(CUT_SHORT, "ended before a segment was requested", _frame(transaction))
         else:
             self._check_size(operation, transaction)
         self._book.settle(operation, transaction, DONE, FAILED)

@@ -63,7 +63,7 @@ _NAMED: Final = re.compile(r"(?<=\bwhich connection )\d+(?= got)")
 
 #: Attributes that are not sent, by class; they keep the values of a new object.
 _LEFT_OUT: Final[dict[str, frozenset[str]]] = {
-    "Connection": frozenset(("_operations", "_subscriptions", "_traits", "begun", "naming", "open_requests")),
+    "Connection": frozenset(("_begun", "_operations", "_subscriptions", "_traits", "naming", "open_requests")),
     "Analysis": frozenset(("_explained", "_findings", "_first_findings", "_shared", "pipeline")),
     "CarvedBlock": frozenset(("activation", "operation")),
     "Inventory": frozenset(("_open", "files", "pipeline")),

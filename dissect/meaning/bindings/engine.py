@@ -94,47 +94,47 @@ class ScdCarrier(PayloadDecoder):
         for side in (0, 1):
             for binding in bound.get(ends[side].port, ()):
                 if binding.matches(ends[0].address, ends[1].address):
-                    connection.bound = self._numbers[id(binding)]
+                    connection._bound = self._numbers[id(binding)]
                     connection.protocol = UPPER_NAMES[UPPER_SCD]
                     connection.identified_by = printable(binding.name)
-                    connection.set_client(1 - side)
+                    connection._set_client(1 - side)
                     return True
         return False
 
     def datagram(self, side: Side, octets: bytes, missing: int, frame: int, time_ns: int) -> None:
         """Take a datagram: complete messages, or one bare content."""
         if missing:
-            self.counts[self.bindings.all[side.connection.bound].name].cut += 1
-        elif not self._pushes[side.connection.bound].take_again(side, octets, frame, time_ns):
+            self.counts[self.bindings.all[side.connection._bound].name].cut += 1
+        elif not self._pushes[side.connection._bound].take_again(side, octets, frame, time_ns):
             self._unit(side, octets, frame, time_ns)
 
     def stream(self, side: Side, octets: bytes, frame: int, time_ns: int) -> None:
         """Take octets of a bound TCP connection."""
-        binding = self.bindings.all[side.connection.bound]
+        binding = self.bindings.all[side.connection._bound]
         units, skipped = cut_stream(side, self.devices.codec.envelope, binding, octets)
         if skipped:
             self.skipped += skipped
             self._judge.garbage(side, skipped, frame, time_ns)
-        pushes = self._pushes[side.connection.bound]
+        pushes = self._pushes[side.connection._bound]
         for unit in units:
             if not pushes.take_again(side, unit, frame, time_ns):
                 self._unit(side, unit, frame, time_ns)
 
     def hole(self, side: Side, size: int, frame: int, time_ns: int) -> None:
         """Octets are missing: the begun message stays incomplete, and the next one has to be found."""
-        self.skipped += skip_hole(side, self.bindings.all[side.connection.bound], size)
+        self.skipped += skip_hole(side, self.bindings.all[side.connection._bound], size)
 
     def tsdu(self, side: Side, octets: bytes, frame: int, time_ns: int) -> bool:
         """Take a TSDU of a connection whose TSAPs are bound."""
         if not self.claims_tsdus(side.connection):
             return False
-        if not self._pushes[side.connection.bound].take_again(side, octets, frame, time_ns):
+        if not self._pushes[side.connection._bound].take_again(side, octets, frame, time_ns):
             self._unit(side, octets, frame, time_ns)
         return True
 
     def claims_tsdus(self, connection: Connection) -> bool:
         """Return whether the TSAPs of a connection are bound."""
-        return connection.bound >= 0 or (connection.bound != _NOT_BOUND and self._bind_tsap(connection))
+        return connection._bound >= 0 or (connection._bound != _NOT_BOUND and self._bind_tsap(connection))
 
     def _bind_tsap(self, connection: Connection) -> bool:
         known = False
@@ -145,19 +145,19 @@ class ScdCarrier(PayloadDecoder):
             for binding in self.bindings.cotp.get(tsap.octets, ()):
                 ends = connection.tcp.ends
                 if binding.matches(ends[0].address, ends[1].address):
-                    connection.bound = self._numbers[id(binding)]
+                    connection._bound = self._numbers[id(binding)]
                     connection.protocol = UPPER_NAMES[UPPER_SCD]
                     connection.identified_by = printable(binding.name)
                     return True
         if known:
-            connection.bound = _NOT_BOUND
+            connection._bound = _NOT_BOUND
         return False
 
     # ---- from octets to transactions --------------------------------------------------------------------------------
 
     def _unit(self, side: Side, octets: bytes, frame: int, time_ns: int) -> None:
         connection = side.connection
-        number = connection.bound
+        number = connection._bound
         binding = self.bindings.all[number]
         device = self.devices.of(side, binding)
         usual = device.codec is self.devices.codec

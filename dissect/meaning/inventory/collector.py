@@ -154,7 +154,7 @@ class Inventory(Observer):
         for theirs in later._found.values():
             device = self._device(theirs.address, theirs.vlan)
             if device is not None:
-                device.merge(theirs)
+                device._merge(theirs)
                 for block in theirs.code:
                     self._keep_code(device, block)
         for talk in later._talks.values():
@@ -200,7 +200,7 @@ class Inventory(Observer):
         for theirs in found.values():
             device = self._device(theirs.address, self._root(theirs.address, theirs.vlan))
             if device is not None:
-                device.merge(theirs)
+                device._merge(theirs)
                 device.code += theirs.code
         for talk in talks.values():
             talk.vlan = self._root(talk.server, talk.vlan)
@@ -287,7 +287,7 @@ class Inventory(Observer):
         if operation is not None and operation.content:
             self._take_code(device, operation)
         for name in _blocks_of(act):
-            names = device.block(name)
+            names = device._block(name)
             if names is not None:
                 names.add(f"{done} (only likely)" if act.likely else done)
 
@@ -331,7 +331,7 @@ class Inventory(Observer):
             mac = tcp.mac(side)
             if mac:
                 place = (int(connection.number), [int(tcp.first_frame)], int(tcp.first_ns))
-                device.addressed(Fact(device.address, "", MAC, mac.hex(":"), "Ethernet, as receiver", *place, vlan))
+                device._addressed(Fact(device.address, "", MAC, mac.hex(":"), "Ethernet, as receiver", *place, vlan))
             device.seen((int(tcp.first_frame), int(tcp.first_ns)), (int(tcp.last_frame), int(tcp.last_ns)))
         talk = self._talk(client.address, server.address, vlan)
         if talk is None:

@@ -13,6 +13,7 @@ from dissect.engine.stations.facts import Fact, Station, Stretch
 from dissect.meaning.report.latencies import Latencies
 from dissect.packets.tcp.link import within
 from dissect.wire.copies import leaves
+from dissect.wire.text import printable
 
 # Roles.
 CPU: Final = "CPU"
@@ -53,6 +54,9 @@ class Beyond:
     def __init__(self) -> None:
         self._texts: set[str] = set()
 
+    def __repr__(self) -> str:
+        return f"Beyond({len(self)})"
+
     def __len__(self) -> int:
         return len(self._texts)
 
@@ -76,6 +80,9 @@ class Names:
     def __init__(self) -> None:
         self.texts: list[str] = []
         self.more = Beyond()
+
+    def __repr__(self) -> str:
+        return f"Names({printable(', '.join(self.texts))}{f' and {len(self.more)} more' if self.more else ''})"
 
     def add(self, text: str) -> None:
         """Add a text, unless it is there already."""
@@ -109,6 +116,9 @@ class Reason:
         self.frame = frame
         self.hint = hint
         self.count = 1
+
+    def __repr__(self) -> str:
+        return f"Reason({self.role}, {self.certainty}: {printable(self.text)}, packet {self.frame})"
 
     @property
     def weight(self) -> tuple[int, bool, int, str]:
@@ -187,6 +197,9 @@ class Area:
         self.read = Use()
         self.written = Use()
 
+    def __repr__(self) -> str:
+        return f"Area({self.name}, {self.reads} reads, {self.writes} writes)"
+
     @property
     def reads(self) -> int:
         """Requests that read there, without refused ones."""
@@ -244,6 +257,9 @@ class Asked:
         self.errors = 0
         self.likely = 0
         self.missed = 0
+
+    def __repr__(self) -> str:
+        return f"Asked({self.answered} answered, {self.errors} with errors, {self.missed} missed)"
 
     def add(self, other: Asked, sign: int = 1) -> None:
         """Add the counts of ``other``; subtract them if ``sign`` is -1."""
@@ -422,7 +438,7 @@ class Device(Seen):
             found.add(talk.back)
         return found
 
-    def because(self, role: str, certainty: str, text: str, frame: int, hint: bool = False) -> None:
+    def _because(self, role: str, certainty: str, text: str, frame: int, hint: bool = False) -> None:
         """Add a reason for a role."""
         known = self.reasons.get((role, text))
         if known is not None:
@@ -430,7 +446,7 @@ class Device(Seen):
         elif len(self.reasons) < MAX_REASONS:
             self.reasons[role, text] = Reason(role, certainty, text, frame, hint)
 
-    def block(self, name: str) -> Names | None:
+    def _block(self, name: str) -> Names | None:
         """Return what happened to a block, a new entry if there is room; else None."""
         found = self.blocks.get(name)
         if found is None:
@@ -440,12 +456,12 @@ class Device(Seen):
             found = self.blocks[name] = Names()
         return found
 
-    def addressed(self, fact: Fact | None) -> None:
+    def _addressed(self, fact: Fact | None) -> None:
         """Packets for it went to the MAC address in ``fact``; keep the earliest such fact."""
         if fact is not None and (self.sent_to is None or self.sent_to.time_ns > fact.time_ns):
             self.sent_to = fact
 
-    def merge(self, later: Device) -> None:
+    def _merge(self, later: Device) -> None:
         """Add what was seen of the same device in later packets; neither may have ``station``, ``code`` and talks yet."""
         for key, reason in later.reasons.items():
             known = self.reasons.get(key)
@@ -455,12 +471,12 @@ class Device(Seen):
                 self.reasons[key] = reason
         self.latencies.merge(later.latencies)
         self.sessions.merge(later.sessions)
-        self.addressed(later.sent_to)
+        self._addressed(later.sent_to)
         self.tsaps.merge(later.tsaps)
         self.pdu_lengths.merge(later.pdu_lengths)
         self.parallel_jobs.merge(later.parallel_jobs)
         for name, done in later.blocks.items():
-            names = self.block(name)
+            names = self._block(name)
             if names is not None:
                 names.merge(done)
         self.more_blocks.merge(later.more_blocks, self.blocks)

@@ -111,19 +111,19 @@ def judge_server(device: Device) -> None:
     for stretch in device.history(facts.ORDER_NUMBER):
         if stretch.value.startswith(PANEL_ORDER_NUMBERS):
             text = f"states the order number of a panel ({stretch.source})"
-            device.because(PANEL, STATED, text, stretch.first_frame)
+            device._because(PANEL, STATED, text, stretch.first_frame)
             return
     for key in _NAMES:
         for stretch in device.history(key):
             if any([mark in stretch.value.upper() for mark in _PANEL_NAMES]):
                 text = f"states the {facts.KEYS[key]} of a panel ({stretch.source})"
-                device.because(PANEL, STATED, text, stretch.first_frame)
+                device._because(PANEL, STATED, text, stretch.first_frame)
                 return
     for key in _OF_CPU:
         found = device.history(key)
         if found:
             text = f"states its {facts.KEYS[key]} ({found[0].source})"
-            device.because(CPU, STATED, text, found[0].first_frame)
+            device._because(CPU, STATED, text, found[0].first_frame)
             return
 
 
@@ -138,15 +138,15 @@ def judge_client(
     answered = answer_frames[1 - connection.client_side]
     if answered and connection.protocol in {"s7comm", "s7comm_plus"}:
         protocol = "S7comm" if connection.protocol == "s7comm" else "S7comm-plus"
-        server.because(SERVER, BEHAVIOUR, f"answers {protocol} requests", answered)
+        server._because(SERVER, BEHAVIOUR, f"answers {protocol} requests", answered)
     for deed, tried in DEEDS.items():
         _judge_deed(client, ENGINEERING, deeds, deed, deed, tried)
     for kind, (done, tried) in _PANEL.items():
         _judge_deed(client, PANEL, deeds, kind, done, tried)
     for text, frame in deeds.texts.items():
-        client.because(ENGINEERING, BEHAVIOUR, text, frame)
+        client._because(ENGINEERING, BEHAVIOUR, text, frame)
     for text, frame in deeds.hints.items():
-        client.because(ENGINEERING, BEHAVIOUR, text, frame, True)
+        client._because(ENGINEERING, BEHAVIOUR, text, frame, True)
     session = connection.plus
     if session is not None:
         first = deeds.done.get(SESSION, deeds.tried.get(SESSION, int(connection.tcp.first_frame)))
@@ -154,23 +154,23 @@ def judge_client(
         kind = session.client_kind
         if kind == OPC:
             who = " on ".join([text for text in (session.application or session.session_name, session.host) if text])
-            client.because(OPC, STATED, f"its session says {who}", first)
+            client._because(OPC, STATED, f"its session says {who}", first)
         elif kind:
-            client.because(kind, STATED, f"its session says {session.role_name}", first)
+            client._because(kind, STATED, f"its session says {session.role_name}", first)
         if answered and session.identity.kind == PANEL:
-            server.because(PANEL, STATED, "states in its sessions that it is a panel", answered)
+            server._because(PANEL, STATED, "states in its sessions that it is a panel", answered)
     _judge_tsaps(client, connection)
     called = connection.tsap_called
     if answered and called is not None and called.of_panel:
-        server.because(PANEL, STATED, f"answers at TSAP {called}, that of a panel's runtime", answered)
+        server._because(PANEL, STATED, f"answers at TSAP {called}, that of a panel's runtime", answered)
 
 
 def _judge_deed(client: Device, role: str, deeds: Deeds, key: str, done: str, tried: str) -> None:
     """Add what a client did as a reason for its role; what it only tried is a weaker one."""
     if key in deeds.done:
-        client.because(role, BEHAVIOUR, done, deeds.done[key])
+        client._because(role, BEHAVIOUR, done, deeds.done[key])
     elif key in deeds.tried:
-        client.because(role, BEHAVIOUR, tried, deeds.tried[key], True)
+        client._because(role, BEHAVIOUR, tried, deeds.tried[key], True)
 
 
 def _judge_tsaps(client: Device, connection: Connection) -> None:
@@ -180,9 +180,9 @@ def _judge_tsaps(client: Device, connection: Connection) -> None:
             continue
         for mark, role in _TSAP_TEXTS:
             if mark in str(tsap).upper():
-                client.because(role, TSAP, f"TSAP {tsap}", frame)
+                client._because(role, TSAP, f"TSAP {tsap}", frame)
                 return
         if tsap.connection_type in {_PG, _OP} and connection.protocol in SIEMENS:
             role = ENGINEERING if tsap.connection_type == _PG else PANEL
-            client.because(role, TSAP, f"TSAP {tsap.describe(False)}", frame)
+            client._because(role, TSAP, f"TSAP {tsap.describe(False)}", frame)
             return

@@ -48,6 +48,9 @@ class Latencies:
         self._waiting: bytes = b""  # answer times that were kept, until all of them are counted in buckets
         self._counted: i64 = 0  # how many octets of `_waiting` are counted already
 
+    def __repr__(self) -> str:
+        return f"Latencies({self.count}, {self.smallest} to {self.largest} ns)" if self.count else "Latencies(0)"
+
     def add(self, latency_ns: i64) -> None:
         """Take one answer time."""
         if self.count == 0:

@@ -13,6 +13,7 @@ from dissect.engine.pipeline import Pipeline
 from dissect.files.session import Event, EventQueue, KeyLogFiles, Reading, Tags, decoder_of, keys_of, naming_of
 from dissect.online.proxy.packets import Conversation, endpoint_of
 from dissect.packets.tcp.stream import Endpoint
+from dissect.wire.copies import refuse
 from dissect.wire.errors import Error
 
 if TYPE_CHECKING:
@@ -49,6 +50,9 @@ class Stream:
 
     def __repr__(self) -> str:
         return f"Stream({self._ends[0]} → {self._ends[1]}{', closed' if self._over else ''})"
+
+    def __reduce__(self) -> str:
+        raise refuse("a Stream", "it follows a connection; copy the events that it gave")
 
     def __enter__(self) -> Self:
         return self

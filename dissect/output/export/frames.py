@@ -36,6 +36,9 @@ class Frames:
     def __repr__(self) -> str:
         return f"Frames({', '.join([f'{name}: {rows}' for name, rows in self._tables.rows.items()])})"
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        return Frames, (self._tables, self._library)
+
     def __iter__(self) -> Any:
         return iter(self._tables.rows)
 

@@ -2,29 +2,43 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 from typing import Any, Final
 
 from dissect.output.export.arrow import Batches
 from dissect.output.export.extras import needed
 from dissect.output.export.feed import Sink
-from dissect.output.export.tables import Table
+from dissect.output.export.tables import Table, chosen_tables
 from dissect.output.export.transaction_rows import Row
 
 _CODEC: Final = "lz4"
+_NONE: Final[Mapping[str, Any]] = MappingProxyType({})
 
 
 class PackedTables(Sink):
-    """A sink that keeps each batch of rows as a compressed Arrow stream; ``rows`` are the numbers of rows by table."""
+    """A sink that keeps each batch of rows as a compressed Arrow stream; ``rows`` are the numbers of rows by table.
 
-    def __init__(self, tables: Sequence[Table]) -> None:
+    ``kept`` and ``counted``: what another one holds, of which this one is a copy.
+    """
+
+    def __init__(
+        self,
+        tables: Sequence[Table],
+        kept: Mapping[str, Sequence[bytes]] = _NONE,
+        counted: Mapping[str, int] = _NONE,
+    ) -> None:
+        self._tables = tuple(tables)
         pa = needed("pyarrow")
         needed("pyarrow.ipc")
         self._pa = pa
         self._options = pa.ipc.IpcWriteOptions(compression=_CODEC if pa.Codec.is_available(_CODEC) else None)
         self._batches = {table.name: Batches(table) for table in tables}
-        self._kept: dict[str, list[Any]] = {table.name: [] for table in tables}
-        self.rows = dict.fromkeys(self._kept, 0)
+        self._kept: dict[str, list[bytes]] = {table.name: list(kept.get(table.name, ())) for table in tables}
+        self.rows = {table.name: counted.get(table.name, 0) for table in tables}
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _copy, ([table.name for table in self._tables], self._kept, self.rows)
 
     def take(self, table: Table, rows: Sequence[Row]) -> None:
         """Keep rows; columns that are another reading of a stored one are made again when they are wanted."""
@@ -44,3 +58,7 @@ class PackedTables(Sink):
             with pa.ipc.open_stream(packed) as stream:
                 found += [batches.with_derived(batch) for batch in stream]
         return pa.Table.from_batches(found, batches.schema)
+
+
+def _copy(names: Sequence[str], kept: Mapping[str, Sequence[bytes]], counted: Mapping[str, int]) -> PackedTables:
+    return PackedTables(chosen_tables(names), kept, counted)

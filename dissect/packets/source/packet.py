@@ -93,6 +93,9 @@ class SourceFile:
         self.rejected: i64 = 0
         self.notes: list[str] = []
 
+    def __repr__(self) -> str:
+        return f"SourceFile({self.name!r}, {self.packets} packets{f', {self.loss}' if self.loss else ''})"
+
     @property
     def loss(self) -> str:
         """What of the file could not be read: damage, a cut, damaged blocks. Empty when all of it was read."""

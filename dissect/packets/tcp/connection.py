@@ -85,6 +85,10 @@ class TcpConnection:
         self.macs: bytes = b""
         self.heard: i64 = 0
 
+    def __repr__(self) -> str:
+        ended = f", {self.ended}" if self.ended else ""
+        return f"TcpConnection({self.ends[0]} → {self.ends[1]}, {self.packets} packets{ended})"
+
     @property
     def streams(self) -> list[HalfStream]:
         """What each side sent; once the connection was let go, only ``octets`` and ``position`` are right."""

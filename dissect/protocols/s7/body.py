@@ -2,10 +2,16 @@
 
 from __future__ import annotations
 
+from typing import Final
+
 from dissect.protocols.s7.layouts import DATA_ITEM
+from dissect.wire.copies import leaves
 from dissect.wire.layout import Layout
 from dissect.wire.malformed import Malformed
 from dissect.wire.part import Part
+
+#: So many parts are in the representation of a body.
+_SHOWN: Final = 4
 
 
 class Body:
@@ -20,6 +26,10 @@ class Body:
         self.parameters: list[Part] = []
         self.data: list[Part] = []
         self.malformed: list[Malformed] = []
+
+    def __repr__(self) -> str:
+        named = [part.layout.name for part in self.parts[:_SHOWN]]
+        return f"Body({', '.join(named)}{', …' if len(self.parts) > _SHOWN else ''})"
 
     @property
     def parts(self) -> list[Part]:
@@ -56,3 +66,6 @@ class Body:
         Notes of data items are omitted: they only repeat the addresses, next to the values.
         """
         return [part.note for part in self.parts if part.note and part.layout is not DATA_ITEM]
+
+
+leaves(Body)

@@ -46,6 +46,7 @@ from dissect.wire.build import COMPILED
 from dissect.wire.copies import leaves
 from dissect.wire.malformed import Malformed
 from dissect.wire.octets import same, u16
+from dissect.wire.text import printable
 
 PROTOCOL_ID: Final = 0x32
 HEADER_SIZE: Final = 10
@@ -151,6 +152,9 @@ class UserdataHead:
         self.error_code = 0
         self.usend = False  # a USEND has no subfunction
 
+    def __repr__(self) -> str:
+        return f"UserdataHead({self.name})"
+
     @property
     def more(self) -> bool:
         """True if the answer continues in another PDU (reference 4.3)."""
@@ -237,6 +241,9 @@ class Parameters:
         self.good_heads: tuple[int, ...] = ()
         self.unjudged: bool = True  # codes and addresses are not judged yet
         self.answer_unjudged: bool = False  # of a read: the transport sizes of a good answer are not judged yet
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({printable(self.function_name)})"
 
     @property
     def items(self) -> list[Item]:

@@ -168,7 +168,7 @@ class PlusPdu:
         """Begin and end of the digest of each frame within ``octets``; none before version 3."""
         return [(at + HEADER_SIZE + 1, begin) for at, begin, _ in self.frame_places if begin > at + HEADER_SIZE + 1]
 
-    def tell(self, reason: str, field: str, offset: int, needed: int, available: int) -> None:
+    def _tell(self, reason: str, field: str, offset: int, needed: int, available: int) -> None:
         """Add a fault to ``malformed``."""
         limit = "snaplen" if self.cut else "tsdu"
         self.malformed.append(Malformed(_LAYER, reason, field, offset, needed, available, limit))
@@ -187,23 +187,23 @@ def parse_plus(
     if size >= 2:
         pdu.version = octets[1]
     if size < HEADER_SIZE:
-        pdu.tell("too_short", "header", 0, HEADER_SIZE, size)
+        pdu._tell("too_short", "header", 0, HEADER_SIZE, size)
         return pdu
     pdu.frames = 1
     if pdu.version == KEEP_ALIVE:
         pdu.number = octets[2]
         pdu.whole = True
         if size > HEADER_SIZE:
-            pdu.tell("trailing_octets", "keep-alive", HEADER_SIZE, HEADER_SIZE, size)
+            pdu._tell("trailing_octets", "keep-alive", HEADER_SIZE, HEADER_SIZE, size)
     elif pdu.version == SYSTEM_EVENT:
         _read_event(pdu, octets)
     else:
         if not V1 <= pdu.version <= V3 and pdu.version not in VERSIONS:
-            pdu.tell("unknown_type", "version", 1, 0, pdu.version)
+            pdu._tell("unknown_type", "version", 1, 0, pdu.version)
         _read_frames(pdu, octets)
         _read_head(pdu)
         if not pdu.whole and not cut and not pdu.malformed:
-            pdu.tell("too_short", "trailer", size, size + HEADER_SIZE, size)
+            pdu._tell("too_short", "trailer", size, size + HEADER_SIZE, size)
     return pdu
 
 
@@ -212,9 +212,9 @@ def _read_event(pdu: PlusPdu, octets: bytes) -> None:
     end = HEADER_SIZE + length
     pdu.whole = end <= len(octets)
     if not pdu.whole:
-        pdu.tell("length_beyond", "length", 2, end, len(octets))
+        pdu._tell("length_beyond", "length", 2, end, len(octets))
     elif end < len(octets) and octets[end:] != _trailer(SYSTEM_EVENT):
-        pdu.tell("trailing_octets", "system event", end, end, len(octets))
+        pdu._tell("trailing_octets", "system event", end, end, len(octets))
     pdu.data_offset = HEADER_SIZE
     pdu.data = octets[HEADER_SIZE:end]
     fixed = layouts.EVENT.size
@@ -222,7 +222,7 @@ def _read_event(pdu: PlusPdu, octets: bytes) -> None:
         pdu.number = u32(pdu.data, 4)
     if len(pdu.data) < fixed:
         if pdu.whole:
-            pdu.tell("too_short", "system event", HEADER_SIZE, fixed, len(pdu.data))
+            pdu._tell("too_short", "system event", HEADER_SIZE, fixed, len(pdu.data))
         return
     pdu.message = pdu.data[fixed:]
 
@@ -246,7 +246,7 @@ def _read_frames(pdu: PlusPdu, octets: bytes) -> None:
             at = end
             break
         if end > size:
-            pdu.tell("length_beyond", "length", at + 2, end, size)
+            pdu._tell("length_beyond", "length", at + 2, end, size)
             end = size
         start = _read_integrity(pdu, octets, start, end, count == 0)
         if count == 0:
@@ -260,7 +260,7 @@ def _read_frames(pdu: PlusPdu, octets: bytes) -> None:
     pdu.frames = count
     pdu.data = parts[0] if count == 1 else b"".join(parts)
     if at < size and not (pdu.cut and at + HEADER_SIZE > size):
-        pdu.tell("trailing_octets", "pdu", at, at, size)
+        pdu._tell("trailing_octets", "pdu", at, at, size)
 
 
 def _read_integrity(pdu: PlusPdu, octets: bytes, start: int, end: int, first: bool) -> int:
@@ -270,9 +270,9 @@ def _read_integrity(pdu: PlusPdu, octets: bytes, start: int, end: int, first: bo
     size = octets[start]
     behind = start + 1 + size
     if size != DIGEST_SIZE:
-        pdu.tell("bad_value", "digest_length", start, DIGEST_SIZE, size)
+        pdu._tell("bad_value", "digest_length", start, DIGEST_SIZE, size)
     if behind > end:
-        pdu.tell("length_beyond", "digest", start, behind, end)
+        pdu._tell("length_beyond", "digest", start, behind, end)
         behind = end
     if first:
         pdu.integrity = octets[start + 1 : behind]
@@ -284,14 +284,14 @@ def _read_head(pdu: PlusPdu) -> None:
     size = len(data)
     if size == 0:
         if not pdu.malformed:
-            pdu.tell("too_short", "opcode", pdu.data_offset, 1, 0)
+            pdu._tell("too_short", "opcode", pdu.data_offset, 1, 0)
         return
     pdu.opcode = data[0]
     if pdu.opcode == NOTIFICATION:
         _read_notification(pdu, data)
         return
     if pdu.opcode != REQUEST and pdu.opcode != RESPONSE and pdu.opcode not in OPCODES:
-        pdu.tell("unknown_type", "opcode", pdu.data_offset, 0, pdu.opcode)
+        pdu._tell("unknown_type", "opcode", pdu.data_offset, 0, pdu.opcode)
         pdu.body = data[1:]
         return
     layout = _REQUEST if pdu.opcode == REQUEST else _RESPONSE
@@ -300,7 +300,7 @@ def _read_head(pdu: PlusPdu) -> None:
     if size >= 9:
         pdu.sequence = u16(data, 7)
     if size < layout.size:
-        pdu.tell("too_short", layout.name, pdu.data_offset, layout.size, size)
+        pdu._tell("too_short", layout.name, pdu.data_offset, layout.size, size)
         return
     pdu.transport_flags = data[layout.size - 1]
     pdu.body = data[layout.size :]
@@ -319,7 +319,7 @@ def _read_notification(pdu: PlusPdu, data: bytes) -> None:
         pdu.subscription_id = u32(data, 1)
     fixed = _NOTIFICATION.size
     if size < fixed:
-        pdu.tell("too_short", "notification", pdu.data_offset, fixed, size)
+        pdu._tell("too_short", "notification", pdu.data_offset, fixed, size)
         return
     pdu.credit_tick = data[fixed - 1]
     pdu.body = data[fixed:]

@@ -16,6 +16,7 @@ from dissect.protocols.s7plus.program import CODE, Program, symbol
 from dissect.protocols.s7plus.program_tables import ROLES
 from dissect.protocols.s7plus.stamps import next_stamp
 from dissect.wire.copies import leaves
+from dissect.wire.text import printable
 
 # Classes and attributes.
 SUBSCRIPTION: Final = 1001
@@ -100,6 +101,9 @@ class Identity:
         self.state = -1
         self.role = -1
         self.told: list[tuple[str, str, str]] = []
+
+    def __repr__(self) -> str:
+        return printable(f"Identity({self.order_number or 'unknown'}{f', {self.firmware}' if self.firmware else ''})")
 
     @property
     def kind(self) -> str:
@@ -205,6 +209,9 @@ class PlusSession:
         self.states: dict[int, list[int]] = {}
         self.subscriptions: dict[int, dict[int, Address]] = {}
         self.stamp: i64 = 0
+
+    def __repr__(self) -> str:
+        return printable(f"PlusSession({self.application or 'application unknown'}, {self.identity!r})")
 
     @property
     def role_name(self) -> str:

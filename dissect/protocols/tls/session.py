@@ -100,6 +100,9 @@ class TlsSession:
 
     # ---- what came in -----------------------------------------------------------------------------------------------
 
+    def __repr__(self) -> str:
+        return f"TlsSession({self.version_name or 'version unknown'})"
+
     @property
     def held(self) -> int:
         """Number of kept octets: unfinished records and messages, and records that wait for their key."""

@@ -243,7 +243,7 @@ def test_what_waits_is_bounded() -> None:
     large = write(1, [item(0x84, 1, 0, 2, 28_000)], written(9, bytes(28_000)))
     for _ in range(5):
         talk.packet(CLIENT, behind(large))
-    aside = talk.transactions[0].connection.aside
+    aside = talk.transactions[0].connection._aside
     assert aside is not None
     assert aside.octets <= MAX_OCTETS
     assert len(marked(talk)) == 3

@@ -42,8 +42,8 @@ def test_it_says_who_asks_whom_as_far_as_that_is_known() -> None:
 
 def test_the_first_evidence_counts() -> None:
     one = connection()
-    one.set_client(1)
-    one.set_client(0)
+    one._set_client(1)
+    one._set_client(0)
     assert one.client_side == 1
 
 
@@ -55,7 +55,7 @@ def test_what_is_unknown_stays_unknown() -> None:
 
 def test_a_handshake_names_the_sides_and_the_size() -> None:
     one = connection(50000, 50001)
-    one.note_cr(1, parse_tpdu(CONNECT[4:]), 4)
+    one._note_cr(1, parse_tpdu(CONNECT[4:]), 4)
     assert (one.cr_seen, one.client_side, one.client_known, one.tpdu_size_asked, one.tpdu_size) == (
         True,
         1,
@@ -63,7 +63,7 @@ def test_a_handshake_names_the_sides_and_the_size() -> None:
         1024,
         0,
     )
-    one.note_cc(0, parse_tpdu(CONFIRM[4:]), 5)
+    one._note_cc(0, parse_tpdu(CONFIRM[4:]), 5)
     assert one.tpdu_size == 1024
     assert [str(one.tsap_calling), str(one.tsap_called)] == ["01.00", "01.02"]
     assert one.tsap_frame == 4
@@ -71,21 +71,21 @@ def test_a_handshake_names_the_sides_and_the_size() -> None:
 
 def test_what_the_request_said_is_not_changed_by_the_confirm() -> None:
     one = connection(50000, 50001)
-    one.note_cr(0, parse_tpdu(CONNECT[4:]), 4)
-    one.note_cc(1, parse_tpdu(bytes.fromhex("11d00001000200c1020301c2020302c0010a")), 5)
+    one._note_cr(0, parse_tpdu(CONNECT[4:]), 4)
+    one._note_cc(1, parse_tpdu(bytes.fromhex("11d00001000200c1020301c2020302c0010a")), 5)
     assert [str(one.tsap_calling), str(one.tsap_called)] == ["01.00", "01.02"]
 
 
 def test_a_confirm_alone_tells_as_much() -> None:
     one = connection(50000, 50001)
-    one.note_cc(0, parse_tpdu(CONFIRM[4:]), 5)
+    one._note_cc(0, parse_tpdu(CONFIRM[4:]), 5)
     assert (one.client_side, one.client_known, one.cr_seen, one.tsap_frame) == (1, True, False, 5)
     assert [str(one.tsap_calling), str(one.tsap_called)] == ["01.00", "01.02"]
 
 
 def test_a_confirm_without_a_size_means_the_largest() -> None:
     one = connection()
-    one.note_cc(1, parse_tpdu(bytes.fromhex("06d00001000200")), 5)
+    one._note_cc(1, parse_tpdu(bytes.fromhex("06d00001000200")), 5)
     assert one.tpdu_size == 65531
 
 
@@ -93,7 +93,7 @@ def test_established() -> None:
     one = connection()
     one.pdus = 1
     assert not one.established
-    one.state = ISO
+    one._state = ISO
     assert one.established
     one.pdus = 0
     assert not one.established
@@ -104,7 +104,7 @@ def test_established() -> None:
 @pytest.mark.parametrize("asked_by", [0, 1])
 def test_jobs_allowed_by_who_sent_the_setup(asked_by: int) -> None:
     one = connection()
-    one.grant(Setup(2, 5, 240), asked_by)
+    one._grant(Setup(2, 5, 240), asked_by)
     assert one.pdu_length == 240
     assert (one.jobs_allowed(asked_by), one.jobs_allowed(1 - asked_by)) == (5, 2)
 
@@ -116,12 +116,12 @@ def test_jobs_allowed_by_who_sent_the_setup(asked_by: int) -> None:
 )
 def test_a_job_tells_who_is_the_client(function: int, client: int) -> None:
     one = connection(50000, 50001)
-    one.note_request(1, parse_parameters(bytes((function, 0)), JOB))
+    one._note_request(1, parse_parameters(bytes((function, 0)), JOB))
     assert (one.client_known, one.client_side) == (client >= 0, max(client, 0))
 
 
 @pytest.mark.parametrize(("group", "known"), [(1, True), (4, True), (6, False), (7, True)])
 def test_userdata_tells_who_is_the_client_except_bsend(group: int, known: bool) -> None:
     one = connection(50000, 50001)
-    one.note_request(1, parse_parameters(head(1, group, 1), USERDATA))
+    one._note_request(1, parse_parameters(head(1, group, 1), USERDATA))
     assert one.client_known is known

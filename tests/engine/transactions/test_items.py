@@ -59,6 +59,12 @@ def test_items_of_s7comm_plus_and_of_scd() -> None:
     scd = transactions_of(PLANT.with_suffix(".pcapng"), scd=PLANT, bind=PLANT.with_suffix(".bind.toml"))
     items = [item for one in scd if one.is_scd for item in one.items]
     assert [item for item in items if item.ok and item.address.startswith("0x") and item.tag]
+    assert {("Слово состояния 1", "uint16"), ("Расход 2", "int32")} <= {(item.tag, item.type) for item in items}
+    without = [item for item in items if item.value is None]
+    assert [(item.address, item.tag, item.type, item.result) for item in without] == [
+        ("0x6fff:0", "", "", "abort"),
+        ("0x6844:0", "Расход 2", "int32", "not answered"),
+    ]
 
 
 def test_requests_without_answer_say_so() -> None:

@@ -435,8 +435,8 @@ def test_beginnings_that_are_remembered_are_bounded() -> None:
     for number in range(1, 100):
         stream(talk, number, b"x")
     (connection,) = {one.connection for one in talk.transactions} or {talk.pipeline.table.all_open()[0].connection}
-    assert connection.begun is not None
-    assert len(connection.begun) == 64
+    assert connection._begun is not None
+    assert len(connection._begun) == 64
 
 
 @given(st.binary(max_size=12), st.lists(st.sampled_from(b"\x00\x04\xe8\x07"), max_size=40))

@@ -130,14 +130,14 @@ def test_lists_of_a_device_have_their_bounds() -> None:
     for number in range(2 * model.MAX_NAMES):
         (one if number < 10 else two).tsaps.add(f"{number:02}")
     for number in range(model.MAX_REASONS + 3):
-        (one if number < 10 else two).because(model.CPU, model.STATED, f"says {number}", number + 1)
-    two.because(model.CPU, model.STATED, "says 0", 99)
+        (one if number < 10 else two)._because(model.CPU, model.STATED, f"says {number}", number + 1)
+    two._because(model.CPU, model.STATED, "says 0", 99)
     for number in range(model.MAX_BLOCKS):
         for device in (one, two):
-            names = device.block(f"DB {number + (1 if device is two else 0)}")
+            names = device._block(f"DB {number + (1 if device is two else 0)}")
             assert names is not None
             names.add("loaded" if device is one else "deleted")
-    one.merge(two)
+    one._merge(two)
     assert (len(one.tsaps.texts), len(one.tsaps.more)) == (model.MAX_NAMES, model.MAX_NAMES)
     assert one.tsaps.texts == sorted(one.tsaps.texts)
     assert len(one.reasons) == model.MAX_REASONS

@@ -224,7 +224,7 @@ def test_what_a_device_holds_is_bounded() -> None:
         use.tag(str(number))
         use.reach(3 * number, 3 * number)
         names.add(str(number))
-        device.because("CPU", "behaviour", str(number), 1)
+        device._because("CPU", "behaviour", str(number), 1)
     assert (len(both.areas), len(both.more_areas)) == (MAX_AREAS, 500 - MAX_AREAS)
     assert (len(use.tags), len(use.more_tags)) == (MAX_TAGS, 500 - MAX_TAGS)
     assert len(use.pieces) <= MAX_PIECES

@@ -290,7 +290,7 @@ def test_what_is_stated_counts_more_than_what_is_done_and_that_more_than_a_tsap(
         (CPU, BEHAVIOUR, CPU),
         (PANEL, STATED, PANEL),
     ):
-        device.because(role, certainty, f"{role} {certainty}", 1)
+        device._because(role, certainty, f"{role} {certainty}", 1)
         assert device.role == best
     assert device.certainty == STATED
 

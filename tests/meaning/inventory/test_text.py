@@ -159,7 +159,7 @@ def test_evidence_for_another_role_is_said_to_be_that() -> None:
 
     inventory = inventory_of(scene)
     cpu = inventory.devices[0]
-    cpu.because("panel", "behaviour", "subscribes to messages", 9)
+    cpu._because("panel", "behaviour", "subscribes to messages", 9)
     (role,) = [text for text in shown(inventory) if "subscribes" in text]
     assert role.endswith("; perhaps a panel: subscribes to messages (packet 9)")
 

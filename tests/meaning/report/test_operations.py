@@ -127,7 +127,7 @@ def test_an_operation_says_how_many_of_its_pairs_are_only_likely() -> None:
     assert "likely" not in line(operation)
     assert "likely" not in json.loads(operation_json(operation, Clock(), PLACES))
     step._flags |= GAPS
-    operation.add(step)
+    operation._add(step)
     assert (operation.likely, operation.parts) == (1, 2)
     assert line(operation).endswith("UNFINISHED (connection closed, 1 pair only likely)")
     told = json.loads(operation_json(operation, Clock(), PLACES))
