@@ -49,7 +49,7 @@ installed-rest := tests $(foreach part,$(filter-out rest,$(INSTALLED)),$(install
 UNCOMPILED := tests/test_architecture.py tests/test_open_files.py tests/benchmarks/test_work.py tests/cli/test_cut.py tests/testing/golden/test_reading.py tests/meaning/inventory/test_code.py \
 	tests/meaning/inventory/test_collector.py tests/files/jobs/test_inventories.py tests/output/page/test_gathered.py tests/output/page/test_samples.py \
 	tests/output/page/test_use.py tests/testing/playback/server/test_recording.py tests/engine/program/test_carved.py tests/promises/test_growth.py \
-	tests/output/variables/test_rows.py tests/output/variables/test_writers.py
+	tests/output/variables/test_rows.py tests/output/variables/test_writers.py tests/meaning/select/test_selection.py
 
 # Tests with a size for every change and a larger one for a release.
 RELEASE_TESTS := tests/promises/test_kill.py tests/properties/test_captures.py tests/properties/test_pairs.py \

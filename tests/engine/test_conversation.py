@@ -466,3 +466,13 @@ def test_a_reference_flood_is_bounded_and_adds_up() -> None:
     reasons = [one.reason for one in result.transactions]
     assert reasons.count("table_full") == count - 4096
     assert result.counts["transaction.table_full"] == count - 4096
+
+
+def test_a_shared_reference_is_counted_once_and_the_requests_behind_it_are_judged_as_ever() -> None:
+    """The one request with the reference of an open one; others of their own, too many of them included, are not that."""
+    talk = ready(amq=2)
+    talk.send(0, asked(1), dt(read_job(1, [Item(0x04, 1, 10, 0x84, 8 * 8)])))
+    for ref in (2, 3, 4):
+        talk.send(0, asked(ref))
+    counts = run(talk).pipeline.finding_counts
+    assert (counts["session.shared_reference"], counts["session.too_many_jobs"]) == (1, 3)

@@ -372,6 +372,7 @@ def test_without_opcode() -> None:
     talk = begun()
     talk.ask(event(100), KEEP_ALIVE, event(200, b"LOGOUT"))
     talk.close()
+    assert talk.connections[0].system_events == 2
     assert talk.transactions == []
     assert slugs(talk) == []
     assert (talk.pipeline.plus.pdus, talk.pipeline.plus.unpaired) == (3, 3)

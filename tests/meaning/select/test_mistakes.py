@@ -34,6 +34,9 @@ MISTAKES: Final[list[tuple[str, str, str]]] = [
     ("port in {..}", "..", "a range has an end"),
     ('subject == "abc', '"abc', 'the text that begins here has no closing "'),
     ("subject == 'abc", "'abc", "the text that begins here has no closing '"),
+    ('port "x', '"x', 'the text that begins here has no closing "'),
+    ('port "x"', '"', "got a text"),
+    ('"x" == port', '"', "got a text"),
     ("latency > 20", "20", "a duration needs a unit (ns, us, ms, s, min, h, d), such as 20ms"),
     ("latency > 20sec", "20sec", "unknown unit 'sec'"),
     ("latency > 20 parsecs", "parsecs", "expected and, or, or the end"),
@@ -116,6 +119,15 @@ def test_what_is_too_long_or_too_deep_is_refused() -> None:
     assert Where("not " * 601 + "failed").text.startswith("not")
     with pytest.raises(SelectError, match="a pattern has at most"):
         Where(f'subject matches "{"a" * 300}"')
+
+
+def test_conditions_may_be_nested_just_so_deep() -> None:
+    """Parentheses and two negations in a row are no levels of their own."""
+    for begin, end in (("(failed or ", ")"), ("((failed and ", "))"), ("(failed or not not ", ")")):
+        most = MAX_DEPTH - 1
+        assert Where(begin * most + "failed" + end * most).knows("transaction")
+        with pytest.raises(SelectError, match=f"more than {MAX_DEPTH} times"):
+            Where(begin * (most + 1) + "failed" + end * (most + 1))
 
 
 def test_what_does_not_print_is_not_written_to_a_terminal() -> None:

@@ -16,9 +16,21 @@ from dissect.protocols.s7plus.items import PlusItem
 from dissect.protocols.s7plus.objects import PlusObject
 from dissect.protocols.s7plus.packed_values import CLASSIC
 from dissect.protocols.s7plus.program import Found, Program
+from dissect.protocols.s7plus.program_tables import DATATYPES
 from dissect.protocols.s7plus.program_times import dtl_text, long_date_text, long_duration, long_time_of_day
-from dissect.protocols.s7plus.program_values import DTL_STRUCT, program_values
-from dissect.protocols.s7plus.value_tables import ARRAY, DINT, INT, STRUCT, TIMESPAN, TIMESTAMP, UINT, ULINT, USINT
+from dissect.protocols.s7plus.program_values import DTL_STRUCT, contradiction, program_values
+from dissect.protocols.s7plus.value_tables import (
+    ARRAY,
+    DINT,
+    INT,
+    STRUCT,
+    TIMESPAN,
+    TIMESTAMP,
+    UINT,
+    ULINT,
+    USINT,
+    VALUE_TYPES,
+)
 from dissect.protocols.s7plus.values import Packed, Struct, Value, build_value
 from dissect.protocols.s7plus.variables import Variable
 from dissect.wire.text import shortened
@@ -275,3 +287,26 @@ def test_elements_are_read_only_of_a_whole_array_that_was_sent_as_one(
     whole: bool, value: Value, texts: list[str] | None
 ) -> None:
     assert program_values(Found("times", variable(1, 64), whole), value) == texts
+
+
+#: How the message says values of the declared types of one element.
+SENT: Final[dict[str, str]] = {
+    "Bool": "Bool", "BBOOL": "Bool", "Byte": "Byte", "Word": "Word", "DWord": "DWord", "LWord": "LWord", "Char": "USInt",
+    "SInt": "SInt", "USInt": "USInt", "Int": "Int", "UInt": "UInt", "DInt": "DInt", "UDInt": "UDInt", "LInt": "LInt", "ULInt": "ULInt",
+    "Real": "Real", "LReal": "LReal", "Date": "UInt", "Time_Of_Day": "UDInt", "Time": "DInt", "S5Time": "Word", "WChar": "UInt",
+    "LTime": "Timespan", "LTOD": "ULInt", "LDT": "Timestamp",
+}  # fmt: skip
+
+
+def test_a_value_contradicts_its_declaration_unless_it_is_sent_as_that() -> None:
+    """Each declared type with each of the types of a message: one fits."""
+    datatypes = {row.name: row.number for row in DATATYPES}
+    types = {row.name: row.number for row in VALUE_TYPES}
+    assert set(SENT.values()) <= types.keys()
+    for declared, sent in SENT.items():
+        found = Found("x", variable(1, datatypes[declared]), False)
+        for name in {*SENT.values()}:
+            said = contradiction(found, Value(0, types[name], 1), Program())
+            assert said == ("" if name == sent else f"declared {declared}, sent as {name}"), (declared, name)
+    unknown = Found("x", variable(1, datatypes["Variant"]), False)
+    assert contradiction(unknown, Value(0, types["Int"], 1), Program()) == ""

@@ -22,6 +22,7 @@ from dissect.protocols.s7plus.value_tables import DINT, RID, STRUCT, VALUE_FLAGS
 from dissect.protocols.s7plus.values import Struct, Value
 from dissect.wire.codes import CodeTable
 from tests.protocols.s7plus import bodies
+from tests.protocols.s7plus.numbers import NUMBERS, every_table, lines
 from tests.protocols.s7plus.pdus import asked, framed
 
 
@@ -41,6 +42,12 @@ def test_rows(table: CodeTable) -> None:
 def test_every_row_has_a_name(table: CodeTable) -> None:
     assert len(table) > 1
     assert all(row.name and (not row.text or row.text.endswith(".")) for row in table)
+
+
+def test_numbers_stay_as_they_are_written_down() -> None:
+    """Each number and name once more, beside the tables: neither changes by mistake."""
+    assert lines() == NUMBERS.read_text(encoding="utf-8").splitlines()
+    assert len(list(every_table())) > 15
 
 
 def test_members_of_memory_are_no_objects() -> None:

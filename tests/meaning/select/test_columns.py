@@ -1,0 +1,133 @@
+"""``-T fields``: a line for each result, a cell for each field; what a cell says may be asked for."""
+
+from __future__ import annotations
+
+from typing import Any, Final
+
+from dissect.files.session import Run
+from dissect.meaning.report.formats import FORMATS
+from dissect.meaning.select import SelectError, Where
+from dissect.meaning.select.columns import FieldsWriter
+from dissect.meaning.select.fields import FIELDS, Field
+from dissect.meaning.select.getters import items
+from dissect.meaning.select.things import CONNECTION, MESSAGE, OPERATION, TRANSACTION, Context
+from tests.meaning.select.support import CAPTURES, NAMES, Gathered, gathered
+
+_GATHERED: Final = (NAMES, ("crafted/plus-plant",), ("crafted/coverage-userdata",))
+
+
+def written(name: str, kind: str, *names: str) -> list[list[str]]:
+    """Return the cells of all transactions, operations or messages of a capture."""
+    writer = FieldsWriter()
+    found = Gathered()
+    run = Run([CAPTURES / f"{name}.pcapng"], found)
+    while run.step():
+        pass
+    writer.write_fields(names, found.context)
+    for thing in found.things[kind]:
+        if kind == TRANSACTION:
+            writer.transaction(thing)
+        elif kind == OPERATION:
+            writer.operation(thing)
+    return [str(line).split("\t") for line in writer.take()]
+
+
+def test_a_line_for_each_transaction() -> None:
+    lines = written(
+        "item-errors", TRANSACTION, "number", "Function", "outcome", "frame", "latency", "address", "pushes"
+    )
+    assert [line[0] for line in lines] == [str(number) for number in range(1, 9)]
+    assert lines[2][:4] == ["3", "Read Var", "answered", "12,13"]
+    assert [line[1] for line in lines] == ["Setup communication", *["Read Var"] * 4, *["Write Var"] * 3]
+    assert all(line[4].isdigit() for line in lines)
+    assert {line[6] for line in lines} == {
+        ""
+    }  # no field of transactions: empty, and those behind it stay in their places
+    lines = written("item-errors", TRANSACTION, "pushes", "number")
+    assert [line for line in lines if line[0] == ""] == lines
+    assert lines[0] == ["", "1"]
+
+
+def test_items_keep_their_places() -> None:
+    """A place for each item in every list, empty where it has no value."""
+    lines = written("item-errors", TRANSACTION, "address", "value", "return_code", "error")
+    several = [line for line in lines if "," in line[0]]
+    assert several
+    for line in several:
+        count = line[0].count(",")
+        assert line[2].count(",") == count, line
+    assert any(cell == "" for line in several for cell in line[1].split(","))
+
+
+def test_a_line_for_each_operation() -> None:
+    lines = written("transfer", OPERATION, "kind", "result", "subject", "latency")
+    assert lines
+    assert all(len(line) == 4 and line[0] and line[1] and line[3] == "" for line in lines)
+
+
+def test_it_is_a_format_of_commands() -> None:
+    assert any(getattr(row, "name", row) == "fields" for row in FORMATS)
+
+
+def every_cell() -> Any:
+    """Give each thing that the captures hold with each of its fields that has a value, as it is shown."""
+    for names in _GATHERED:
+        found = gathered(*names)
+        for kind, things in found.things.items():
+            for field in FIELDS.values():
+                get = field.getters.get(kind)
+                for thing in things[::5] if get is not None else ():
+                    value = get(thing, found.context)
+                    some = value if type(value) in (list, tuple) else [] if value is None else [value]
+                    for one in some:
+                        yield kind, field, thing, field.kind.shown(one)
+
+
+def test_what_a_cell_says_may_be_asked_for() -> None:
+    """``FIELD == CELL`` selects what the cell is of: numbers and names as they are, texts in quotes, durations in ns."""
+    seen: dict[tuple[str, str], int] = {}
+    for kind, field, thing, cell in every_cell():
+        forms = (
+            f"{field.name} == {cell}",
+            f'{field.name} == "{cell}"',
+            f"{field.name} == '{cell}'",
+            f"{field.name} == {cell}ns",
+        )
+        assert any(selects(form, kind, thing) for form in forms), (kind, field.name, cell)
+        seen[kind, field.name] = seen.get((kind, field.name), 0) + 1
+    assert len(seen) > 80
+    assert {kind for kind, _ in seen} >= {TRANSACTION, OPERATION, MESSAGE, CONNECTION}
+
+
+def selects(expression: str, kind: str, thing: object) -> bool:
+    try:
+        predicate = Where(expression).predicate(kind)
+    except SelectError:
+        return False
+    return predicate is not None and bool(predicate(thing))
+
+
+def of_items(field: Field, thing: object, context: Context) -> list[object]:
+    assert field.of_item is not None
+    return [field.of_item(item, context) for item in items(thing, context)]
+
+
+def test_each_item_has_what_the_list_of_its_transaction_has() -> None:
+    """Fields of items: what single items have is what the whole has, in their order, without those that have none."""
+    seen = 0
+    for names in _GATHERED:
+        found = gathered(*names)
+        for field in FIELDS.values():
+            get = field.getters.get(TRANSACTION)
+            if field.of_item is None or get is None or TRANSACTION not in field.with_items:
+                continue
+            for thing in found.things[TRANSACTION][::7]:
+                flat: list[str] = []
+                for value in of_items(field, thing, found.context):
+                    some = value if type(value) in (list, tuple) else [] if value is None else [value]
+                    flat += [field.kind.shown(one) for one in some]  # type: ignore[union-attr]
+                whole = get(thing, found.context)
+                some = whole if type(whole) in (list, tuple) else [] if whole is None else [whole]
+                assert [field.kind.shown(one) for one in some] == flat, field.name
+                seen += len(flat)
+    assert seen > 100
