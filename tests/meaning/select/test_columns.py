@@ -76,11 +76,16 @@ def every_cell() -> Any:
         for kind, things in found.things.items():
             for field in FIELDS.values():
                 get = field.getters.get(kind)
-                for thing in things[::5] if get is not None else ():
-                    value = get(thing, found.context)
-                    some = value if type(value) in (list, tuple) else [] if value is None else [value]
-                    for one in some:
+                if get is None:
+                    continue
+                for thing in things[::5]:
+                    for one in as_list(get(thing, found.context)):
                         yield kind, field, thing, field.kind.shown(one)
+
+
+def as_list(value: Any) -> list[Any]:
+    """Return the values of a field, none for None."""
+    return [*value] if type(value) in (list, tuple) else [] if value is None else [value]
 
 
 def test_what_a_cell_says_may_be_asked_for() -> None:
@@ -104,10 +109,10 @@ def selects(expression: str, kind: str, thing: object) -> bool:
         predicate = Where(expression).predicate(kind)
     except SelectError:
         return False
-    return predicate is not None and bool(predicate(thing))
+    return bool(predicate(thing))
 
 
-def of_items(field: Field, thing: object, context: Context) -> list[object]:
+def of_items(field: Field, thing: Any, context: Context) -> list[object]:
     assert field.of_item is not None
     return [field.of_item(item, context) for item in items(thing, context)]
 
@@ -124,10 +129,7 @@ def test_each_item_has_what_the_list_of_its_transaction_has() -> None:
             for thing in found.things[TRANSACTION][::7]:
                 flat: list[str] = []
                 for value in of_items(field, thing, found.context):
-                    some = value if type(value) in (list, tuple) else [] if value is None else [value]
-                    flat += [field.kind.shown(one) for one in some]  # type: ignore[union-attr]
-                whole = get(thing, found.context)
-                some = whole if type(whole) in (list, tuple) else [] if whole is None else [whole]
-                assert [field.kind.shown(one) for one in some] == flat, field.name
+                    flat += [field.kind.shown(one) for one in as_list(value)]
+                assert [field.kind.shown(one) for one in as_list(get(thing, found.context))] == flat, field.name
                 seen += len(flat)
     assert seen > 100

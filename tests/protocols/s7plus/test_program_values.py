@@ -292,8 +292,9 @@ def test_elements_are_read_only_of_a_whole_array_that_was_sent_as_one(
 #: How the message says values of the declared types of one element.
 SENT: Final[dict[str, str]] = {
     "Bool": "Bool", "BBOOL": "Bool", "Byte": "Byte", "Word": "Word", "DWord": "DWord", "LWord": "LWord", "Char": "USInt",
-    "SInt": "SInt", "USInt": "USInt", "Int": "Int", "UInt": "UInt", "DInt": "DInt", "UDInt": "UDInt", "LInt": "LInt", "ULInt": "ULInt",
-    "Real": "Real", "LReal": "LReal", "Date": "UInt", "Time_Of_Day": "UDInt", "Time": "DInt", "S5Time": "Word", "WChar": "UInt",
+    "SInt": "SInt", "USInt": "USInt", "Int": "Int", "UInt": "UInt", "DInt": "DInt", "UDInt": "UDInt", "LInt": "LInt",
+    "ULInt": "ULInt", "Real": "Real", "LReal": "LReal", "Date": "UInt", "Time_Of_Day": "UDInt",
+    "Time": "DInt", "S5Time": "Word", "WChar": "UInt",
     "LTime": "Timespan", "LTOD": "ULInt", "LDT": "Timestamp",
 }  # fmt: skip
 
