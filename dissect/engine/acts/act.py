@@ -113,7 +113,8 @@ class Act:
         from dissect.engine.program.carved import carve  # late: few captures have transfers
 
         operation = self.operation
-        return carve(operation) if operation is not None and operation.kind in TRANSFERS else []
+        carried = operation is not None and operation.kind in TRANSFERS and operation.octets > 0
+        return carve(operation) if operation is not None and carried else []
 
 
 def _arguments(act: Act) -> tuple[object, ...]:

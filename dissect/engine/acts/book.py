@@ -20,6 +20,7 @@ from dissect.engine.transactions.operation import (
     Operation,
     OperationBook,
 )
+from dissect.engine.transactions.results import item_error
 from dissect.engine.transactions.transaction import Transaction
 from dissect.protocols.s7.services import BLOCK_SERVICES
 from dissect.protocols.s7.tables import PI_SERVICE, REQUEST_DOWNLOAD, START_UPLOAD
@@ -65,15 +66,19 @@ class ActBook:
             self.add(act)
         return act
 
-    def wrote(self, transaction: Transaction, what: str, code: int, refused: bool = False) -> None:
+    def wrote(
+        self, transaction: Transaction, what: str, code: int, refused: bool = False, return_code: int = -1
+    ) -> None:
         """Take the first write to outputs on a connection, or the first one that was ``refused``.
 
         ``code`` as for `dissect.engine.acts.act.act_of`. The device may refuse items of a request that it answers without an
-        error.
+        error: ``return_code`` is that of the first of them, -1 for none.
         """
         act = act_of(kinds.OUTPUTS, transaction, what, code)
         if refused and act.outcome == ACCEPTED:
             act.outcome = REFUSED_ACT
+            if return_code >= 0:
+                act.error = item_error(return_code, 0, "")
         self.add(act)
 
     def over(self, operation: Operation) -> Act | None:

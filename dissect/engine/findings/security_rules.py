@@ -137,9 +137,12 @@ class SecurityWatch:
 
     def _refused(self, transaction: Transaction, became: Became) -> None:
         """Report the first refused write of a connection, also one with only some refused items."""
-        if written_areas([result.item for result in became.refused if result.item is not None]) & WRITTEN_IO:
-            what = items_said(transaction.connection.naming, became.refused, True)
-            self.refused_outputs(transaction, f"{transaction.function_name} {what}")
+        outputs = _items_in(became.refused, WRITTEN_IO)
+        if outputs:
+            what = items_said(transaction.connection.naming, outputs, True)
+            self.refused_outputs(
+                transaction, f"{transaction.function_name} {what}", return_code=int(outputs[0].return_code)
+            )
         if became.refused and self._first(transaction, "security.write_refused"):
             codes = "" if transaction.error_code else _item_codes(became.refused)
             what = (
@@ -147,10 +150,10 @@ class SecurityWatch:
             )
             self.tell("security.write_refused", transaction, what)
 
-    def refused_outputs(self, transaction: Transaction, what: str, code: int = -1) -> None:
-        """Take a refused write to outputs: the first one of a connection is an act."""
+    def refused_outputs(self, transaction: Transaction, what: str, code: int = -1, return_code: int = -1) -> None:
+        """Take a refused write to outputs: the first one of a connection is an act; codes as for `ActBook.wrote`."""
         if transaction.connection.traits.first(_OUTPUTS_REFUSED):
-            self.acts.wrote(transaction, what, code, refused=True)
+            self.acts.wrote(transaction, what, code, True, return_code)
 
     def write_again(self, transaction: Transaction) -> None:
         """Count a write to kinds of areas that this connection wrote to before."""

@@ -48,6 +48,8 @@ MAX_TARGETS: Final = 65_536
 MAX_CODE: Final = 1024 * 1024
 
 _VARIABLES: Final = frozenset((READ_VAR, WRITE_VAR))
+#: Outcomes of acts that leave blocks as they were.
+_NOT_DONE: Final = frozenset((kinds.REFUSED, kinds.FAILED, kinds.UNANSWERED))
 #: What happened to a block.
 _BLOCKS: Final = {kinds.DOWNLOAD: "loaded", kinds.UPLOAD: "read out", kinds.DELETE: "deleted"}
 
@@ -277,7 +279,7 @@ class Inventory(Observer):
         self._traffic(act.connection).deeds.did(act)
         done = _BLOCKS.get(act.kind)
         operation = act.operation
-        if done is None or act.outcome in {kinds.REFUSED, kinds.FAILED}:
+        if done is None or act.outcome in _NOT_DONE:
             return
         if act.outcome == kinds.NOT_CAPTURED and (operation is None or not operation.content):
             return  # it may have been refused
@@ -286,6 +288,8 @@ class Inventory(Observer):
             return
         if operation is not None and operation.content:
             self._take_code(device, operation)
+        if act.outcome == kinds.UNFINISHED:
+            done += " in part"
         for name in _blocks_of(act):
             names = device._block(name)
             if names is not None:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import Final
 
 from dissect.engine.acts.act import Act
-from dissect.engine.acts.tables import DEEDS
+from dissect.engine.acts.tables import DEEDS, UNANSWERED
 from dissect.engine.acts.tables import REFUSED as ACT_REFUSED
 from dissect.engine.stations import facts
 from dissect.engine.stations.evidence import asked_payload
@@ -16,6 +16,7 @@ from dissect.engine.transactions.operation import (
     MESSAGES,
     REFUSED,
     SESSION,
+    UNFINISHED,
     Operation,
 )
 from dissect.engine.transactions.transaction import ANSWERED, Transaction
@@ -51,9 +52,9 @@ _PANEL_NAMES: Final = ("HMI_RT", "WINCC", "SIMATIC HMI", "SIMATIC PANEL")
 class Deeds:
     """What the client of a connection did that shows its role, each with the first packet that shows it.
 
-    ``done`` are kinds of operations that the server did not refuse, ``tried`` those that it refused; both have what acts show,
-    too. ``texts`` describe what is neither an act nor an operation. ``hints`` are weak signs, which other devices occasionally
-    show as well.
+    ``done`` are kinds of operations that the server did not refuse, ``tried`` those that it refused or did not answer; both
+    have what acts show, too. ``texts`` describe what is neither an act nor an operation. ``hints`` are weak signs, which other
+    devices occasionally show as well.
     """
 
     __slots__ = ("done", "hints", "texts", "tried")
@@ -69,13 +70,13 @@ class Deeds:
         kind = operation.kind
         if kind == MESSAGES and operation.connection.plus is None:
             return  # the events it subscribes to are judged from its request
-        (self.tried if operation.result == REFUSED else self.done).setdefault(kind, frame)
+        (self.tried if operation.result in {REFUSED, UNFINISHED} else self.done).setdefault(kind, frame)
 
     def did(self, act: Act) -> None:
         """Note what an act shows (`dissect.engine.acts.tables`)."""
         deed = act.row.deed
         if deed:
-            (self.tried if act.outcome == ACT_REFUSED else self.done).setdefault(deed, act.shown)
+            (self.tried if act.outcome in {ACT_REFUSED, UNANSWERED} else self.done).setdefault(deed, act.shown)
 
     def asks(self, transaction: Transaction) -> None:
         """Note a userdata request."""

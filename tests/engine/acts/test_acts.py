@@ -24,6 +24,7 @@ from dissect.protocols.s7plus.objects import PlusObject, build_object
 from dissect.protocols.s7plus.tables import CREATE_OBJECT, DELETE_OBJECT, SET_MULTI_VARIABLES, SET_VARIABLE
 from dissect.protocols.s7plus.value_tables import BLOB, DINT, UINT
 from dissect.protocols.s7plus.values import Blob, Value
+from tests import build
 from tests.engine.findings import events
 from tests.engine.findings.test_plus_rules import DENIED, NOTHING, begun, block, do, explore
 from tests.engine.program.transfers import carry, download, upload
@@ -172,6 +173,7 @@ def test_a_transfer_that_does_not_begin(request_: bytes, function: int, kind: st
     if code > 0:
         talk.tell(events.answered(1, function, code))
     assert told(talk) == [(kind, outcome)]
+    assert talk.acts[0].blocks() == []
 
 
 def test_the_first_write_to_outputs_is_an_act_however_it_ends() -> None:
@@ -185,10 +187,21 @@ def test_the_first_write_to_outputs_is_an_act_however_it_ends() -> None:
         talk.ask(write(number, [where], written(4, b"\1")))
         talk.tell(ack_data(number, b"\5\1", bytes((code,))))
     assert told(talk) == [(kinds.OUTPUTS, kinds.REFUSED), (kinds.OUTPUTS, kinds.ACCEPTED)]
+    assert [(act.error_code, str(act.error)) for act in talk.acts] == [(5, "item: Invalid address"), (0, "None")]
     other = Talk()
     other.open()
     other.ask(write(1, [outputs], written(4, b"\1")))
     assert told(other) == [(kinds.OUTPUTS, kinds.UNANSWERED)]
+
+
+def test_an_act_of_outputs_names_outputs_only_and_why_they_were_refused() -> None:
+    talk = Talk()
+    talk.open()
+    content = build.joined([written(4, b"\1")] * 3)
+    talk.ask(write(1, [item(0x83, 0, 0, 2), item(0x82, 0, 8, 2), item(0x84, 1, 0, 2)], content))
+    talk.tell(ack_data(1, b"\5\3", b"\x0a\x03\xff"))
+    assert told(talk) == [(kinds.OUTPUTS, kinds.REFUSED)]
+    assert (talk.acts[0].subject, talk.acts[0].error_code) == ("Write Var QB1 = 1", 3)
 
 
 def test_a_refusal_without_parameters_is_one() -> None:

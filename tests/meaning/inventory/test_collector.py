@@ -22,6 +22,7 @@ from dissect.meaning.inventory.model import Talk as Both
 from dissect.meaning.tags import load_tags
 from dissect.wire.build import COMPILED
 from tests.engine.findings.operation_scenarios import load, read_out
+from tests.engine.program.transfers import Said, carry, download, upload
 from tests.engine.stations.answers import components, identification, szl
 from tests.engine.transactions.talk import MS, Talk, ack_data, dbw, item, read, refused, words, write, written
 from tests.meaning.inventory.support import inventory_of
@@ -106,6 +107,27 @@ def test_blocks_that_come_and_go() -> None:
     assert {name: how.texts for name, how in server.blocks.items()} == {"DB 1": ["loaded", "read out"]}
     assert client.role == "engineering"
     assert {reason.text for reason in client.reasons.values()} >= {"loads blocks", "reads blocks out"}
+
+
+@pytest.mark.parametrize(
+    ("said", "kept", "became"),
+    [
+        (upload(bytes(300), "_0A00007A", 7), 1, []),  # not answered
+        (upload(bytes(300), "_0A00007A", 7), 5, ["read out in part"]),
+        (upload(bytes(300), "_0A00007A", 7), 99, ["read out"]),
+        (download(bytes(300), "_0A00007P"), 1, []),
+        (download(bytes(300), "_0A00007P"), 5, ["loaded in part"]),
+        (download(bytes(300), "_0A00007P"), 99, ["loaded"]),
+    ],
+)
+def test_a_block_is_loaded_or_read_out_once_the_device_answered(said: list[Said], kept: int, became: list[str]) -> None:
+    def stops_there(talk: Talk) -> None:
+        talk.open()
+        carry(talk, said[:kept])
+        talk.close()
+
+    server, _ = inventory_of(stops_there).devices
+    assert [text for how in server.blocks.values() for text in how.texts] == became
 
 
 def test_a_server_that_asks_is_no_client_but_reads() -> None:

@@ -80,6 +80,17 @@ def is_not_let(request: bytes) -> Callable[[Talk], None]:
     return scene
 
 
+def is_not_answered(request: bytes) -> Callable[[Talk], None]:
+    """A client sends a job, and closes the connection without an answer."""
+
+    def scene(talk: Talk) -> None:
+        talk.open()
+        talk.ask(request)
+        talk.close()
+
+    return scene
+
+
 def looks_at_a_block(talk: Talk) -> None:
     talk.open()
     answered(talk, 1, 3, 3, b"0800001A", b"")
@@ -99,6 +110,9 @@ def loads(talk: Talk) -> None:
         (stops, ENGINEERING, BEHAVIOUR, "stops, starts or resets the PLC"),
         (is_not_let(events.stop(1)), ENGINEERING, BEHAVIOUR, "tried to stop, start or reset the PLC"),
         (is_not_let(events.start_upload(1)), ENGINEERING, BEHAVIOUR, "tried to read blocks out"),
+        (is_not_answered(events.stop(1)), ENGINEERING, BEHAVIOUR, "tried to stop, start or reset the PLC"),
+        (is_not_answered(events.start_upload(1)), ENGINEERING, BEHAVIOUR, "tried to read blocks out"),
+        (is_not_answered(events.request_download(1)), ENGINEERING, BEHAVIOUR, "tried to load blocks"),
         (reads_list(0x00A0), ENGINEERING, BEHAVIOUR, "reads the diagnostic buffer"),
         (reads_list(0x01A0), ENGINEERING, BEHAVIOUR, "reads the diagnostic buffer"),
         (subscribes(0x03, b"asmess  "), ENGINEERING, BEHAVIOUR, "subscribes to diagnostics, not to alarms"),
