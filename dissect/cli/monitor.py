@@ -308,8 +308,8 @@ def _summarise(session: Session, status: Status) -> None:
 
     for line in summary_lines(status, session.engine):
         click.echo(f"s7dissect: {line}", err=True)
-    for failure in session.run.failures:
-        click.echo(f"s7dissect: {printable(failure)}", err=True)
+    for told in (*session.run.failures, *session.run.remarks):
+        click.echo(f"s7dissect: {printable(told)}", err=True)
     file = session.run.file
     if session.engine == "file":  # messages of a live source are written among the lines
         for note in file.notes[:_NOTES]:

@@ -203,8 +203,8 @@ class _Lines:
             _say(line)
         if status.drops.kernel:
             _say(f"relayed but not dissected, because that was not fast enough: {status.drops.kernel} pieces")
-        for failure in self._session.run.failures:
-            _say(failure)
+        for told in (*self._session.run.failures, *self._session.run.remarks):
+            _say(told)
 
     def _write(self, write: Callable[[], None]) -> None:
         if self.code != EXIT_OK or self._shower is None:

@@ -16,11 +16,13 @@ from typing import IO, Any
 
 import pytest
 
+from dissect.files.recording import event_capture
 from dissect.packets.source.files import open_capture
 from tests.cli.support import WITHOUT_CACHE, run, simple, started
 from tests.forked import Forked
 from tests.meaning.report.schemas import complaints
 from tests.meaning.report.support import WORD, begun, read, saved
+from tests.meaning.report.test_many_pairs import stops
 from tests.online.live.support import client, plc
 from tests.packets.source.craft import Pcapng, drain
 from tests.packets.source.live_support import ENGINES
@@ -340,6 +342,18 @@ def test_packets_around_a_finding_are_kept(capfdbinary: pytest.CaptureFixture[by
     recorder = drain(open_capture(str(file)))
     assert 8 <= len(recorder.frames) <= 12
     assert any("transaction.item_error" in text for _, text in recorder.comments)
+
+
+def test_files_of_evidence_that_had_to_go_are_counted(
+    capfdbinary: pytest.CaptureFixture[bytes], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(event_capture, "MAX_FILES", 3)
+    path = saved(tmp_path / "a.pcapng", stops(["10.0.0.2"] * 5 + ["10.0.0.3"] + ["10.0.0.2"] * 4))
+    kept = tmp_path / "kept"
+    ran = run(capfdbinary, "monitor", path, "-w", kept, "--keep-around", "security.plc_stop", "0s")
+    assert ran.code == 0
+    assert "keeping packets around findings: 7 of 10 files removed, the oldest of the hosts with most" in ran.err
+    assert len(list(kept.iterdir())) == 3
 
 
 def test_a_place_that_cannot_be_written_to_is_told_first(

@@ -10,8 +10,9 @@ from typing import Any, Final
 from dissect.engine.findings.reporter import Finding
 from dissect.engine.pipeline import Pipeline
 from dissect.files.recording import manifest
-from dissect.files.recording.event_capture import EventCapture
+from dissect.files.recording.event_capture import MAX_ALL_OCTETS, MAX_FILES, EventCapture
 from dissect.files.recording.ring_buffer import RingBuffer, Witness, earlier_files
+from dissect.meaning.report import words
 from dissect.meaning.select.comments import MARK
 from dissect.online.alerts.problems import HEAD, INTERFACE
 from dissect.online.live.manifest import ManifestThread
@@ -175,6 +176,15 @@ class KeeperCompanion(WritingCompanion):
     def written(self) -> tuple[int, int]:
         """How many files were begun, and the octets of those that ended."""
         return self.keeper.files, self.keeper.octets
+
+    @property
+    def remark(self) -> str:
+        """Return how many files had to go for newer ones."""
+        removed = self.keeper.removed
+        if not removed:
+            return ""
+        of = f"{removed} of {words.count(self.keeper.files, 'file')} removed, the oldest of the hosts with most"
+        return f"{self.name}: {of}; at most {MAX_FILES} files and {words.size(MAX_ALL_OCTETS)} are kept"
 
     def packet(self, time_ns: int, octets: bytes, wire_length: int, link_type: int, interface: str) -> None:
         """Remember a packet, or write it if a file is open."""

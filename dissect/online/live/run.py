@@ -190,6 +190,11 @@ class Companion(Observer):
         """The summary at the end of the run, empty for none: the command fails with it."""
         return ""
 
+    @property
+    def remark(self) -> str:
+        """What else there is to say at the end of the run, empty for nothing; no failure."""
+        return ""
+
     def recover(self, error: OSError) -> bool:
         """Return whether it stays after an error of the system, because it tries again."""
         return False
@@ -244,8 +249,8 @@ class LiveRun:
     """Reads ``source`` into a pipeline that feeds ``observer`` and the ``companions``.
 
     Any `Reader` will do, but only a `LiveReader` can be silent and lose packets. ``drops`` are the packets lost so far;
-    whenever it grows, there is a finding. ``failures`` are messages on companions that were dropped. Call `step` until it
-    returns False. ``clock`` is a monotonic clock in nanoseconds.
+    whenever it grows, there is a finding. ``failures`` are messages on companions that were dropped, ``remarks`` those of
+    companions at the end. Call `step` until it returns False. ``clock`` is a monotonic clock in nanoseconds.
     """
 
     def __init__(
@@ -269,6 +274,7 @@ class LiveRun:
         self.drops: Drops = self._live.drops if self._live is not None else _NO_DROPS
         self._drops_of = self._live.drops_of if self._live is not None else {}
         self.failures: list[str] = []
+        self.remarks: list[str] = []
         self.ended = False
         self.stop_asked = False
         self._between: deque[Callable[[], None]] = deque()
@@ -392,6 +398,7 @@ class LiveRun:
         for companion in self._companions:
             self._close(companion)
         self.failures += [companion.summary for companion in self._companions if companion.summary]
+        self.remarks = [companion.remark for companion in self._companions if companion.remark]
 
     def _let_silence_count(self) -> None:
         """After silence, end at the present time: open requests have waited until now, not only until the last packet.

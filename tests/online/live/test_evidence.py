@@ -2,8 +2,11 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import pytest
+
 from dissect.engine.findings.catalogue import CATALOGUE
 from dissect.engine.findings.reporter import Finding
+from dissect.files.recording import event_capture
 from dissect.files.recording.event_capture import EventCapture
 from dissect.files.recording.ring_buffer import RingBuffer, RingLimits
 from dissect.online.live.evidence import KeeperCompanion, RingCompanion
@@ -52,3 +55,16 @@ def test_the_packets_around_a_finding_are_whole_on_a_silent_line(tmp_path: Path)
     (path,) = tmp_path.iterdir()
     assert path.suffix == ".pcapng"
     companion.close()
+
+
+def test_the_files_that_had_to_go_are_counted_at_the_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(event_capture, "MAX_FILES", 3)
+    companion = KeeperCompanion(EventCapture(str(tmp_path), 0, 0, slugs=["security.plc_stop"]))
+    for number in range(1, 6):
+        companion.packet(EPOCH_NS + number * SECOND, bytes(60), 60, 1, "")
+        companion.finding(Finding(CATALOGUE["security.plc_stop"], 1, [number], EPOCH_NS + number * SECOND, ""))
+        if number == 3:
+            assert companion.remark == ""
+    companion.close()
+    assert companion.remark.startswith("keeping packets around findings: 2 of 5 files removed, the oldest of the hosts")
+    assert len(list(tmp_path.iterdir())) == 3
