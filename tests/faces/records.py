@@ -181,13 +181,21 @@ def _stix_end(traffic: Record, side: str, objects: dict[str, Record]) -> str | N
 
 
 def _said_findings(told: Told) -> Iterable[tuple[Hashable, Record]]:
-    """Give the details of the report the numbers of the findings of the table: the first of each slug, in the same order."""
-    numbers: dict[str, list[int]] = {}
+    """Give the details of the report the numbers of the findings of the table.
+
+    Those shown are the first of as many pairs of hosts as there is room for, then the first of all.
+    """
+    rows: dict[str, list[Record]] = {}
     for row in told.rows["findings"]:
         if row["explained_by"] is None:
-            numbers.setdefault(row["slug"], []).append(row["finding"])
+            rows.setdefault(row["slug"], []).append(row)
     for rule in people.findings(_report(told)):
-        for number, detail in zip(numbers.get(rule["slug"], []), rule["details"], strict=False):
+        pairs: dict[Hashable, int] = {}
+        for row in (found := rows.get(rule["slug"], [])):
+            pairs.setdefault((row["client_host"], row["server_host"]), row["finding"])
+        wanted = [*pairs.values(), *[row["finding"] for row in found]]
+        shown = sorted(list(dict.fromkeys(wanted))[: len(rule["details"])])
+        for number, detail in zip(shown, rule["details"], strict=False):
             yield (number,), {**rule, **detail}
 
 
