@@ -1,1 +1,1 @@
-"""Whole captures: a run over files, parts cut out and made anonymous, what a folder holds, many files side by side."""
+"""Whole captures: a run over files, parts cut out and made anonymous, an index of a folder, many files in parallel."""

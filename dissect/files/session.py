@@ -43,18 +43,18 @@ if TYPE_CHECKING:
     from dissect.protocols.tls.key_log import KeyLog
     from dissect.scd.dictionary import Dictionary
 
-#: Files of tags: one, several, or what `dissect.meaning.tags.load_tags` made of them.
+#: Files of tags: one, several, or the result of `dissect.meaning.tags.load_tags`.
 Tags: TypeAlias = "str | os.PathLike[str] | Sequence[str | os.PathLike[str]] | TagSet | None"
 
 #: Files with session keys of TLS: one or several.
 KeyLogFiles: TypeAlias = "str | os.PathLike[str] | Sequence[str | os.PathLike[str]] | None"
 
-#: What `open` yields.
+#: The events that `open` yields.
 Event = Connection | Pdu | PlusPdu | ScdMessage | Transaction | Operation | Act | Finding
 
 
 def _line(transaction: Transaction) -> dict[str, object]:
-    """Return what the JSON line of a transaction says."""
+    """Return the content of the JSON line of a transaction."""
     from dissect.meaning.report.contract import transaction_as_dict
 
     return transaction_as_dict(transaction)
@@ -84,9 +84,8 @@ class Run:
     """A capture, or several read one after another, into a pipeline that feeds ``observer``.
 
     A capture is a path, an open binary file, or packets (`dissect.packets.source.given.Source`); several are given in a list.
-    Raises
-    `CaptureError` from `step` when one cannot be read at all, unless ``lenient``: then it is a file without packets, and what
-    is wrong with it is its damage. A file that was given open stays open.
+    Raises `CaptureError` from `step` if one cannot be read at all, unless ``lenient``: then it is a file without packets, and
+    the reason is its damage. A file that was given open stays open.
     """
 
     def __init__(
@@ -145,7 +144,7 @@ class Run:
         self.pipeline.note_damage(f"{file.name}: {file.damage}")
 
     def read(self) -> None:
-        """Read to the end. No file stays open, even where an exception ends the reading."""
+        """Read to the end. No file stays open, even if an exception ends the reading."""
         try:
             while self.step():
                 pass
@@ -174,12 +173,12 @@ class Run:
             self._pass_on()
 
     def _pass_on(self) -> None:
-        """Raise what code of the program's own observer raised: only a bug of the analyzer becomes a finding."""
+        """Raise an exception that the program's own observer raised: only a bug of the analyzer becomes a finding."""
         bug = self.pipeline.exchange.bug
         if bug is None:
             return
         self.pipeline.exchange.bug = None
-        import traceback  # late: it loads more, and few runs have a bug
+        import traceback  # imported late: it loads more modules, and few runs have a bug
 
         own = {kind.__module__ for kind in type(self._observer).__mro__ if not kind.__module__.startswith("dissect.")}
         if any(
@@ -188,7 +187,7 @@ class Run:
             raise bug
 
     def close(self) -> None:
-        """Close the file that is read, when nothing more is wanted of it."""
+        """Close the file that is being read, if nothing more of it is wanted."""
         if self._reader is not None:
             self._reader.close()
             self._reader = None
@@ -268,11 +267,10 @@ def naming_of(tags: Tags) -> Naming | None:
 def decoder_of(
     scd: str | os.PathLike[str] | Dictionary | None, bind: str | os.PathLike[str] | None
 ) -> PayloadDecoder | None:
-    """Return a decoder for SCD, None where neither a dictionary nor bindings are given.
+    """Return a decoder for SCD, None if neither a dictionary nor bindings are given.
 
-    Raises ValueError when only one of the two is given, and `scd.DictionaryError` or `dissect.meaning.bindings.BindingError`
-    for a
-    file that is wrong.
+    Raises ValueError if only one of the two is given, and `scd.DictionaryError` or `dissect.meaning.bindings.BindingError` for
+    a wrong file.
     """
     if scd is None and bind is None:
         return None
@@ -300,11 +298,10 @@ def where_of(where: str | Where | None, options: Options) -> Where | None:
 
 
 class Reading:
-    """What is read of captures: files, options of the engine, and what ``where`` selects.
+    """What to read of captures: files, options of the engine, and the selection ``where``.
 
-    The command line and the functions of the library make their runs of it.
-    ``sieve`` filters what the observer of the latest run receives; None if it receives everything.
-    ``context`` is for an observer that shows fields although nothing is selected.
+    The command line and the functions of the library make their runs from it. ``sieve`` filters what the observer of the latest
+    run receives; None if it receives everything. ``context`` is for an observer that shows fields although nothing is selected.
     """
 
     def __init__(
@@ -345,14 +342,14 @@ class Reading:
     ) -> Run:
         """Return a run that reports selected things to ``observer``, or everything if not ``sieved``.
 
-        ``several``: packets are named with their file, although there may be one alone. ``make`` makes the run.
+        ``several``: packets are named with their file, even if there is only one. ``make`` makes the run.
         """
         run = make(self.paths, self.sieved(observer) if sieved else observer, self.options)
         self.begin(run.pipeline, run.files, several or len(self.paths) > 1)
         return run
 
     def part(self, pipeline: Pipeline) -> Part | None:
-        """Return what the analysis of a selection is of, when ``pipeline`` has finished; None for everything."""
+        """Return the description of the selected part after ``pipeline`` has finished; None for everything."""
         return self.sieve.part(pipeline) if self.sieve is not None else None
 
 
@@ -370,14 +367,14 @@ def reading_of(
 
 
 class KeyLogError(Error, ValueError):
-    """A file that is given for TLS keys holds none."""
+    """A file given for TLS keys has none."""
 
 
 def read_tls_keys(paths: Sequence[str | os.PathLike[str]]) -> KeyLog:
     """Return the session keys of key logs (SSLKEYLOGFILE form). Keys that are appended later are read when they are needed.
 
-    An empty file is accepted: its keys may still be written. Raises `KeyLogError` when a file has lines but not one with
-    a key, OSError when a file cannot be read, and ImportError with a hint when the package for decryption is missing.
+    An empty file is accepted: its keys may still be written. Raises `KeyLogError` if a file has lines but no key, OSError if a
+    file cannot be read, and ImportError with a hint if the package for decryption is missing.
     """
     from dissect.packets.source.growing import GrowingFile
     from dissect.protocols.tls import aead
@@ -386,7 +383,7 @@ def read_tls_keys(paths: Sequence[str | os.PathLike[str]]) -> KeyLog:
     if not aead.is_installed():
         raise ImportError(aead.NEEDS)
     for path in paths:
-        found = KeyLog(files=[GrowingFile(path)])  # each file by itself first, so that the error can name it
+        found = KeyLog(files=[GrowingFile(path)])  # each file separately first, so that the error can name it
         found.look()
         if found.lines and found.wrong == found.lines:
             name = os.fspath(path)
@@ -429,16 +426,14 @@ def open(
     ``checksums`` leaves packets out whose TCP or UDP checksum is wrong. ``tls_keys`` names files with the session keys of TLS
     (docs/tls.md). ``tags`` are files of tags, or what `dissect.meaning.tags.load_tags` made of them:
     `dissect.engine.transactions.naming.named_values` names the values of a transaction by them. ``where`` selects, as option -Y
-    does
-    (docs/select.md): only events come that match, or belong to a transaction that does. A PDU matches only if it has all the
-    fields that the expression names.
+    does (docs/select.md): only events come that match, or that belong to a transaction that does. A PDU matches only if it has
+    all the fields that the expression names.
 
     Wrong arguments raise at once: `SelectError` for the expression, `scd.DictionaryError` or
-    `dissect.meaning.bindings.BindingError`
-    for a dictionary or a bindings file, `dissect.meaning.tags.TagError` for files of tags, and what `read_tls_keys` raises for
-    keys. A
-    capture is opened only when the iteration reaches it: a file that cannot be read at all raises `CaptureError` then; damage
-    inside a file is a finding. No file stays open when the iteration is broken off.
+    `dissect.meaning.bindings.BindingError` for a dictionary or a bindings file, `dissect.meaning.tags.TagError` for files of
+    tags, and what `read_tls_keys` raises for keys. A capture is opened only when the iteration reaches it: a file that cannot
+    be read at all raises `CaptureError` then; damage inside a file is a finding. No file stays open if the iteration is stopped
+    early.
     """
     queue = EventQueue(pdus)
     options = Options(slow_ns, decoder=decoder_of(scd, bind), checksums=checksums)
@@ -469,7 +464,7 @@ def analyze(
     """Sum up one capture or several in an `Analysis`: connections, transactions by function, answer times, findings, loss.
 
     ``slow_ns``: an answer later than this many nanoseconds is a finding. ``scd``, ``bind``, ``checksums``, ``tls_keys``,
-    ``tags`` and ``where`` as for `open`: only what is selected is added up, and `Analysis.part` says what was left out.
+    ``tags`` and ``where`` as for `open`: only the selected part is added up, and `Analysis.part` describes what was left out.
     Raises `CaptureError` when a file cannot be read at all; damage inside one is a finding.
     """
     analysis = Analysis()
@@ -490,12 +485,11 @@ def devices(
     tls_keys: KeyLogFiles = None,
     tags: Tags = None,
 ) -> Iterator[Device]:
-    """Iterate the devices of one capture or several, the CPUs first: what each is, and which packets show it (docs/devices.md).
+    """Iterate the devices of one capture or several, the CPUs first: their facts, with the packets (docs/devices.md).
 
     The first device comes when everything was read. `dissect.meaning.inventory.collector.Inventory` is an observer that does
-    the same
-    in your own run; it also records who talked to whom. ``checksums``, ``tls_keys``, ``tags`` and ``where`` as for `open`.
-    Raises `CaptureError` when a file cannot be read at all; damage inside a file ends the reading of that file.
+    the same in your own run; it also records who talked to whom. ``checksums``, ``tls_keys``, ``tags`` and ``where`` as for
+    `open`. Raises `CaptureError` when a file cannot be read at all; damage inside a file ends the reading of that file.
     """
     from dissect.meaning.inventory.collector import Inventory
 

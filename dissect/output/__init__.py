@@ -1,1 +1,1 @@
-"""What is made of captures: blocks, values over time, what is normal, tables and logs, HTML."""
+"""The products of captures: blocks, values over time, baselines, tables and logs, HTML."""

@@ -30,7 +30,7 @@ class GoldenCheck:
     """Compares sessions with the goldens of one test.
 
     ``update`` says which goldens may be written: none (``none``), missing ones (``new``), or differing ones as well (``all``).
-    No golden is written of a session in which a fake PLC received a unrecorded request (``has_unmatched``): the test fails.
+    No golden is written from a session in which a fake PLC received an unrecorded request (``has_unmatched``): the test fails.
     """
 
     def __init__(

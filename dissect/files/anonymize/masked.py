@@ -1,4 +1,4 @@
-"""Counts what is set to zero. Compiled, because most messages contain values."""
+"""Counts the octets that are set to zero. Compiled, because most messages contain values."""
 
 from __future__ import annotations
 

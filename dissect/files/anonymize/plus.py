@@ -221,7 +221,7 @@ class _Meaning:
         return about
 
     def ends(self) -> None:
-        """End the value: what follows is not a member of it."""
+        """End the value: the next part is not a member of it."""
         self._process = False
 
     def _item(self, part: Part) -> int:

@@ -1,4 +1,4 @@
-"""One direction of a TCP connection: which octets of its stream are kept or replaced.
+"""One direction of a TCP connection: the octets of its stream that are kept or replaced.
 
 Positions count octets from the first one of the stream. Octets of unknown meaning become zero.
 """

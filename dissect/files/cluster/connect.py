@@ -83,8 +83,8 @@ def _client(address: str, patience: Patience) -> Any:
     seconds = patience.left
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # versions of Dask that differ; `cluster-check` says them
-            # The library's own time limit ends with the TCP connection; for a greeting it would wait for ever.
+            warnings.simplefilter("ignore")  # versions of Dask that differ; `cluster-check` reports them
+            # The library's own time limit covers only the TCP connection; it would wait for a greeting for ever.
             return bounded(lambda: Client(address, timeout=seconds, set_as_default=False), seconds)
     except TimeoutError:
         raise ClusterError(

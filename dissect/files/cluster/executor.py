@@ -25,9 +25,10 @@ from dissect.packets.source.remote import bounded, is_remote, shown
 
 #: After this many files in a row that a worker cannot read, but others can, it gets no further tasks.
 _BLIND: Final = 3
-#: Every this many seconds the scheduler is asked whether it is still there.
+#: The scheduler is asked every this many seconds whether it is still running.
 _ASK_S: Final = 5
-#: After this many seconds without an answer, the scheduler counts as gone. That is longer than at the start: it may be busy.
+#: After this many seconds without an answer, the scheduler counts as gone. That is longer than at the start, because it may be
+#: busy.
 SILENCE_S: Final = 30
 
 
@@ -79,9 +80,9 @@ class _Hand:
 class Cluster(Executor):
     """The usable ``workers`` of the cluster that ``client`` (a `distributed.Client`) is connected to.
 
-    The last argument of a task is its file. A task runs in the folder of this process, if the worker has that; ``files`` are
-    further files that tasks read, with their digests, by name. ``say`` is called with messages on workers, each with the file
-    that it is about, None for none.
+    The last argument of a task is its file. A task runs in the folder of this process, if the worker has that folder; ``files``
+    are further files that tasks read, with their digests, by name. ``say`` is called with messages on workers, each with the
+    file that it concerns, None for none.
     """
 
     def __init__(
@@ -106,13 +107,13 @@ class Cluster(Executor):
         self._heard = time.monotonic()
         self._ask_at = self._heard + _ASK_S
         self._closed = False
-        #: Whether a worker could not be used that should have been.
+        #: Whether a worker that should have been used could not be used.
         self.troubled = False
         client.subscribe_topic("all", self._event)
 
     @property
     def slots(self) -> int:
-        """How many tasks the workers can do at once; 1 without workers, so that one task waits for workers to come."""
+        """Number of tasks that the workers can run at once; 1 without workers, so that one task waits for workers to come."""
         with self._lock:
             return max(1, sum([hand.worker.threads for hand in self._able()]))
 

@@ -43,7 +43,7 @@ class _Process:
             return None
 
     def end(self) -> int:
-        """Close the connections, on which the process ends if it still runs; return its exit code."""
+        """Close the connections, which ends the process if it still runs; return its exit code."""
         self._orders.close()
         self._answers.close()
         return self._process.wait()

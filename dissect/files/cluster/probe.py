@@ -1,6 +1,7 @@
-"""Finds out what a machine has for reading captures. The source of this module is sent to workers and runs there.
+"""Finds out whether a machine can read captures: its versions and packages.
 
-So it may only use the standard library; this package may not be installed there.
+The source of this module is sent to workers and runs there. So it may only use the standard library; this package may not be
+installed there.
 """
 
 from __future__ import annotations
@@ -15,9 +16,9 @@ from typing import Any
 
 
 def facts(extras: Mapping[str, Sequence[str]]) -> dict[str, Any]:
-    """Return facts on this machine, and which ``extras`` are complete; ``extras`` has the distributions of each.
+    """Return facts about this machine, and which ``extras`` are complete; ``extras`` has the distributions of each.
 
-    ``version`` is that of this package, "" where it cannot be used; ``problem`` says why. ``dask`` is that of Dask's workers.
+    ``version`` is that of this package, "" if it cannot be used; ``problem`` says why. ``dask`` is that of Dask's workers.
     """
     found: dict[str, Any] = {
         "host": platform.node(),

@@ -29,7 +29,7 @@ DEFECT: Final = "defect"
 
 
 class Order(NamedTuple):
-    """A task: ``work(*arguments)`` in ``folder``, which has to exist if ``needs_folder``.
+    """A task: ``work(*arguments)`` in ``folder``, which must exist if ``needs_folder``.
 
     ``files`` are further files that it reads, with their digests, by name.
     """

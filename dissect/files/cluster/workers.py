@@ -1,4 +1,4 @@
-"""The workers of a cluster: their addresses, what is installed there, and why a worker cannot be used."""
+"""The workers of a cluster: their addresses, their software, and why a worker cannot be used."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ _EXPRESSION: Final = "(exec(source, globals()), facts(extras))[1]"
 
 
 class Machine(NamedTuple):
-    """What `dissect.files.cluster.probe.facts` finds: this package (``version`` "" where it cannot be used), and the rest."""
+    """The result of `dissect.files.cluster.probe.facts`: this package (``version`` "" if it cannot be used), and the rest."""
 
     host: str
     process: int
@@ -44,7 +44,7 @@ class Machine(NamedTuple):
 
 
 class Worker(NamedTuple):
-    """A worker: what the scheduler knows of it, and its ``machine``: None, with the reason in ``silence``, without an answer.
+    """A worker: the scheduler's data about it, and its ``machine``; if it did not answer, None, and ``silence`` says why.
 
     ``memory`` is its limit in bytes, 0 for none. ``running`` is the number of its present tasks.
     """

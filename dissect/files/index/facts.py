@@ -1,4 +1,4 @@
-"""The facts on a capture that the catalogue keeps, and the run that finds them."""
+"""The facts about a capture in the catalogue, and the run that finds them."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from dissect.packets.source.packet import CONTINUES_NS, READING_FAILED
 
 #: The two ends of a connection: address and port of one, address and port of the other.
 Pair = tuple[bytes, int, bytes, int]
-#: Greatest number of pairs that are kept of a file; a file with more cannot be ruled out by addresses.
+#: Maximum number of pairs that are kept of a file; a file with more cannot be ruled out by addresses.
 MAX_PAIRS: Final = 10_000
 
 
@@ -23,9 +23,9 @@ MAX_PAIRS: Final = 10_000
 class FileFacts:
     """A capture in short.
 
-    ``pairs`` are the ends of every connection that `analyze` numbers, each pair once; ``all_pairs`` is False when some did not
-    fit. Times are nanoseconds since 1970, 0 for a file without packets; where the clock of the capture ran ``backwards``, they
-    are those of the first and the last packet. ``findings`` counts by slug. ``damage`` describes the unreadable part, empty for
+    ``pairs`` are the ends of every connection that `analyze` numbers, each pair once; ``all_pairs`` is False if some did not
+    fit. Times are nanoseconds since 1970, 0 for a file without packets; if the clock of the capture ran ``backwards``, they are
+    those of the first and the last packet. ``findings`` counts by slug. ``damage`` describes the unreadable part, empty for
     none.
     """
 
@@ -52,12 +52,12 @@ class FileFacts:
 
     @property
     def broken_off(self) -> bool:
-        """True when the rest of the file was not read although it may be sound, so that nothing is known of it."""
+        """True when the rest of the file was not read although it may be sound, so that its contents are unknown."""
         return READING_FAILED in self.damage
 
 
 def continued(files: Iterable[FileFacts]) -> dict[str, str]:
-    """Return the files that begin soon after the one before them in time ends, as those of a ring do, each with that one.
+    """Return the files that begin soon after the end of the previous file in time, as those of a ring do, with that file.
 
     These are the files whose connections `dissect.files.session.Run` would continue, if they were read in the order of time.
     """

@@ -11,13 +11,13 @@ from dissect.files.index.store import NAME
 
 
 def index_of(folder: Path) -> Path:
-    """Return the path of the index of a folder: the one in it where there is one, else that in the cache of the user."""
+    """Return the path of the index of a folder: the one in the folder if there is one, else that in the user's cache."""
     here = folder / NAME
     return here if here.is_file() else cached(folder)
 
 
 def cached(folder: Path) -> Path:
-    """Return the path of the index of a folder in the cache of the user, whether it is there or not."""
+    """Return the path of the index of a folder in the user's cache, whether it exists or not."""
     whole = os.path.realpath(folder)
     digest = hashlib.sha256(os.fsencode(whole)).hexdigest()[:32]
     return _cache() / "s7dissect" / "index" / f"{digest}.sqlite"
@@ -29,7 +29,7 @@ def made_room(path: Path) -> None:
 
 
 def _cache() -> Path:
-    """Return the folder for what may be made again, as the system has it."""
+    """Return the system's folder for files that can be made again."""
     given = os.environ.get("XDG_CACHE_HOME", "")
     if os.path.isabs(given):  # noqa: PTH117 - an empty one is none
         return Path(given)

@@ -1,7 +1,7 @@
 """Finds the files of a catalogue from which an expression can select something.
 
-A file is ruled out only where its ends, its times and its findings say that nothing in it can be selected; all else is left
-to who reads it. What belongs to the capture as a whole has no ends, so `not host == …` rules nothing out.
+A file is ruled out only if its ends, times and findings show that nothing in it can be selected; all other files are left to
+the reader. Things that belong to the capture as a whole have no ends, so `not host == …` rules nothing out.
 """
 
 from __future__ import annotations
@@ -21,11 +21,11 @@ from dissect.meaning.select.where import Judge, Where, comparison_test, predicat
 from dissect.meaning.select.window import parse_window
 from dissect.packets.tcp.stream import Endpoint
 
-#: Fields whose values the ends of a connection decide, for everything on it.
+#: Fields whose values for everything on a connection follow from its ends.
 _ENDS: Final = frozenset(("host", "port"))
-#: Fields that are one of the two ends; the catalogue does not know which.
+#: Fields that are one of the two ends; the catalogue does not know which one.
 _ONE_END: Final = frozenset(("client", "server", "asked_by", "answered_by", "src", "dst"))
-#: Fields that only findings have, and whose values the slug decides.
+#: Fields that only findings have, and whose values follow from the slug.
 _OF_SLUG: Final = frozenset(("slug", "severity", "technique"))
 _ANY: Final = frozenset(("==", "===", IN, "contains", "matches"))
 
@@ -70,7 +70,7 @@ class Possible:
     # ---- times ------------------------------------------------------------------------------------------------------
 
     def _overlaps(self, condition: Comparison) -> Callable[[], bool]:
-        """Return a function that returns whether a packet of the present file can have a fitting time."""
+        """Return a function that returns whether a packet of the current file can have a matching time."""
         if condition.operator not in {"==", "===", "<", "<=", ">", ">=", IN}:
             return lambda: True
         kind = Time(self._context.local)
@@ -111,7 +111,7 @@ class Possible:
 
 
 class _Candidate:
-    """What may be in a file: something on a connection, or, where there is none, of the capture as a whole."""
+    """A possible content of a file: something on a connection or, if there is none, about the capture as a whole."""
 
     __slots__ = ("packet",)
 

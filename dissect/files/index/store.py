@@ -1,6 +1,6 @@
 """The catalogue on disk: a SQLite database with a row for each file, its connections' ends and its findings.
 
-Names of files are kept as the bytes that the file system has, which need not be text in any encoding. The catalogue can be made
+Names of files are stored as the bytes of the file system, which need not be text in any encoding. The catalogue can be made
 again at any time, so one from a different version is emptied. Files are replaced in transactions: a concurrent reader, or one
 after a crash, sees either the old or the new state.
 """
@@ -62,9 +62,10 @@ class StoreError(Exception):
 
 
 class Store:
-    """A catalogue, as a context. One that another ``version`` of the program wrote is emptied: it may have found other things.
+    """A catalogue, as a context.
 
-    Without ``changes`` it has to be there, and is only read. Raises `StoreError` when it cannot be opened, read or written.
+    One that another ``version`` of the program wrote is emptied, because that version may have found other things. Without
+    ``changes`` it must exist, and is only read. Raises `StoreError` if it cannot be opened, read or written.
     """
 
     def __init__(self, path: Path, version: str, changes: bool = True) -> None:
@@ -100,7 +101,7 @@ class Store:
             return
         if not self._changes:
             raise StoreError(f"{self.path} is not of this version: `s7dissect index` brings it up to date")
-        # Another process may be about to do the same: who comes second finds it done.
+        # Another process may be about to do the same: the second one finds it done.
         base.execute("BEGIN IMMEDIATE")
         if not self._is_current():
             for (name,) in base.execute("SELECT name FROM sqlite_master WHERE type = 'table'").fetchall():
@@ -112,7 +113,7 @@ class Store:
         base.commit()
 
     def _is_current(self) -> bool:
-        """Return whether the database is a catalogue of this version. `StoreError` for one of another program."""
+        """Return whether the database is a catalogue of this version. Raises `StoreError` for a database of another program."""
         tables = self._base.execute("SELECT count(*) FROM sqlite_master").fetchone()[0]
         # After the tables: a concurrent process marks them in the same transaction.
         mark = self._base.execute("PRAGMA application_id").fetchone()[0]

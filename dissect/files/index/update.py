@@ -24,8 +24,8 @@ _LONGEST_S: Final = 1.0
 class Changes:
     """The results of an update: files by outcome.
 
-    ``unreadable`` gives the reason by name (of a folder with a slash at the end); ``damaged`` describes what is missing from a
-    file; ``whole`` is False if broken off.
+    ``unreadable`` gives the reason by name (for a folder with a slash at the end); ``damaged`` describes what is missing from a
+    file; ``whole`` is False if the update was stopped.
     """
 
     read: list[str] = field(default_factory=list)
@@ -82,13 +82,13 @@ class _Batch:
         self._written = time.monotonic()
 
     def add(self, change: FileFacts | str) -> None:
-        """Take the facts on a file, or the name of one to forget; write them when there are many or a second has passed."""
+        """Take the facts about a file, or the name of one to forget; write them when there are many or a second has passed."""
         self._waiting.append(change)
         if len(self._waiting) >= _TOGETHER or time.monotonic() - self._written >= _LONGEST_S:
             self.write()
 
     def write(self) -> None:
-        """Write what waits."""
+        """Write the waiting changes."""
         waiting, self._waiting = self._waiting, []
         if waiting:
             self._store.write(waiting)
@@ -96,10 +96,10 @@ class _Batch:
 
 
 def update(store: Store, folder: Path, read: Callable[[str, FileFacts], FileFacts | str | None]) -> Changes:
-    """Read what the catalogue does not know yet, with ``read``, and forget what is gone.
+    """Read the files that the catalogue does not know yet, with ``read``, and forget those that no longer exist.
 
-    ``read`` is given the path of a file and facts of which name, size and time of change are filled in. It returns the facts,
-    a text that says why the file cannot be read, or None to break off. Raises `StoreError` and `OSError`.
+    ``read`` is given the path of a file, and facts with name, size and time of change. It returns the facts, a text that says
+    why the file cannot be read, or None to stop. Raises `StoreError` and `OSError`.
     """
     batch = _Batch(store)
     try:
@@ -117,7 +117,7 @@ def _update(
     hidden = tuple([name for name in changes.unreadable if name.endswith("/")])
     for name in known.keys() - set(names) - changes.unreadable.keys():
         if name.startswith(hidden):
-            continue  # perhaps it is there: who may look into the folder finds what is known of it
+            continue  # perhaps it exists, for users who may look into the folder: keep its facts
         batch.add(name)
         changes.gone.append(name)
     for name in names:

@@ -1,7 +1,7 @@
 """Adds up analyses of single captures; the sum is the analysis that one run over all of them would make.
 
 Parts may be made anywhere and in any order, but are added in the order of the files. So connections, transactions and packets
-get the numbers that they have in one run, and every bounded list keeps what comes first.
+get the numbers that they have in one run, and every limited list keeps the first entries.
 """
 
 from __future__ import annotations
@@ -44,12 +44,12 @@ class Analyses:
         self._add_findings(later, before)
 
     def finish(self) -> None:
-        """There are no more parts; nothing waits for one."""
+        """There are no more parts, and nothing waits for one."""
 
     def _add_findings(self, later: Analysis, before: int) -> None:
         """Keep the findings of a part with the numbers that they have in one run; ``before`` were reported in earlier parts.
 
-        The bounds of one run may leave some out. Of a selection it is not known which, so that these numbers have gaps then.
+        The limits of one run may leave some out. With a selection it is unknown which ones, so these numbers have gaps then.
         """
         numbers = {0: 0}
         for finding in sorted([*later.findings, *later.explained], key=_number):
@@ -70,7 +70,7 @@ class Analyses:
 
 
 class AnalysesByFile(Analyses):
-    """Adds up parts, and keeps in ``rows`` what each file had of it."""
+    """Adds up parts, and keeps in ``rows`` the share of each file."""
 
     def __init__(self, options: Options, rows: PerFile) -> None:
         super().__init__(options)
@@ -78,7 +78,7 @@ class AnalysesByFile(Analyses):
         self.rows.files = self._sum.files
 
     def add(self, part: FilePart) -> None:
-        """Add the part of the next file, which has what there is more then."""
+        """Add the part of the next file; its share is what the sum gains."""
         before = _counts(self.result)
         super().add(part)
         after = _counts(self.result)

@@ -1,7 +1,7 @@
 """Numbers of connections and transactions in a run whose files are read by separate tasks.
 
 These numbers count over all files, but a task does not know how many there are in the files before its own. So it counts from
-marked numbers, which cannot be confused with anything in a capture; when the rows of all tasks are joined, they are replaced.
+marked numbers, which cannot be confused with anything in a capture; they are replaced when the rows of all tasks are joined.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ _MOST: Final = 9 * 10**8
 
 
 class Offsets(NamedTuple):
-    """How many packets, connections and transactions came before a part; they are added to its numbers."""
+    """The numbers of packets, connections and transactions before a part; they are added to its numbers."""
 
     packets: int = 0
     connections: int = 0
@@ -36,7 +36,7 @@ def count_from(pipeline: Pipeline, before: Offsets) -> None:
 
 
 class Marks:
-    """The random marks of one task's numbers; after `over`, also how many connections and transactions it had."""
+    """The random marks of one task's numbers; after `over`, also its numbers of connections and transactions."""
 
     def __init__(self) -> None:
         first = _LEAST + secrets.randbelow(_MOST - _LEAST)

@@ -50,7 +50,7 @@ class _Process:
         raise result
 
     def end(self) -> None:
-        """Kill the process. A thread that is in `call` returns then."""
+        """Kill the process. A thread that is in `call` then returns."""
         self._process.kill()
         self._process.join()
 
@@ -63,9 +63,8 @@ class Pool(Executor):
     """``count`` processes, each with one task at a time; further tasks wait.
 
     The future of a task whose process died raises `concurrent.futures.BrokenExecutor`; a new process is started. If that fails,
-    the others go on; if none is left, each task raises `dissect.files.jobs.tasks.FileError`. ``tell`` is called with a message,
-    in a
-    thread of the pool.
+    the others continue; if none is left, each task raises `dissect.files.jobs.tasks.FileError`. ``tell`` is called with a
+    message, in a thread of the pool.
 
     The processes remove ``folder`` if the process that started them was killed. ``collects`` are thresholds for their garbage
     collector (`gc.set_threshold`), empty for Python's defaults.
@@ -155,7 +154,7 @@ class Pool(Executor):
             pass
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        """Kill all processes; their present tasks are lost, and waiting tasks are not run."""
+        """Kill all processes; their current tasks are lost, and waiting tasks are not run."""
         with self._change:
             self._over = True
         try:

@@ -46,7 +46,7 @@ def _writer(octets: bytes) -> BytesWriter:
     return writer
 
 
-#: Types of values that are sent as they are, and types that are sent as a list of their elements.
+#: Types of values that are sent unchanged, and types that are sent as a list of their elements.
 _PLAIN: Final = frozenset((type(None), bool, int, float, str, bytes))
 _KINDS: Final[tuple[type, ...]] = (list, tuple, set, frozenset, deque, dict, OrderedDict, vec[i64])
 _HOLDERS: Final[dict[str, Callable[[Any], Any]]] = {
@@ -78,7 +78,7 @@ _LEFT_OUT: Final[dict[str, frozenset[str]]] = {
 
 
 class Sent(NamedTuple):
-    """Objects as plain values: ``value``, and for each object of ours in it its class and the arguments of its constructor.
+    """Objects as plain values: ``value``, and for each of our objects in it its class and the arguments of its constructor.
 
     ``classes`` are the (module, name) of the classes; an object has the index of its class there. A column has the values of
     one attribute of objects of one class: their indexes in ``objects``, the name of the attribute, and the values.
@@ -104,7 +104,7 @@ class _Sender:
         self.objects: list[tuple[int, list[Any] | None]] = []
         self.columns: list[tuple[list[int], str, list[Any]]] = []
         self._places: dict[int, int] = {}
-        self._kept: list[Any] = []  # keeps objects alive, so that their ids are not used again
+        self._kept: list[Any] = []  # keeps objects alive, so that their ids are not reused
         self._new: dict[Any, list[Any]] = {}  # by class: objects whose attributes are not converted yet
 
     def plain(self, value: Any) -> Any:
@@ -178,7 +178,10 @@ class _Sender:
 
 
 def receive(sent: Sent, offsets: Offsets) -> Any:
-    """Return the objects that `send` converted, with their numbers in the whole run. ValueError for classes of others."""
+    """Return the objects that `send` converted, with their numbers in the whole run.
+
+    Raises ValueError for classes from elsewhere.
+    """
     objects: list[Any] = []
     kinds = [_ours(module, name) for module, name in sent.classes]
     for kind, arguments in sent.objects:
@@ -221,7 +224,7 @@ def _value(plain: Any, objects: list[Any]) -> Any:
 
 @cache
 def _moves(name: str) -> bool:
-    """Return whether an attribute of this name may hold a number that counts over all files."""
+    """Return whether an attribute of this name may contain a number that counts over all files."""
     return name.endswith("frame") or name in {"_frames", "frames", "number", "connection", "detail"}
 
 

@@ -1,7 +1,7 @@
 """Rows of a task on their way to the process that writes the output: there may be too many for memory, so they wait in a file.
 
 If both sides can reach a folder, the file is in it, and the result of the task is its name. Otherwise, as with a worker on
-another machine, the rows are in the result itself, compressed and bounded.
+another machine, the rows are in the result itself, compressed and limited.
 """
 
 from __future__ import annotations

@@ -1,10 +1,9 @@
-"""Positions of the numbers in rows that count over all files: the task that makes the rows finds them for their recipient.
+"""Positions of the numbers in rows that count over all files: the task that makes the rows finds them for the recipient.
 
 A search for marked numbers in rows (`dissect.files.jobs.numbers`) takes a third of the time that it takes to make the rows. In
-some
-formats, a line names its transaction and its connection once, next to each other
-(`dissect.meaning.report.writer.Writer.joint`). There
-the position in the previous line is tried first, and the recipient copies everything in between unread.
+some formats, a line names its transaction and its connection once, next to each other
+(`dissect.meaning.report.writer.Writer.joint`). There the position in the previous line is tried first, and the recipient copies
+everything in between unread.
 """
 
 from __future__ import annotations

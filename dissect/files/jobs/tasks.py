@@ -1,13 +1,13 @@
 """Reads independent files, one task for each, with any executor; results come in the order of the files.
 
-A task whose process died is tried once more and then given up; an error of the task itself fails at once. Nothing else is done
-twice, and nothing is left out: every file has a result or the reason why there is none.
+A task whose process died is tried once more and then abandoned; an error of the task itself counts at once. Nothing else is
+done twice, and nothing is left out: every file has a result or the reason why there is none.
 
 The interface between the callers and the executors of tasks (processes of this machine, workers of a cluster):
 
 * An executor is one of `concurrent.futures`. The function and its arguments can be pickled and contain nothing of the calling
   process. The last two arguments are the position of the file among all, from 0, and its name.
-* A result can be pickled, is complete in itself, and is bounded, however large the file is; ``about`` names the file.
+* A result can be pickled, is complete in itself, and is limited in size for files of any size; ``about`` names the file.
 * Rows are not bounded. One argument of a task (`dissect.cli.task.work`) is a folder that both sides can reach: rows are written
   to a file in it, and the result names that file (`dissect.files.jobs.spool.Spooled`); the recipient removes it. Without such a
   folder the argument is empty, and the rows are in the result, compressed and bounded, so large ones are refused.
@@ -54,7 +54,7 @@ class Done(NamedTuple):
 
 
 class FileError(Exception):
-    """An error of a task, in words for people, and the machine ``where`` it occurred, "" for this one."""
+    """An error of a task, as text for people, and the machine ``where`` it occurred, "" for this one."""
 
     def __init__(self, why: str, where: str = "") -> None:
         super().__init__(why)
@@ -116,7 +116,8 @@ class Files:
                         again.append(at)
                     else:
                         done[at] = outcome
-                if shown in done:  # one, so that no process waits for a task while several results are taken
+                # one file is enough, so that no process waits for a task while several results are taken
+                if shown in done:
                     yield done.pop(shown)
                     shown += 1
         finally:

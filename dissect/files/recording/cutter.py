@@ -14,17 +14,17 @@ if TYPE_CHECKING:  # interpreted
     from dissect.meaning.select.selection import Choice
     from dissect.packets.source.pcapng_writer import PcapngWriter
 
-#: At most this many octets of packets are held, in case a later packet is wanted.
+#: Maximum number of octets of packets that are held, in case a later packet is wanted.
 MAX_HELD: Final = 64 * 1024 * 1024
 
 _FOREVER_NS: Final = 2**62
 _MAX_COMMENTS: Final = 64
-#: Octets of blocks that go to the writer together.
+#: Size of the groups of blocks that go to the writer together, in octets.
 _TOGETHER: Final = 65_536
 
 
 class Around:
-    """How much is written around each wanted packet: ``packets`` packets, and all within ``ns`` nanoseconds."""
+    """The amount that is written around each wanted packet: ``packets`` packets, and all within ``ns`` nanoseconds."""
 
     __slots__ = ("ns", "packets")
 
@@ -127,7 +127,7 @@ class Cutter(PacketSink):
             self._recent.add(packet)
 
     def _is_plain(self) -> bool:
-        """Return whether a packet has no finding, and nobody asks for its number in the written file."""
+        """Return whether a packet has no finding, and its number in the written file is not needed."""
         return self.chosen > 0 and self.frames != self._mark and int(self.frames) not in self._findings
 
     def _interface(self) -> str:
@@ -149,7 +149,7 @@ class Cutter(PacketSink):
             self._writer.put(blocks)
 
     def _give(self) -> None:
-        """Give the gathered packets to the writer: what comes next is not one of them."""
+        """Give the gathered packets to the writer: the next packet does not belong to them."""
         if self._blocks is not None:
             self._writer.put(self._blocks)
 

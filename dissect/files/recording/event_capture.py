@@ -1,8 +1,8 @@
-"""`EventCapture`: writes the packets around a finding to a file of their own: those before it from memory, then those after it.
+"""`EventCapture`: writes the packets around a finding to a separate file: those before it from memory, then those after it.
 
 The caller gives every packet first to `EventCapture.frame` and then to the pipeline, and every finding to
-`EventCapture.finding`. Both count packets from 1, so that their numbers agree. A packet is written when the next one comes,
-because the pipeline reports its findings in between; without a next packet, `EventCapture.settle` writes it.
+`EventCapture.finding`. Both count packets from 1, so their numbers agree. A packet is written when the next one comes, because
+the pipeline reports its findings in between; without a next packet, `EventCapture.settle` writes it.
 """
 
 from __future__ import annotations
@@ -28,14 +28,14 @@ from dissect.wire.text import Clock
 
 #: After this many octets a new file begins, if triggers keep coming.
 MAX_FILE_OCTETS: Final = 1_000_000_000
-#: The greatest number of files that are kept, and of their octets. Beyond that the oldest file goes of the two hosts that have
-#: most, so that a flood between two hosts does not cost the evidence of others.
+#: Maximum number of files that are kept, and of octets in them. Beyond that, the oldest file of the two hosts with most files
+#: is deleted, so that a flood between two hosts does not cost the evidence of others.
 MAX_FILES: Final = 1000
 MAX_ALL_OCTETS: Final = 10_000_000_000
 
 
 class KeptFiles:
-    """The files of a run by the hosts that they are about, and how much they hold."""
+    """The files of a run by the hosts that they concern, and their sizes."""
 
     def __init__(self) -> None:
         self.files = 0
@@ -52,7 +52,10 @@ class KeptFiles:
         self.octets += octets
 
     def make_room(self, files: int, octets: int) -> int:
-        """Delete files until there are no more than so many, and not more in them; the latest stays. Return how many."""
+        """Delete files until at most ``files`` with ``octets`` remain; the latest file always stays.
+
+        Return the number of deleted files.
+        """
         removed = 0
         while self.files > files or (self.octets > octets and self.files > 1):
             removed += self._remove_one()
@@ -80,9 +83,9 @@ _PROBE: Final = 64 * 1024
 
 
 class Owed:
-    """The packets that a trigger wants and that are in no file yet: how many, their octets, and the number of the first one.
+    """The packets that a trigger wants and that are in no file yet: their number, their octets, and the first one's number.
 
-    ``name`` is that of the trigger, ``hosts`` are those that it is about.
+    ``name`` is the name of the trigger, ``hosts`` are the hosts that it concerns.
     """
 
     __slots__ = ("first", "hosts", "name", "octets", "packets")
@@ -159,7 +162,7 @@ class EventCapture(PacketSink):
         self._late: list[str] = []  # comments on packets that were already written
         self._writer: PcapngWriter | None = None
         self._path = Path()
-        self._pair = ""  # the hosts of the first trigger of the present file
+        self._pair = ""  # the hosts of the first trigger of the current file
         self._kept = KeptFiles()
         self._until_ns = 0
         self._owed: Owed | None = None
@@ -169,11 +172,11 @@ class EventCapture(PacketSink):
     # ---- packets ----------------------------------------------------------------------------------------------------
 
     def frame(self, time_ns: i64, buf: bytes, start: i64, end: i64, wire_length: i64, link_type: i64) -> None:
-        """Keep a packet; the module says when to call this."""
+        """Keep a packet; the module docstring says when to call this."""
         self.add(int(time_ns), buf[start:end], int(wire_length), int(link_type))
 
     def comment(self, text: str) -> None:
-        """Take a comment about the packet that comes next."""
+        """Take a comment about the next packet."""
         if len(self._comments) < MAX_COMMENTS:
             self._comments.append(text)
 
@@ -182,7 +185,7 @@ class EventCapture(PacketSink):
         try:
             self.settle()
             self.tick(time_ns)
-        finally:  # an error is about the packet before: this one is kept, and counted as the pipeline counts it
+        finally:  # an error concerns the packet before: this one is kept, and counted as in the pipeline
             self.frames += 1
             packet = KeptPacket(self.frames, time_ns, octets, wire_length, link_type, interface, self._comments)
             self._comments = []
@@ -228,13 +231,13 @@ class EventCapture(PacketSink):
 
     @property
     def _span_ns(self) -> int:
-        """How far before the end of a file the time may be; a time further back means that the clock was set back."""
+        """Tolerance for times before the end of the file; a time further back means that the clock was set back."""
         return self._before_ns + self._after_ns + 60_000_000_000
 
     # ---- findings ---------------------------------------------------------------------------------------------------
 
     def finding(self, finding: Finding) -> None:
-        """Add a finding as a comment to its packets; one of ``slugs`` that no other explains is a trigger, too."""
+        """Add a finding as a comment to its packets; one of ``slugs`` that no other explains is also a trigger."""
         frames = [int(frame) for frame in finding.frames]
         comment = finding_comment(finding)
         if finding.slug in self._slugs and not finding.because:
@@ -248,7 +251,7 @@ class EventCapture(PacketSink):
     ) -> None:
         """Keep the packets around the latest one. ``name`` becomes part of the file name; ``comment`` is about ``frames``.
 
-        ``hosts`` are those that it is about, in any form that is the same each time.
+        ``hosts`` are the hosts that it concerns, in any form that is the same each time.
         """
         self.triggers += 1
         if comment:
@@ -267,7 +270,7 @@ class EventCapture(PacketSink):
         return self._owed is not None
 
     def retry(self) -> None:
-        """Write what is owed, and still in memory, to a file; an `OSError` leaves it owed."""
+        """Write the packets that are owed, and still in memory, to a file; after an `OSError` they are still owed."""
         owed = self._owed
         if owed is None:
             return
@@ -282,7 +285,7 @@ class EventCapture(PacketSink):
         self.lost_octets += owed.octets
 
     def probe(self) -> None:
-        """Find out whether a file can be written; `OSError` where it cannot."""
+        """Find out whether a file can be written; raise `OSError` if not."""
         path = self._directory / f".{os.getpid()}.probe"
         try:
             path.write_bytes(bytes(_PROBE))
@@ -298,7 +301,7 @@ class EventCapture(PacketSink):
             self.lost_octets += owed.octets
 
     def _say(self, comment: str, frames: list[int]) -> None:
-        """Add a comment to packets that are still in memory; if all were written, add it to a later one."""
+        """Add a comment to packets that are still in memory; if all are written, add it to a later one."""
         latest = self._latest
         told = False
         for frame in frames:
@@ -326,7 +329,7 @@ class EventCapture(PacketSink):
     # ---- the file ---------------------------------------------------------------------------------------------------
 
     def _begin(self, owed: Owed, time_ns: int) -> None:
-        """Begin a file for what is owed."""
+        """Begin a file for the owed packets."""
         self.removed += self._kept.make_room(MAX_FILES - 1, MAX_ALL_OCTETS)
         self._pair = owed.hosts
         stem = f"{names.file_word(owed.name)}_{names.time_word(time_ns, self._clock, fraction=True)}"
@@ -346,7 +349,7 @@ class EventCapture(PacketSink):
         return f"s7dissect: memory ran short: so far {shortened} packets were dropped before their time was over"
 
     def _write(self, writer: PcapngWriter, packet: KeptPacket, owed: Owed | None = None) -> None:
-        """Write a packet, which is one less of those ``owed``; after an error, it and those that follow are owed."""
+        """Write a packet, which is one less of those ``owed``; after an error, it and the following ones are owed."""
         try:
             writer.packet(
                 packet.time_ns, packet.octets, packet.wire_length, packet.link_type, packet.comments, packet.interface

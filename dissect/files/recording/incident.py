@@ -28,14 +28,14 @@ from dissect.meaning.select.window import Window, parse_moment
 
 _PIECE: Final = 1 << 20
 _MODE: Final = 0o640
-#: The name of the chain of what was made of the files.
+#: The name of the chain for files that were made from them.
 ACCOUNT: Final = f"incident{ENDING}"
 
 
 class Chosen:
-    """What holds an incident: paths of files, and of each manifest the lines that go along.
+    """The contents of an incident: paths of files, and the lines of each manifest that belong to them.
 
-    ``problems`` are what a user has to know of it, a line each.
+    ``problems`` are lines that the user must know about it.
     """
 
     def __init__(self) -> None:
@@ -45,7 +45,7 @@ class Chosen:
 
 
 def choose(directory: Path, begin_ns: int, end_ns: int) -> Chosen:
-    """Return what of a folder of evidence may hold packets from ``begin_ns`` to ``end_ns``. Raises OSError."""
+    """Return the part of a folder of evidence that may contain packets from ``begin_ns`` to ``end_ns``. Raises OSError."""
     chosen = Chosen()
     for path in sorted(directory.iterdir()):
         if path.name.endswith(ENDING):
@@ -97,7 +97,7 @@ def window_of(text: str, around_ns: int) -> tuple[int, int]:
 
 
 def resolved(window: Window) -> tuple[int, int]:
-    """Return the range that a window with dates means. Raises ValueError for one that a capture would have to complete."""
+    """Return the range of a window with dates. Raises ValueError for a window that needs a capture to be complete."""
     one, other = window.resolve(0, 2**62), window.resolve(10**15, 2**62)
     if one != other:
         raise ValueError("give both ends as date and time, such as 2026-11-29T04:00..2026-11-29T04:05")
@@ -120,7 +120,7 @@ def copy_into(chosen: Chosen, out: Path) -> None:
 
 
 def account(out: Path, time: str, made: Sequence[Path], **facts: Any) -> str:
-    """Write what was exported of what, and the hashes of the files made of it; return the hash of the last entry."""
+    """Write which files were exported, and the hashes of the files made from them; return the hash of the last entry."""
     kept = Manifest(out / ACCOUNT)
     kept.add(BEGIN, time, **facts)
     for path in made:

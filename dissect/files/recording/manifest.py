@@ -1,10 +1,11 @@
 """The manifest of a ring: a line of JSON for each finished file and each event, chained by hashes.
 
-Each entry holds the SHA-256 of the line before it, so that nothing can be changed, removed or reordered up to an entry whose
-hash was noted elsewhere (``head``). The chain alone proves nothing: anyone who can write to the folder can write a new chain.
+Each entry contains the SHA-256 of the line before it, so that nothing can be changed, removed or reordered before an entry
+whose hash was noted elsewhere (``head``). The chain alone proves nothing: anyone who can write to the folder can write a new
+chain.
 
-An entry is on the disk before the next one is made, and the file that it names before the entry. A kill may cut the last line;
-the next run ends it, chains it as it is, and lists the files without an entry.
+An entry is on the disk before the next one is made, and the file that it names is there before the entry. A kill may cut the
+last line; the next run ends it, chains it unchanged, and lists the files without an entry.
 """
 
 from __future__ import annotations
@@ -36,7 +37,7 @@ LEFT: Final = "left"
 REMOVED: Final = "removed"
 EVENT: Final = "event"
 END: Final = "end"
-#: A file that was made of others, as the report of an incident.
+#: A file that was made from others, such as the report of an incident.
 MADE: Final = "made"
 
 #: Octets of a line, and of a manifest, that are read.
@@ -87,7 +88,7 @@ def masked(words: Iterable[str]) -> list[str]:
 class Manifest:
     """Appends entries to a manifest. Every method may raise OSError; an entry that could not be written leaves no trace.
 
-    ``head`` is the hash of the latest entry, ``entries`` how many there are.
+    ``head`` is the hash of the latest entry, ``entries`` the number of entries.
     """
 
     def __init__(self, path: Path) -> None:
@@ -121,7 +122,7 @@ class Manifest:
 
     def add_file(self, path: Path, time: str, kind: str = FILE, **facts: Any) -> None:
         """Write the entry of a file, which is brought to the disk before."""
-        # Windows syncs only what may be written.
+        # Windows syncs only files that may be written.
         descriptor = os.open(path, os.O_RDWR if locks.MANDATORY else os.O_RDONLY)
         try:
             os.fsync(descriptor)
@@ -159,7 +160,7 @@ def _lines(path: Path) -> tuple[list[bytes], bool]:
 
 
 class Verdict(NamedTuple):
-    """The state of a file or of the chain: ``state`` is a word, ``well`` tells whether it is correct."""
+    """The state of a file or of the chain: ``state`` is a word, ``well`` is whether it is correct."""
 
     name: str
     state: str

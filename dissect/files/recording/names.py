@@ -1,4 +1,4 @@
-"""Names of evidence files: with a time by which they can be sorted, and only characters that any file system takes."""
+"""Names of evidence files: with a time by which they can be sorted, and only characters that all file systems allow."""
 
 from __future__ import annotations
 
@@ -55,8 +55,8 @@ def begin(
 ) -> PcapngWriter:
     """Create the unfinished file of ``path``; when it becomes visible, it already has its section header.
 
-    ``about`` is (operating system, application), ``make_room`` what `PcapngWriter` calls on a full disk. If the process is
-    killed in between, a hidden file without packets remains.
+    ``about`` is (operating system, application), ``make_room`` the function that `PcapngWriter` calls on a full disk. If the
+    process is killed in between, a hidden file without packets remains.
     """
     part = part_of(path)
     if os.name == "nt":  # Windows cannot rename an open file
@@ -67,7 +67,7 @@ def begin(
             str(hidden), "", *about, comment=comment, batch=batch, overwrite=True, make_room=make_room
         )
     except OSError:
-        hidden.unlink(missing_ok=True)  # an empty file takes a place in the folder, too
+        hidden.unlink(missing_ok=True)  # an empty file also occupies a place in the folder
         raise
     try:
         hidden.replace(part)

@@ -1,4 +1,4 @@
-"""`RecentPackets`: the latest packets, bounded in octets, in number and in time."""
+"""`RecentPackets`: the latest packets, limited in octets, number and time."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class KeptPacket:
         return len(self.octets) + PACKET_COST
 
     def say(self, comment: str) -> None:
-        """Add a comment, unless it is there already or there are too many."""
+        """Add a comment, unless it is already there or there are too many."""
         if comment not in self.comments and len(self.comments) < MAX_COMMENTS:
             self.comments.append(comment)
 
@@ -50,8 +50,8 @@ class KeptPacket:
 class RecentPackets:
     """The packets of the last ``most_ns`` (nanoseconds of capture time), at most ``most`` of them (0: any number).
 
-    Of these, the latest that fit into ``max_octets`` are kept; it must be above 0 (ValueError). ``shortened`` counts packets
-    that were dropped early for lack of room.
+    Of these, the latest ones that fit into ``max_octets`` are kept; it must be above 0 (ValueError). ``shortened`` counts
+    packets that were dropped early for lack of room.
     """
 
     def __init__(self, max_octets: int, most_ns: int, most: int = 0) -> None:

@@ -5,9 +5,9 @@ written, and loses ``.part`` when it is finished: copying ``*.pcapng`` therefore
 killed process leaves behind is readable up to the last packet written.
 
 If the number of files is limited, those of earlier runs count as well, ``.part`` files included, so that the folder does not
-grow with each restart. Nothing else in the folder is touched: a file belongs to the ring if its name follows the ring's pattern
-and a comment in its first block names such a ring as its writer. A file that another process is writing is left alone; its
-writer holds a lock on it.
+grow with each restart. No other file in the folder is touched: a file belongs to the ring if its name follows the ring's
+pattern and a comment in its first block names such a ring as its writer. A file that another process is writing is left alone;
+its writer holds a lock on it.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ class EarlierFile(NamedTuple):
 
 
 class KeptFile(NamedTuple):
-    """A file that may be removed to make room: its path, its octets, and the time of its last packet."""
+    """A file that may be removed to make room: its path, its size in octets, and the time of its last packet."""
 
     path: Path
     octets: int
@@ -110,7 +110,7 @@ _REMEMBERED: Final = 1000
 #: Octets by which a file may exceed its limit: its last packet, and its last blocks.
 _OVERSHOOT: Final = 512 * 1024
 
-#: At most this many comments wait for their packet.
+#: Maximum number of comments that wait for their packet.
 _MAX_COMMENTS: Final = 64
 
 _KILO: Final = 1000
@@ -125,10 +125,11 @@ _DAY_NS: Final = 86_400_000_000_000
 class RingLimits:
     """The limits of a ring, 0 for none.
 
-    ``octets`` and ``duration_ns`` (capture time) are those of a file; ``files`` is how many are kept, ``total`` how many octets
-    all of them together take, and ``age_ns`` how long a file is kept after its last packet.
+    ``octets`` and ``duration_ns`` (capture time) are those of a file; ``files`` is the number of files that are kept, ``total``
+    the octets of all of them together, and ``age_ns`` how long a file is kept after its last packet.
 
-    Raises ValueError for one of the last three without one of the first two: what is being written cannot be removed.
+    Raises ValueError for one of the last three without one of the first two, because a file that is being written cannot be
+    removed.
     """
 
     def __init__(self, octets: int = 0, duration_ns: int = 0, files: int = 0, total: int = 0, age_ns: int = 0) -> None:
@@ -150,10 +151,10 @@ class RingLimits:
 
 
 def parse_limits(words: Iterable[str]) -> RingLimits:
-    """Parse limits in the form of dumpcap, such as ``filesize:1000``, ``duration:3600``, ``files:24``, and two that it lacks.
+    """Parse limits in the form of dumpcap, such as ``filesize:1000``, ``duration:3600``, ``files:24``, and two of our own.
 
-    ``filesize`` and ``total`` are in units of 1000 octets, ``duration`` in seconds and ``days`` in days (also 0.5). ValueError,
-    for a person, for anything else.
+    ``filesize`` and ``total`` are in units of 1000 octets, ``duration`` in seconds and ``days`` in days (also 0.5). Raises
+    ValueError, with a message for people, for anything else.
     """
     octets = duration_ns = files = total = age_ns = 0
     for word in words:
@@ -196,13 +197,13 @@ class Witness:
 class RingBuffer(PacketSink):
     """Writes every packet to the files of a ring in ``directory``. An `OSError` names its file.
 
-    A file begins with its first packet, so a silent line leaves no empty ones; call `tick` when time passes without packets.
+    A file begins with its first packet, so a silent network leaves no empty ones; call `tick` when time passes without packets.
     Only files that a ring of this name made in the folder, in this run or an earlier one, count for the limits and are removed;
     with a limit of ``octets`` as well, ``files`` of them together take that many times as much and 512 KiB for each. On a full
-    disk, and while less than ``keep_free`` octets are free, the oldest are removed first, where there is any limit.
+    disk, and while less than ``keep_free`` octets are free, the oldest files are removed first, if there is any limit.
 
     ``packets`` counts what was written, ``finished`` names the complete files of this run that still exist, the oldest first;
-    ``removed`` counts removed ones. After an error the current file stays as it is, and the next packet begins a new one;
+    ``removed`` counts removed ones. After an error the current file is left unchanged, and the next packet begins a new one;
     ``lost`` and ``lost_octets`` count the packets that are in no file, including those that the caller reported with `miss`.
     ``capture_filter`` is written into the interfaces of its files.
     """
@@ -252,7 +253,7 @@ class RingBuffer(PacketSink):
 
     @property
     def name(self) -> str:
-        """What its files are called."""
+        """The common part of the names of its files."""
         return self._name
 
     @property
@@ -261,11 +262,11 @@ class RingBuffer(PacketSink):
         return self._directory
 
     def frame(self, time_ns: i64, buf: bytes, start: i64, end: i64, wire_length: i64, link_type: i64) -> None:
-        """Write a packet, to a new file if the present one is full or old."""
+        """Write a packet; begin a new file if the current one is full or old."""
         self.add(int(time_ns), buf[start:end], int(wire_length), int(link_type))
 
     def comment(self, text: str) -> None:
-        """Take a comment about the packet that comes next."""
+        """Take a comment about the next packet."""
         if len(self._comments) < _MAX_COMMENTS:
             self._comments.append(text)
 
@@ -301,7 +302,7 @@ class RingBuffer(PacketSink):
         self.lost_octets += octets
 
     def tick(self, now_ns: int) -> None:
-        """End the present file when it is old enough; ``now_ns`` is the time by the clock of the capture."""
+        """End the current file when it is old enough; ``now_ns`` is the time by the clock of the capture."""
         if self._writer is None or not self._limits.duration_ns:
             return
         if now_ns < self._since_ns:
@@ -310,9 +311,10 @@ class RingBuffer(PacketSink):
             self._end()
 
     def look_at_room(self, now_ns: int) -> None:
-        """Remove files that are too old or too many octets, or while too little is free. Call it every second or so.
+        """Remove files that are too old, have too many octets, or while too little disk space is free.
 
-        Raises `OSError` while too little is free and nothing can be removed; the present file is finished then.
+        Call it every second or so. Raises `OSError` while too little is free and nothing can be removed; then the current file
+        is finished.
         """
         limits = self._limits
         while self._kept and limits.age_ns and self._kept[0].last_ns < now_ns - limits.age_ns:
@@ -341,7 +343,7 @@ class RingBuffer(PacketSink):
 
     @property
     def path(self) -> Path | None:
-        """The file being written, None when there is none at the moment."""
+        """The file being written, None if there is none at the moment."""
         return names.part_of(self._path) if self._path is not None else None
 
     @property
@@ -386,7 +388,7 @@ class RingBuffer(PacketSink):
         self.witness.finished(path, writer.packets, self._since_ns, self._last_ns)
 
     def _give_up(self) -> None:
-        """Writing failed: leave the present file as it is; the next packet begins a new one."""
+        """Writing failed: leave the current file unchanged; the next packet begins a new one."""
         writer, path = self._writer, self._path
         self._writer = None
         self._path = None
@@ -395,7 +397,7 @@ class RingBuffer(PacketSink):
             self._leave(writer, path)
 
     def _leave(self, writer: PcapngWriter, path: Path) -> None:
-        """Count what did not get into an unfinished file, which stays."""
+        """Count the packets that are missing in an unfinished file, which stays."""
         packets, octets = writer.unwritten
         self.packets -= packets
         self.miss(packets, octets)
@@ -421,7 +423,7 @@ class RingBuffer(PacketSink):
             self._remove_oldest()
 
     def _keep_room(self) -> None:
-        """Remove the oldest files until ``keep_free`` octets are free; `OSError` when they are not."""
+        """Remove the oldest files until ``keep_free`` octets are free; raise `OSError` if that is not possible."""
         if not self._keep_free:
             return
         while shutil.disk_usage(self._directory).free < self._keep_free:
@@ -429,7 +431,7 @@ class RingBuffer(PacketSink):
                 raise OSError(errno.ENOSPC, "less is free than --keep-free asks for", str(self._directory))
 
     def _remove_oldest(self) -> bool:
-        """Remove the oldest file; return False where there is none."""
+        """Remove the oldest file; return False if there is none."""
         if not self._kept:
             return False
         file = self._kept.popleft()

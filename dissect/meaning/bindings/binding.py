@@ -1,4 +1,4 @@
-"""A binding: a place where SCD is carried, and what it is there (profile, reference 3.3); not part of a dictionary."""
+"""A binding: a place where SCD is carried, and the kind of SCD there (profile, reference 3.3); not part of a dictionary."""
 
 from __future__ import annotations
 
@@ -21,13 +21,14 @@ _ADDRESS_SIZES: Final = {4: 4, 6: 16}
 
 
 class Binding(msgspec.Struct, frozen=True, eq=False):
-    """A place where SCD is carried, and what it is there; fields that the carrier does not use are 0 or empty.
+    """A place where SCD is carried, and the kind of SCD there; fields that the carrier does not use are 0 or empty.
 
     ``name`` is shown to people and is unique. ``port`` is for udp and tcp, ``tsap`` for cotp (called or calling), ``area`` (its
-    code), ``db`` and ``offset`` (octets) for s7, ``r_id`` for bsend. With ``network``, only conversations with an end in it are
-    meant. ``key`` names the content: "T1", "pump_t", "0x6001:0", "0x6000", empty for messages. ``title`` is the same with the
-    name in the dictionary. ``address`` is index and sub-index of a value, or index and 0 of a struct or object. ``size`` is in
-    octets, 0 if it varies; in an S7 area it never varies. ``device`` says which end owns the dictionary.
+    code), ``db`` and ``offset`` (octets) for s7, ``r_id`` for bsend. With ``network``, the binding applies only to
+    conversations with an end in it. ``key`` names the content: "T1", "pump_t", "0x6001:0", "0x6000", empty for messages.
+    ``title`` is the same with the name in the dictionary. ``address`` is index and sub-index of a value, or index and 0 of a
+    struct or object. ``size`` is in octets, 0 if it varies; in an S7 area it never varies. ``device`` says which end owns the
+    dictionary.
     """
 
     name: str
@@ -47,11 +48,11 @@ class Binding(msgspec.Struct, frozen=True, eq=False):
     device: Owner = "port"
 
     def matches(self, address_a: bytes, address_b: bytes) -> bool:
-        """Return whether a conversation between two addresses, of 4 or 16 octets each, is meant."""
+        """Return whether the binding applies to a conversation between two addresses, of 4 or 16 octets each."""
         return self.network is None or _holds(self.network, address_a) or _holds(self.network, address_b)
 
     def overlaps(self, other: Binding) -> bool:
-        """Return whether both may mean the same conversation, judged by addresses."""
+        """Return whether both may apply to the same conversation, judged by addresses."""
         mine, others = self.network, other.network
         if mine is None or others is None:
             return True
@@ -63,7 +64,7 @@ class Binding(msgspec.Struct, frozen=True, eq=False):
 class Bindings:
     """All bindings of a file, in their order, and by place. For the same place the narrowest network comes first.
 
-    The keys are: of ``cotp`` the TSAP, of ``s7`` area and DB number (0 outside of DBs), of ``bsend`` the R_ID.
+    The keys are: for ``cotp`` the TSAP, for ``s7`` area and DB number (0 outside of DBs), for ``bsend`` the R_ID.
     """
 
     def __init__(self, bindings: Sequence[Binding]) -> None:
@@ -93,6 +94,6 @@ def _holds(network: Network, address: bytes) -> bool:
 
 
 def _width(binding: Binding) -> int:
-    """Return how many address bits a binding leaves open; a number larger than in any network if it has no network."""
+    """Return the number of address bits that a binding leaves open; without a network, a number larger than for any network."""
     network = binding.network
     return 129 if network is None else network.max_prefixlen - network.prefixlen

@@ -226,7 +226,7 @@ class _Reader:
             raise table.fail("holds", error.detail) from None
 
     def _size(self, table: Table, binding: Binding, content: Content) -> int:
-        """Return the octets of the content; 0 if they vary and the carrier has the size."""
+        """Return the size of the content; 0 if it varies and the carrier has the size."""
         if binding.carrier == "tcp" and content.holds == "messages":
             if not self._framed:
                 detail = (

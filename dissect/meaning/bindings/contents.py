@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from dissect.meaning.bindings.binding import Binding
     from dissect.scd.codec import Codec, Decoded
 
-#: How many messages of one datagram, TSDU, area or block are decoded.
+#: Maximum number of messages of one datagram, TSDU, area or block that are decoded.
 MAX_MESSAGES: Final = 4096
 
 
@@ -52,7 +52,7 @@ def _bare(codec: Codec, binding: Binding, octets: bytes) -> Decoded:
 
 
 def _messages(codec: Codec, binding: Binding, octets: bytes) -> list[Message]:
-    """Return the messages in ``octets``. An S7 area has a fixed size, so that zeros may follow its last message."""
+    """Return the messages in ``octets``. An S7 area has a fixed size, so zeros may follow its last message."""
     if binding.carrier != "s7" and octets:
         message = codec.parse_message(octets)
         if message.size == len(octets):

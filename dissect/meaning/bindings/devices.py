@@ -18,9 +18,9 @@ if TYPE_CHECKING:
     from dissect.scd.model import Pdo
     from dissect.scd.types import Value
 
-#: Devices that are remembered; beyond that, the one not seen for longest is forgotten.
+#: Maximum number of devices that are remembered; beyond that, the one with the oldest last message is forgotten.
 MAX_DEVICES: Final = 4096
-#: Constants that are remembered of one device.
+#: Maximum number of constants that are remembered of one device.
 MAX_CONSTANTS: Final = 1024
 _ABSENT: Final = object()
 
@@ -28,7 +28,7 @@ _ABSENT: Final = object()
 class Device:
     """One device: the codec with its current mappings, and the latest values of its constants.
 
-    ``overlooked`` counts values of constants beyond the bound.
+    ``overlooked`` counts values of constants beyond the limit.
     """
 
     def __init__(self, dictionary: Dictionary, codec: Codec) -> None:
@@ -40,7 +40,7 @@ class Device:
         self._mappings: dict[int, dict[int, int]] = {}
 
     def constant(self, key: Key, value: Value) -> Value | None:
-        """Note the value of a constant; return the value before if that was different, else None."""
+        """Note the value of a constant; return the earlier value if it was different, else None."""
         old = self.constants.get(key, _ABSENT)
         if old is _ABSENT and len(self.constants) >= MAX_CONSTANTS:
             self.overlooked += 1
@@ -51,7 +51,7 @@ class Device:
         return old  # type: ignore[return-value]
 
     def write_mapping(self, index: int, sub: int, value: int) -> Pdo | None:
-        """Note that an element of a mapping object was written; return the PDO as it is now, None while it is switched off.
+        """Note that an element of a mapping object was written; return the current PDO, None while it is switched off.
 
         Raises `Error` for entries that no PDO can have; the mapping then stays as it was.
         """
@@ -70,7 +70,7 @@ class Device:
 
 
 class Devices:
-    """Devices by address and port. ``forgotten`` counts dropped devices, `overlooked` values of constants beyond the bound."""
+    """Devices by address and port. ``forgotten`` counts dropped devices, `overlooked` values of constants beyond the limit."""
 
     def __init__(self, dictionary: Dictionary) -> None:
         self.dictionary = dictionary
@@ -94,7 +94,7 @@ class Devices:
         self.look_again()
 
     def look_again(self) -> None:
-        """The device that was looked up last may have other mappings now."""
+        """The device that was found last may have other mappings now."""
         self.latest.end = None
 
     def of(self, side: Side, binding: Binding) -> Device:

@@ -1,8 +1,8 @@
-"""SCD in traffic: decodes it by the dictionary where the bindings say, pairs and judges it.
+"""SCD in traffic: decodes it by the dictionary in the places given by the bindings, pairs it and judges it.
 
 `ScdCarrier` is plugged into the pipeline (`dissect.engine.exchange`). The path of a message:
 
-datagram / stream / tsdu / transaction → _unit → _take → dialogue (pairs) → transaction → judged, told
+datagram / stream / tsdu / transaction → _unit → _take → dialogue (pairs) → transaction → judged, reported
 
 Everything between the pipeline and a `Transaction` is here. The state of a device is in `devices`; findings are made in
 `dissect.meaning.bindings.judging`.
@@ -42,18 +42,18 @@ if TYPE_CHECKING:
     from dissect.scd.messages import Message
     from dissect.scd.model import Pdo
 
-#: `Connection.bound` once it is known that no binding is for its TSAPs.
+#: The value of `Connection.bound` once it is known that no binding applies to its TSAPs.
 _NOT_BOUND: Final = -2
-#: Connections whose BSENDs are joined from their pieces.
+#: Maximum number of connections whose BSENDs are joined from their pieces.
 MAX_JOINERS: Final = 1024
-#: Bit in the reference of a request that has only index and sub-index, so that it differs from transaction numbers.
+#: Bit in the reference of a request that only has index and sub-index, so that it differs from transaction numbers.
 _BY_OBJECT: Final = 0x1000000
 #: Largest error of a transaction, which is signed; that of an envelope may have 64 bits unsigned.
 _MAX_ERR: Final = (1 << 63) - 1
 
 
 class ScdCarrier(PayloadDecoder):
-    """Decodes SCD where the bindings say that it is carried.
+    """Decodes SCD in the places given by the bindings.
 
     ``counts`` are by name of the binding. ``unpaired`` counts messages of unknown kind, ``skipped`` octets of streams outside
     of messages, ``blocks_forgotten`` connections whose BSENDs were dropped because there were too many.
@@ -78,7 +78,7 @@ class ScdCarrier(PayloadDecoder):
         self._pushes: list[Pushes]
 
     def attach(self, exchange: Exchange) -> None:
-        """Take the exchange that messages are handed to."""
+        """Set the exchange that gets the messages."""
         self._exchange = exchange
         peers = frozenset(binding.name for binding in self.bindings.all if binding.device == "peer")
         self._judge = ScdJudge(exchange.reporter, self.devices, peers)
@@ -121,7 +121,7 @@ class ScdCarrier(PayloadDecoder):
                 self._unit(side, unit, frame, time_ns)
 
     def hole(self, side: Side, size: int, frame: int, time_ns: int) -> None:
-        """Octets are missing: the begun message stays incomplete, and the next one has to be found."""
+        """Octets are missing: the unfinished message stays incomplete, and the next one must be found."""
         self.skipped += skip_hole(side, self.bindings.all[side.connection._bound], size)
 
     def tsdu(self, side: Side, octets: bytes, frame: int, time_ns: int) -> bool:
@@ -244,7 +244,7 @@ class ScdCarrier(PayloadDecoder):
             name = f"PDO {message.pdo}" if message.pdo else "PDO with an unknown number"
         elif not service:
             name = message.content or "message"
-        # names come from the dictionary, so that their number is bounded
+        # names come from the dictionary, so their number is limited
         key = self._functions.get(name)
         if key is None:
             key = self._functions[name] = len(self._functions)
@@ -311,8 +311,8 @@ class ScdCarrier(PayloadDecoder):
     ) -> list[ScdMessage]:
         """Return the messages in octets that an S7 transaction carried in its request (``asked``) or its answer.
 
-        Where a pair is only likely, the answer may belong to another request: nothing was accepted for certain, and
-        what stands in the answer is not held against the device.
+        If a pair is only likely, the answer may belong to another request: then nothing is certainly accepted, and the content
+        of the answer is not used as evidence about the device.
         """
         connection = transaction.connection
         device = self.devices.at(connection.client if binding.device == "peer" else connection.server)
@@ -386,13 +386,13 @@ class ScdCarrier(PayloadDecoder):
         self.devices.restart()
 
     def end(self, side: Side, frame: int, time_ns: int) -> None:
-        """The connection is over: its counters are not needed any more."""
+        """The connection is over: its counters are no longer needed."""
         self._judge.forget(side.connection.number)
         self._joiners.pop(side.connection.number, None)
 
 
 def _reference(message: Message) -> int:
-    """Return what request and answer have in common (profile, reference 3.3): the tid, else the object, else nothing."""
+    """Return the reference that request and answer share (profile, reference 3.3): the tid, else the object, else nothing."""
     if "tid" in message.numbers:
         return message.tid & REFERENCE
     if "index" in message.numbers:

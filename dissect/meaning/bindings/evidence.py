@@ -1,4 +1,4 @@
-"""Finds evidence that a device has another dictionary (R18, profile 3.4): values that both know, and objects it denies."""
+"""Finds evidence that a device has another dictionary (R18, profile 3.4): values that both know, and objects that it denies."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _NO_SUB: Final = -6
 
 
 class Evidence:
-    """Compares what devices say with one dictionary.
+    """Compares the statements of devices with one dictionary.
 
     ``constants`` are the addresses of values that never change (R75), including numbers of sub-indices, but not those of
     mapping objects, which are rewritten. ``keys`` are all addresses whose values are compared with anything.
@@ -72,7 +72,7 @@ class Evidence:
         return f"0x{index:04x} is {theirs} there, {CLASSES[obj.object_class]} of type 0x{_type_code(obj):04x} in the dictionary"
 
     def denied(self, message: Message) -> str:
-        """Return what an error answer denies although it is mandatory in the dictionary (R76); empty if nothing."""
+        """Return the object that an error answer denies although it is mandatory in the dictionary (R76); empty for none."""
         if "index" not in message.numbers or message.err not in {_NO_OBJECT, _NO_SUB}:
             return ""
         obj = self._dictionary.objects.get(message.index)
@@ -86,5 +86,5 @@ class Evidence:
 
 
 def _type_code(obj: Object) -> int:
-    """Return the index of an object's type; 0 if it has fields of its own."""
+    """Return the index of an object's type; 0 if it has its own fields."""
     return 0 if obj.type is None or is_mapping(obj.index) else obj.type.index

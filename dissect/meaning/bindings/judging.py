@@ -27,10 +27,10 @@ if TYPE_CHECKING:
 
 #: The counter of a PDO has one octet.
 _COUNTER: Final = 256
-#: PDO counters that are followed at the same time: of one connection, and of all.
+#: Maximum number of PDO counters that are followed at the same time: of one connection, and of all.
 MAX_COUNTERS: Final = 1024
 MAX_COUNTERS_ALL: Final = 65536
-#: How many variables of a new mapping a finding names.
+#: Maximum number of variables of a new mapping that a finding names.
 _NAMED: Final = 8
 _UNKNOWN: Final = frozenset((E_INDEX, E_SUB, E_PDO_NUMBER))
 _ODD: Final = {
@@ -47,7 +47,7 @@ class ScdJudge:
     """Judges messages as they come, and exchanges when they are over.
 
     ``peers`` are the names of bindings whose dictionary belongs to the end that asks. ``forgotten`` counts PDO counters beyond
-    the bounds.
+    the limits.
     """
 
     def __init__(self, reporter: Reporter, devices: Devices, peers: frozenset[str]) -> None:
@@ -75,7 +75,7 @@ class ScdJudge:
                 self._note("scd.pdo_error" if message.err < 0 else "scd.status", found, text)
 
     def oddities(self, found: ScdMessage) -> None:
-        """Report what is wrong or odd in a message."""
+        """Report faults and oddities of a message."""
         message = found.message
         error = message.error
         if error is not None:
@@ -124,7 +124,7 @@ class ScdJudge:
             self._note("scd.pdo_gap", found, detail)
 
     def _follow(self, number: int, key: tuple[int, str], counter: int) -> None:
-        """Begin to follow a counter; beyond the bound, those of the oldest connection are forgotten."""
+        """Begin to follow a counter; beyond the limit, those of the oldest connection are forgotten."""
         counters = self._counters[number]
         if len(counters) >= MAX_COUNTERS:
             self.forgotten += 1
@@ -148,12 +148,12 @@ class ScdJudge:
     # ---- what devices say of themselves -----------------------------------------------------------------------------
 
     def exchange(self, transaction: Transaction) -> None:
-        """Judge an SDO exchange that is over, or a PDO: values of the device, and what was written to it."""
+        """Judge a finished SDO exchange, or a PDO: values of the device, and values that were written to it."""
         pushed = transaction._outcome == PUSH
         for found in transaction.scd:
             message = found.message
             if pushed and self.is_common(found.message):
-                continue  # without anything to compare with earlier values
+                continue  # nothing in it can be compared with earlier values
             device = self._device(transaction, found)
             if message.err < 0 and message.service != "pdo":
                 detail = self._evidence.denied(message)
@@ -169,14 +169,14 @@ class ScdJudge:
                 self.content(device, found, accepted=True)
 
     def _device(self, transaction: Transaction, found: ScdMessage) -> Device:
-        """Return the device that was asked, or that sent this PDO."""
+        """Return the device that got the request, or that sent this PDO."""
         connection = transaction.connection
         if transaction.outcome == "unsolicited":
             return self._devices.at(connection.client if found.binding in self._peers else connection.server)
         return self._devices.at(connection.tcp.ends[1 - transaction.asked_by])
 
     def content(self, device: Device, found: ScdMessage, *, accepted: bool) -> None:
-        """Judge values that a device has, or that it accepted if ``accepted``."""
+        """Judge values that a device has or, if ``accepted``, that it accepted."""
         message = found.message
         if found.place and (message.error is not None or message.flags):
             self.oddities(found)
@@ -209,7 +209,7 @@ class ScdJudge:
                 self._note("scd.bad_mapping", found, f"{error.where}: {error.detail}")
                 continue
             if pdo is None and key[1]:
-                continue  # an element of a PDO that is switched off while it is configured
+                continue  # an element of a PDO that is switched off during its configuration
             self._note("scd.remapped", found, f"{value_text(value)} written, now {_mapped(pdo)}")
 
     def _note(self, slug: str, found: ScdMessage, detail: str) -> None:

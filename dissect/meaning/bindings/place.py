@@ -1,4 +1,4 @@
-"""A place in the memory of an S7 CPU as a binding writes it: ``DB10.DBB0``, ``DB10.DBW4``, ``MB20``, ``EB0``."""
+"""A place in the memory of an S7 CPU in the notation of bindings: ``DB10.DBB0``, ``DB10.DBW4``, ``MB20``, ``EB0``."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Final, NamedTuple
 from dissect.protocols.s7.address import MAX_DB, MAX_OCTET, address_text, parse_address
 from dissect.protocols.s7.tables import BYTE, DB_AREAS, LETTER_AREAS, NUMBERED_AREAS
 
-#: Areas of octets, by the letters that people write.
+#: Areas of octets, by their letters.
 AREAS: Final = {
     **{letter: area for letter, area in LETTER_AREAS.items() if area not in NUMBERED_AREAS},
     "DB": 0x84,
@@ -27,7 +27,10 @@ class Place(NamedTuple):
 
 
 def parse_place(written: str) -> Place | None:
-    """Return the place that ``written`` names, None if it is not valid. The width letter only shows that octets are meant."""
+    """Return the place that ``written`` names, None if it is not valid.
+
+    The width letter only shows that the place counts in octets.
+    """
     found = parse_address(written.strip().upper())
     if found is None or found.width not in {"B", "W", "D"} or found.bit >= 0 or found.area not in AREAS.values():
         return None

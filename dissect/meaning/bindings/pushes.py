@@ -1,7 +1,7 @@
-"""A fast path for PDOs as they usually come: alone in their unit, of a known kind, with nothing odd.
+"""A fast path for ordinary PDOs: alone in their unit, of a known kind, without anything odd.
 
-What is the same for all of a kind is worked out once (`KnownPdo`). Values that cannot be odd are decoded only when they are
-needed. Everything that is not as expected is left to `dissect.meaning.bindings.engine`.
+Facts that all PDOs of a kind have in common are computed once (`KnownPdo`). Values that cannot be odd are decoded only when
+they are needed. Everything else is left to `dissect.meaning.bindings.engine`.
 """
 
 from __future__ import annotations
@@ -28,12 +28,12 @@ if TYPE_CHECKING:
 
 #: Mask for transaction numbers: those of an envelope may have 64 bits; pairing uses the bits below its own marks.
 REFERENCE: Final = (1 << 30) - 1
-#: How many PDOs one binding remembers.
+#: Maximum number of PDOs that one binding remembers.
 MOST_KNOWN: Final = 256
 
 
 class BindingCount:
-    """What a binding found: messages, messages with errors, values; ``cut`` counts units that were not captured completely."""
+    """The counts of a binding: messages, messages with errors, values; ``cut`` counts units that were partly captured."""
 
     def __init__(self) -> None:
         self.messages: i64 = 0
@@ -45,7 +45,8 @@ class BindingCount:
 class KnownPdo:
     """A PDO that was seen before: everything but its data and its transaction number.
 
-    ``parameters`` and ``reference`` are those it had. ``quiet``: no data can make it odd; else ``odd`` checks its data.
+    ``parameters`` and ``reference`` are those of its first message. ``quiet``: no data can make it odd; otherwise ``odd``
+    checks its data.
     """
 
     def __init__(self, head: Head, mapping: Pdo, parameters: ScdParameters, reference: int, quiet: bool) -> None:
@@ -70,7 +71,7 @@ class KnownPdo:
 
 
 class LatestEnd:
-    """The end of the device that was looked up last; None if it has to be looked up again.
+    """The end of the device that was found last; None if it must be found again.
 
     ``usual``: its mappings are those of the dictionary.
     """
@@ -118,14 +119,14 @@ class Pushes:
         self._known[int.from_bytes(octets[: self._head_size], "little") & self._repeated] = known
 
     def take_again(self, side: Side, octets: bytes, frame: i64, time_ns: i64) -> bool:
-        """Like `take`, if the device is the usual one that was looked up last; else return False."""
+        """Like `take`, if the device is the usual one that was found last; else return False."""
         latest = self._latest
         connection = side.connection
         end = connection.client if self._peer else connection.server
         return latest.usual and latest.end is end and self.take(side, octets, frame, time_ns)
 
     def take(self, side: Side, octets: bytes, frame: i64, time_ns: i64) -> bool:
-        """Take a unit that is just a known PDO; return False if it needs a closer look."""
+        """Take a unit that is only a known PDO; return False if it needs a closer look."""
         known = self._only
         tid: int = 0
         if known is not None:

@@ -11,16 +11,16 @@ if TYPE_CHECKING:
     from dissect.meaning.bindings.binding import Binding
     from dissect.scd.envelope import Envelope
 
-#: How many possible beginnings of incomplete messages are kept during a search.
+#: Maximum number of possible beginnings of incomplete messages that are kept during a search.
 MAX_PENDING: Final = 64
 
 
 def cut_stream(side: Side, envelope: Envelope, binding: Binding, octets: bytes) -> tuple[list[bytes], int]:
     """Return the messages that ``octets`` complete, and how many octets were skipped to find them.
 
-    The rest, less than a message, waits at the side (`Backlog`). If the beginning of a message is not known (the capture begins
-    in the middle, octets are missing, or something else is in the stream), the next message is searched for; it counts if its
-    checksum is right.
+    The rest, less than a message, waits in the state of the side (`Backlog`). If the beginning of a message is unknown (the
+    capture begins in the middle, octets are missing, or something else is in the stream), the next message is searched for; it
+    counts if its checksum is right.
     """
     backlog = side.kept
     assert isinstance(backlog, Backlog)
@@ -38,7 +38,7 @@ def cut_stream(side: Side, envelope: Envelope, binding: Binding, octets: bytes) 
 
 
 def skip_hole(side: Side, binding: Binding, size: int) -> int:
-    """Octets are missing: drop the begun message, and return how many octets of it there were.
+    """Octets are missing: drop the unfinished message, and return how many octets of it there were.
 
     Contents of a fixed size continue where the next one begins; messages have to be searched for.
     """
@@ -124,10 +124,10 @@ def _find_right(envelope: Envelope, buffer: bytes, at: int, stop: int) -> tuple[
 
 
 def _search(backlog: Backlog, envelope: Envelope, buffer: bytes) -> int:
-    """Return where the first complete message begins, -1 if none does; then ``scan`` and ``pending`` say where to go on.
+    """Return where the first complete message begins, -1 for none; then ``scan`` and ``pending`` say where to continue.
 
     An incomplete message does not hide those after it, because its size may be wrong. Without a checksum they cannot be told
-    apart, so that the first one is waited for.
+    apart, so the search waits for the first one.
     """
     pending = []
     for begin, size in backlog.pending:

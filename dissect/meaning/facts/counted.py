@@ -1,4 +1,4 @@
-"""The facts of the events of a rule: of all of them, of those between two hosts, or of those that another finding explains."""
+"""The facts of the events of a rule: all of them, those between two hosts, or those that another finding explains."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ OCCURRENCES: Final[dict[str, Fact[Occurrences]]] = by_name(_ROWS)
 
 
 class Counted(NamedTuple):
-    """Events of a rule: ``scope`` says which. ``lasts``: there were some in the last tenth of the capture."""
+    """Events of a rule; ``scope`` says which ones. ``lasts``: there were some in the last tenth of the capture."""
 
     scope: str
     rule: Rule
@@ -40,7 +40,7 @@ class Counted(NamedTuple):
 
 
 def counted(ledger: Ledger, begin_ns: int, end_ns: int) -> Iterator[Counted]:
-    """Yield what is known of the events of each rule in a capture of this time."""
+    """Yield the facts of the events of each rule in a capture of this time."""
 
     def of(scope: str, slug: str, found: Occurrences, **more: Any) -> Counted:
         return Counted(scope, CATALOGUE[slug], found, found.lasts(begin_ns, end_ns), **more)

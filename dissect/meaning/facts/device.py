@@ -1,4 +1,4 @@
-"""The facts of a device, of the talk of a client and a server, and of what these are made of.
+"""The facts of a device and of the talk of a client and a server, and of the records that these contain.
 
 See `dissect.meaning.inventory.model`.
 """
@@ -36,7 +36,7 @@ _ROLES: Final = ("CPU", "engineering", "OPC", "panel", "S7 server")
 
 
 def _said(key: str, about: str, *, told: bool = True) -> Fact[Any]:
-    """Return the fact that a device stated under a key; JSON has it among its own only if `told`.
+    """Return the fact that a device stated under a key; with `told`, JSON has it among its own keys.
 
     See `dissect.engine.stations.facts`.
     """
@@ -63,7 +63,7 @@ def _block_counts(of: Any) -> list[str]:
 
 def _modules(of: Any) -> list[tuple[str, dict[str, Any]]]:
     """Return rack and slot of each module, and the stretches of each kind of fact that it stated."""
-    apart = facts.CLOCKS | {facts.MAC}  # which have keys of their own
+    apart = facts.CLOCKS | {facts.MAC}  # these have their own keys
     said = sorted(of.station.facts.items())
     return [
         (module, {key: facts.timeline(key, told) for (own, key), told in said if own == module and key not in apart})
@@ -83,7 +83,7 @@ _STRETCH: Final[tuple[Fact[Any], ...]] = (
          null=True),
     Fact("last_time", TIME, "When it was said last.", lambda of: of.last_ns),
 )  # fmt: skip
-#: Statements with first and last packet (`Stretch`); of a network card with its vendor.
+#: Statements with first and last packet (`Stretch`); for a network card with its vendor.
 STRETCH: Final = by_name(_STRETCH)
 MAC: Final = by_name((*_STRETCH, Fact("vendor", TEXT, "Vendor of the network card, `locally administered`, or null for an"
                                       " unknown one.", lambda of: vendor(of.value) or None, null=True)))  # fmt: skip
@@ -106,7 +106,7 @@ _MODULE: Final[tuple[Fact[Any], ...]] = (
          shape={"type": "object", "additionalProperties": {"type": "array", "description": "Values of a kind in the order of"
                 " time.", "items": {"$made": "stretch"}}}),
 )  # fmt: skip
-#: What a device stated of a module.
+#: The statements of a device about a module.
 MODULE: Final = by_name(_MODULE)
 
 _DEVICE: Final[tuple[Fact[Any], ...]] = (
@@ -199,7 +199,7 @@ _AREA: Final[tuple[Fact[Any], ...]] = (
          lambda of: _list(sorted(of.tags))),
     Fact("tags_not_listed", COUNT, "Tags that had no room.", lambda of: len(of.more_tags)),
 )  # fmt: skip
-#: What is read and written in an area of a server.
+#: The reads and writes in an area of a server.
 AREA: Final = by_name(_AREA)
 
 _TALK: Final[tuple[Fact[Any], ...]] = (

@@ -1,13 +1,10 @@
 """`Fact`: one fact of a record, and the kinds of values.
 
-A record (a connection, a finding …) has a table of its facts in this room. From it are made its JSON
-(`dissect.meaning.facts.written`),
-the JSON Schema of that (`dissect.meaning.facts.schema`), its columns in tables and SQL (`dissect.output.export.tables`) and its
-fields
-of
-selections (`dissect.meaning.select.fields`). Each of these knows how it writes or compares a kind. Properties that only one of
-them
-needs, such as the example of a field or the order of columns, are defined there, by the name of the fact.
+A record (a connection, a finding …) has a table of its facts in this room. Several outputs are made from it: its JSON
+(`dissect.meaning.facts.written`), the JSON Schema of that (`dissect.meaning.facts.schema`), its columns in tables and SQL
+(`dissect.output.export.tables`) and its fields of selections (`dissect.meaning.select.fields`). Each of these knows how to
+write or compare a kind. Properties that only one of them needs, such as the example of a field or the order of columns, are
+defined there, by the name of the fact.
 """
 
 from __future__ import annotations
@@ -17,13 +14,13 @@ from typing import Any, Final, Generic, Protocol, TypeVar
 
 Record = TypeVar("Record")
 
-# Kinds of values, and what the getter of a fact returns; None where there is no value.
+# Kinds of values, and the type that the getter of a fact returns; None if there is no value.
 COUNT: Final = "count"  # int
-SERIAL: Final = "serial"  # int: a number that several runs count on
+SERIAL: Final = "serial"  # int: a number that continues over several runs
 DURATION: Final = "duration"  # nanoseconds: int
 FLAG: Final = "flag"  # bool
 TEXT: Final = "text"  # str
-WORD: Final = "word"  # str that repeats
+WORD: Final = "word"  # str that occurs many times
 CODE: Final = "code"  # one of `Fact.codes`
 END: Final = "end"  # an end of a connection: Endpoint
 TSAP: Final = "tsap"  # Tsap
@@ -31,14 +28,14 @@ FRAME: Final = "frame"  # a packet, by its number in the run; 0 for none
 FRAMES: Final = "frames"  # several: list[int]
 FILE: Final = "file"  # the file of a packet: as FRAME
 TIME: Final = "time"  # nanoseconds since 1970, UTC: int
-INSTANT: Final = "instant"  # the same, which tables have as an integer alone
+INSTANT: Final = "instant"  # the same, but only as an integer in tables
 REAL: Final = "real"  # int or float
 BYTES: Final = "bytes"  # bytes, in JSON as hexadecimal
 COUNTS: Final = "counts"  # list[int]
 WORDS: Final = "words"  # list[str]
-OBJECT: Final = "object"  # what has `as_dict`: for JSON alone
-JSON: Final = "json"  # written to JSON unchanged: for JSON alone
-RECORDS: Final = "records"  # a list of records of the table `Fact.records`, or such lists by names: for JSON alone
+OBJECT: Final = "object"  # an object with `as_dict`: only for JSON
+JSON: Final = "json"  # written to JSON unchanged: only for JSON
+RECORDS: Final = "records"  # a list of records of the table `Fact.records`, or such lists by names: only for JSON
 KINDS: Final = (
     COUNT, SERIAL, DURATION, FLAG, TEXT, WORD, CODE, END, TSAP, FRAME, FRAMES, FILE, TIME, COUNTS, WORDS, OBJECT, JSON,
     RECORDS, INSTANT, REAL, BYTES,
@@ -62,12 +59,12 @@ class Located(Protocol):
 
 
 class Fact(Generic[Record]):
-    """A fact: ``about`` says in a sentence what it is, ``get`` returns its value.
+    """A fact: ``about`` is its meaning in one sentence, ``get`` returns its value.
 
     ``get`` is None for a fact with a special writer. ``key`` is its key in JSON (its name unless given, empty for none),
     ``column`` its name in tables. ``null``: it may have no value. ``rare``: its key is present only if it has a value.
     ``least`` and ``most`` are the smallest and the greatest number, ``codes`` are all values of a code, ``shape`` is the JSON
-    Schema where its kind does not say it all, ``records`` the table of the records in it.
+    Schema if its kind does not determine it, ``records`` the table of the records in it.
     """
 
     __slots__ = (

@@ -37,8 +37,8 @@ def connection_community_id(connection: Connection) -> str:
 def connection_uid(connection: Connection) -> str:
     """Return an identifier in the form of Zeek's: ``C`` and 96 bits in base 62.
 
-    Zeek's uids are random. This one is a hash of the time of the first packet, the ends, the protocol and the VLANs, so that it
-    is the same in each run. It never equals the uid of a live Zeek: join by Community ID and time.
+    Zeek's uids are random. This one is a hash of the time of the first packet, the ends, the protocol and the VLANs, so it is
+    the same in each run. It differs from the uid of a live Zeek: join by Community ID and time.
     """
     tcp = connection.tcp
     one, other = sorted(tcp.ends, key=lambda end: (end.address, end.port))

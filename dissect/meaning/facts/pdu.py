@@ -1,6 +1,6 @@
 """The facts of a PDU.
 
-`dissect.meaning.report.pdu_json` and `dissect.output.export.pdu_columns` write them, each from octets.
+`dissect.meaning.report.pdu_json` and `dissect.output.export.pdu_columns` write them, each directly from octets.
 """
 
 from __future__ import annotations

@@ -1,8 +1,7 @@
 """JSON Schemas of records, from the tables of their facts.
 
-A published schema (`dissect/meaning/schema`) says ``"$made": "connection"`` in an object that is that record; `filled` inserts
-the
-contents of the table after what is written there.
+A published schema (`dissect/meaning/schema`) has ``"$made": "connection"`` in an object that is such a record; `filled` inserts
+the contents of the table after the keys that are there.
 """
 
 from __future__ import annotations
@@ -76,7 +75,7 @@ _SHAPES: Final[Mapping[str, Mapping[str, Any]]] = {
 
 
 def filled(part: Any) -> Any:
-    """Return a schema, or a part of one, with the objects of records put in."""
+    """Return a schema, or a part of one, with the objects of records inserted."""
     if isinstance(part, dict):
         given = {key: filled(value) for key, value in part.items() if key != MADE}
         return {**given, **_joined(given, object_of(TABLES[part[MADE]]))} if MADE in part else given

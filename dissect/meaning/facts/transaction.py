@@ -1,4 +1,7 @@
-"""The facts of a transaction and of its items. Their writers are compiled by hand; tests hold them to these tables."""
+"""The facts of a transaction and of its items.
+
+Their writers are written by hand for compilation; tests compare them with these tables.
+"""
 
 from __future__ import annotations
 

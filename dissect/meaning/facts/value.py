@@ -1,4 +1,4 @@
-"""The facts of a value, whose writers are compiled and held to this table by tests, and of a variable over all its values."""
+"""The facts of a value, whose compiled writers are compared with this table by tests, and of a variable over all its values."""
 
 from __future__ import annotations
 
@@ -80,7 +80,7 @@ VALUE: Final = by_name(_ROWS)
 
 
 def _of(name: str, nothing: Any, counts: str = "") -> Callable[[Any], Any]:
-    """Return a getter of a statistic of a variable; ``nothing`` without statistics, or where its number ``counts`` is 0."""
+    """Return a getter of a statistic of a variable; ``nothing`` if there are no statistics, or its number ``counts`` is 0."""
 
     def got(of: Any) -> Any:
         found = of.statistics

@@ -10,7 +10,7 @@ _LOCAL: Final = 2
 LOCALLY_ADMINISTERED: Final = "locally administered"
 #: Digits of the prefixes that are assigned to vendors, the longest first.
 _DIGITS: Final = (9, 7, 6)
-#: From this many look-ups on, a dictionary is cheaper than searching the text of the list.
+#: From this many look-ups on, a dictionary is cheaper than a search in the text of the list.
 _MANY: Final = 100
 
 
@@ -27,10 +27,10 @@ def vendor(mac: str) -> str:
 
 @cache
 def _name(prefix: str, any_longer: bool = False) -> str:
-    """Return the vendor of a prefix of these digits, empty if there is none; ``any_longer``: or one of its longer ones.
+    """Return the vendor of a prefix of these digits, empty for none; ``any_longer``: or of one of its longer prefixes.
 
     A capture has few prefixes and the list some 50,000 lines: its text is searched, no dictionary is made. Each line has
-    prefix, tab, short name, tab, name; one longer than 6 digits is written in whole octets, with the number of its bits.
+    prefix, tab, short name, tab, name; a prefix longer than 6 digits is written in whole octets, with the number of its bits.
     """
     from scapy.libs.manuf import DATA
 
@@ -64,7 +64,7 @@ def _names() -> dict[str, str]:
 
 
 def listed() -> str:
-    """Return the list in its own form with one name for each prefix, for where Scapy itself is not."""
+    """Return the list in its own form, with one name for each prefix, for use without Scapy."""
     from scapy.libs.manuf import DATA
 
     rows = []

@@ -27,7 +27,7 @@ def _as_dict(value: Any) -> object:
     return value.as_dict()
 
 
-#: By kind: how a value is written. A value of any other kind is JSON already.
+#: The way of writing a value, by kind. A value of any other kind is JSON already.
 _WRITTEN: Final[Mapping[str, Callable[[Any], object]]] = {
     END: str,
     TSAP: _as_dict,

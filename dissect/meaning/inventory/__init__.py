@@ -1,1 +1,1 @@
-"""Devices: one entry for each station of a capture, with what is known about it, and from which packets."""
+"""Devices: one entry for each station of a capture, with its facts and the packets that show them."""

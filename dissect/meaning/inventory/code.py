@@ -1,4 +1,4 @@
-"""The code of a device's blocks: which block reads and writes which address, and which block calls which."""
+"""The code of a device's blocks: which block reads or writes which address, and which block calls which."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from dissect.protocols.mc7.block import Block, parse_block
 from dissect.protocols.mc7.usage import BOTH, WRITE, cross_reference, cross_reference_values
 from dissect.wire.text import shortened
 
-#: How many uses and calls of one device are listed as values.
+#: Maximum number of uses and calls of one device that are listed as values.
 MAX_REFERENCES: Final = 10_000
-#: Blocks on a card; addresses read or written by a block.
+#: Maximum number of blocks on a card, and of addresses read or written by a block.
 _BLOCKS: Final = 8
 _ADDRESSES: Final = 6
 _TEXT: Final = 100
@@ -26,7 +26,7 @@ def code_of(device: Device) -> list[Block]:
 
 
 def code_lines(device: Device) -> Iterator[str]:
-    """Yield a line for each block: what it calls, writes and reads. `blocks --references` lists the same by address."""
+    """Yield a line for each block: its calls, writes and reads. `blocks --references` lists the same by address."""
     blocks = code_of(device)
     if not blocks:
         return

@@ -1,8 +1,8 @@
 """Builds devices from the events of a run: facts, transactions, operations, connections.
 
-Everything is bounded: `MAX_DEVICES` devices, `MAX_TALKS` pairs of client and server, `MAX_TARGETS` distinct requests whose
-addresses are looked at. The `Inventory` counts what is beyond that. A transaction costs one or two look-ups; what it reads is
-parsed only once.
+All sizes are limited: `MAX_DEVICES` devices, `MAX_TALKS` pairs of client and server, `MAX_TARGETS` distinct requests whose
+addresses are examined. The `Inventory` counts everything beyond these limits. A transaction costs one or two look-ups; its
+request is parsed only once.
 """
 
 from __future__ import annotations
@@ -44,18 +44,18 @@ from dissect.protocols.s7plus.items import READS, WRITES
 MAX_DEVICES: Final = 4096
 MAX_TALKS: Final = 16_384
 MAX_TARGETS: Final = 65_536
-#: Bytes of blocks of all devices whose code is looked at.
+#: Maximum size of the blocks of all devices whose code is examined.
 MAX_CODE: Final = 1024 * 1024
 
 _VARIABLES: Final = frozenset((READ_VAR, WRITE_VAR))
 #: Outcomes of acts that leave blocks as they were.
 _NOT_DONE: Final = frozenset((kinds.REFUSED, kinds.FAILED, kinds.UNANSWERED))
-#: What happened to a block.
+#: Actions on a block.
 _BLOCKS: Final = {kinds.DOWNLOAD: "loaded", kinds.UPLOAD: "read out", kinds.DELETE: "deleted"}
 
 
 class Target:
-    """What requests with the same parameters are about; ``count`` of them were carried out, and ``refused`` were refused."""
+    """The subject of requests with the same parameters; ``count`` of them were carried out, and ``refused`` were refused."""
 
     __slots__ = ("count", "places", "refused", "tags", "writes")
 
@@ -95,7 +95,7 @@ class Traffic:
 class Inventory(Observer):
     """The devices of a run. Give it to a pipeline as observer, then call `take`.
 
-    ``devices`` are sorted, CPUs first; ``talks`` are sorted by their ends. The other numbers count what is beyond the bounds.
+    ``devices`` are sorted, CPUs first; ``talks`` are sorted by their ends. The other numbers count what exceeds the limits.
     """
 
     def __init__(self) -> None:
@@ -122,7 +122,7 @@ class Inventory(Observer):
         return f"Inventory({len(self.devices)} devices, {len(self.talks)} talks)"
 
     def take(self, pipeline: Pipeline, files: list[SourceFile]) -> None:
-        """The run is over: take the list of read files, and sort the devices."""
+        """The run is over: store the list of read files, and sort the devices."""
         self.pipeline = pipeline
         self.files = files
         self.facts_not_kept = self._book.not_kept
@@ -151,7 +151,10 @@ class Inventory(Observer):
         return self.pipeline.finding_counts if self.pipeline is not None else {}
 
     def merge(self, later: Inventory) -> None:
-        """Add what ``later`` found in later packets; call `take` on neither before. ``later`` must not be used any more."""
+        """Add what ``later`` found in later packets; call this before `take` of either.
+
+        ``later`` must not be used afterwards.
+        """
         self._book.merge(later._book)
         for theirs in later._found.values():
             device = self._device(theirs.address, theirs.vlan)
@@ -183,7 +186,7 @@ class Inventory(Observer):
             self.talks_not_listed += talk.connections
 
     def _same(self, address: str, one: int, other: int) -> None:
-        """A connection of a station was seen in two VLANs: it is one station, listed with the lower number."""
+        """A connection of a station was seen in two VLANs: they are one station, listed with the lower number."""
         low, high = sorted((self._root(address, one), self._root(address, other)))
         if low != high and len(self._joined) < MAX_DEVICES:
             self._joined[address, high] = low
@@ -219,7 +222,7 @@ class Inventory(Observer):
     # ---- observer ---------------------------------------------------------------------------------------------------
 
     def transaction(self, transaction: Transaction) -> None:
-        """Count a transaction; look at what it reads or writes if that is new."""
+        """Count a transaction; examine its reads or writes if they are new."""
         traffic = self._open.get(transaction.connection.number)
         if traffic is None:
             traffic = self._begin(transaction.connection)
@@ -312,7 +315,7 @@ class Inventory(Observer):
             device.code.append(block)
 
     def fact(self, fact: Fact) -> None:
-        """Keep what a station said about itself."""
+        """Keep a fact that a station stated about itself."""
         self._book.note(fact)
 
     def connection_closed(self, connection: Connection) -> None:
@@ -373,7 +376,7 @@ class Inventory(Observer):
         return talk
 
     def _target(self, transaction: Transaction) -> Target:
-        """Look at what a request reads or writes; it is the first with these parameters on its connection."""
+        """Examine the reads or writes of a request that is the first with these parameters on its connection."""
         self._targets += 1
         if transaction.is_plus:
             return _plus_target(transaction)
@@ -391,7 +394,7 @@ class Inventory(Observer):
         return target
 
     def _add_areas(self, talk: Talk, traffic: Traffic, client_side: int) -> None:
-        """Add what was read and written to the talks of those who asked."""
+        """Add reads and writes to the talks of the sides that sent the requests."""
         for (asked_by, _), target in traffic.targets.items():
             whose: Talk | None = talk
             if asked_by != client_side:
@@ -430,7 +433,7 @@ def _blocks_of(act: Act) -> list[str]:
 
 
 def _place(item: Item) -> tuple[str, int, int]:
-    """Return the area of an item with its first and last byte (or timer or counter); -1 if they are not known."""
+    """Return the area of an item with its first and last byte (or timer or counter); -1 if unknown."""
     area = int(item.area)
     if area < 0:
         return item.address.partition(" ")[0], -1, -1
@@ -442,7 +445,7 @@ def _place(item: Item) -> tuple[str, int, int]:
 
 
 def _plus_body(transaction: Transaction) -> bytes:
-    """Return the part of a request that is the same when it is repeated: the function, and the body without numbers and ids."""
+    """Return the part of a request that stays the same in repetitions: the function, and the body without numbers and ids."""
     return transaction.function.to_bytes(2, "big") + addresses_in(transaction.request_octets)
 
 
@@ -478,7 +481,7 @@ def _add(talk: Talk, connection: Connection, traffic: Traffic) -> None:
 
 
 def _negotiated(connection: Connection, client: Device, server: Device) -> None:
-    """Note what was negotiated with the server, and the TSAPs of both ends."""
+    """Note the values negotiated with the server, and the TSAPs of both ends."""
     granted = connection.granted
     if granted is not None:
         server.pdu_lengths.add(str(granted.pdu_length))
@@ -490,6 +493,6 @@ def _negotiated(connection: Connection, client: Device, server: Device) -> None:
 
 
 def talks_between(talks: Sequence[Talk], clients: Sequence[str], servers: Sequence[str]) -> list[list[int]]:
-    """Return how many transactions each client had with each server, by name; one row for each client."""
+    """Return the number of transactions of each client with each server, by name; one row for each client."""
     known = {talk.ends: talk.transactions for talk in talks}
     return [[known.get((client, server), 0) for server in servers] for client in clients]

@@ -1,4 +1,4 @@
-"""What `devices` reports: devices, their talks, what is read and written, and the reasons for their roles."""
+"""The parts of the result of `devices`: devices, their talks, reads and writes, and the reasons for their roles."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ CPU: Final = "CPU"
 ENGINEERING: Final = "engineering"
 OPC: Final = "OPC"
 PANEL: Final = "panel"
-#: It answers S7 requests, and nothing says what it is.
+#: It answers S7 requests, and there is no evidence of its kind.
 SERVER: Final = "S7 server"
 UNKNOWN: Final = "unknown"
 #: Roles, in order of preference if their evidence has the same weight.
@@ -28,7 +28,7 @@ ROLES: Final = (CPU, ENGINEERING, OPC, PANEL, SERVER, UNKNOWN)
 #: The same, in the order in which devices are listed.
 _ORDER: Final = (CPU, SERVER, ENGINEERING, OPC, PANEL, UNKNOWN)
 
-# How sure a role is: the device states it; it behaves as only such a device does; its TSAP is that of such a device.
+# How certain a role is: the device states it; it behaves as only such a device does; its TSAP is that of such a device.
 STATED: Final = "stated"
 BEHAVIOUR: Final = "behaviour"
 TSAP: Final = "tsap"
@@ -37,12 +37,12 @@ CERTAINTIES: Final = (STATED, BEHAVIOUR, TSAP)
 
 MAX_REASONS: Final = 32
 MAX_AREAS: Final = 128
-#: Tags and separate pieces of an area that are kept, for reads and for writes.
+#: Maximum number of tags and separate pieces of an area that are kept, for reads and for writes.
 MAX_TAGS: Final = 64
 MAX_PIECES: Final = 16
 MAX_NAMES: Final = 16
 MAX_BLOCKS: Final = 1024
-#: Distinct texts beyond the other bounds that are counted; further texts are not counted.
+#: Maximum number of distinct texts beyond the other limits that are counted.
 MAX_BEYOND: Final = 4096
 
 
@@ -101,10 +101,10 @@ class Names:
 
 
 class Reason:
-    """A reason for the role of a device: how sure it makes the role, a short text, and a packet that shows it.
+    """A reason for the role of a device: the certainty that it gives, a short text, and a packet that shows it.
 
-    ``count`` is the number of connections on which it was seen. ``hint``: other devices do the same now and then, so that it
-    counts less than other reasons of the same certainty.
+    ``count`` is the number of connections that show it. ``hint``: other devices sometimes do the same, so it counts less than
+    other reasons of the same certainty.
     """
 
     __slots__ = ("certainty", "count", "frame", "hint", "role", "text")
@@ -127,11 +127,11 @@ class Reason:
 
 
 class Use:
-    """What was read from an area, or written to it: the number of requests, the bytes, and the tags.
+    """The reads or the writes of an area: the number of requests, the bytes, and the tags.
 
     ``pieces`` are the (first, last) bytes of separate pieces, in order; empty if no byte is known (symbols of S7comm-plus).
-    More than `MAX_PIECES` pieces are joined to one that spans all; ``joined`` says that there may be unused bytes in it.
-    Requests that were ``refused`` are not in ``count``.
+    More than `MAX_PIECES` pieces are joined into one that spans all; ``joined`` says that it may contain unused bytes.
+    ``count`` does not include requests that were ``refused``.
     """
 
     __slots__ = ("count", "joined", "more_tags", "pieces", "refused", "tags")
@@ -173,7 +173,7 @@ class Use:
             self.more_tags.add(name)
 
     def merge(self, later: Use) -> None:
-        """Add what was read or written in later packets."""
+        """Add the reads or writes in later packets."""
         self.count += later.count
         self.refused += later.refused
         self.joined = self.joined or later.joined
@@ -185,7 +185,7 @@ class Use:
 
 
 class Area:
-    """A data block or another area of a device: what was ``read`` and ``written``; the other numbers are for both together.
+    """A data block or another area of a device: its ``read`` and ``written`` parts; the other numbers are for both together.
 
     ``low`` and ``high`` are the first and the last byte; -1 if no byte is known (symbols of S7comm-plus).
     """
@@ -202,17 +202,17 @@ class Area:
 
     @property
     def reads(self) -> int:
-        """Requests that read there, without refused ones."""
+        """Number of requests that read from it, without refused ones."""
         return self.read.count
 
     @property
     def writes(self) -> int:
-        """Requests that wrote there, without refused ones."""
+        """Number of requests that wrote to it, without refused ones."""
         return self.written.count
 
     @property
     def refused(self) -> int:
-        """Requests that were refused, completely or in part."""
+        """Number of requests that were refused, completely or in part."""
         return self.read.refused + self.written.refused
 
     @property
@@ -232,22 +232,22 @@ class Area:
 
     @property
     def more_tags(self) -> Beyond:
-        """Further tags, beyond the bounds."""
+        """Further tags, beyond the limits."""
         found, known = Beyond(), self.tags
         for use in (self.read, self.written):
             found.merge(use.more_tags, known)
         return found
 
     def merge(self, later: Area) -> None:
-        """Add what was read and written of the same area in later packets."""
+        """Add the reads and writes of the same area in later packets."""
         self.read.merge(later.read)
         self.written.merge(later.written)
 
 
 class Asked:
-    """What happened to requests: how many were answered, how many lack an answer, and how many got an error.
+    """The results of requests: how many were answered, how many lack an answer, and how many got an error.
 
-    ``likely`` counts those of the answered that are only likely pairs, which no answer time includes.
+    ``likely`` counts those of the answered that are only likely pairs, which are in no answer time.
     """
 
     __slots__ = ("answered", "errors", "likely", "missed")
@@ -284,14 +284,14 @@ class Seen:
         self.last_ns = 0
 
     def seen(self, first: tuple[int, int], last: tuple[int, int]) -> None:
-        """It was seen from the packet ``first`` to ``last``, each with its time; files may come in any order."""
+        """Note that it was seen from the packet ``first`` to ``last``, each with its time; files may come in any order."""
         if not self.first_frame or first[::-1] < (self.first_ns, self.first_frame):
             self.first_frame, self.first_ns = first
         if last[::-1] > (self.last_ns, self.last_frame):
             self.last_frame, self.last_ns = last
 
     def seen_as(self, other: Seen) -> None:
-        """It was also seen where ``other`` was."""
+        """Note that it was also seen in all packets that showed ``other``."""
         if other.first_frame:
             self.seen((other.first_frame, other.first_ns), (other.last_frame, other.last_ns))
 
@@ -300,7 +300,7 @@ class Talk(Seen):
     """All connections between a client and a server together.
 
     ``client`` and ``server`` are addresses, ``vlan`` is the VLAN key of both. ``back`` counts requests by the server, such as
-    those with which it fetches a download.
+    those that fetch a download.
     """
 
     __slots__ = (
@@ -347,7 +347,7 @@ class Talk(Seen):
         return found
 
     def merge(self, later: Talk) -> None:
-        """Add what the same two did in later packets."""
+        """Add what the same two ends did in later packets."""
         self.connections += later.connections
         self.protocols.merge(later.protocols)
         self.transactions += later.transactions
@@ -374,7 +374,7 @@ class Device(Seen):
 
     ``station`` has its facts, each with source, packets and times. ``reasons`` are the reasons for its role. ``latencies`` are
     its answer times in nanoseconds. ``asked_by`` are the talks in which it is the server, ``asks`` those in which it is the
-    client. ``sessions`` are what it said about itself as an S7comm-plus client. Texts are from the wire, not escaped.
+    client. ``sessions`` are its statements about itself as an S7comm-plus client. Texts are from the wire, not escaped.
     """
 
     def __init__(self, address: str, vlan: int = 0) -> None:
@@ -387,7 +387,7 @@ class Device(Seen):
         self.asked_by: list[Talk] = []
         self.asks: list[Talk] = []
         self.sessions = Names()
-        self.sent_to: Fact | None = None  # the MAC address to which packets for it go, if it was not seen to send any
+        self.sent_to: Fact | None = None  # the MAC address of packets to it, if it was not seen to send any
         self.tsaps = Names()
         self.pdu_lengths = Names()
         self.parallel_jobs = Names()
@@ -412,12 +412,12 @@ class Device(Seen):
 
     @property
     def role(self) -> str:
-        """The role for which there is the best evidence."""
+        """The role with the best evidence."""
         return self._best.role if self.reasons else UNKNOWN
 
     @property
     def certainty(self) -> str:
-        """How sure the role is; empty if it is unknown."""
+        """How certain the role is; empty if it is unknown."""
         return self._best.certainty if self.reasons else ""
 
     @property
@@ -426,7 +426,7 @@ class Device(Seen):
 
     @property
     def asked(self) -> Asked:
-        """What happened to the requests it was sent: by its clients, and by servers on connections that it opened itself."""
+        """The results of the requests that it got: from its clients, and from servers on connections that it opened itself."""
         found = Asked()
         for talk in self.asked_by:
             found.answered += talk.answered
@@ -447,7 +447,7 @@ class Device(Seen):
             self.reasons[role, text] = Reason(role, certainty, text, frame, hint)
 
     def _block(self, name: str) -> Names | None:
-        """Return what happened to a block, a new entry if there is room; else None."""
+        """Return the record of the actions on a block, a new one if there is room; else None."""
         found = self.blocks.get(name)
         if found is None:
             if len(self.blocks) >= MAX_BLOCKS:
@@ -496,12 +496,12 @@ class Device(Seen):
 
     @property
     def modules(self) -> list[str]:
-        """Racks and slots that were asked; an empty text for facts without one."""
+        """Racks and slots that were addressed; an empty text for facts without one."""
         return sorted({module for module, _ in self.station.facts})
 
     @property
     def clock_offset_ns(self) -> int | None:
-        """How far its clock, as it was read, is ahead of that of the capture, in nanoseconds; None if it was not read.
+        """How far its clock, when it was read, was ahead of that of the capture, in nanoseconds; None if it was not read.
 
         Its time is taken as UTC.
         """
@@ -510,13 +510,13 @@ class Device(Seen):
 
     @property
     def clock_set_offset_ns(self) -> int | None:
-        """How far the time that it was last set to was ahead of that of the capture; None if it was not seen to be set."""
+        """Difference of the time that it was last set to from that of the capture; None if it was not seen to be set."""
         text = self.get(facts.CLOCK_SET)
         return int(text) if text else None
 
     @property
     def block_counts(self) -> dict[str, int]:
-        """How many blocks it said to have, by type."""
+        """Numbers of blocks that it stated, by type."""
         begun = f"{facts.BLOCKS} "
         said = {key: found for (_, key), found in self.station.facts.items() if key.startswith(begun)}
         return {key.removeprefix(begun): int(facts.last_of(found).value) for key, found in sorted(said.items())}

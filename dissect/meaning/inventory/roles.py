@@ -1,4 +1,4 @@
-"""Finds the role of a device from what it says, what it does, and its TSAP; each reason comes with a packet."""
+"""Finds the role of a device from its statements, its actions, and its TSAP; each reason comes with a packet."""
 
 from __future__ import annotations
 
@@ -30,7 +30,8 @@ from dissect.protocols.s7plus.session import PANEL_ORDER_NUMBERS
 _OF_CPU: Final = (facts.ORDER_NUMBER, facts.OPERATING_MODE, facts.PROTECTION)
 _PG: Final = 1
 _OP: Final = 2
-#: What panels do, as text, and the text if the PLC refused it. A notification shows a subscription as well as a request does.
+#: Actions of panels, as text, and the text for actions that the PLC refused. A notification shows a subscription as well as a
+#: request does.
 _PANEL: Final = {
     CYCLIC: ("is subscribed to values", "tried to subscribe to values"),
     MESSAGES: ("is subscribed to alarms", "tried to subscribe to alarms"),
@@ -44,17 +45,17 @@ _BUFFER: Final = "reads the diagnostic buffer"
 _BUFFER_LIST: Final = 0xA0
 #: Parts of TSAP texts, in S7comm-plus or in configured connections.
 _TSAP_TEXTS: Final = (("OPC", OPC), ("ROOT-ES", ENGINEERING), ("SCS-ES", ENGINEERING), ("ROOT-HMI", PANEL))
-#: Names that a project gives, and parts of them that only panels have: TIA Portal names the runtime of a panel HMI_RT_1.
+#: Names given by a project, and parts of them that only panels have: TIA Portal names the runtime of a panel HMI_RT_1.
 _NAMES: Final = (facts.MODULE_TYPE, facts.STATION_NAME, facts.MODULE_NAME)
 _PANEL_NAMES: Final = ("HMI_RT", "WINCC", "SIMATIC HMI", "SIMATIC PANEL")
 
 
 class Deeds:
-    """What the client of a connection did that shows its role, each with the first packet that shows it.
+    """Actions of the client of a connection that show its role, each with the first packet that shows it.
 
     ``done`` are kinds of operations that the server did not refuse, ``tried`` those that it refused or did not answer; both
-    have what acts show, too. ``texts`` describe what is neither an act nor an operation. ``hints`` are weak signs, which other
-    devices occasionally show as well.
+    include acts, too. ``texts`` describe actions that are neither an act nor an operation. ``hints`` are weak signs, which
+    other devices occasionally show as well.
     """
 
     __slots__ = ("done", "hints", "texts", "tried")
@@ -69,7 +70,7 @@ class Deeds:
         """Note an operation, which packet ``frame`` shows."""
         kind = operation.kind
         if kind == MESSAGES and operation.connection.plus is None:
-            return  # the events it subscribes to are judged from its request
+            return  # its events are judged from its request
         (self.tried if operation.result in {REFUSED, UNFINISHED} else self.done).setdefault(kind, frame)
 
     def did(self, act: Act) -> None:
@@ -95,7 +96,10 @@ class Deeds:
             self._subscribes(transaction, frame)
 
     def _subscribes(self, transaction: Transaction, frame: int) -> None:
-        """Note a subscription to events. One to mode transitions is ignored, because clients of all kinds have one."""
+        """Note a subscription to events.
+
+        A subscription to mode transitions is ignored, because clients of all kinds have one.
+        """
         body = transaction.request_body
         asked = body.find(MESSAGE_REQUEST) if body is not None else None
         if asked is None:
@@ -108,7 +112,10 @@ class Deeds:
 
 
 def judge_server(device: Device) -> None:
-    """Add reasons from what a device said about itself. Panels answer some of what CPUs do, but say that they are panels."""
+    """Add reasons from a device's statements about itself.
+
+    Panels answer some of the requests that CPUs answer, but state that they are panels.
+    """
     for stretch in device.history(facts.ORDER_NUMBER):
         if stretch.value.startswith(PANEL_ORDER_NUMBERS):
             text = f"states the order number of a panel ({stretch.source})"
@@ -135,7 +142,7 @@ def judge_client(
     deeds: Deeds,
     answer_frames: Sequence[int],
 ) -> None:
-    """Add reasons from what both ends of a closed connection did."""
+    """Add reasons from the actions of both ends of a closed connection."""
     answered = answer_frames[1 - connection.client_side]
     if answered and connection.protocol in {"s7comm", "s7comm_plus"}:
         protocol = "S7comm" if connection.protocol == "s7comm" else "S7comm-plus"
@@ -167,7 +174,7 @@ def judge_client(
 
 
 def _judge_deed(client: Device, role: str, deeds: Deeds, key: str, done: str, tried: str) -> None:
-    """Add what a client did as a reason for its role; what it only tried is a weaker one."""
+    """Add an action of a client as a reason for its role; a mere attempt is a weaker reason."""
     if key in deeds.done:
         client._because(role, BEHAVIOUR, done, deeds.done[key])
     elif key in deeds.tried:

@@ -1,4 +1,4 @@
-"""Devices as text: a card for each, and a matrix of who talks to whom. What does not fit is counted."""
+"""Devices as text: a card for each, and a matrix of who talks to whom. Entries beyond the limits are counted."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ from dissect.meaning.report.words import PROTOCOLS, Places
 from dissect.packets.tcp.link import within
 from dissect.wire.text import Clock, duration_text, printable, shortened, some
 
-#: Bounds: cards, talks of a device, areas of a talk, tags of an area, values over time, rows and columns of the matrix.
+#: Limits: cards, talks of a device, areas of a talk, tags of an area, values over time, rows and columns of the matrix.
 _CARDS: Final = 50
 _TALKS: Final = 8
 _AREAS: Final = 8
@@ -51,7 +51,7 @@ _HANG: Final = 14
 _TEXT: Final = 100
 _NUMBERED: Final = re.compile(r"([A-Za-z]+) ?([0-9]{1,9})\b")
 
-#: What a device with one of these roles is.
+#: The noun for a device with one of these roles.
 _NOUNS: Final = {
     CPU: "a CPU", ENGINEERING: "an engineering station", OPC: "an OPC server", PANEL: "a panel", SERVER: "an S7 server",
 }  # fmt: skip
@@ -153,7 +153,8 @@ def _card(device: Device, places: Places, clock: Clock, shared: Mapping[str, int
         yield "sessions", _some(device.sessions)
     if device.asked_by or device.asked:
         yield "answers", _answers(device)
-    asks = [talk for talk in device.asks if talk.server != talk.client]  # talks with itself are shown with "asked by"
+    # a talk with itself is already in the list of its clients
+    asks = [talk for talk in device.asks if talk.server != talk.client]
     for title, talks, client in (("asked by", device.asked_by, True), ("asks", asks, False)):
         for talk in talks[:_TALKS]:
             yield title, f"{_host(talk.client if client else talk.server, places)}: {_talk(talk)}"
@@ -217,7 +218,7 @@ def _state(device: Device, places: Places, clock: Clock) -> Iterator[tuple[str, 
 
 
 def _moments(device: Device, clock: Clock) -> Callable[[int], str]:
-    """Return what writes the times on a card: as times of day, or with their dates where the card is of several days."""
+    """Return a function that writes the times on a card: as times of day, or with dates if the card spans several days."""
     times = [device.first_ns, device.last_ns]
     for stretches in device.station.facts.values():
         times += [time_ns for stretch in stretches for time_ns in (stretch.first_ns, stretch.last_ns)]
@@ -321,7 +322,7 @@ def _talk(talk: Talk) -> str:
 
 
 def _area(area: Area, use: Use) -> str:
-    """Return what was read from an area, or written to it."""
+    """Return the reads or the writes of an area as text."""
     if use.tags:
         more = len(use.tags) - _TAGS + len(use.more_tags)
         names = ", ".join([shortened(tag.removeprefix(f"{area.name}."), _TEXT) for tag in use.tags[:_TAGS]])

@@ -1,4 +1,7 @@
-"""What `analyze` adds up over a whole run. Bounded: counters are exact, lists keep the entries that matter most."""
+"""What `analyze` adds up over a whole run.
+
+Counters are exact; lists keep only the most important entries, so memory is limited.
+"""
 
 from __future__ import annotations
 
@@ -68,9 +71,9 @@ class FunctionStatistics:
         self.total: i64 = 0
         self.answered: i64 = 0
         self.unanswered: i64 = 0
-        self.still_open: i64 = 0  # of the unanswered: the capture ended before their answer was due
-        self.not_captured: i64 = 0  # of the unanswered: their answer may be what the capture lacks
-        self.likely: i64 = 0  # of the answered: pairs that are only likely; `latencies` has none of them
+        self.still_open: i64 = 0  # unanswered because the capture ended before their answer was due
+        self.not_captured: i64 = 0  # unanswered, but their answer may only be missing from the capture
+        self.likely: i64 = 0  # answered, but only a likely pair; `latencies` does not include them
         self.orphans: i64 = 0
         self.pushes: i64 = 0
         self.one_way: i64 = 0
@@ -104,7 +107,7 @@ class FunctionStatistics:
 
 
 class Shared:
-    """Stores values that many kept connections have in common once: parameters, addresses and TSAPs repeat a lot."""
+    """Stores values that many kept connections have in common only once: parameters, addresses and TSAPs repeat a lot."""
 
     __slots__ = ("_asked", "_ends", "_macs", "_tsaps")
 
@@ -116,7 +119,7 @@ class Shared:
         self._tsaps: dict[bytes, Tsap] = {}
 
     def take(self, connection: Connection) -> None:
-        """Let a connection that is over share the values that are known already, and remember its new ones."""
+        """Let a finished connection share the values that are already known, and remember its new ones."""
         tcp = connection.tcp
         first, second = tcp.ends
         tcp.ends = [self._end(first), self._end(second)]  # not a comprehension: its list would have spare room
@@ -144,18 +147,19 @@ class Shared:
 
     def _once(self, asked: Parameters | None) -> Parameters | None:
         if asked is None or asked.rosctr > USERDATA:
-            return asked  # parameters of other protocols hold more than their octets, so equal octets are not enough
+            # parameters of other protocols contain more than their octets, so equal octets are not sufficient
+            return asked
         return self._asked[asked.rosctr].setdefault(asked.octets, asked)
 
 
 class Part:
-    """The part of a capture that an analysis covers, where option -Y selects one: the expression, and how much it left out.
+    """The part of a capture in an analysis with a selection (option -Y): the expression, and how much it left out.
 
     ``passed`` counts all that was selected. ``transactions``, ``operations``, ``findings`` and ``connections`` count what was
-    read but not selected. ``not_read`` counts
-    connections of which nothing was read, because their addresses or numbers ruled them out. ``findings_not_judged`` counts
-    findings that had no detail kept by which they could be selected. ``finding_counts`` are the selected findings, by slug,
-    ``explained_counts`` those of them that others explain, as `Reporter.explained`. ``ledger`` has the facts of the selected.
+    read but not selected. ``not_read`` counts connections that were not read at all, because their addresses or numbers ruled
+    them out. ``findings_not_judged`` counts findings of which no detail was kept that the selection could check.
+    ``finding_counts`` are the selected findings, by slug; ``explained_counts`` are those among them that others explain, as in
+    `Reporter.explained`. ``ledger`` has the facts of the selected.
     """
 
     __slots__ = (
@@ -213,9 +217,9 @@ class Part:
 
 
 class Analysis(Observer):
-    """Everything `analyze` says about a run. Fill it through a pipeline, then `take` the pipeline's own counters.
+    """The complete result of `analyze` for a run. Fill it through a pipeline, then `take` the pipeline's own counters.
 
-    ``findings`` are those that stand for themselves; ``explained`` are those that one of them explains (`Finding.because`).
+    ``findings`` are those without a cause; ``explained`` are those that one of them explains (`Finding.because`).
     """
 
     def __init__(self) -> None:
@@ -223,20 +227,18 @@ class Analysis(Observer):
         self.total: i64 = 0
         self.answered: i64 = 0
         self.unanswered: i64 = 0
-        self.still_open: i64 = 0  # of the unanswered: the capture ended before their answer was due, so nothing failed
-        self.not_captured: i64 = 0  # of the unanswered: their answer may be what the capture lacks
-        self.likely: dict[
-            str, int
-        ] = {}  # of the answered: pairs that are only likely, by doubt; they are in no answer time
+        self.still_open: i64 = 0  # unanswered because the capture ended before their answer was due, so nothing failed
+        self.not_captured: i64 = 0  # unanswered, but their answer may only be missing from the capture
+        self.likely: dict[str, int] = {}  # answered, but only likely pairs, by doubt; they are in no answer time
         self.orphans: i64 = 0
         self.unsolicited: i64 = 0
-        self.one_way: i64 = 0  # of the unsolicited: requests that want no answer
+        self.one_way: i64 = 0  # unsolicited requests that need no answer
         self.behind: i64 = 0  # behind malformed TPDU headers, and without a partner
         self.with_errors: i64 = 0
         self.functions: dict[int, FunctionStatistics] = {}
         self._latest_key: i64 = -1  # key of `_latest` in `functions`; the next transaction often has the same
         self._latest: FunctionStatistics | None = None
-        self._earlier_key: i64 = -1  # the same of the function before it: often two alternate
+        self._earlier_key: i64 = -1  # the same for the function before it: often two alternate
         self._earlier: FunctionStatistics | None = None
         self.unanswered_reasons: dict[str, int] = {}
         self.connections: list[Connection] = []
@@ -249,9 +251,9 @@ class Analysis(Observer):
         self.findings: Sequence[Finding] = self._findings
         self._explained: Findings = Findings()
         self.explained: Sequence[Finding] = self._explained
-        self.operations: dict[str, dict[str, int]] = {}  # by kind: how many ended with which result
+        self.operations: dict[str, dict[str, int]] = {}  # by kind: how many had which result
         self.ended_operations: dict[str, int] = {}  # by kind: how many of the running ones ended with their connection
-        self.stations: Book = Book()  # what stations state of themselves
+        self.stations: Book = Book()  # statements of stations about themselves
         self.own_book = self.stations
         self.wants_facts = type(self) is not Analysis  # a subclass may override `fact`
         self.failed: list[Transaction] = []
@@ -259,7 +261,7 @@ class Analysis(Observer):
         self._slow_floor: i64 = -1
         self.pipeline: Pipeline | None = None
         self.files: list[SourceFile] = []
-        self.part: Part | None = None  # with a selection (-Y): which, and how much it left out
+        self.part: Part | None = None  # with a selection (-Y): the selection, and how much it left out
 
     def __repr__(self) -> str:
         return (
@@ -268,14 +270,14 @@ class Analysis(Observer):
         )
 
     def take(self, pipeline: Pipeline, files: list[SourceFile]) -> None:
-        """Take over what the pipeline counted, and the files that were read."""
+        """Store the pipeline's counts and the files that were read."""
         self.pipeline = pipeline
         self.files = files
         self._shared = Shared()
 
     @property
     def missed(self) -> int:
-        """Requests whose answer was due and did not come (`Transaction.missed`)."""
+        """Number of requests whose answer was due and did not come (`Transaction.missed`)."""
         return int(self.unanswered - self.still_open - self.not_captured)
 
     @property
@@ -301,7 +303,7 @@ class Analysis(Observer):
 
     @property
     def perhaps_twice(self) -> bool:
-        """True when a connection may have been counted twice: an idle one was forgotten, and may have gone on."""
+        """True when a connection may have been counted twice: an idle one was forgotten, and may have continued."""
         return self.pipeline is not None and self.pipeline.connections.twice > 0
 
     def by_cause(self) -> dict[str, dict[str, int]]:
@@ -334,7 +336,7 @@ class Analysis(Observer):
         return analysis_as_dict(self)
 
     def locate(self, frame: int) -> tuple[str, int]:
-        """Return (file name, number of the packet within it) of a packet of the run; IndexError before `take`."""
+        """Return (file name, number of the packet in that file) for a packet of the run; IndexError before `take`."""
         return Places(self.files, True).locate(frame)
 
     # ---- observer ---------------------------------------------------------------------------------------------------
@@ -404,7 +406,7 @@ class Analysis(Observer):
             self.ended_operations[operation.kind] = self.ended_operations.get(operation.kind, 0) + 1
 
     def fact(self, fact: Fact) -> None:
-        """Keep what a station stated."""
+        """Keep the statement of a station."""
         if not self.stations.filled:
             self.stations.note(fact)
 
@@ -424,9 +426,9 @@ class Analysis(Observer):
     # ---- of several runs --------------------------------------------------------------------------------------------
 
     def merge(self, later: Analysis) -> None:
-        """Add what ``later`` found in the packets after this run's; it numbers on from where this one ends.
+        """Add the results of ``later`` for the packets after this run's; its numbers continue from the end of this one.
 
-        ``pipeline``, ``files``, ``findings`` and ``explained`` are left alone: `dissect.files.jobs.analyses` merges them.
+        ``pipeline``, ``files``, ``findings`` and ``explained`` are not changed: `dissect.files.jobs.analyses` merges them.
         """
         self.total += later.total
         self.answered += later.answered

@@ -17,7 +17,7 @@ from dissect.meaning.report.words import Places, named
 from dissect.packets.tcp.link import within
 from dissect.wire.text import Clock, cut_inside, printable, shortened
 
-#: At most this many lines in all, and in each part; a last line of the part says how many were left out.
+#: Maximum number of lines in all, and in each part; a last line of the part states how many were left out.
 MOST: Final = 40
 _FILES: Final = 3
 _FINDINGS: Final = 11

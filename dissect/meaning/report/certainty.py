@@ -1,4 +1,4 @@
-"""How certain a pair of request and answer is, in words: the mark on a line, and the sentence on what was left out.
+"""The certainty of a pair of request and answer as text: the mark on a line, and the sentence about omitted pairs.
 
 `Transaction.certainty` and `Transaction.doubt` are the facts (docs/decisions/0004-pairing.md).
 """
@@ -34,18 +34,18 @@ def add_doubt(doubts: dict[str, int], transaction: Transaction) -> None:
 
 
 def not_captured(answers: int, reasons: Mapping[str, int]) -> str:
-    """Return how many answers the capture may lack, in words; ``reasons`` counts why requests have no answer.
+    """Return, as text, how many answers the capture may lack; ``reasons`` counts why requests have no answer.
 
-    Of a connection that was dropped because too many were open, the answer may be in the capture.
+    For a connection that was dropped because too many were open, the answer may be in the capture.
     """
     said = count(answers, "answer not captured", "answers not captured")
     return f"{said} or on dropped connections" if reasons.get(CONNECTION_EVICTED) else said
 
 
 def left_out(doubts: Mapping[str, int]) -> str:
-    """Return the sentence, without a full stop, on pairs that are only likely and left out of answer times; empty for none.
+    """Return the sentence, without a full stop, about likely pairs that are left out of answer times; empty for none.
 
-    ``doubts`` is how many there are, by key of `DOUBT_TEXTS`.
+    ``doubts`` are their numbers, by key of `DOUBT_TEXTS`.
     """
     total = sum(doubts.values())
     return (
@@ -56,14 +56,14 @@ def left_out(doubts: Mapping[str, int]) -> str:
 
 
 def values_left_out(doubts: Mapping[str, int], of: str = "values") -> str:
-    """Return the same sentence on transactions, pairs and pushes, whose values are left out of something; empty for none."""
+    """Return the same sentence about transactions, pairs and pushes whose values are left out of something; empty for none."""
     total = sum(doubts.values())
     said = count(total, "transaction is", "transactions are")
     return f"{said} only likely and left out of {of}: {why(doubts)}" if total else ""
 
 
 def why(doubts: Mapping[str, int]) -> str:
-    """Return why transactions are only likely; with several reasons, how many have each."""
+    """Return why transactions are only likely; if there are several reasons, how many transactions have each."""
     said = [(DOUBT_TEXTS[doubt], doubts[doubt]) for doubt in DOUBT_TEXTS if doubts.get(doubt)]
     if len(said) == 1:
         return said[0][0]

@@ -33,8 +33,8 @@ ANALYSIS_SCHEMA: Final = "s7dissect.analysis/1"
 def analysis_as_dict(analysis: Analysis, interrupted: bool = False) -> dict[str, object]:
     """Return an analysis as the object `analyze -T json` writes. ValueError when it was not filled by a run.
 
-    With several files every packet number counts within its file, and the file's name is given with it. ``interrupted`` says
-    that reading was broken off.
+    With several files every packet number counts within its file, and the file's name is given, too. ``interrupted`` says that
+    the user stopped the reading.
     """
     return {
         name: list(value) if isinstance(value, Iterator) else value
@@ -103,7 +103,7 @@ def _transactions(analysis: Analysis) -> dict[str, object]:
 
 
 def _likely(analysis: Analysis) -> dict[str, object]:
-    """Return the keys for answers that were not captured, and for pairs that are only likely; none where there are none."""
+    """Return the keys for answers that were not captured, and for pairs that are only likely; none if there are none."""
     told: dict[str, object] = {}
     if analysis.not_captured:
         told["answers_not_captured"] = analysis.not_captured
@@ -173,13 +173,13 @@ def _function(code: int, statistics: FunctionStatistics) -> dict[str, object]:
 
 
 def connection_as_dict(connection: Connection, places: Places, clock: Clock | None = None) -> dict[str, object]:
-    """Return one connection: its ends, TSAPs, negotiated values, counts, how it ended. Many calls may share one ``clock``."""
+    """Return one connection: its ends, TSAPs, negotiated values, counts, and its ending. Many calls may share one ``clock``."""
     owned = {"tls": tls_as_dict(connection), "ending": ending_as_dict(connection, places)}
     return written(CONNECTION, connection, places, clock or Clock(), owned)
 
 
 def by_weight(findings: Sequence[Finding], explained: Sequence[Finding] = ()) -> Iterator[Finding]:
-    """Yield findings ordered by severity, the heaviest first, then as they came."""
+    """Yield findings ordered by severity, the heaviest first, then in their original order."""
     sorted_out: dict[str, list[Finding]] = {severity: [] for severity in SEVERITIES}
     for some in (findings, explained):
         for finding in some:

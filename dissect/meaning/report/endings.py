@@ -1,4 +1,4 @@
-"""How connections ended, for a person and for a program."""
+"""How connections ended, as text and as JSON."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def short(connection: Connection) -> str:
 
 
 def phrase(connection: Connection, places: Places) -> str:
-    """Return how a connection ended, which requests were open then and what was last heard, as the end of a sentence."""
+    """Return how a connection ended, the requests that were open then and the last message, as the end of a sentence."""
     ending = connection.ending
     begun = "already open at the start, " if connection.mid_stream and not connection.tcp.known_start else ""
     if connection.udp:
@@ -57,7 +57,7 @@ def phrase(connection: Connection, places: Places) -> str:
 
 
 def _before(ending: Ending, places: Places) -> str:
-    """Return what was open and what came last; empty for a connection that was closed in order with nothing open."""
+    """Return the open requests and the last message; empty for a connection that was closed normally with nothing open."""
     if ending.connecting and ending.how != OPEN:
         return " before the connect request was answered"
     parts = ""
@@ -102,7 +102,7 @@ def ending_as_dict(connection: Connection, places: Places) -> dict[str, object] 
 
 
 def _reset(connection: Connection, ending: Ending, places: Places) -> dict[str, object] | None:
-    """Return the RST that came after another end had begun (FIN, for example), None when there was none."""
+    """Return the RST that came after the beginning of another end (FIN, for example), None if there is none."""
     if not ending.reset_frame:
         return None
     frame = int(ending.reset_frame)

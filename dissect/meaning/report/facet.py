@@ -1,4 +1,4 @@
-"""`Facet`: what reports need to know of a protocol's transactions.
+"""`Facet`: the knowledge of reports about the transactions of a protocol.
 
 The table of all facets is in `dissect.meaning.report.facets`.
 """
@@ -12,24 +12,25 @@ from mypy_extensions import mypyc_attr
 from dissect.engine.transactions.transaction import Transaction
 from dissect.protocols.s7.parameters import Parameters
 
-#: Returns the file of a packet, and its number within that file, for its number in the run.
+#: Returns the file and the number in the file of a packet, given its number in the run.
 Locate = Callable[[int], tuple[str, int]]
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class Facet:
-    """How reports show the transactions of one protocol. A subclass overrides what its protocol has something to say on.
+    """How reports show the transactions of one protocol.
 
-    All texts that are returned are escaped. Methods that end in ``_json`` return a piece of a line of JSON (docs/json.md).
-    A comma stands before each key of it, except in `function_json`, which begins with the value of ``function``.
+    A subclass overrides the methods for which its protocol has something to show. All texts that are returned are escaped.
+    Methods that end in ``_json`` return a piece of a line of JSON (docs/json.md). A comma precedes each key of it, except in
+    `function_json`, which begins with the value of ``function``.
     """
 
     def reference(self, transaction: Transaction) -> str:
-        """Return the number that request and answer have in common, empty where there is none."""
+        """Return the number that request and answer share, empty if there is none."""
         return str(transaction.pdu_ref)
 
     def function_number(self, transaction: Transaction) -> str:
-        """Return the function code in decimal, empty where there is none."""
+        """Return the function code in decimal, empty if there is none."""
         return str(transaction.function) if transaction.function >= 0 else ""
 
     def items(self, transaction: Transaction) -> list[str]:
@@ -37,11 +38,11 @@ class Facet:
         return []
 
     def subject(self, transaction: Transaction) -> str:
-        """Return what a transaction is about: its items, or notes on request and answer; shortened to fit a line."""
+        """Return the subject of a transaction: its items, or notes on request and answer; shortened to fit a line."""
         return ""
 
     def subject_whole(self, transaction: Transaction) -> str:
-        """Return what a transaction without items is about, not shortened."""
+        """Return the subject of a transaction without items, not shortened."""
         return self.subject(transaction)
 
     def notes(self, transaction: Transaction) -> str:
@@ -49,7 +50,7 @@ class Facet:
         return self.subject(transaction)
 
     def setup(self, transaction: Transaction) -> str:
-        """Return what a setup negotiated, empty for any other function."""
+        """Return the values negotiated by a setup, empty for any other function."""
         return ""
 
     def function_json(self, parameters: Parameters) -> str:
@@ -65,7 +66,7 @@ class Facet:
         return ""
 
     def statistics(self, code: int) -> dict[str, object]:
-        """Return the JSON keys of a row of statistics that say which function it is of, and of which protocol.
+        """Return the JSON keys of a row of statistics that name its function and its protocol.
 
         ``code`` is the key of the row in `Analysis.functions`.
         """

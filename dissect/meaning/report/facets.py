@@ -1,6 +1,6 @@
-"""A transaction in words: its items with their values or errors, what it is about, how it ended.
+"""A transaction as text: its items with their values or errors, its subject, its outcome.
 
-`FACETS` has the protocols that reports know, by `Transaction.rosctr`. To describe another protocol in its own words, write a
+`FACETS` has the protocols that reports know, by `Transaction.rosctr`. To describe another protocol in its own terms, write a
 subclass of `Facet` and add one row. S7comm is the default; its JSON, the bulk of all output, is in
 `dissect.meaning.report.writers.jsonl`.
 """
@@ -60,17 +60,17 @@ from dissect.protocols.s7plus.parameters import PLUS, is_plus_key
 from dissect.protocols.s7plus.tables import PARTIAL_ERROR
 from dissect.wire.text import printable, shortened, some
 
-#: Functions that are described by their items, or by what they negotiate; notes on them would add nothing.
+#: Functions that are described by their items, or by the negotiated values; notes on them would add nothing.
 _TOLD_BY_ITEMS: Final = frozenset((READ_VAR, WRITE_VAR, SETUP_COMMUNICATION))
 
 #: Group and subfunction of the request that lists the blocks of a type.
 _LIST_OF_TYPE: Final = (3, 2)
 
-#: At most this many tags of one item are named on a line.
+#: Maximum number of tags of one item that a line names.
 _SHOWN_TAGS: Final = 16
-#: At most this many types of blocks are shown with their numbers; there are fewer types, so all are.
+#: Maximum number of types of blocks that are shown with their numbers; there are fewer types, so all are shown.
 _BLOCK_TYPES: Final = 16
-#: Why a request stayed without an answer.
+#: Why a request remained without an answer.
 REASONS: Final = {
     CONNECTION_CLOSED: "connection closed",
     CAPTURE_ENDED: "capture ends",
@@ -93,7 +93,7 @@ def address(item: Item) -> str:
 def item(result: ItemResult, number: int, naming: Naming | None = None) -> str:
     """Return one item with its value or error: ``DB10.DBW4 = 1234``, ``DB99.DBW0: Object does not exist``.
 
-    With ``naming``, the tags that the item covers take the place of its value: ``DB10.DBB0 x6 {Tank.Level = 3.5 m, …}``.
+    With ``naming``, the tags in the item replace its value: ``DB10.DBB0 x6 {Tank.Level = 3.5 m, …}``.
     """
     asked = result.item
     name = f"item {number}" if asked is None else address(asked)
@@ -109,7 +109,7 @@ def item(result: ItemResult, number: int, naming: Naming | None = None) -> str:
 
 
 def _other_size(result: ItemResult) -> str:
-    """Return a remark on an item that has fewer or more octets than were requested; empty where the number is right."""
+    """Return a remark on an item that has fewer or more octets than requested; empty if the number is right."""
     asked, data, stands_in = result.item, result.data, result.answer
     if asked is None or data is None or not 0 <= asked.size != len(data):
         return ""
@@ -121,7 +121,7 @@ def _other_size(result: ItemResult) -> str:
 
 
 def _with_names(place: str, known: list[NamedValue]) -> str:
-    """Return an item with its tags: a single tag stands in front of the address, several stand after it."""
+    """Return an item with its tags: a single tag is placed before the address, several are placed after it."""
     if len(known) == 1:
         only = named_value(known[0])
         name, equals, content = only.partition(" = ")
@@ -132,7 +132,7 @@ def _with_names(place: str, known: list[NamedValue]) -> str:
 
 
 def named_value(known: NamedValue) -> str:
-    """Return a value with its name and unit: ``Tank.Level = 3.5 m``; octets that no tag names with their address."""
+    """Return a value with its name and unit: ``Tank.Level = 3.5 m``; octets without a tag with their address."""
     size = len(known.data)
     if not known.name:
         place = f"{known.address} x{size}" if size > 1 else known.address
@@ -170,9 +170,9 @@ def body_notes(pdu: Pdu) -> str:
 
 
 def notes_of(body: Body) -> str:
-    """Return the first few notes on the parts of a body, and how many more there are.
+    """Return the first few notes on the parts of a body, and the number of the others.
 
-    Of a list of how many blocks of each type a CPU has, types without blocks are left out.
+    From a list of the numbers of blocks that a CPU has, types without blocks are left out.
     """
     counts = [part for part in body.parts if part.layout is BLOCK_COUNT]
     if not counts:
@@ -181,7 +181,7 @@ def notes_of(body: Body) -> str:
 
 
 def items_in_short(results: list[ItemResult], naming: Naming | None = None) -> str:
-    """Return the first few refused items, or where none was refused the first few of all, without values; empty for none."""
+    """Return the first few refused items, or if none was refused the first few of all, without values; empty for none."""
     numbered = list(enumerate(results, 1))
     refused = [(number, result) for number, result in numbered if result.refused]
     if refused:
@@ -203,7 +203,7 @@ def _unconfirmed(transaction: Transaction) -> str:
 
 
 def _short_name(result: ItemResult, number: int, naming: Naming | None) -> str:
-    """Return the address of an item with its tag, ``Tank.Level (DB1.DBD0)``, or how many: ``DB1.DBB0 x10 (3 tags)``."""
+    """Return the address of an item with its tag, ``Tank.Level (DB1.DBD0)``, or the number: ``DB1.DBB0 x10 (3 tags)``."""
     if result.item is None:
         return f"item {number}"
     known = [value.name for value in naming.named(result) if value.name] if naming is not None else []
@@ -214,7 +214,7 @@ def _short_name(result: ItemResult, number: int, naming: Naming | None) -> str:
 
 
 def error_text(error: TransactionError) -> str:
-    """Return an error: an S7 code as it stands on the wire with its name, an SCD code with its meaning."""
+    """Return an error: an S7 code as on the wire with its name, an SCD code with its meaning."""
     if error.part == MESSAGE:
         return f"{error.name} {error.code}: {printable(error.text)}"
     return error.coded
@@ -249,7 +249,7 @@ def outcome(transaction: Transaction) -> str:
 
 
 def _without_answer(transaction: Transaction, why: str) -> str:
-    """Return the outcome of a request whose answer is not known; ``why`` is the reason in brackets."""
+    """Return the outcome of a request whose answer is unknown; ``why`` is the reason in brackets."""
     if not transaction.unseen:
         return f"NO ANSWER{why}"
     if transaction.reason == CONNECTION_EVICTED:  # the answer may well be in the capture
@@ -258,7 +258,7 @@ def _without_answer(transaction: Transaction, why: str) -> str:
 
 
 def _mismatch(transaction: Transaction) -> str:
-    """Return how an answer does not fit its request."""
+    """Return how an answer does not match its request."""
     answer = transaction.response_parameters
     said = []
     if answer is not None and transaction._flags & FUNCTION_MISMATCH:
@@ -274,9 +274,9 @@ class S7Facet(Facet):
     """S7comm."""
 
     def items(self, transaction: Transaction) -> list[str]:
-        """Return each item with its value or error, then the number of items that a push says are unchanged."""
+        """Return each item with its value or error, then the number of items that a push states as unchanged."""
         good = good_octets(transaction)
-        if good is not None:  # nearly always: then no `ItemResult` has to be made
+        if good is not None:  # nearly always: then no `ItemResult` is needed
             asked = transaction.parameters.items
             return [f"{address(asked[index])} = {content(asked[index], good[index])}" for index in range(len(good))]
         results = list(enumerate(transaction.s7_results, 1))
@@ -300,7 +300,7 @@ class S7Facet(Facet):
         return said
 
     def subject_whole(self, transaction: Transaction) -> str:
-        """Return what a transaction without items is about, not shortened."""
+        """Return the subject of a transaction without items, not shortened."""
         if transaction.function in _TOLD_BY_ITEMS:
             return self.subject(transaction)
         asked, told = transaction.request, transaction.response
@@ -319,7 +319,7 @@ class S7Facet(Facet):
         return " ".join([text for text in said if text]) if listed else _asked_and_told(said)
 
     def setup(self, transaction: Transaction) -> str:
-        """Return what a setup requested, and what was granted."""
+        """Return the values that a setup requested, and those that were granted."""
         asked = transaction.parameters.setup
         if asked is None:
             return ""
@@ -341,7 +341,7 @@ class S7Facet(Facet):
 
 
 def _asked_and_told(said: list[str]) -> str:
-    """Join the notes on a request and on its answer; what the answer repeats of the request is left out."""
+    """Join the notes on a request and on its answer; parts of the answer that repeat the request are left out."""
     if len(said) < 2:
         return "".join(said)
     asked, told = said
@@ -351,8 +351,8 @@ def _asked_and_told(said: list[str]) -> str:
 
 
 def _heads(transaction: Transaction) -> str:
-    """Return notes on what precedes the items of request and answer: interval, job number, block."""
-    from dissect.protocols.s7.cyclic import CYCLIC_REQUEST, CYCLIC_VALUES  # late: see `Pdu.body`
+    """Return notes on the parts before the items of request and answer: interval, job number, block."""
+    from dissect.protocols.s7.cyclic import CYCLIC_REQUEST, CYCLIC_VALUES  # imported late: see `Pdu.body`
     from dissect.protocols.s7.programmer_layouts import TEST_BLOCK, TEST_HEAD
 
     said = [
@@ -392,12 +392,12 @@ def items(transaction: Transaction) -> list[str]:
 
 
 def subject(transaction: Transaction) -> str:
-    """Return what a transaction is about: all its items, or the setup, or notes on request and answer."""
+    """Return the subject of a transaction: all its items, or the setup, or notes on request and answer."""
     return facet_of(transaction).subject(transaction)
 
 
 def gist(transaction: Transaction) -> str:
-    """Return in short what a transaction is about: a few refused items, else a few items, the setup, or a few notes."""
+    """Return the short subject of a transaction: a few refused items, else a few items, the setup, or a few notes."""
     facet = facet_of(transaction)
     return (
         _unconfirmed(transaction)

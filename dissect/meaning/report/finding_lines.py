@@ -1,4 +1,4 @@
-"""The findings of a report as text: a rule, how often and when it applied, some of its findings, and what to do."""
+"""The findings of a report as text: a rule, how often and when it applied, some of its findings, and the advice."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from dissect.meaning.report.styled import DIM, HEADING, PLAIN, Line
 from dissect.meaning.report.words import Places
 from dissect.wire.text import cut_inside
 
-#: How many findings of a rule are shown one by one, with this many characters each, and how many packets of the others.
+#: Limits: findings of a rule that are shown one by one, characters of each, and packets of the others.
 _DETAILS: Final = 3
 _MORE_FRAMES: Final = 8
 _DETAIL_SIZE: Final = 400
@@ -78,7 +78,7 @@ def finding_lines(
 ) -> Iterator[Line]:
     """Yield the lines of a rule that applied ``count`` times, with up to ``most`` of its findings in detail.
 
-    ``explains`` are the findings that it explains, in words; ``facts`` say when it applied, and between whom.
+    ``explains`` are the findings that it explains, as text; ``facts`` say when it applied, and between which hosts.
     """
     times = f" ({count} times)" if count > 1 else ""
     yield Line(f"  {rule.severity}  {rule.slug}{times}: {rule.sentence}", rule.severity, 6)

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from dissect.meaning.report.writer import Writer
     from dissect.wire.text import Clock
 
-# Kinds of results. Of these records there are many, one after another; they are given to a `Writer`.
+# Kinds of results. There are many of these records, one after another; they are given to a `Writer`.
 TRANSACTIONS: Final = "transactions"
 PDUS: Final = "PDUs"
 OPERATIONS: Final = "operations"
@@ -41,11 +41,10 @@ KINDS: Final = (
 
 
 class Format(NamedTuple):
-    """A format: its name, a few words on it for the help, and for each kind of result the class or function that writes it.
+    """A format: its name, a few words about it for the help, and for each kind of result the class or function that writes it.
 
     ``writers`` has them as "module:name", so that modules are imported only when something is written. ``verbose``: the format
-    has a long form of PDUs (option -V of `show`).
-    ``piecewise``: a result that takes long may be written piece by piece.
+    has a long form of PDUs (option -V of `show`). ``piecewise``: a result that takes long may be written piece by piece.
     """
 
     name: str
@@ -72,7 +71,7 @@ def _row(name: str, about: str, *writers: tuple[str, tuple[str, ...]], **options
     return Format(name, about, {kind: where for where, kinds in writers for kind in kinds}, **options)
 
 
-#: All formats by name. A command offers those that take its kind of result, in this order; the first is its default.
+#: All formats by name. A command offers those formats that support its kind of result, in this order; the first is its default.
 FORMATS: Final[dict[str, Format]] = {
     row.name: row
     for row in (

@@ -1,4 +1,4 @@
-"""What happened how often, when and between whom: the facts of a rule in words and as JSON, the same for all outputs."""
+"""How often, when and between which hosts a rule applied: its facts as text and as JSON, the same for all outputs."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from dissect.meaning.report.analysis import Analysis
 from dissect.meaning.report.words import Places
 from dissect.wire.text import Clock, count
 
-#: Pairs of hosts that JSON names for a rule; of further ones the events are added up.
+#: Maximum number of pairs of hosts that JSON names for a rule; the events of further pairs are added up.
 PAIRS: Final = 100
-#: From this much time on, moments are written to the second.
+#: From this duration on, times are written to the second.
 _SECONDS_NS: Final = 10_000_000_000
 
 
 class Told(NamedTuple):
-    """What the facts of rules are said with: the facts, the clock, and the time that the capture covers."""
+    """Describes the facts of rules; it has the facts, the clock, and the time that the capture covers."""
 
     ledger: Ledger
     clock: Clock
@@ -27,7 +27,7 @@ class Told(NamedTuple):
     end_ns: int
 
     def phrase(self, rule: Rule, others: bool = True) -> str:
-        """Return the facts of a rule in words; empty for a rule without any.
+        """Return the facts of a rule as text; empty for a rule without any.
 
         ``27 writes on 1 connection, 17:50:20 to 19:58:01``. Without ``others`` pairs of hosts are left out.
         """
@@ -44,7 +44,7 @@ class Told(NamedTuple):
         return f"{said}, {self.span(found)}"
 
     def span(self, found: Occurrences) -> str:
-        """Return when events happened: ``17:50:20 to 19:58:01``, with the days where those differ."""
+        """Return when events happened: ``17:50:20 to 19:58:01``, with dates if these differ."""
         return span(self.clock, int(found.first_ns), int(found.last_ns))
 
     def lasts(self, rule: Rule) -> bool:
@@ -53,8 +53,8 @@ class Told(NamedTuple):
         return found is not None and found.lasts(self.begin_ns, self.end_ns)
 
     def as_dict(self, rule: Rule, places: Places) -> dict[str, object]:
-        """Return the facts of a rule as the JSON contract has them (docs/json.md)."""
-        from dissect.meaning.facts.counted import OCCURRENCES  # late, as text does not need them
+        """Return the facts of a rule in the form of the JSON contract (docs/json.md)."""
+        from dissect.meaning.facts.counted import OCCURRENCES  # imported late, because text does not need them
         from dissect.meaning.facts.written import written
 
         found = self.ledger.rules[rule.slug]
@@ -85,7 +85,7 @@ def times(rule: Rule, number: int) -> str:
 
 
 def span(clock: Clock, first_ns: int, last_ns: int) -> str:
-    """Return the time of the first and the last event, to the millisecond where they are close together."""
+    """Return the time of the first and the last event, to the millisecond if they are close together."""
     first_day, first = clock.moment(first_ns).split(" ")[:2]
     last_day, last = clock.moment(last_ns).split(" ")[:2]
     size = len("17:50:20" if last_ns - first_ns >= _SECONDS_NS else "17:50:20.123")
@@ -105,7 +105,7 @@ def facts_of(analysis: Analysis, clock: Clock) -> Told:
 
 
 def by_gravity(slugs: Iterable[str], ledger: Ledger) -> list[Rule]:
-    """Return rules in the order in which they are shown: by severity, what changes a running plant first, then by time."""
+    """Return rules in the order of display: by severity, those that change a running plant first, then by time."""
     rules = [CATALOGUE[slug] for slug in slugs]
     found = [
         (SEVERITIES.index(rule.severity), rule.gravity, _first_ns(rule, ledger), rule.slug, rule) for rule in rules
@@ -119,11 +119,11 @@ def _first_ns(rule: Rule, ledger: Ledger) -> int:
 
 
 def findings_in(ledger: Ledger) -> int:
-    """Return how many findings there were, in detail or not, also of those that others explain."""
+    """Return the number of findings, with or without details, including those that others explain."""
     return sum([int(found.reports) for found in [*ledger.rules.values(), *ledger.explained.values()]])
 
 
 def times_of(slug: str, findings: int, ledger: Ledger) -> int:
-    """Return how many events of a rule there were: at least as many as ``findings``."""
+    """Return the number of events of a rule: at least as many as ``findings``."""
     found = ledger.rules.get(slug)
     return max(findings, int(found.events)) if found is not None else findings

@@ -1,4 +1,4 @@
-"""What reports say of a PDU in a TPKT whose TPDU header is irregular (`dissect.protocols.iso.irregular`)."""
+"""The remarks of reports on a PDU in a TPKT whose TPDU header is irregular (`dissect.protocols.iso.irregular`)."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from dissect.wire.malformed import Malformed
 
 _TPKT: Final = 4
 _VERSION: Final = 3
-#: How the header of a DT begins that is as it should be: nearly every one.
+#: The beginning of a regular DT header, as nearly all have it.
 _PLAIN: Final = b"\x02\xf0"
 _LEAST: Final = 7
 
 
 class Header:
-    """An irregular header: what is wrong with it (``said``, ``faults``), and whether the PDU is *behind* it."""
+    """An irregular header: its faults (``said``, ``faults``), and whether the PDU is *behind* it."""
 
     __slots__ = ("behind", "faults", "said")
 
@@ -34,9 +34,9 @@ class Header:
 
 
 def irregular(packet: bytes, pdu: bytes, class_: i64) -> Header | None:
-    """Return the header of the TPKT that carries just ``pdu`` if it is irregular; None for nearly all.
+    """Return the header of the TPKT that carries only ``pdu`` if it is irregular; None for nearly all.
 
-    ``packet`` is the latest TPKT, or a packet of another protocol. ``class_`` is the class of the connection, -1 if not known.
+    ``packet`` is the latest TPKT, or a packet of another protocol. ``class_`` is the class of the connection, -1 if unknown.
     """
     if packet[_TPKT : _TPKT + 2] == _PLAIN or len(packet) < _LEAST or packet[0] != _VERSION or not packet.endswith(pdu):
         return None

@@ -1,7 +1,7 @@
 """Values, items, functions and setups as JSON, for the lines of transactions and PDUs and for other outputs with values.
 
-The beginning of an item's object is made once and kept at the item, which all transactions share that poll it. Values of the
-usual types are written straight from their octets, without Python objects in between.
+The beginning of an item's object is made once and stored at the item, which all polling transactions share. Values of the usual
+types are written straight from their octets, without Python objects in between.
 """
 
 from __future__ import annotations
@@ -29,14 +29,14 @@ from dissect.protocols.s7.values import (
 from dissect.wire.digits import write_escape, write_hexadecimal
 from dissect.wire.text import SHORT, JsonTexts, hexadecimal, json_text
 
-#: The return code of an item without an error, and what is written in front of its octets.
+#: The return code of an item without an error, and the text before its octets.
 _GOOD: Final = f'{SUCCESS},"data":"'
 CODE: Final = f',"return_code":{_GOOD}'
 _NO_ITEM: Final = (
     '{"address":null,"syntax_id":null,"area":null,"db":null,"start_bit":null,"transport_size":null,"count":null' + CODE
 )
 
-#: What is written between the octets of an item and their value, and what closes its object.
+#: The text between the octets of an item and their value, and the text that closes its object.
 VALUE: Final = '","value":'
 _VALUE_OCTETS: Final = VALUE.encode("ascii")
 _CLOSE: Final = 0x7D
@@ -49,7 +49,7 @@ _SURROGATE: Final = 0xD800
 
 
 def decoded_json(value: Value) -> str:
-    """Return a decoded value as JSON; NaN and the infinities, which JSON has no numbers for, as strings."""
+    """Return a decoded value as JSON; NaN and the infinities, which JSON numbers cannot represent, as strings."""
     if value is None:
         return "null"
     if value is True:
@@ -153,7 +153,7 @@ def write_good_item(out: BytesWriter, item: Item, octets: bytes, at: i64, size: 
 
 
 def _write_text(out: BytesWriter, kind: i64, octets: bytes, at: i64, size: i64) -> bool:
-    """Write characters as a JSON string. False, with nothing written, for other types and where there are surrogates."""
+    """Write characters as a JSON string. Return False and write nothing for other types and if there are surrogates."""
     step: i64 = 0
     if kind == CHAR:
         step = 1
@@ -183,7 +183,7 @@ def _write_text(out: BytesWriter, kind: i64, octets: bytes, at: i64, size: i64) 
 
 
 def value_json(item: Item, data: bytes) -> str:
-    """Return the value of an item, then key ``text`` if its bytes spell one; null where ``data`` do not fit the item."""
+    """Return the value of an item, then key ``text`` if its bytes spell one; null if ``data`` do not match the item."""
     if item.size != len(data) and not item.fits(len(data)):
         return "null"
     value = octets_value(item.transport_size, data)

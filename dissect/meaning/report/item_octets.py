@@ -1,7 +1,7 @@
-"""Writes the values of items, as CSV and lines for a person show them, straight into the buffer of the row.
+"""Writes the values of items, in the form of CSV and of text lines, directly into the buffer of the row.
 
-This is the fast path for usual values. Its functions return 0 or False for the rest, which the caller then writes in the slow
-way: dates, most texts, octets that spell a text, and data that do not fit their item.
+This is the fast path for usual values. Its functions return 0 or False for all other data, which the caller then writes in the
+slow way: dates, most texts, octets that spell a text, and data that do not match their item.
 """
 
 from __future__ import annotations
@@ -49,10 +49,10 @@ def is_usual(transaction: Transaction, places: Places) -> bool:
 
 
 def step_of(item: Item, octets: bytes, at: i64, size: i64) -> i64:
-    """Return how many octets an element of ``octets[at:at + size]`` has; 0 where `write_elements` cannot write them."""
+    """Return the size of an element of ``octets[at:at + size]``; 0 if `write_elements` cannot write them."""
     kind: i64 = item.transport_size
     step: i64 = 1
-    if kind != BIT:  # a conditional expression would make int objects (mypyc)
+    if kind != BIT:  # a conditional expression would create int objects (mypyc)
         step = number_size(kind)
     if step == 0 or size == 0 or size & (step - 1) or (item.size != size and not item.fits(size)):
         return 0
@@ -64,7 +64,7 @@ def step_of(item: Item, octets: bytes, at: i64, size: i64) -> i64:
 def write_elements(out: BytesWriter, kind: i64, step: i64, octets: bytes, at: i64, end: i64, finite: bool) -> bool:
     """Write elements of ``step`` octets: a bit as a word, several bytes as `bytes.hex`, numbers as `repr` does.
 
-    False where ``finite`` wants only finite numbers and a REAL is not; some elements may have been written then.
+    Return False if ``finite`` requires finite numbers and a REAL is not finite; some elements may have been written then.
     """
     if kind == BIT:
         out.write(b"true" if octets[at] & 1 else b"false")
@@ -89,7 +89,7 @@ def write_elements(out: BytesWriter, kind: i64, step: i64, octets: bytes, at: i6
 def write_word(out: BytesWriter, item: Item, octets: bytes, at: i64, size: i64, quote: bytes, most: i64) -> bool:
     """Write a time, or up to ``most`` harmless characters, between ``quote`` and ``quote``.
 
-    False, with nothing written, for anything else.
+    Return False and write nothing for anything else.
     """
     if size == 0 or (item.size != size and not item.fits(size)):
         return False
@@ -113,9 +113,9 @@ def write_word(out: BytesWriter, item: Item, octets: bytes, at: i64, size: i64, 
 
 
 def write_times(out: BytesWriter, item: Item, octets: bytes, at: i64, size: i64, quote: bytes, none: bytes) -> bool:
-    """Write an array of times, each between ``quote`` and ``quote``, and ``none`` for an element that is no valid time.
+    """Write an array of times, each between ``quote`` and ``quote``, and ``none`` for an element that is not a valid time.
 
-    False, with nothing written, for anything else.
+    Return False and write nothing for anything else.
     """
     step = time_size(item.transport_size)
     if step == 0 or size <= step or size & (step - 1) or (item.size != size and not item.fits(size)):
@@ -138,7 +138,7 @@ def write_times(out: BytesWriter, item: Item, octets: bytes, at: i64, size: i64,
 
 
 def is_harmless(octets: bytes, at: i64, end: i64) -> bool:
-    """Return whether no character needs an escape or quotes where it stands; leading blanks do not disarm a formula."""
+    """Return whether no character needs an escape or quotes in its place; leading blanks do not disarm a formula."""
     least: i64 = _ANYWHERE
     while at < end:
         octet: i64 = octets[at]

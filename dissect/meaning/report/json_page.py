@@ -15,7 +15,7 @@ from dissect.wire.text import JsonTexts, json_text
 _CONSTANTS: Final[dict[object, str]] = {None: "null", True: "true", False: "false"}
 
 
-#: How many names are kept per depth, each with the text before and after it: names are few, and are repeated.
+#: Maximum number of names that are kept per depth, each with the text before and after it: names are few, and are repeated.
 _MAX_NAMES: Final = 4096
 
 
@@ -24,7 +24,7 @@ _LONG: Final = 40
 
 
 class JsonPage:
-    """Writes values with ``indent`` blanks for each level; names and sentences that come again are put together once."""
+    """Writes values with ``indent`` blanks for each level; repeated names and sentences are formatted only once."""
 
     __slots__ = ("_before", "_indent", "_lines", "_names", "_parts", "_texts")
 
@@ -38,7 +38,7 @@ class JsonPage:
         self._texts: JsonTexts = JsonTexts()
 
     def text(self, value: object, before: str = "") -> str:
-        r"""Return ``json.dumps(value, indent=…)`` with ``before`` in front of each line but the first, DEL as ``\u007f``."""
+        r"""Return ``json.dumps(value, indent=…)`` with ``before`` at the start of each line but the first, and DEL escaped."""
         if before != self._before:
             self._before = before
             self._lines = [f"\n{before}"]

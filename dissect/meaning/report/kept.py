@@ -1,4 +1,4 @@
-"""`Findings`: keeps the detailed findings of a whole run until the report, compressed because thousands are much alike."""
+"""`Findings`: keeps the detailed findings of a whole run until the report, compressed because thousands are similar."""
 
 from __future__ import annotations
 
@@ -10,7 +10,8 @@ from typing import Final, overload
 from dissect.engine.findings.catalogue import Rule
 from dissect.engine.findings.reporter import Finding
 
-#: The first this many are kept as objects, some 2 MB: packing takes time, and pays only in a long capture with many findings.
+#: This many of the first findings are kept as objects, some 2 MB: packing takes time, and pays only in a long capture with many
+#: findings.
 FIRST: Final = 4096
 #: Of the findings after those, this many at a time are packed together.
 BLOCK: Final = 64

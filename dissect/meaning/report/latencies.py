@@ -1,4 +1,4 @@
-"""Statistics of answer times: exact up to 16,384 of them, then to one part in 128 (docs/decisions/0007)."""
+"""Statistics of answer times: exact for up to 16,384 of them, then with an error of one part in 128 (docs/decisions/0007)."""
 
 from __future__ import annotations
 
@@ -13,13 +13,14 @@ from dissect.wire.copies import leaves
 
 #: This many answer times are kept one by one; if there are more, all of them are counted in buckets.
 EXACT: Final = 16384
-#: With each further answer time, this many of the kept ones move to buckets: to move all at once would hold up one packet.
+#: With each further answer time, this many of the kept ones are moved to buckets; moving all at once would delay one packet.
 _AT_ONCE: Final = 32
 #: Buckets for each doubling of the answer time.
 _STEPS: Final = 128
 #: Buckets for every answer time that 63 bits can hold.
 _BUCKETS: Final = 57 * _STEPS
-#: Up to this many kept answer times are sorted to find a quantile. Of more, only those near the wanted rank are sorted.
+#: Up to this many kept answer times are sorted to find a quantile. If there are more, only those near the wanted rank are
+#: sorted.
 _FEW: Final = 1024
 #: To find those, kept answer times are counted in groups of this many neighbouring buckets.
 _COARSE: Final = 16
@@ -30,7 +31,7 @@ class Latencies:
 
     Quantiles are exact up to `EXACT` answers (the value at rank ⌈q·n⌉; the median of an even count is the mean of the two in
     the middle). Of more answers, a quantile is the lower end of a bucket whose width is at most 1/128 of that value. Negative
-    times (reordered captures) count as they are for the minimum, and as 0 in buckets.
+    times (reordered captures) count unchanged for the minimum, and as 0 in buckets.
     """
 
     __slots__ = ("_asked_at", "_buckets", "_counted", "_kept", "_spread", "_waiting", "count", "largest", "smallest")
@@ -41,12 +42,12 @@ class Latencies:
         self.largest: i64 = 0
         self._kept: BytesWriter = BytesWriter()  # answer times kept one by one, eight octets each
         self._asked_at: i64 = 0  # `count` when `_kept` was last sorted, or `_spread` last made
-        self._spread: list[int] = []  # if more than `_FEW` are kept: how many are in each group of `_COARSE` buckets
+        self._spread: list[int] = []  # if more than `_FEW` are kept: the number in each group of `_COARSE` buckets
         self._buckets: vec[i64] = vec[
             i64
-        ]()  # empty while all are kept one by one; holds numbers, not objects, unlike a list (mypyc)
+        ]()  # empty while all are kept one by one; contains numbers, not objects, unlike a list (mypyc)
         self._waiting: bytes = b""  # answer times that were kept, until all of them are counted in buckets
-        self._counted: i64 = 0  # how many octets of `_waiting` are counted already
+        self._counted: i64 = 0  # number of octets of `_waiting` that are already counted
 
     def __repr__(self) -> str:
         return f"Latencies({self.count}, {self.smallest} to {self.largest} ns)" if self.count else "Latencies(0)"
@@ -180,7 +181,7 @@ class Latencies:
 
 
 def _in_order(packed: bytes) -> bytes:
-    """Return packed numbers sorted, packed again."""
+    """Return packed numbers in sorted order, packed again."""
     writer = BytesWriter()
     for number in sorted([read_i64_le(packed, at) for at in range(0, len(packed), 8)]):
         write_i64_le(writer, number)
@@ -188,7 +189,7 @@ def _in_order(packed: bytes) -> bytes:
 
 
 def _spread(packed: bytes) -> list[int]:
-    """Return how many of the packed numbers are in each group of `_COARSE` buckets."""
+    """Return the number of packed numbers in each group of `_COARSE` buckets."""
     spread = [0] * (_BUCKETS // _COARSE)
     for at in range(0, len(packed), 8):
         coarse: i64 = _bucket(read_i64_le(packed, at)) // _COARSE
@@ -197,7 +198,7 @@ def _spread(packed: bytes) -> list[int]:
 
 
 def _bucket(latency_ns: i64) -> i64:
-    """Return the bucket number: the doubling times `_STEPS`, plus the step within it."""
+    """Return the bucket number: the number of doublings times `_STEPS`, plus the step within it."""
     if latency_ns < _STEPS:
         return max(0, latency_ns)
     if not COMPILED:

@@ -1,4 +1,4 @@
-"""Lines for a person of reads without an error, written as UTF-8 octets without a str in between: the fast path."""
+"""Lines of text for reads without an error, written as UTF-8 octets without a str in between: the fast path."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ from dissect.protocols.s7.items import Item
 from dissect.wire.digits import Moments, write_decimal, write_digits
 from dissect.wire.text import HUNDREDTHS, Clock, short_duration
 
-#: How characters are written that UTF-8 cannot encode; all outputs do so.
+#: How characters that UTF-8 cannot encode are written; the same for all outputs.
 ERRORS: Final = "backslashreplace"
 _ARROW: Final = "→".encode()
-_GREATER_BY: Final = len(_ARROW) - 1  # how many more octets than characters the arrow has
+_GREATER_BY: Final = len(_ARROW) - 1  # number of octets of the arrow minus its number of characters
 _MORE: Final = ", … ".encode()
 _LONG: Final = " … ".encode()
 _MICROSECONDS: Final = " µs".encode()
@@ -55,13 +55,13 @@ class BothEnds:
 
 
 class LineOctets:
-    """Makes the line of a transaction in one buffer, which it uses again for the next."""
+    """Makes the line of a transaction in one buffer, which is used again for the next line."""
 
     def __init__(self, clock: Clock, places: Places) -> None:
         self._places: Places = places
         self._moments: Moments = Moments(clock)
         self._ends: BothEnds = BothEnds(places)
-        self._said: bytes = b""  # the name of the function between blanks; all lines are of reads
+        self._said: bytes = b""  # the name of the function between blanks; all lines are about reads
         self._out: BytesWriter = BytesWriter()
         self._step: GoodItems = GoodItems()
 
@@ -103,7 +103,7 @@ class LineOctets:
 
 
 def _write_latency(out: BytesWriter, ns: i64) -> None:
-    """Write what `words.answer_time` returns, right-aligned in a column of `LATENCY_WIDTH`."""
+    """Write the result of `words.answer_time`, right-aligned in a column of `LATENCY_WIDTH`."""
     short: i64 = short_duration(ns)
     if short >= HUNDREDTHS:
         short -= HUNDREDTHS
@@ -130,7 +130,7 @@ def _fill(out: BytesWriter, begin: i64, width: i64) -> None:
 
 
 def _write_content(out: BytesWriter, item: Item, octets: bytes, at: i64, size: i64) -> bool:
-    """Write what `facets.content` returns, without a str in between; False, with nothing written, where it cannot."""
+    """Write the result of `facets.content`, without a str in between; return False and write nothing if it cannot."""
     step = step_of(item, octets, at, size)
     if step == 0:
         return write_word(out, item, octets, at, size, b"'", words.SHOWN_TEXT)

@@ -39,13 +39,13 @@ NAMES: Final = {
     "polling": "polling",
     "transfer": "data transfer",
 }
-#: What became of one that was running when its connection closed.
+#: The result of an operation that was running when its connection closed.
 ENDED: Final = "ended with the connection"
 _SUBJECT: Final = 120
 
 
 def operation_line(operation: Operation, clock: Clock, places: Places) -> str:
-    """Return one operation on one line: when, who asked whom, how long, what, how much, and its result."""
+    """Return one operation on one line: the time, who asked whom, the duration, kind, amount, and result."""
     ends = operation.connection.tcp.ends
     frames = places.pair(operation.first_frame, operation.last_frame)
     what = shortened(operation.subject, _SUBJECT)
@@ -70,7 +70,7 @@ def styled_operation(operation: Operation, clock: Clock, places: Places) -> Line
 
 
 def _carried(operation: Operation) -> str:
-    """Return how many transactions and pushes an operation had, how often they came, and how many bytes it carried."""
+    """Return the number of transactions and pushes of an operation, their frequency, and the number of bytes carried."""
     pushes = words.count(operation.pushes, "push", "pushes")
     if operation.pushes and operation.pushes == operation.parts:
         parts = [pushes]
@@ -91,7 +91,7 @@ def _carried(operation: Operation) -> str:
 
 
 def shouted(text: str) -> str:
-    """Return a result for a line: in capitals when the operation failed."""
+    """Return a result for a line: in capitals if the operation failed."""
     if text == NOT_CAPTURED:
         return "outcome not captured"
     return text if text in NO_FAILURES else text.upper()
@@ -116,14 +116,14 @@ def _blocks(operation: Operation) -> list[str] | None:
     """Return the blocks of a transfer of S7comm-plus, which may carry many; None for other operations."""
     if operation.connection.plus is None or operation.kind not in TRANSFERS or not operation.content:
         return None
-    from dissect.engine.program.carved import carve  # late: few captures have transfers
+    from dissect.engine.program.carved import carve  # imported late: few captures have transfers
 
     return [block.label for block in carve(operation)]
 
 
 def operation_json(operation: Operation, clock: Clock, places: Places) -> str:
     """Return one operation as a line of JSON."""
-    import json  # late, as the facts: text does not need them
+    import json  # imported late, like the facts: text does not need them
 
     from dissect.meaning.facts.operation import OPERATION
     from dissect.meaning.facts.written import files_of, written

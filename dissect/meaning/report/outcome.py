@@ -1,4 +1,4 @@
-"""`Outcome`: the single result of a command, as lines for a person, values for JSON, rows of a table or test cases."""
+"""`Outcome`: the single result of a command, as text, values for JSON, rows of a table or test cases."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ SPACED_LINE: Final[Mapping[str, Any]] = {}
 
 
 def plain(lines: Iterable[str], hang: int = 4) -> Iterator[Line]:
-    """Yield lines without a style; where a terminal wraps them, they continue in column ``hang``."""
+    """Yield lines without a style; if a terminal wraps them, they continue in column ``hang``."""
     for line in lines:
         yield Line(line, PLAIN, hang)
 
 
 class Case(NamedTuple):
-    """One test case. ``failures`` and ``errors`` are pairs of kind and text; the test passed when there are none.
+    """One test case. ``failures`` and ``errors`` are pairs of kind and text; the test passed if there are none.
 
     ``errors`` say why the test could not be run. ``listed``: each failure has many lines, not one sentence.
     """
@@ -39,7 +39,7 @@ class Case(NamedTuple):
 class Outcome(ABC):
     """The result of a command. Lines for a person are escaped; values for JSON are not."""
 
-    #: How its JSON is laid out.
+    #: The layout of its JSON.
     layout: Mapping[str, Any] = PAGE
 
     @abstractmethod
@@ -48,7 +48,7 @@ class Outcome(ABC):
 
     @abstractmethod
     def as_dict(self) -> Mapping[str, object]:
-        """Return the result as values that `json.dumps` takes."""
+        """Return the result as values that `json.dumps` accepts."""
 
     def sections(self) -> Iterable[tuple[str, object]]:
         """Return the names and values of `as_dict`; a long list may be an iterator here."""

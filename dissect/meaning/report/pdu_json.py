@@ -1,4 +1,4 @@
-"""PDUs as lines of JSON: header, items and parts, and what is malformed (docs/json.md)."""
+"""PDUs as lines of JSON: header, items and parts, and faults (docs/json.md)."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ class PduLines:
 
 
 def with_header(line: str, header: Header | None) -> str:
-    """Return the line of a PDU with what is irregular about the header of its TPDU; nearly always the line as it is."""
+    """Return the line of a PDU with the irregularities of its TPDU header; nearly always the line unchanged."""
     if header is None:
         return line
     told = ",".join([_malformed(fact) for fact in header.faults])
@@ -87,7 +87,7 @@ def _malformed(fact: Malformed) -> str:
 
 
 def _body(pdu: Pdu, faults: list[Malformed]) -> str:
-    """Return what the PDU carries: setup, request items, data items, return codes, parts, and undecoded octets.
+    """Return the contents of the PDU: setup, request items, data items, return codes, parts, and undecoded octets.
 
     Contradictions within its parts are added to ``faults``, unless the capture cut the PDU.
     """
@@ -143,7 +143,7 @@ def _field(value: FieldValue) -> str:
 
 
 def _data_item(pdu: Pdu, index: int, answer: DataItem) -> str:
-    """Return a data item; with its value in a write request, whose item says which type the data have."""
+    """Return a data item; in a write request with its value, because the request item states the type of the data."""
     text = (
         f'{{"return_code":{answer.return_code},"transport_size":{answer.transport_size},"length":{answer.length}'
         f',"data":"{answer.data.hex()}"'

@@ -1,4 +1,4 @@
-"""Lines for a person of usual PDUs, reads and answers without an error, written as octets without an object for the PDU."""
+"""Lines of text for usual PDUs, reads and answers without an error, written as octets without an object for the PDU."""
 
 from __future__ import annotations
 
@@ -18,19 +18,18 @@ from dissect.wire.digits import Moments, write_aligned, write_hexadecimal
 from dissect.wire.octets import u16
 from dissect.wire.text import Clock
 
-#: The least width of the name of a kind of PDU in a line.
+#: Minimum width of the name of a kind of PDU in a line.
 KIND_WIDTH: Final = 8
 _FRAME_WIDTH: Final = 6
-#: How a DT begins whose header is as it should be, behind the four octets of its TPKT
-#: (`dissect.meaning.report.headers.irregular`).
+#: The beginning of a regular DT header, after the four octets of its TPKT (`dissect.meaning.report.headers.irregular`).
 _PLAIN_LENGTH: Final = 2
 _PLAIN_DT: Final = 0xF0
-#: Requests of which so many octets are known make room for others.
+#: When the known requests have this many octets, they make room for others.
 _MAX_KEPT: Final = 4 << 20
 
 
 def _kind(rosctr: int) -> bytes:
-    """Return what stands in a line between the ends of a connection and the reference."""
+    """Return the text in a line between the ends of a connection and the reference."""
     return f"{ROSCTR.name(rosctr).ljust(KIND_WIDTH)}  ref 0x".encode("ascii")
 
 
@@ -39,7 +38,7 @@ _ANSWERS: Final = _kind(ACK_DATA)
 
 
 def _good(function: int, count: int) -> bytes:
-    """Return the end of the line of an answer with so many good items."""
+    """Return the end of the line of an answer with this many good items."""
     said = f"{words.count(count, 'item')}, {'all good' if count > 1 else 'good'}"
     return f"  {FUNCTIONS.name(function)}  {said}".encode("ascii")
 
@@ -50,7 +49,7 @@ _GOOD_WRITES: Final = [_good(WRITE_VAR, count) for count in range(256)]
 
 
 class PduOctets:
-    """Makes the lines of PDUs in one buffer. ``asks``: the latest PDU is a request to read whose line `keep` makes known."""
+    """Makes the lines of PDUs in one buffer. ``asks``: the latest PDU is a read request whose line `keep` will remember."""
 
     def __init__(self, clock: Clock, places: Places) -> None:
         self.asks: bool = False
@@ -94,7 +93,7 @@ class PduOctets:
         return out.getvalue()
 
     def keep(self, octets: bytes, rest: str) -> None:
-        """Remember what follows the reference in the line of a request to read."""
+        """Remember the text after the reference in the line of a read request."""
         end = rest.encode("utf-8", ERRORS)
         self._kept += len(octets) + len(end)
         if self._kept > _MAX_KEPT:
@@ -104,12 +103,12 @@ class PduOctets:
 
 
 def _is_read(octets: bytes) -> bool:
-    """Return whether a job is a request to read that has a parameter block and no more: its line tells nothing else."""
+    """Return whether a job is a read request that has only a parameter block: its line shows nothing else."""
     return octets[HEADER_SIZE] == READ_VAR and u16(octets, 8) == 0 and HEADER_SIZE + u16(octets, 6) == len(octets)
 
 
 def _answer_end(octets: bytes) -> bytes:
-    """Return the end of the line of an answer in which all is well; empty for any other."""
+    """Return the end of the line of an answer without errors; empty for any other."""
     size: i64 = len(octets)
     at: i64 = ACK_HEADER_SIZE + 2
     if size < at or u16(octets, 6) != 2 or at + u16(octets, 8) != size or u16(octets, 10):
@@ -128,7 +127,7 @@ def _answer_end(octets: bytes) -> bytes:
 
 
 def _are_good(octets: bytes, at: i64, end: i64, count: i64) -> bool:
-    """Return whether so many data items without an error fill the data block, as `parse_data_items` reads them."""
+    """Return whether this many data items without an error fill the data block, as `parse_data_items` reads them."""
     size: i64 = 0
     left: i64 = count
     while left:

@@ -34,9 +34,9 @@ class FileCounts:
 
 
 class PerFile(Observer):
-    """Counts by file. ``files`` are the files of the run; more may be added while it goes on.
+    """Counts by file. ``files`` are the files of the run; more may be added while it runs.
 
-    It gets every finding, before any bound, so that each counts for the file of its own first packet.
+    It gets every finding, before any limit, so that each counts for the file of its own first packet.
     """
 
     def __init__(self) -> None:
@@ -66,9 +66,9 @@ class PerFile(Observer):
         self._at(connection.tcp.first_frame).connections += 1
 
     def finding(self, finding: Finding) -> None:
-        """Count a finding that no other explains; one that names no packet counts for the latest file.
+        """Count a finding that no other finding explains; one without a packet counts for the latest file.
 
-        One about the damage of a file counts for that, which may have no packet of its own.
+        A finding about the damage of a file counts for that file, which may have no packet of its own.
         """
         if finding.because or not finding.reported:
             return
@@ -79,14 +79,14 @@ class PerFile(Observer):
         counts.findings[finding.severity] += 1
 
     def _named(self, detail: str) -> int:
-        """Return the index of the latest file that a detail begins with, else of the latest of all."""
+        """Return the index of the latest file with whose name a detail begins, else of the latest file of all."""
         named = [at for at, file in enumerate(self.files) if detail.startswith(f"{file.name}: ")]
         return named[-1] if named else max(0, len(self.files) - 1)
 
     def lines(self, foreign: Sequence[str] = (), joined: bool = True) -> Iterator[Line]:
-        """Yield a heading, a row for each file, and where there are several files a row with the sums.
+        """Yield a heading, a row for each file, and, if there are several files, a row with the sums.
 
-        ``foreign`` are files that are no captures; ``joined`` tells whether files that continue each other were read as one.
+        ``foreign`` are files that are not captures; ``joined`` is whether files that continue each other were read as one.
         """
         total = FileCounts()
         rows = [["file", "packets", "connections", "transactions", "errors", "no answer", *SEVERITIES, ""]]
@@ -112,13 +112,13 @@ class PerFile(Observer):
 
 
 def _named(name: str) -> str:
-    """Return the name of a file, of a long one the end: the files of a folder begin alike."""
+    """Return the name of a file, or the end of a long name, because names in a folder often begin alike."""
     whole = printable(name)
     return whole if len(whole) <= _NAME else f"…{whole[1 - _NAME :]}"
 
 
 def _remark(file: SourceFile, before_ns: int, joined: bool) -> str:
-    """Return what is to be said of a file; ``before_ns`` is the time of the last packet before it, 0 for none."""
+    """Return a remark on a file; ``before_ns`` is the time of the last packet before it, 0 for none."""
     said = []
     if file.damage:
         said.append(f"{'DAMAGED' if file.packets else 'UNREAD'}: {shortened(file.damage, 80)}")

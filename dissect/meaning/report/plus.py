@@ -1,4 +1,4 @@
-"""S7comm-plus PDUs and transactions in reports: in words, and as JSON (docs/json.md)."""
+"""S7comm-plus PDUs and transactions in reports: as text and as JSON (docs/json.md)."""
 
 from __future__ import annotations
 
@@ -29,21 +29,21 @@ from dissect.wire.text import count, hex_number, json_text, shortened, some
 PROTOCOL: Final = UPPER_NAMES[S7COMM_PLUS]
 
 _MESSAGE: Final = 100
-#: At most this many characters are shown of what a PDU is about, and this many items named on a line.
+#: Maximum number of characters of the summary of a PDU, and of items named on a line.
 _SUMMARY: Final = 200
-#: Characters of the value of an item: six members of a structure and more.
+#: Maximum number of characters of the value of an item: enough for six members of a structure.
 _VALUE: Final = 160
 _ITEMS: Final = 20
 #: Area numbers of S7comm by those of S7comm-plus.
 S7_AREAS: Final = {80: 0x81, 81: 0x82, 82: 0x83, 83: 0x1C, 84: 0x1D}
 DB_AREA: Final = 0x84
 
-#: Functions that are described by their notes and their items; others with items only by the items.
+#: Functions that are described by their notes and their items; others with items are described only by the items.
 _ITEMS_BESIDE: Final = frozenset((CREATE_OBJECT,))
 
 #: Cache of the beginning of `head_json`, by version and opcode, for PDUs in one frame.
 _BEGINNINGS: Final[dict[int, str]] = {}
-#: Cache of the same for requests, up to the digest, by session, transport flags and version; and its greatest size.
+#: Cache of the same for requests, up to the digest, by session, transport flags and version; and its maximum size.
 _REQUESTS: Final[dict[int, str]] = {}
 _MAX_REQUESTS: Final = 4096
 
@@ -65,11 +65,11 @@ class PlusFacet(Facet):
         return [item_text(item) for item in transaction.plus_results]
 
     def subject(self, transaction: Transaction) -> str:
-        """Return what a transaction is about: its items, notes on request and answer, or a subscription."""
+        """Return the subject of a transaction: its items, notes on request and answer, or a subscription."""
         return plus_subject(transaction)
 
     def notes(self, transaction: Transaction) -> str:
-        """Return the subject with only a few items: the refused ones, or where none was refused the first, without values."""
+        """Return the subject with only a few items: the refused ones, or if none was refused the first ones, without values."""
         return plus_subject(transaction, in_short)
 
     def statistics(self, code: int) -> dict[str, object]:
@@ -90,7 +90,7 @@ def plus_function(parameters: Parameters) -> str:
 
 
 def plus_alarms(contents: Contents) -> str:
-    """Return a comma and the key ``alarms``; empty where there are none."""
+    """Return a comma and the key ``alarms``; empty if there are none."""
     alarms = ",".join([as_text(Alarm(one).as_dict()) for one in contents.objects if one.class_id == ALARM])
     return f',"alarms":[{alarms}]' if alarms else ""
 
@@ -118,17 +118,17 @@ def plus_notes(pdu: PlusPdu) -> list[str]:
 
 
 def subscription_note(subscription: int) -> str:
-    """Return which subscription a notification belongs to."""
+    """Return the subscription that a notification belongs to."""
     return f"subscription {hex_number(subscription, 8)}"
 
 
 def plus_summary(pdu: PlusPdu, found: Contents) -> list[str]:
-    """Return what the contents of a PDU say, in a few words each, safe to show."""
+    """Return the contents of a PDU in short texts, safe to show."""
     return [shortened(text, _VALUE) for text in summary(pdu, found)]
 
 
 def plus_subject(transaction: Transaction, itemized: Callable[[list[PlusItem]], list[str]] | None = None) -> str:
-    """Return what an S7comm-plus transaction is about: its items, notes on request and answer, or a subscription.
+    """Return the subject of an S7comm-plus transaction: its items, notes on request and answer, or a subscription.
 
     ``itemized`` makes texts of the items; by default each item is shown with its value or error, up to `_ITEMS` of them.
     """
@@ -188,7 +188,7 @@ def head_begin(pdu: PlusPdu) -> str:
 
 
 def head_json(pdu: PlusPdu, integrity_id: int = -1) -> str:
-    """Return the object with what only S7comm-plus has, without keys for what the PDU lacks.
+    """Return the object with the keys that only S7comm-plus has, without keys that the PDU lacks.
 
     ``integrity_id`` is -1 for none.
     """
@@ -219,7 +219,7 @@ def _beginning(pdu: PlusPdu) -> str:
 
 
 def _known_request(pdu: PlusPdu) -> str:
-    """Return `head_begin` of a request with a whole head, from the cache: it is the same for the requests of a session."""
+    """Return `head_begin` of a request with a complete head, from the cache: it is the same for the requests of a session."""
     key = -1
     if pdu.frames == 1 and 0 <= pdu.transport_flags <= 0xFF:
         key = (pdu.session_id << 8 | pdu.transport_flags) << 8 | pdu.version
@@ -236,7 +236,7 @@ def _known_request(pdu: PlusPdu) -> str:
 
 
 def _other_head(pdu: PlusPdu) -> str:
-    """Return the keys of `head_json` between opcode and digest, for any PDU but a request with a whole head."""
+    """Return the keys of `head_json` between opcode and digest, for any PDU except a request with a complete head."""
     opcode = pdu.opcode
     said = ""
     if pdu.subscription_id >= 0:
@@ -256,9 +256,9 @@ def _other_head(pdu: PlusPdu) -> str:
 
 
 def malformed_note(half: Half | None, which: str = "") -> list[str]:
-    """Return a note if the contents of a whole PDU are malformed, or of a kind that is not known, with the place in the PDU.
+    """Return a note if the contents of a whole PDU are malformed, or of an unknown kind, with the place in the PDU.
 
-    ``which`` stands before the fault.
+    ``which`` precedes the fault.
     """
     if half is None or half.pdu.cut or half.pdu.malformed or not half.contents.malformed:
         return []
@@ -289,9 +289,9 @@ def as_text(value: object) -> str:
 
 
 def plus_pdu_line(pdu: PlusPdu, time: str, connection: Connection, place: tuple[str, int] | None) -> str:
-    """Return a PDU as a line of JSON, with the keys of S7comm PDUs too; those that S7comm-plus does not have are null.
+    """Return a PDU as a line of JSON, with the keys of S7comm PDUs, too; those that S7comm-plus does not have are null.
 
-    ``place`` is (file, number of the packet within it), None where there is only one file.
+    ``place`` is (file, number of the packet in it), None if there is only one file.
     """
     ends = connection.tcp.ends
     values: dict[str, object] = {"schema": "s7dissect.pdu/1", "frame": pdu.frame}

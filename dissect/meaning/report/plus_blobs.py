@@ -15,7 +15,7 @@ from dissect.meaning.report import words
 from dissect.protocols.s7plus.blobs import BAD, NO_DICTIONARY, TOO_LARGE, Opened, open_blob
 from dissect.wire.text import shortened
 
-#: Maximum number of lines of a blob, characters of a line and levels of indentation shown, and of octets decompressed.
+#: Limits: lines of a blob, characters of a line, levels of indentation, and decompressed octets.
 _LINES: Final = 400
 _WIDTH: Final = 180
 _LEVELS: Final = 20
@@ -26,7 +26,7 @@ _HINT: Final = "pip install 's7dissect[s7plus]'"
 
 @cache
 def dictionaries() -> Mapping[int, bytes]:
-    """Return the preset dictionaries by their Adler-32; empty when the package s7commplus is not installed."""
+    """Return the preset dictionaries by their Adler-32; empty if the package s7commplus is not installed."""
     try:
         found = import_module("s7commplus.zlib_dicts").ZLIB_DICTIONARIES
     except (ImportError, AttributeError):
@@ -56,7 +56,7 @@ def _said(opened: Opened, known: Mapping[int, bytes]) -> str:
 
 
 def _text_lines(octets: bytes, more: bool) -> Iterator[str]:
-    """Yield XML with one tag a line, indented by nesting; ``more``: there are octets after these, which are not shown."""
+    """Yield XML with one tag per line, indented by nesting; ``more``: there are octets after these, which are not shown."""
     text = octets.decode("utf-8-sig", "replace")
     level = 0
     shown = 0

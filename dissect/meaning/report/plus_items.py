@@ -23,7 +23,7 @@ from dissect.wire.digits import write_decimal, write_hexadecimal
 from dissect.wire.text import hex_number, json_text
 
 _SUCCESS: Final = str(SUCCESS)
-#: Octets of a REAL, and its exponent bits in its first and second octet: all are set in NaN and infinities.
+#: Size of a REAL, and its exponent bits in its first and second octet: all are set in NaN and infinities.
 _SINGLE: Final = 4
 _EXPONENT: Final = 0x7F
 _LAST_OF_EXPONENT: Final = 0x80
@@ -69,7 +69,7 @@ def write_item(out: BytesWriter, item: PlusItem) -> None:
 
 
 def _write_value(out: BytesWriter, value: Value, data: bytes | None) -> None:
-    """Write a value whose type the program does not describe further; ``data`` are its octets without the type."""
+    """Write a value without further information from the program; ``data`` are its octets without the type."""
     content = value.content
     if (
         COMPILED
@@ -112,7 +112,7 @@ def _nowhere() -> tuple[bytes, str, str, bytes]:
     return _item_begin("null", where, _SUCCESS), "null", where, b',"crc":null,"path":null'
 
 
-#: What `_address_octets` returns, for an item whose address is not known.
+#: The result of `_address_octets` for an item whose address is unknown.
 _NOWHERE: Final = _nowhere()
 _TYPES: Final[list[bytes]] = [f',"type":{json_text(VALUE_TYPES.name(type_))}'.encode("ascii") for type_ in range(256)]
 _NO_TYPE: Final = b',"type":null'

@@ -1,8 +1,8 @@
 """The S7comm-plus part of JSON lines of transactions, as octets: the function, the notes, both heads and the items.
 
 Panels and engineering tools poll: most requests and answers repeat earlier ones. PDUs that differ only in digest, sequence
-number, session and integrity id are decoded and described once (`Known`). The items of a request and an answer that were
-paired before are written from memory, too.
+number, session and integrity id are decoded and described once (`Known`). The items of a request and an answer that were paired
+before are also written from memory.
 """
 
 from __future__ import annotations
@@ -38,29 +38,29 @@ from dissect.wire.text import json_text
 _COMMA: Final = 0x2C
 _QUOTE: Final = 0x22
 _CLOSE: Final = 0x7D
-#: All caches are emptied when they take this many octets, by this estimate: `_TIMES` the octets of a PDU plus `_COST`; for
-#: items their octets plus `_ITEMS_COST`.
+#: All caches are emptied when they reach this estimated size: `_TIMES` the size of a PDU plus `_COST`; for items their size
+#: plus `_ITEMS_COST`.
 _MAX_KEPT: Final = 4 * 1024 * 1024
 _COST: Final = 2048
 _TIMES: Final = 8
 _ITEMS_COST: Final = 256
-#: Bits in `_key` for the number of a `Known` (`_MAX_KEPT` bounds how many there are), and for the stamp of a session or a
-#: program. Items are not remembered where a stamp needs more bits.
+#: Bits in `_key` for the number of a `Known` (`_MAX_KEPT` limits how many there are), and for the stamp of a session or a
+#: program. Items are not remembered if a stamp needs more bits.
 _NUMBER_BITS: Final = 12
 _STAMP_BITS: Final = 24
 _MAX_STAMP: Final = 1 << _STAMP_BITS
-#: Added to the stamp of a session, which takes the place of a request's number in `_key`, so that the two never coincide.
+#: Added to the stamp of a session, which replaces a request's number in `_key`, so that the two are never equal.
 _FIRST_STAMP: Final = 1 << _NUMBER_BITS
-#: At most this many heads of requests are remembered.
+#: Maximum number of heads of requests that are remembered.
 _MAX_HEADS: Final = 4096
 
 
 class Known:
     """The texts for PDUs that are alike.
 
-    ``half`` is the first of them, ``notes`` are what it says beside its function, as elements of an array, ``head`` is how
-    `head_json` begins. For a request or notification, both are without its individual parts. ``number`` is 0 for a PDU that
-    is alike to none, whose ``head`` is whole. ``secret``: what answers the request is not shown.
+    ``half`` is the first of them, ``notes`` are its texts besides its function, as elements of an array, ``head`` is the
+    beginning of its `head_json`. For a request or notification, both are without its individual parts. ``number`` is 0 for a
+    PDU that is like no other, whose ``head`` is complete. ``secret``: the answer to the request is not shown.
     """
 
     __slots__ = ("alarms", "half", "head", "notes", "number", "secret")
@@ -85,7 +85,7 @@ class _Head:
 
 
 class PlusLines:
-    """Writes those keys of a line that are different for S7comm-plus."""
+    """Writes the keys of a line that are different for S7comm-plus."""
 
     def __init__(self) -> None:
         self._request: Seen = Seen()
@@ -142,7 +142,7 @@ class PlusLines:
         self._kept = 0
 
     def _find(self, seen: Seen, octets: bytes) -> Known:
-        """Return the texts for a PDU, and read what it has for itself into ``seen``."""
+        """Return the texts for a PDU, and read its own numbers into ``seen``."""
         alike: dict[bytes, Known] | None = None
         if seen.read(octets):
             alike = self._known.get(int(seen.kind))
@@ -223,7 +223,7 @@ class PlusLines:
     def _write_items(
         self, out: BytesWriter, asked: Known | None, told: Known | None, session: PlusSession | None
     ) -> None:
-        """Write the items, from memory where the same request and answer met before with the same knowledge of the program."""
+        """Write the items; from memory if this request and answer were paired before with the same knowledge of the program."""
         key = _key(asked, told, session)
         if key >= 0:
             found = self._items.get(int(key))
@@ -247,7 +247,7 @@ class PlusLines:
 
 
 def _key(asked: Known | None, told: Known | None, session: PlusSession | None) -> i64:
-    """Return a number that two transactions have in common only if their items are the same; -1 where there is none.
+    """Return a number that two transactions share only if their items are equal; -1 if there is none.
 
     With a request, the items follow from it; those of a notification follow from the session, whose stamp is used instead.
     """
@@ -275,7 +275,7 @@ def _subscription_note(subscription: i64) -> bytes:
 
 
 def _alone(seen: Seen, half: Half) -> Known:
-    """Return the complete texts for a PDU that is compared with no other."""
+    """Return the complete texts for a PDU that is not compared with others."""
     seen.alike = False
     pdu = half.pdu
     texts = plus_notes(pdu) + summary(pdu, half.contents) + malformed_note(half)

@@ -66,7 +66,7 @@ class ReadPlan:
 
 
 def _form(item: Item) -> str:
-    """Return the `struct` format for the numbers of an item; empty where its value is not just numbers."""
+    """Return the `struct` format for the numbers of an item; empty if its value is not only numbers."""
     size = item.size
     letter = NUMBER_LETTERS.get(item.transport_size, "")
     if (

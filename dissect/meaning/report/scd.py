@@ -1,4 +1,4 @@
-"""SCD messages and transactions in reports: in words and as JSON (docs/json.md, docs/scd-traffic.md)."""
+"""SCD messages and transactions in reports: as text and as JSON (docs/json.md, docs/scd-traffic.md)."""
 
 from __future__ import annotations
 
@@ -51,13 +51,14 @@ class ScdFacet(Facet):
 
 
 def scd_subject(transaction: Transaction) -> str:
-    """Return the SCD of a transaction in words: objects, values and errors."""
+    """Return the SCD of a transaction as text: objects, values and errors."""
     found = transaction.scd
     if not transaction.is_scd:
         return "; ".join([f"SCD {printable(one.binding)}: {_content(one)}" for one in found])
     said = [_said(one) for one in found]
     if len(found) == 2 and found[0].subject == found[1].subject:
-        texts = list(dict.fromkeys([text for text in said if text]))  # what request and answer both say stands once
+        # a text that request and answer have in common is shown once
+        texts = list(dict.fromkeys([text for text in said if text]))
         if len(texts) == 2 and texts[0].endswith(texts[1]):
             texts.pop()
         return _joined(_object(found[0]), ", ".join(texts))
@@ -128,8 +129,8 @@ def scd_summary(found: ScdMessage) -> str:
 def scd_as_dict(found: ScdMessage, asked_by: int, place: tuple[str, int] | None) -> dict[str, object]:
     """Return a message as JSON-ready values.
 
-    ``asked_by`` is the side whose messages are requests, -1 to leave out whether it is one. ``place`` is (file, number of the
-    packet within it), None where there is only one file.
+    ``asked_by`` is the side whose messages are requests, -1 to omit whether it is one. ``place`` is (file, number of the packet
+    in it), None if there is only one file.
     """
     from dissect.scd.wording import known_text, row_json
 
@@ -166,7 +167,7 @@ def scd_as_dict(found: ScdMessage, asked_by: int, place: tuple[str, int] | None)
 
 
 def scd_json(transaction: Transaction, locate: Locate | None) -> str:
-    """Return a comma and the ``scd`` key of a transaction; empty when there is no SCD in it."""
+    """Return a comma and the ``scd`` key of a transaction; empty if it has no SCD."""
     found = transaction.scd
     if not found:
         return ""
@@ -176,7 +177,7 @@ def scd_json(transaction: Transaction, locate: Locate | None) -> str:
 
 
 def scd_line_json(found: ScdMessage, time: str, connection: Connection, place: tuple[str, int] | None) -> str:
-    """Return the line that `show -T jsonl` writes for a message; ``place`` is (file, packet) where there are several files."""
+    """Return the line that `show -T jsonl` writes for a message; ``place`` is (file, packet) if there are several files."""
     ends = connection.tcp.ends
     values: dict[str, object] = {"schema": "s7dissect.pdu/1", "frame": found.frame}
     if place is not None:

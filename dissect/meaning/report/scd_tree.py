@@ -59,7 +59,7 @@ def _number(found: ScdMessage, field: EnvelopeField, number: int) -> str:
 
 
 def _data(found: ScdMessage, at: int) -> Iterator[str]:
-    """Yield the values, or the octets where none was decoded; ``at`` is the place of the first octet in the message."""
+    """Yield the values, or the octets if none was decoded; ``at`` is the place of the first octet in the message."""
     from dissect.scd.wording import physical_text, value_text
 
     data = found.message.data or (b"" if found.message.numbers else found.octets)
@@ -77,7 +77,7 @@ def _data(found: ScdMessage, at: int) -> Iterator[str]:
 
 
 def _bits(found: ScdMessage) -> dict[Key, tuple[int, int]]:
-    """Return (first bit, number of bits) of each value; none for a value that takes all of the data."""
+    """Return (first bit, number of bits) of each value; empty for a value that fills all of the data."""
     message = found.message
     if found.mapping is not None:
         return {row.variable.address: (row.offset, row.bits) for row in found.mapping.map}

@@ -11,7 +11,7 @@ _ANY: Final = "*"
 
 
 def slugs_of(text: str) -> frozenset[str]:
-    """Return the slugs that ``text`` stands for: a severity (that or worse), a slug, or a prefix with ``*``.
+    """Return the slugs that ``text`` names: a severity (that or worse), a slug, or a prefix with ``*``.
 
     Raises ValueError, with suggestions, when it is none of these.
     """
@@ -29,7 +29,7 @@ def slugs_of(text: str) -> frozenset[str]:
 
 def _near(text: str) -> str:
     rooms = sorted({slug.partition(".")[0] + ".*" for slug in CATALOGUE})
-    import difflib  # late: a run without this mistake does not need it
+    import difflib  # imported late: a run without this mistake does not need it
 
     near = difflib.get_close_matches(text, [*SEVERITIES, *rooms, *CATALOGUE], n=3)
     begun = [slug for slug in CATALOGUE if text and (slug.startswith(text) or slug.endswith("." + text))]

@@ -1,4 +1,4 @@
-"""What stations state of themselves: rows for `analyze`."""
+"""The statements of stations about themselves: rows for `analyze`."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from dissect.engine.stations.facts import Book, Station
 from dissect.packets.tcp.link import vlan_ids
 from dissect.wire.text import encodable
 
-#: The facts that are shown of each station, in this order (docs/devices.md).
+#: The facts that are shown for each station, in this order (docs/devices.md).
 TOLD: Final = (
     facts.ORDER_NUMBER,
     facts.FIRMWARE,

@@ -1,4 +1,4 @@
-"""Lines for a person: a text, its style, and how it is wrapped on a narrow terminal."""
+"""Lines of text: a text, its style, and how it is wrapped on a narrow terminal."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from typing import Final, NamedTuple
 
 HEADING: Final = "heading"
 DIM: Final = "dim"
-#: The line of something that failed, in a list of what did not.
+#: The line of something that failed, in a list of mostly successful ones.
 FAILED: Final = "failed"
 #: Further styles are the severities; the default leaves a line plain.
 PLAIN: Final = ""
@@ -17,7 +17,7 @@ TREE_HANG: Final = 33
 
 
 class Line(NamedTuple):
-    """One line of a report: its text, its style, and the column in which it continues where a terminal is too narrow.
+    """One line of a report: its text, its style, and the column in which it continues if a terminal is too narrow.
 
     Several lines of the same style, such as those of a field tree, may be one text with line feeds between them.
     """
@@ -29,7 +29,7 @@ class Line(NamedTuple):
     def wrapped(self, width: int) -> list[str]:
         """Return the text as lines of at most ``width`` columns; a longer word stays whole.
 
-        Lines are broken between words, or between fields (two blanks apart) where the next line has room for the whole field.
+        Lines are broken between words, or between fields (two blanks apart) if the next line has room for the whole field.
         """
         text = self.text
         if "\n" in text:
@@ -61,7 +61,7 @@ def _columns(text: str) -> int:
 
 
 def _break(text: str, room: int, room_after: int) -> int:
-    """Return the index at which to break ``text``, so that what precedes it takes at most ``room`` columns; 0 for nowhere.
+    """Return the index at which to break ``text``: at most ``room`` columns come before it; 0 if it cannot be broken.
 
     The next line has ``room_after`` columns.
     """

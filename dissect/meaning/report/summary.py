@@ -36,7 +36,7 @@ class Summary(Outcome):
             from dissect.meaning.report.brief import brief_lines
 
             return brief_lines(self.analysis, self.interrupted, self.clock, self.hosts)
-        from dissect.meaning.report.text import analysis_lines  # late: each form needs only its own module
+        from dissect.meaning.report.text import analysis_lines  # imported late: each form needs only its own module
 
         return analysis_lines(self.analysis, self.interrupted, self.clock, self.hosts)
 

@@ -1,4 +1,4 @@
-"""`analyze` for a person: connections, transactions by function, findings, failed and slowest transactions, completeness.
+"""`analyze` as text: connections, transactions by function, findings, failed and slowest transactions, completeness.
 
 Completeness says how many packets and bytes of a run were used, how many are missing, and how many had to be dropped.
 """
@@ -102,7 +102,7 @@ def completeness(pipeline: Pipeline, places: Places | None = None) -> Iterator[t
 
 
 def _only_ends(pipeline: Pipeline, places: Places | None) -> Iterator[tuple[str, str]]:
-    """Yield the line on connections to port 102 of which nothing but FINs was captured: who closed them."""
+    """Yield the line on connections to port 102 of which only FINs were captured: which side closed them."""
     bare = pipeline.counters.bare
     if not bare.ends:
         return
@@ -116,7 +116,7 @@ def _only_ends(pipeline: Pipeline, places: Places | None) -> Iterator[tuple[str,
     yield f"{number} to port 102 of which only the end was captured, closed {', '.join(deeds)} ({shown})", _PLAIN
 
 
-#: How many of each are shown; the rest is only counted. `_CELL` and `_DETAIL_SIZE` are characters.
+#: Maximum number of each that are shown; the others are only counted. `_CELL` and `_DETAIL_SIZE` are characters.
 _CONNECTIONS: Final = 20
 _FAILED: Final = 10
 _DEVICES: Final = 20
@@ -129,7 +129,7 @@ _DETAIL_SIZE: Final = 400
 def analysis_lines(
     analysis: Analysis, interrupted: bool = False, clock: Clock | None = None, hosts: Mapping[str, str] | None = None
 ) -> Iterator[Line]:
-    """Yield the report line by line. ``interrupted`` says that reading was broken off, ``clock`` writes times.
+    """Yield the report line by line. ``interrupted`` says that the user stopped the reading; ``clock`` writes times.
 
     ``hosts`` are names of hosts by address.
     """
@@ -203,7 +203,7 @@ def _files(analysis: Analysis, places: Places, clock: Clock) -> Iterator[Line]:
 
 
 def _part(analysis: Analysis, part: Part) -> Iterator[Line]:
-    """Yield lines that say which selection this report is of, and how much it left out."""
+    """Yield lines that name the selection of this report, and what it left out."""
     yield Line(f"  SELECTION: {printable(part.where)}", "warning", 4)
     yield Line(f"  selected: {words.count(analysis.total, 'transaction')}, {_listed(analysis)}", PLAIN, 4)
     kinds = (
@@ -333,7 +333,7 @@ def _counts(connection: Connection) -> str:
 
 
 def _unpaired(orphans: int, unsolicited: int, one_way: int) -> list[str]:
-    """Return how many messages of each kind have no partner; ``unsolicited`` includes ``one_way``."""
+    """Return the number of messages of each kind without a partner; ``unsolicited`` includes ``one_way``."""
     kinds = (
         (orphans, "answer without request", "answers without request"),
         (unsolicited - one_way, "push", "pushes"),
@@ -346,7 +346,7 @@ def _unpaired(orphans: int, unsolicited: int, one_way: int) -> list[str]:
 
 
 def _devices(analysis: Analysis, places: Places) -> Iterator[Line]:
-    """Yield a table of what stations state of themselves; nothing where none does."""
+    """Yield a table of the statements of stations about themselves; nothing if there are none."""
     found = stations_that_state(analysis.stations)
     if not found:
         return
@@ -392,7 +392,7 @@ def _transactions(analysis: Analysis) -> Iterator[Line]:
 
 
 def _function_rows(functions: Sequence[FunctionStatistics]) -> Iterator[Line]:
-    """Yield a row for each function; the columns for messages without a partner only where there are any."""
+    """Yield a row for each function; columns for messages without a partner only if there are any."""
     columns: list[tuple[str, Callable[[FunctionStatistics], int]]] = [
         ("still open", lambda one: int(one.still_open)),
         ("not captured", lambda one: int(one.not_captured)),
@@ -422,7 +422,7 @@ def _function_rows(functions: Sequence[FunctionStatistics]) -> Iterator[Line]:
 
 
 def _scd(analysis: Analysis) -> Iterator[Line]:
-    """Yield a table of what was found with each SCD binding."""
+    """Yield a table of the messages found by each SCD binding."""
     found = analysis.sections().get("scd")
     if not found:
         return
@@ -450,7 +450,7 @@ def _scd(analysis: Analysis) -> Iterator[Line]:
 
 
 def _operations(analysis: Analysis) -> Iterator[Line]:
-    """Yield a table of operations; nothing where they only set up connections, which the report lists above."""
+    """Yield a table of operations; nothing if they only set up connections, which the report lists above."""
     if not set(analysis.operations) - {CONNECT}:
         return
     yield Line("")
@@ -465,7 +465,7 @@ def _operations(analysis: Analysis) -> Iterator[Line]:
 
 
 def results_of(results: Mapping[str, int], ended: int) -> Iterator[tuple[str, int]]:
-    """Yield results in words, and how many operations had them; ``ended`` of the running ones ended with their connection."""
+    """Yield results as text with their numbers of operations; ``ended`` of the running ones ended with their connection."""
     for result in RESULTS:
         number = results.get(result, 0) - (ended if result == RUNNING else 0)
         if number:

@@ -1,4 +1,4 @@
-"""The TLS of a connection in reports: in words, and as values for JSON (docs/tls.md). Keys are never shown."""
+"""The TLS of a connection in reports: as text, and as values for JSON (docs/tls.md). Keys are never shown."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def _directions(connection: Connection, session: TlsSession) -> Iterator[tuple[s
 
 
 def tls_lines(connection: Connection) -> Iterator[str]:
-    """Yield lines on the TLS of a connection; nothing when it has none."""
+    """Yield lines on the TLS of a connection; nothing if it has none."""
     session = connection.tls
     if session is None:
         return

@@ -1,4 +1,4 @@
-"""TPDUs that carry no S7 PDU as JSON: connects with their TSAPs, disconnects and errors with reasons.
+"""TPDUs without an S7 PDU as JSON: connects with their TSAPs, disconnects and errors with reasons.
 
 They are rare, so the json module is fast enough.
 """

@@ -30,19 +30,19 @@ from dissect.wire.malformed import Malformed
 from dissect.wire.part import FILL, OCTETS, Part
 from dissect.wire.text import printable, shortened
 
-#: At most this many characters of the note on a part are shown.
+#: Maximum number of characters of the note on a part that are shown.
 _NOTE: Final = 120
 _TPKT_SIZE: Final = 4
 #: The head of a TPKT and of the everyday DT in it.
 _DT_HEAD: Final = 7
 _LI_AT: Final = 4
 _DT: Final = b"\x02\xf0"
-#: Lines of PDUs up to this many octets are kept, since traffic repeats itself; each cache holds up to `_MOST` entries.
+#: Lines of PDUs up to this size are kept, because traffic repeats itself; each cache holds up to `_MOST` entries.
 _SMALL: Final = 256
 _MOST: Final = 4096
-#: At most this many octets of a PDU in its hex view, which takes five times their memory: an S7comm-plus PDU may have 8 MiB.
+#: Maximum number of octets of a PDU in its hex view, which takes five times their memory: an S7comm-plus PDU may have 8 MiB.
 MAX_HEX: Final = 1 << 20
-#: Frames of a PDU that are listed; more are counted.
+#: Maximum number of frames of a PDU that are listed; the others are counted.
 _MOST_FRAMES: Final = 100
 # Why no single packet carries the whole of an S7comm-plus PDU.
 REASSEMBLED: Final = "reassembled from several frames or fragments"
@@ -67,7 +67,7 @@ def tree_text(pdu: Pdu, packet: bytes, through_gateway: bool = False) -> str:
     """Return the tree of ``pdu`` and the hex view below it, lines with line feeds between them.
 
     ``packet`` is the packet that carried the whole PDU: a TPKT or, ``through_gateway``, an IBH-NetLink packet. Offsets then
-    count from its first octet. It is empty when the PDU came in several fragments or was cut; offsets then count from the first
+    count from its first octet. It is empty if the PDU came in several fragments or was cut; offsets then count from the first
     octet of the S7 PDU.
     """
     octets = pdu.octets
@@ -105,7 +105,10 @@ def tpdu_tree_lines(packet: bytes) -> Iterator[str]:
 
 
 def carrier_tree_text(packet: bytes) -> str:
-    """Return the headers of a TPKT. Its content is shown with its PDU: a part of one may hold a part of a secret."""
+    """Return the headers of a TPKT.
+
+    Its content is shown with its PDU, because a part of a PDU may contain a part of a secret.
+    """
     return f"{_packet(packet)}\n"
 
 
@@ -128,8 +131,8 @@ def plus_tree_lines(
 ) -> Iterator[str]:
     """Yield the tree of an S7comm-plus PDU and the hex view below it.
 
-    ``packet`` as for `tree_text`. ``why`` says why it is empty: `REASSEMBLED`, `DECRYPTED`, or "" where that is not known.
-    ``contents`` are the decoded contents with their parts, if they were decoded before.
+    ``packet`` as for `tree_text`. ``why`` says why it is empty: `REASSEMBLED`, `DECRYPTED`, or "" if unknown. ``contents`` are
+    the decoded contents with their parts, if they were decoded before.
     """
     whole = packet or pdu.octets
     base = len(whole) - len(pdu.octets)
@@ -169,12 +172,12 @@ def plus_tree_lines(
 
 
 def _plus_span(pdu: PlusPdu, begin: int, end: int, base: int) -> str:
-    """Return where octets of the data of a PDU stand in it."""
+    """Return the place in a PDU of some octets of its data."""
     return span(pdu.place(begin) + base, pdu.place(max(begin, end - 1)) + 1 + base)
 
 
 def _plus_frames(pdu: PlusPdu, base: int) -> Iterator[str]:
-    """Yield where each frame of a PDU stands, with header and digest, and how much of the data it carries."""
+    """Yield the place of each frame of a PDU, its header and digest, and the size of its data."""
     yield line_of("", "data", f"{words.count(len(pdu.data), 'byte')} in {pdu.frames} frames")
     for number, (at, begin, end) in enumerate(pdu.frame_places[:_MOST_FRAMES], 1):
         yield line_of(span(at + base, end + base), f"frame {number}", words.count(end - begin, "byte"))
@@ -191,7 +194,7 @@ def _plus_parts(pdu: PlusPdu, found: Contents, base: int, hidden: Sequence[tuple
     for part in found.parts:
         indent = "  " * part.depth
         yield f"    {indent}{part.layout.name}{f': {shortened(part.note, _NOTE)}' if part.note else ''}"
-        for value in part.read():  # not kept: there may be many
+        for value in part.read():  # not kept, because there may be many
             begin = pdu.place(int(value.offset))
             stop = pdu.place(max(int(value.offset), int(value.end) - 1)) + 1
             where = span(begin + base, stop + base)
@@ -216,7 +219,7 @@ def _headers(packet: IbhPacket) -> int:
 
 
 def _malformed(facts: list[Malformed], base: int) -> Iterator[str]:
-    """Yield what is malformed, in the words of the other reports, and at which octet of this tree."""
+    """Yield the faults in the wording of the other reports, and their octets in this tree."""
     for fact in facts:
         what = "TRUNCATED" if fact.limit == "snaplen" else fact.word
         yield f"    {what}  {fact}{f' (byte {fact.offset + base} here)' if base else ''}"
@@ -227,23 +230,26 @@ def _octets(whole: bytes, hidden: Sequence[tuple[int, int]] = ()) -> list[str]:
 
 
 def _packet(packet: bytes, base: int = 0) -> str:
-    """Return the lines of a TPKT and the head of the TPDU in it. The PDU in it begins at ``base``; 0: there is none."""
+    """Return the lines of a TPKT and the head of the TPDU in it.
+
+    The PDU in it begins at ``base``; 0 means that there is none.
+    """
     if len(packet) < _DT_HEAD or packet[_LI_AT : _LI_AT + 2] != _DT:
         return "\n".join(_tpkt(packet, base))
     head = packet[:_DT_HEAD]
-    text = _heads.get(head)  # the head is all that is shown of a DT without parameters
+    text = _heads.get(head)  # only the head of a DT without parameters is shown
     if text is None:
         text = _kept(_heads, head, "\n".join(_tpkt(packet)))
     return text
 
 
 def _tpdu(packet: bytes) -> bytes:
-    """Return the TPDU in a TPKT, empty where there is none."""
+    """Return the TPDU in a TPKT, empty if there is none."""
     return packet[_TPKT_SIZE:] if len(packet) > _TPKT_SIZE else b""
 
 
 def _tpkt(packet: bytes, base: int = 0) -> Iterator[str]:
-    """Yield the lines of a TPKT and the head of its TPDU, which ends where the PDU begins (``base``), whatever it says."""
+    """Yield the lines of a TPKT and the head of its TPDU, which ends where the PDU begins (``base``), whatever its length."""
     yield from _layout(iso.TPKT, packet, 0)
     tpdu = parse_tpdu(_tpdu(packet))
     yield f"    COTP {tpdu.name}"
@@ -269,7 +275,7 @@ def _layout(layout: Layout, octets: bytes, at: int, title: str = "") -> list[str
 
 
 def _header(pdu: Pdu, base: int) -> str:
-    """Return the lines of the S7 header; those around the line of the PDU reference, which changes most, come from a cache."""
+    """Return the lines of the S7 header; those around the PDU reference, which changes most, come from a cache."""
     octets = pdu.octets
     size = int(pdu.header_size)
     if len(octets) < size:
@@ -289,7 +295,7 @@ def _header_lines(octets: bytes, size: int, base: int) -> list[str]:
 
 
 def _body_text(pdu: Pdu, base: int, hidden: Sequence[tuple[int, int]]) -> str:
-    """Return the lines below the header. Those of a small PDU are kept, for PDUs that differ only in their reference."""
+    """Return the lines below the header. The lines of a small PDU are kept, for PDUs that differ only in their reference."""
     octets = pdu.octets
     if not _REF_END <= len(octets) <= _SMALL or hidden:
         return "\n".join(_body(pdu, base, hidden))
@@ -301,10 +307,10 @@ def _body_text(pdu: Pdu, base: int, hidden: Sequence[tuple[int, int]]) -> str:
 
 
 def _body(pdu: Pdu, base: int, hidden: Sequence[tuple[int, int]]) -> list[str]:
-    """Return the lines of the parts after the header, and what is malformed in them.
+    """Return the lines of the parts after the header, and of the faults in them.
 
-    Parts are numbered where there are several of a kind; plain octets continue the part above them. ``hidden`` are (offset,
-    end) of secrets, which are not shown.
+    Parts are numbered if there are several of a kind; plain octets continue the part above them. ``hidden`` are (offset, end)
+    of secrets, which are not shown.
     """
     body = parse_body(pdu)
     head = pdu.parameters.userdata
@@ -348,7 +354,7 @@ def _body(pdu: Pdu, base: int, hidden: Sequence[tuple[int, int]]) -> list[str]:
 
 
 def _part_text(part: Part, octets: bytes, base: int) -> str:
-    """Return the lines of the fields of a part. Those of a part of fixed size are kept, by its place and octets."""
+    """Return the lines of the fields of a part. The lines of a part of fixed size are kept, by its place and octets."""
     if part.layout.open:
         return fields_text(part.layout, octets, part.offset, part.end, base)
     key = (part.layout, part.offset + base, octets[part.offset : part.end])
@@ -364,7 +370,7 @@ def _overlap(begin: int, end: int, spans: Sequence[tuple[int, int]]) -> bool:
 
 #: Octets that belong to the part above them.
 _WITHOUT_HEADING: Final = frozenset((CONTENT, FILL, OCTETS))
-#: Parts that are numbered even where there is only one, as there may be several.
+#: Parts that are numbered even if there is only one, as there may be several.
 _NUMBERED: Final = frozenset((s7.ITEM_HEAD, s7.S7ANY_ITEM, s7.DATA_ITEM))
 _NAMES: Final = {s7.S7ANY_ITEM: "item"}
 #: Caches of lines: heads of DTs by their octets, S7 headers and bodies by their octets without the reference, parts.

@@ -13,9 +13,9 @@ from dissect.meaning.report import words
 from dissect.wire.layout import REST, Field, FieldValue, Layout
 from dissect.wire.text import decimal, hex_number, shortened
 
-#: At most this many characters of a field's meaning are shown.
+#: Maximum number of characters of a field's meaning that are shown.
 _MEANING: Final = 100
-#: Beginnings of lines are kept for this many pairs of layout and place.
+#: Maximum number of pairs of layout and place for which beginnings of lines are kept.
 _MOST: Final = 4096
 #: Hexadecimal digits of a number of 32 bits.
 _SMALL: Final = 8
@@ -98,7 +98,7 @@ def meaning(value: FieldValue) -> str:
         said = value.meaning if field.means is not None else ""
         shown = words.octets(value.octets)
         return f"{shown}  {shortened(said, _MEANING)}" if said else shown
-    if field.size < REST:  # a number of variable size, for which no number of digits is right
+    if field.size < REST:  # a number of variable size, which has no fixed number of digits
         return f"{value.value} {value.meaning}".rstrip()
     return _number_said(field, value.value, _digits(field))
 

@@ -1,8 +1,8 @@
 """Short phrases that all outputs share: packets, durations, sizes, values, protocols.
 
-`Places` names a packet: by its number where there is a single file, by file and number within it where there are several. The
-pipeline counts packets over the whole run, but users look for them in a file. So every output gives the number within the file,
-and names the file where there is more than one.
+`Places` names a packet: by its number if there is a single file, by file and number in the file if there are several. The
+pipeline counts packets over the whole run, but users look for them in a file. So every output gives the number in the file, and
+also the file if there are several.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ class Places:
         self._in_text: re.Pattern[str] = re.compile("|".join([_in_text(address) for address in self._hosts]))
 
     def end(self, end: Endpoint) -> str:
-        """Return an end of a connection, for a person: address and port; the name of the host instead of a known address."""
+        """Return an end of a connection as text: address and port; the name of the host instead of a known address."""
         if self._hosts:
             name = self._hosts.get(end.host)
             if name is not None:
@@ -48,11 +48,11 @@ class Places:
         return str(end)
 
     def host(self, end: Endpoint) -> str:
-        """Return the name of the host at an end of a connection, or its address where no name is known."""
+        """Return the name of the host at an end of a connection, or its address if it has no name."""
         return self.name(end.host)
 
     def name(self, host: str) -> str:
-        """Return the name of the host with an address, or the address where no name is known."""
+        """Return the name of the host with an address, or the address if it has no name."""
         return self._hosts.get(host, host)
 
     def named(self, text: str) -> str:
@@ -81,7 +81,7 @@ class Places:
         return self.locate(frame)[1] if self.several else frame
 
     def mark(self, frame: int) -> str:
-        """Return a packet for the beginning of a line: ``12``, or ``NAME:12`` in several files."""
+        """Return a packet for the beginning of a line: ``12``, or ``NAME:12`` if there are several files."""
         if not self.several:
             return str(frame)
         name, number = self.locate(frame)
@@ -115,9 +115,9 @@ class Places:
 
 
 def _in_text(address: str) -> str:
-    """Return what finds an address in a text: 10.0.0.1 is part of neither 10.0.0.10 nor 10.0.0.1.2."""
+    """Return a pattern that finds an address in a text: 10.0.0.1 is part of neither 10.0.0.10 nor 10.0.0.1.2."""
     alone = rf"(?<![\w.:\[]){re.escape(address)}(?!\w|\.\w)"
-    # With a port behind it an address of IPv6 stands in brackets, and alone a colon behind it is of a longer one.
+    # Before a port, an IPv6 address is in brackets; without a port, a colon after it belongs to a longer address.
     return rf"\[{re.escape(address)}\](?=:)|{alone}(?!:)" if ":" in address else alone
 
 
@@ -141,11 +141,12 @@ PROTOCOLS: Final = {
 NUMBER_WIDTH: Final = 5
 FRAMES_WIDTH: Final = 12
 LATENCY_WIDTH: Final = 8
-#: Elements of an array, characters of a text and octets that are shown on a line. No time is cut: an LTIME has up to 35.
+#: Maximum number of elements of an array, characters of a text and octets that a line shows. Times are not cut: an LTIME has up
+#: to 35 characters.
 SHOWN: Final = 8
 SHOWN_TEXT: Final = 36
 SHOWN_OCTETS: Final = 16
-#: At most this many items or notes are named in a summary, and this many characters of a note shown.
+#: Maximum number of items or notes in a summary, and of characters of a note.
 NAMED: Final = 3
 NOTE: Final = 100
 
@@ -158,19 +159,19 @@ def duration(ns: int | None) -> str:
 
 
 def answer_time(ns: int | None) -> str:
-    """Return how long an answer took; ``?`` where it was captured before its request, so that the time is not known."""
+    """Return the answer time; ``?`` if the answer was captured before its request, so that the time is unknown."""
     return "?" if ns is not None and ns < 0 else duration(ns)
 
 
 def span(clock: Clock, first_ns: int, last_ns: int) -> str:
-    """Return the times of the first and the last packet, with a remark where the last one is earlier."""
+    """Return the times of the first and the last packet, with a remark if the last one is earlier."""
     if last_ns >= first_ns:
         return f"{clock.moment(first_ns)} to {clock.moment(last_ns)}"
     return f"{clock.moment(first_ns)} back to {clock.moment(last_ns)} (packets are not in order of time)"
 
 
 def size(octets: int) -> str:
-    """Return a size for a person: ``512 B``, ``5.4 kB``, ``118.2 MB``."""
+    """Return a size as text: ``512 B``, ``5.4 kB``, ``118.2 MB``."""
     for unit, factor in (("GB", 10**9), ("MB", 10**6), ("kB", 10**3)):
         if octets >= factor:
             return f"{octets / factor:.1f} {unit}"
@@ -178,7 +179,7 @@ def size(octets: int) -> str:
 
 
 def percent(part: int, whole: int) -> str:
-    """Return a share for a person: ``4.5 %``; below a twentieth of a percent ``less than 0.1 %``."""
+    """Return a share as text: ``4.5 %``; below a twentieth of a percent ``less than 0.1 %``."""
     share = part / whole * 100 if whole else 0.0
     return "less than 0.1 %" if part and share < 0.05 else f"{share:.1f} %"
 
@@ -193,7 +194,7 @@ def tsaps(calling: Tsap | None, called: Tsap | None, protocol: str) -> str:
 def value(shown: Value, data: bytes = b"") -> str:
     """Return a decoded value on one line; long arrays and texts are cut, with their length.
 
-    ``data``: the bytes of the value, which are shown of elements that do not fit their type.
+    ``data``: the bytes of the value, which are shown for elements that do not fit their type.
     """
     if isinstance(shown, bool):
         return "true" if shown else "false"
@@ -214,7 +215,7 @@ def value(shown: Value, data: bytes = b"") -> str:
 
 
 def octets(data: bytes) -> str:
-    """Return octets in hexadecimal, cut after `SHOWN_OCTETS` with their number, and the text that they spell, if any."""
+    """Return octets in hexadecimal, after `SHOWN_OCTETS` only their number, and the text that they spell, if any."""
     text = spelled(data)
     said = f" '{_cut(text)}'" if text else ""
     if len(data) <= SHOWN_OCTETS:
@@ -228,7 +229,7 @@ def _cut(text: str) -> str:
 
 
 def some_notes(found: list[str], most: int = NAMED) -> str:
-    """Return the first few notes, and how many more there are."""
+    """Return the first few notes, and the number of the others."""
     return some([shortened(note, NOTE) for note in found], most)
 
 
@@ -238,7 +239,7 @@ def explained(counts: Mapping[str, int]) -> str:
 
 
 def loss_of(octets: int) -> str:
-    """Return what is wrong with a file of which so many octets were read, and something is missing."""
+    """Return a text for a file that is incomplete after this many octets."""
     return "damaged" if octets else "not read"
 
 
@@ -248,12 +249,12 @@ def carried(tpdu: Tpdu) -> str:
 
 
 def message_name(octets: bytes) -> str:
-    """Return the name of the protocol of a message; empty for no data, and for protocols whose PDUs have lines of their own."""
+    """Return the name of the protocol of a message; empty for no data, and for protocols whose PDUs have their own lines."""
     upper = classify(octets, 0, len(octets))
     return "" if upper in {S7COMM, S7COMM_PLUS, EMPTY} else PROTOCOLS[UPPER_NAMES[upper]]
 
 
 def named(connection: Connection) -> str:
-    """Return the name of a connection's protocol, and what it was identified by; empty when no data was seen."""
+    """Return the name of a connection's protocol, and how it was identified; empty if no data was seen."""
     name = PROTOCOLS.get(connection.protocol, printable(connection.protocol))
     return f"{name} ({connection.identified_by})" if connection.identified_by else name

@@ -1,7 +1,7 @@
-"""`Writer`, which writes results in one format, and the feeds that pass on to it the results that a command is about.
+"""`Writer`, which writes results in one format, and the feeds that pass it the results that a command needs.
 
 A writer is an observer that keeps its lines until they are taken (`Writer.take`). The pipeline reports everything to its
-observer (transactions, operations, findings …), so a feed stands in between and passes on only what is wanted.
+observer (transactions, operations, findings …), so a feed between them passes only the wanted results.
 """
 
 from __future__ import annotations
@@ -30,15 +30,15 @@ from dissect.protocols.iso.tables import DT, ED
 from dissect.protocols.iso.upper import S7COMM, S7COMM_PLUS, SCD, UPPER_NAMES, classify
 from dissect.wire.text import Clock
 
-#: At most this many lines of transactions, and this many characters of them, wait for earlier transactions that are held back.
+#: Maximum number of lines of transactions, and of characters in them, that wait for earlier transactions that are held back.
 KEPT_LINES: Final = 4096
 KEPT_CHARACTERS: Final = 16 * 1024 * 1024
 
-#: Octets of a TPKT before the data of a DT without parameters; and the octet that says DT, which follows the length, 2.
+#: Octets of a TPKT before the data of a DT without parameters; and the octet that means DT, which follows the length, 2.
 _DT_HEAD: Final = 7
 _PLAIN_DT: Final = 0xF0
 
-#: Protocol names, beside those of `UPPER_NAMES`, for messages that carry no PDU: TPDUs, and packets of IBH-NetLink.
+#: Protocol names, besides those of `UPPER_NAMES`, for messages without a PDU: TPDUs, and packets of IBH-NetLink.
 COTP: Final = "cotp"
 NETLINK: Final = "netlink"
 
@@ -55,15 +55,15 @@ class Writer(Observer):
     """Writes results in one format: override the methods for what it takes, and add a row to `dissect.meaning.report.formats`.
 
     ``lines`` are the lines that were written so far: text (`str`), its octets in UTF-8 (`bytes`), or text with a style
-    (`Line`), which a terminal wraps and colours. One item may hold several lines. ``plain`` is True where no terminal wraps and
-    colours them, so that a writer may return octets. ``clock`` writes times as the user wants to read them (`Clock.moment`; for
-    programs `Clock.iso`, always UTC). ``verbose`` asks for all details (option -V of `show`). Names and values come from the
-    wire: pass text for a person through `dissect.wire.text.printable`.
+    (`Line`), which a terminal wraps and colours. One item may contain several lines. ``plain`` is True if no terminal wraps and
+    colours them, so that a writer may return octets. ``clock`` writes times in the form that the user wants (`Clock.moment`;
+    for programs `Clock.iso`, always UTC). ``verbose`` asks for all details (option -V of `show`). Names and values come from
+    the wire: pass text for people through `dissect.wire.text.printable`.
 
-    ``number_width`` and ``joint`` say how numbers can be changed in finished lines. ``number_width`` is the least number of
-    characters that the number of a transaction takes. ``joint`` is the text between the numbers of transaction and connection,
-    if each line contains both in this form and only there; it is empty if lines contain only a connection, and None if numbers
-    may be anywhere.
+    ``number_width`` and ``joint`` say how numbers can be changed in finished lines. ``number_width`` is the minimum width of
+    the number of a transaction, in characters. ``joint`` is the text between the numbers of transaction and connection, if each
+    line contains both in this form and only there; it is empty if lines contain only a connection, and None if numbers may be
+    anywhere.
 
     Feeds call these methods of an observer: `transaction`, `operation`, `comment`, for PDUs `pdu` and `plus_pdu`, and for
     packets without a PDU `tpdu` and `ibh_packet`; and the methods `packet` and `scd_message` of this class. PDUs may hold
@@ -80,10 +80,10 @@ class Writer(Observer):
         self.number_width: int = 0
         self.joint: bytes | None = None
         self.plain: bool = False
-        self.most: int = 0  # items that a line for a person names, 0 for all
+        self.most: int = 0  # maximum number of items that a text line names, 0 for all
 
     def begin(self, places: Places) -> None:
-        """Take ``places``, which gives the names of packets; called once, before the first result."""
+        """Set ``places``, which gives the names of packets; called once, before the first result."""
         self.places = places
 
     def packet(self, octets: bytes) -> None:
@@ -91,11 +91,11 @@ class Writer(Observer):
         self.carrying = octets
 
     def header_of(self, side: Side, pdu: bytes) -> Header | None:
-        """Return the irregular header of the TPKT that carries ``pdu``; None for nearly all, which are as they should be."""
+        """Return the irregular header of the TPKT that carries ``pdu``; None for nearly all, which are regular."""
         return irregular(self.carrying, pdu, side.connection.class_)
 
     def carrier(self, frame: i64, time_ns: i64, side: Side, octets: bytes) -> None:
-        """Take a TPKT with a DT that carries a PDU, a part of one or nothing; only where all TPDUs are wanted."""
+        """Take a TPKT with a DT that carries a PDU, a part of one or nothing; called only if all TPDUs are wanted."""
         self.tpdu(frame, time_ns, side, octets)
 
     def scd_message(self, found: ScdMessage, connection: Connection) -> None:
@@ -111,10 +111,9 @@ class Writer(Observer):
 class TransactionFeed(Observer):
     """Passes transactions on to a writer, all or those that ``choose`` wants, and keeps its lines in the order of the capture.
 
-    The place of a transaction is that of the packet that completed it or, without an answer, where the wait for it ended; so it
-    is for what is behind a malformed header. A
-    transaction that was held back behind a gap of its TCP stream reaches the feed late: its lines are put before those of
-    transactions that were completed by later packets.
+    The place of a transaction is that of the packet that completed it or, without an answer, the end of the wait; the same
+    applies to messages behind a malformed header. A transaction that was held back behind a gap of its TCP stream reaches the
+    feed late: its lines are put before those of transactions that were completed by later packets.
     """
 
     def __init__(
@@ -131,7 +130,7 @@ class TransactionFeed(Observer):
         self._most_characters: int = most_characters
         self._packets: list[int] = []  # the packet of each line of the writer, in ascending order
         self._latest: i64 = 0
-        self.protocols: dict[str, int] = {}  # by protocol: how many connections that spoke it are over
+        self.protocols: dict[str, int] = {}  # by protocol: number of finished connections that spoke it
 
     def connection_closed(self, connection: Connection) -> None:
         """Count the protocol of a connection."""
@@ -149,7 +148,7 @@ class TransactionFeed(Observer):
         self.place(packet)
 
     def settle(self) -> None:
-        """Give lines that the writer added by itself, such as a heading, their place: before those of all packets."""
+        """Give lines that the writer added by itself, such as a heading, their place before all packets."""
         lines = self._writer.lines
         packets = self._packets
         while len(packets) < len(lines):
@@ -235,7 +234,7 @@ class PduFeed(Observer):
         self._choose: MessageChoice | None = choose
         self._every: bool = every
         self._carrying: bytes = b""  # the present TPKT
-        self._before: int = 0  # how many lines the writer had before the present message
+        self._before: int = 0  # number of lines of the writer before the current message
 
     def comment(self, frame: i64, text: str) -> None:
         """Pass on a packet comment, unless ``choose`` selects messages, to which comments do not belong."""
@@ -258,12 +257,12 @@ class PduFeed(Observer):
         self._find(frame)
 
     def _alone(self, side: Side, octets: bytes) -> bool:
-        """Return whether no PDU, SCD message or part of either is in a TPKT, which then needs a line of its own."""
+        """Return whether a TPKT contains no PDU, SCD message or part of either, so that it needs its own line."""
         self._carrying = octets
         if len(octets) > _DT_HEAD and octets[4] == 2 and octets[5] == _PLAIN_DT:
             upper = classify(octets, _DT_HEAD, len(octets))
             if upper in (S7COMM, S7COMM_PLUS):
-                return False  # nearly every one
+                return False  # as nearly always
         tpdu = parse_tpdu(octets[4:])
         if odd_place(tpdu, octets[4:], side.connection.class_) >= 0:
             return False

@@ -1,4 +1,4 @@
-"""``-T fields``: the values of fields, a line for each result, tabs between them, as `tshark -T fields -e …` writes it."""
+"""``-T fields``: the values of fields, one line for each result, separated by tabs, as in `tshark -T fields -e …`."""
 
 from __future__ import annotations
 
@@ -94,7 +94,7 @@ class FieldsWriter(Writer):
         self.lines.append("\t".join(cells))
 
     def _places(self, field: Field, of_item: OfItem, thing: Any) -> list[str]:
-        """Return a place for each item, empty where it has no value, so that the lists of all fields match."""
+        """Return a place for each item, empty if it has no value, so that the lists of all fields match."""
         places = []
         for item in items(thing, self._context):
             found = of_item(item, self._context)

@@ -10,7 +10,7 @@ from dissect.wire.text import printable, some
 #: The beginning of all our comments, by which a display filter finds them: ``frame.comment contains "s7dissect:"``.
 MARK: Final = "s7dissect:"
 
-#: At most this many frames of a finding are named in a comment.
+#: Maximum number of frames of a finding that are named in a comment.
 _NAMED: Final = 8
 
 
@@ -24,7 +24,7 @@ def finding_comment(finding: Finding) -> str:
 
 
 def frames_in_words(frames: list[int]) -> str:
-    """Return packet numbers in words, the first few of them: ``packet 8``, ``packets 8, 9 and 3 more``."""
+    """Return packet numbers as text, the first few of them: ``packet 8``, ``packets 8, 9 and 3 more``."""
     if not frames:
         return "the capture"
     return f"packet{'s' if len(frames) > 1 else ''} {some([str(frame) for frame in frames], _NAMED)}"

@@ -1,4 +1,4 @@
-"""`SelectError`: what is wrong with an expression, and where."""
+"""`SelectError`: the fault of an expression, and its place."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Final
 from dissect.wire.errors import Error
 from dissect.wire.text import printable
 
-#: This many characters of an expression are shown before the place that is wrong, and as many after its beginning.
+#: This many characters of an expression are shown before the wrong place, and as many after its beginning.
 _SHOWN: Final = 70
 
 
@@ -28,7 +28,7 @@ class SelectError(Error, ValueError):
         return self if self.text else SelectError(self.reason, text, start, end)
 
     def lines(self) -> list[str]:
-        """Return the reason, the expression, and a mark below the part that is wrong; escaped."""
+        """Return the reason, the expression, and a mark below the wrong part; escaped."""
         if not self.text:
             return [printable(self.reason)]
         first = max(0, min(self.start, len(self.text)) - _SHOWN)
@@ -56,6 +56,6 @@ def _width(character: str) -> int:
 
 
 def range_hint(text: str) -> str:
-    """Return how a range of numbers is written, where a text means one in another way."""
+    """Return a hint on the notation of ranges, if a text writes one in another way."""
     found = re.fullmatch(r"([0-9]+)(?:-|\.\.\.?)([0-9]+)", text)
     return f", or with `in` the range {found[1]}..{found[2]}" if found else ""

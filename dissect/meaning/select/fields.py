@@ -1,7 +1,7 @@
 """The fields of selections: one table of name, type, meaning, example, and getters for each kind of thing.
 
-`s7dissect fields`, docs/select.md, completion and the predicates read this table. ``also`` are further names: where the JSON
-contract has a longer name for the same, both can be typed.
+`s7dissect fields`, docs/select.md, completion and the predicates read this table. ``also`` are further names: if the JSON
+contract has a longer name for the same fact, both can be typed.
 """
 
 from __future__ import annotations
@@ -60,12 +60,12 @@ from dissect.scd.wording import json_value
 
 
 class Field:
-    """A field: its names, the type of its values, its meaning, a condition as an example, and which things have it.
+    """A field: its names, the type of its values, its meaning, a condition as an example, and the things that have it.
 
     ``getters`` are by kind of thing (`dissect.meaning.select.things.KINDS`). ``of_item`` returns the value for one item; a
-    field that
-    has it may be followed by an index in brackets; ``with_items`` are the kinds of things whose items have it. ``decided``: the
-    value depends only on the ends and the number of a connection, so that connections which are not selected need not be read.
+    field that has it may be followed by an index in brackets; ``with_items`` are the kinds of things whose items have it.
+    ``decided``: the value depends only on the ends and the number of a connection, so connections that are not selected need
+    not be read.
     """
 
     __slots__ = ("about", "also", "decided", "example", "getters", "kind", "name", "of_item", "with_items")
@@ -114,7 +114,7 @@ def _fact(
     decided: bool = False,
     getter: Getter | None = None,
 ) -> Field:
-    """Return the field of a fact of connections; ``things`` have it as well, through ``getter`` if not by their connection."""
+    """Return the field of a fact of connections; ``things`` also have it, through ``getter`` if not by their connection."""
     fact = CONNECTION_FACTS[of_name]
     getters = _all(getter or of.of_fact(fact, of.connection_of), things)
     return Field(name or of_name, _kind(fact), fact.about, example, getters, also, decided=decided)
@@ -138,7 +138,7 @@ def _own(
 
 
 def _kind(fact: Fact[Any]) -> Kind:
-    """Return how a fact is compared."""
+    """Return the type in which a fact is compared."""
     return Code(lambda: fact.codes) if fact.kind == kinds.CODE else _KINDS[fact.kind]
 
 
@@ -172,7 +172,7 @@ def _item(
     kinds: Iterable[str] = _PDUS,
     others: Mapping[str, Getter] | None = None,
 ) -> Field:
-    """Return a field whose value each item has for itself; ``others`` are getters for further kinds, without items."""
+    """Return a field with a separate value for each item; ``others`` are getters for further kinds, without items."""
 
     def got(thing: Any, context: Context) -> list[Any]:
         found: list[Any] = []

@@ -65,20 +65,20 @@ def _some(text: str) -> str | None:
     return text or None
 
 
-#: By kind of fact what it is compared as, where that is not its value.
+#: By kind of fact: the type in which it is compared, if that differs from the type of its value.
 _TOLD: Final[Mapping[str, Callable[[Any], Any]]] = {CODE: name_code, TEXT: _some, TSAP: str, WORD: name_code}
 
 # ---- connections ----------------------------------------------------------------------------------------------------
 
 
 def connection_of(thing: Any) -> Connection | None:
-    """Return the connection of a thing, None where it has none."""
+    """Return the connection of a thing, None if it has none."""
     found: Connection | None = thing if isinstance(thing, Connection) else thing.connection
     return found
 
 
 def of_fact(fact: Fact[Any], record_of: Callable[[Any], Any]) -> Getter:
-    """Return a getter for a fact; ``record_of`` returns the record of a thing that has it, None where there is none."""
+    """Return a getter for a fact; ``record_of`` returns the record of a thing that has it, None if there is none."""
     get = fact.get
     told = _TOLD.get(fact.kind)
     framed = fact.kind == FRAME
@@ -104,7 +104,7 @@ def itself(thing: Any) -> Any:
 
 
 def ends(thing: Any, _context: Context) -> Iterable[Endpoint] | None:
-    """Return both ends of a packet, or of a thing's connection; of a finding about no connection its hosts."""
+    """Return both ends of a packet, or of a thing's connection; the hosts of a finding that concerns no connection."""
     if isinstance(thing, Packet):
         return thing.ends
     connection = connection_of(thing)
@@ -131,7 +131,7 @@ def server(thing: Any, _context: Context) -> Endpoint | None:
 
 
 def _host(said: str) -> Endpoint | None:
-    """Return an end without a port from what a finding calls a host: its address, and its VLAN where it is in one."""
+    """Return an end without a port from a finding's name of a host: its address, and its VLAN if it has one."""
     return Endpoint(ipaddress.ip_address(said.partition(" ")[0]).packed, -1) if said else None
 
 
@@ -183,7 +183,7 @@ def time(thing: Any, _context: Context) -> int | None:
 
 
 def duration(thing: Operation | Connection, _context: Context) -> int:
-    """Return how long an operation or a connection lasted, in nanoseconds."""
+    """Return the duration of an operation or a connection, in nanoseconds."""
     if isinstance(thing, Connection):
         return int(thing.last_ns - thing.tcp.first_ns)
     return thing.duration_ns
@@ -304,7 +304,7 @@ def pdu_ref(thing: Transaction | Message, _context: Context) -> int | None:
 
 
 def subject(thing: Transaction | Operation, _context: Context) -> str:
-    """Return what a transaction or an operation is about, in words."""
+    """Return the subject of a transaction or an operation, as text."""
     return thing.subject if isinstance(thing, Operation) else facets.subject(thing)
 
 
@@ -349,7 +349,7 @@ def items(thing: Transaction | Message, context: Context) -> list[ItemFacts]:
 
 
 def item_count(thing: Transaction | Message, context: Context) -> int:
-    """Return how many items there are."""
+    """Return the number of items."""
     return len(items(thing, context))
 
 
@@ -411,5 +411,5 @@ def of_scd(get: Callable[[ScdMessage], Any]) -> Getter:
 
 
 def scd_number(role: str) -> Callable[[ScdMessage], int | None]:
-    """Return a function that returns the number with this role from the envelope; None where the envelope has none."""
+    """Return a function that returns the number with this role from the envelope; None if the envelope has none."""
     return lambda found: found.message.numbers.get(role)

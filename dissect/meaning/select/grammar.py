@@ -68,7 +68,7 @@ _ELSEWHERE: Final = {"=": "==", "is": "==", "equals": "==", "<>": "!=", "=~": "m
 
 @dataclass(frozen=True)
 class Literal:
-    """A value as it was written: ``text`` without quotes; ``quoted`` says whether it had any."""
+    """A value as it was typed: ``text`` without quotes; ``quoted`` says whether it had any."""
 
     text: str
     quoted: bool
@@ -78,7 +78,7 @@ class Literal:
 
 @dataclass(frozen=True)
 class FieldName:
-    """A field as it was written; ``index`` is the text in brackets after it, empty without brackets."""
+    """A field as it was typed; ``index`` is the text in brackets after it, empty without brackets."""
 
     name: str
     index: str
@@ -88,14 +88,14 @@ class FieldName:
 
 @dataclass(frozen=True)
 class Presence:
-    """A field alone: the thing has this field; for a field of type truth: its value is true."""
+    """Only a field: true if the thing has this field; for a field of type truth, if its value is true."""
 
     field: FieldName
 
 
 @dataclass(frozen=True)
 class Comparison:
-    """A field compared with literals, one of which has to fit; there are several only for the operator ``in``."""
+    """A field compared with literals, one of which must match; only the operator ``in`` has several."""
 
     field: FieldName
     operator: str
@@ -106,7 +106,7 @@ class Comparison:
 
 @dataclass(frozen=True)
 class Negation:
-    """The condition ``within`` does not hold."""
+    """True if the condition ``within`` is false."""
 
     within: Node
 
@@ -236,7 +236,7 @@ _NEXT: Final = re.compile(r"[\w.]+|[^\s\w]+|\S")
 
 
 def _explain(text: str, error: Any) -> NoReturn:
-    """Raise the `SelectError` for an error of the parser: what it met, and what it expected."""
+    """Raise the `SelectError` for an error of the parser: the text that it met, and what it expected."""
     at = getattr(error, "pos_in_stream", None)
     token = getattr(error, "token", None)
     if token is not None and token.type == "$END":

@@ -27,11 +27,11 @@ from dissect.protocols.s7plus.ids import DATA_BLOCK
 from dissect.protocols.s7plus.items import PlusItem
 from dissect.scd.wording import Row, json_value
 
-#: The facts of this many request items are remembered: polling repeats the same ones.
+#: Maximum number of request items whose facts are remembered: polling repeats the same ones.
 _MOST_KNOWN: Final = 8192
 _UNKNOWN_ELEMENT: Final = 1
-#: The name of an element of an array of one dimension. Where an item covers all elements, the lowest index is in the tag's type
-#: (`_ALL`); where it covers some, in the tag's name (`_SOME`).
+#: The name of an element of an array of one dimension. If an item covers all elements, the lowest index is in the tag's type
+#: (`_ALL`); if it covers some, in the tag's name (`_SOME`).
 _ELEMENT: Final = re.compile(r"(.+)\[(-?[0-9]{1,9})\]", re.DOTALL)
 _ALL: Final = re.compile(r"Array\[(?P<low>-?[0-9]{1,9})\.\.-?[0-9]{1,9}\] of ")
 _SOME: Final = re.compile(r"(?P<name>.+)\[(?P<low>-?[0-9]{1,9})\.\.-?[0-9]{1,9}\]", re.DOTALL)
@@ -61,7 +61,7 @@ class ItemFacts:
 
     @property
     def values(self) -> list[object]:
-        """Its value in the form of the JSON contract: one element, or those of an array; empty where it cannot be decoded."""
+        """Its value in the form of the JSON contract: one element, or those of an array; empty if it cannot be decoded."""
         source = self.source
         if isinstance(source, ItemResult):
             value: object = source.value
@@ -77,13 +77,13 @@ class ItemFacts:
 
     @property
     def tags(self) -> list[NamedValue]:
-        """The tags that the item covers, wholly or in part; empty where no tags are loaded."""
+        """The tags that the item covers, wholly or in part; empty if no tags are loaded."""
         if self.naming is None or not isinstance(self.source, ItemResult):
             return []
         return [named for named in self.naming.named(self.source) if named.name]
 
     def of_tag(self, name: str) -> ItemFacts | None:
-        """Return the tag ``name`` that this item covers, or an element of an array, as an item; None where it covers none."""
+        """Return the tag ``name`` that this item covers, or an element of an array, as an item; None if it is not covered."""
         tags = self.tags
         for named in tags:
             if named.name == name:
@@ -106,7 +106,7 @@ class ItemFacts:
 
 
 def _element(named: NamedValue, array: str, index: int) -> NamedValue | None:
-    """Return element ``index`` of ``array`` if it is among the elements that ``named`` holds, else None."""
+    """Return element ``index`` of ``array`` if ``named`` contains it, else None."""
     whole = named.name == array
     covered = _ALL.match(named.type) if whole else _SOME.fullmatch(named.name)
     if covered is None or not isinstance(named.value, list) or not (whole or covered["name"] == array):

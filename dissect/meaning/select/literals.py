@@ -1,6 +1,6 @@
 """The types of values of fields: one class for each, which parses literals and makes tests.
 
-A test is a function that returns whether one value of a field fits. It is made once for an expression, and called for every
+A test is a function that returns whether one value of a field matches. It is made once for an expression, and called for every
 result.
 """
 
@@ -35,12 +35,12 @@ _ORDER: Final[dict[str, Callable[[Any, Any], bool]]] = {
     ">": lambda a, b: bool(a > b),
     ">=": lambda a, b: bool(a >= b),
 }
-#: Greatest number of names that an error lists as expected.
+#: Maximum number of expected names that an error lists.
 _MOST_LISTED: Final = 12
 
 
 class CodeValue(NamedTuple):
-    """A number with names: a function, an area, an error. ``number`` is None where there are only names."""
+    """A number with names: a function, an area, an error. ``number`` is None if there are only names."""
 
     number: int | None
     names: tuple[str, ...]
@@ -80,7 +80,7 @@ class Kind(ABC):
 
     name = ""
     operators: tuple[str, ...] = (EQUAL, "!=", "===", "!==", IN)
-    #: True if a field alone, without a comparison, is a condition that its value is true.
+    #: True if a field alone, without a comparison, is a condition: its value must be true.
     truth = False
 
     def test(self, operator: str, literals: Sequence[Literal], start: Start) -> Test:
@@ -113,7 +113,7 @@ class Kind(ABC):
         """Return the test that compares with one literal."""
 
     def zoned(self, local: bool) -> Kind:
-        """Return this type for an expression whose times are ``local`` where they name no zone, or in UTC."""
+        """Return this type for an expression whose times without a zone are in local time (``local``) or in UTC."""
         return self
 
     def shown(self, value: Any) -> str:
@@ -191,7 +191,7 @@ class Duration(Kind):
         return _compared(operator, self.nanoseconds(literal))
 
     def nanoseconds(self, literal: Literal) -> int:
-        """Return the duration that a literal stands for, in nanoseconds. Raises `SelectError`."""
+        """Return the duration of a literal, in nanoseconds. Raises `SelectError`."""
         found = _DURATION.fullmatch(literal.text)
         if found is None:
             raise self.unfit(literal, "expected a duration, such as 20ms or 1.5s")
@@ -224,13 +224,13 @@ class Time(Kind):
         self._local = local
 
     def zoned(self, local: bool) -> Kind:
-        """Return this type with the zone of times that name none."""
+        """Return this type with the zone for times without a zone."""
         return self if local == self._local else Time(local)
 
     def compare(self, operator: str, literal: Literal, start: Start) -> Test:
         """Compare with a date and time, a time on the day on which the capture begins, or a duration after its start.
 
-        What is equal to a day, minute or second is within it.
+        A time equals a day, minute or second if it is within it.
         """
         moment = self.moment(literal)
         wanted = 0
@@ -371,7 +371,7 @@ class Code(Kind):
         choices = {folded(choice): choice for choice in self.choices}
         if name not in choices and (self._also is None or not name.startswith(self._also)):
             raise self._unknown(literal, list(choices.values()))
-        # The same few values repeat, so results of comparisons are remembered.
+        # The same few values occur again and again, so results of comparisons are remembered.
         known: dict[tuple[str, ...], bool] = {}
 
         def equal(value: CodeValue) -> bool:
@@ -548,7 +548,7 @@ class Octets(Kind):
 
 
 class AnyValue(Kind):
-    """Values of variables: numbers, texts, true or false. A literal fits only values of its own sort."""
+    """Values of variables: numbers, texts, true or false. A literal matches only values of its own sort."""
 
     name = "value"
     operators = (*Number.operators, CONTAINS, MATCHES)
@@ -576,7 +576,7 @@ class AnyValue(Kind):
         return lambda value: isinstance(value, str) and value == text
 
     def shown(self, value: Any) -> str:
-        """Return it as JSON has it, a text without quotes."""
+        """Return it in the form of JSON, but a text without quotes."""
         if isinstance(value, bool):
             return "true" if value else "false"
         return str(value)

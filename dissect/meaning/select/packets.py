@@ -1,8 +1,9 @@
-"""Which packets of a capture an expression selects. The capture is read twice: to find out, and to test each packet.
+"""Which packets of a capture an expression selects.
 
-A packet is selected if it carries a part of a request or answer of a selected transaction; and, if the expression names fields
-that only findings have, if a selected finding names it. A packet that carries none of these is tested by its own fields:
-number, time, ends, connection. If the expression names only such fields, every packet is tested by them.
+The capture is read twice: first to find what is wanted, then to test each packet. A packet is selected if it carries a part of
+a request or answer of a selected transaction; and, if the expression names fields that only findings have, if a selected
+finding names it. A packet that carries none of these is tested by its own fields: number, time, ends, connection. If the
+expression has only such fields, every packet is tested by them.
 """
 
 from __future__ import annotations
@@ -84,7 +85,7 @@ class PacketSelection(Observer):
         self._where.context.opened(connection)
 
     def connection_closed(self, connection: Connection) -> None:
-        """Remember what tests of packets need of a connection."""
+        """Remember the facts of a connection that tests of packets need."""
         self._where.context.closed(connection)
         line = _Line(connection)
         self._same.note(connection.tcp)
@@ -109,7 +110,7 @@ class PacketSelection(Observer):
         self._book.pdu(side, int(frame), len(octets))
 
     def transaction(self, transaction: Transaction) -> None:
-        """Remember where in their streams request and answer are, if the transaction is selected."""
+        """Remember the places of request and answer in their streams, if the transaction is selected."""
         if self._alone:
             return
         number, asked_by = int(transaction.connection.number), int(transaction.asked_by)

@@ -1,7 +1,7 @@
-"""Whether a regular expression ends in good time on any text: Python's engine tries every way in which a pattern can match.
+"""Checks whether a regular expression ends in good time for any text, as Python tries every way in which it can match.
 
-``(a+)+$`` has as many ways as there are divisions of a row of letters: it doubles with each. The ways are estimated here from
-the structure of the pattern; one that has too many is refused before it meets a text from the wire.
+``(a+)+$`` has as many ways as there are divisions of a row of letters: their number doubles with each letter. The ways are
+estimated here from the structure of the pattern; one that has too many is refused before it meets a text from the wire.
 """
 
 from __future__ import annotations
@@ -15,14 +15,14 @@ from typing import Any, Final
 from dissect.meaning.select.errors import SelectError
 from dissect.meaning.select.grammar import Literal
 
-#: A text is taken to have this many characters, and a pattern may have this many ways to match it (powers of ten).
+#: A text is assumed to have this many characters, and a pattern may have this many ways to match it (powers of ten).
 _LENGTH: Final = 1000
 _MOST: Final = 9.0
 
 #: Greatest number of characters of a pattern.
 _MAX_PATTERN: Final = 200
 
-#: re has no public parser; what its own has is the same since Python 3.11.
+#: re has no public parser; its internal one has not changed since Python 3.11.
 _parser: Any = re._parser  # noqa: SLF001
 _REPEATS: Final = frozenset(("MAX_REPEAT", "MIN_REPEAT", "POSSESSIVE_REPEAT"))
 
@@ -36,7 +36,7 @@ def searching(literal: Literal) -> Callable[[str], bool]:
         )  # fmt: skip
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # warnings on what later Python versions may change are no help to users
+            warnings.simplefilter("ignore")  # warnings about changes in later Python versions do not help users
             search = re.compile(literal.text, re.IGNORECASE).search
             forever = takes_too_long(literal.text, re.IGNORECASE)
     except (re.error, OverflowError, RecursionError) as error:
@@ -50,7 +50,7 @@ def searching(literal: Literal) -> Callable[[str], bool]:
 
 
 def takes_too_long(pattern: str, flags: int = 0) -> bool:
-    """Return whether a pattern has too many ways to match. It has to be valid."""
+    """Return whether a pattern has too many ways to match. The pattern must be valid."""
     return _ways(_parser.parse(pattern, flags)) > _MOST
 
 
@@ -76,7 +76,7 @@ def _ways_of(kind: str, argument: Any) -> float:
 
 
 def _ways_of_branch(branches: Sequence[Any]) -> float:
-    """Return the ways of alternatives: where each begins with a letter of its own, a text has those of one of them."""
+    """Return the ways of alternatives: if each begins with a different letter, a text has only the ways of one of them."""
     begins = [str(branch[0]) if len(branch) else "" for branch in branches]
     own = len(set(begins)) == len(begins) and all([begin.startswith("(LITERAL,") for begin in begins])
     most = max([_ways(branch) for branch in branches])

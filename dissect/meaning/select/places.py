@@ -1,4 +1,4 @@
-"""`Places`: recognises packets by their number, by the connection that they belong to, and by what of a stream they carry."""
+"""`Places`: recognises packets by their number, by their connection, and by the octets of a stream that they carry."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class Stretch:
 class Places:
     """Where wanted packets are. ``same`` has the first key of a connection for each other key (`SameKeys`).
 
-    ``frames`` are numbers of packets; ``looks`` says whether anything else is known, so that packets have to be looked into.
+    ``frames`` are numbers of packets; ``looks`` says whether anything else is known, so that packets must be examined.
     """
 
     def __init__(self, frames: frozenset[int], same: Mapping[bytes, bytes]) -> None:
@@ -77,7 +77,7 @@ class Places:
                 self._marked.setdefault(key, Ranges()).add(stretch.first, stretch.last)
 
     def _keys(self, stretch: Stretch) -> tuple[bytes, bytes]:
-        """Return the keys of both directions by which a stretch is looked up."""
+        """Return the keys of both directions under which a stretch is found."""
         there, back = stretch.key, reverse_key(stretch.key)
         return self._same.get(there, there), self._same.get(back, back)
 
@@ -100,9 +100,9 @@ class Places:
         return spans is not None and spans.carries(time_ns, *_segment(buf, packet))
 
     def _wants_fragment(self, frame: int, time_ns: int, packet: ip.IpPacket) -> bool:
-        """Return whether an IP fragment is wanted: it is between the hosts of something wanted, at that time.
+        """Return whether an IP fragment is wanted: its hosts are those of something wanted, at that time.
 
-        A fragment of a tunnel does not show whose packet is in it, so any one at that time is wanted.
+        A fragment of a tunnel does not show the hosts of the packet in it, so any fragment at that time is wanted.
         """
         if packet.protocol in ip.CARRIERS and (frame in self._connections_of_all or time_ns in self._times_of_all):
             return True

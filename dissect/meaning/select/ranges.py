@@ -1,4 +1,4 @@
-"""`Ranges`: numbers of packets, or times, from one to another, of which there may be many that overlap."""
+"""`Ranges`: numbers of packets, or times, from one to another; there may be many, and they may overlap."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from bisect import bisect_right
 
 
 class Ranges:
-    """Ranges of integers, both ends included. Once the first question is asked, those that touch are one."""
+    """Ranges of integers, both ends included. With the first query, ranges that touch become one."""
 
     __slots__ = ("_added", "_firsts", "_lasts")
 
@@ -16,7 +16,7 @@ class Ranges:
         self._lasts: list[int] = []
 
     def add(self, first: int, last: int) -> None:
-        """Take a range; one that ends before it begins holds nothing."""
+        """Add a range; it is empty if it ends before it begins."""
         if first <= last:
             self._added.append((first, last))
 

@@ -32,7 +32,7 @@ from dissect.protocols.ibh.tables import KIND_CONFIRM, KIND_CONNECT, KIND_DISCON
 from dissect.protocols.iso.tables import CC, CR, DC, DR
 from dissect.protocols.s7.tables import SETUP_COMMUNICATION as _SETUP
 
-#: Greatest number of connections that are remembered, and of packets of each that opened or closed it above TCP.
+#: Maximum number of connections that are remembered, and of packets of each that opened or closed it above TCP.
 MAX_CONNECTIONS: Final = 16_384
 MAX_FRAMES: Final = 16
 
@@ -86,9 +86,10 @@ AGAIN_NS: Final = 10_000_000_000
 
 
 class Wanted:
-    """What is wanted: numbers of connections, transactions and findings, slugs of findings. All empty: everything.
+    """The wanted things: numbers of connections, transactions and findings, slugs of findings.
 
-    Findings are numbered as the analysis lists their details, the heaviest first, from 1.
+    If all are empty, everything is wanted. Findings are numbered in the order of the details in the analysis, the heaviest
+    first, from 1.
     """
 
     def __init__(
@@ -110,9 +111,10 @@ class Wanted:
 
 
 class Selection(Observer):
-    """Observes the first reading. Afterwards ``missing`` says in words what was wanted but not found; empty if nothing.
+    """Observes the first reading.
 
-    With ``context``, the packets that begin and end the connection of a wanted transaction, and its Setup, are wanted, too.
+    Afterwards ``missing`` names, as text, the wanted things that were not found; empty if there are none. With ``context``, the
+    packets that begin and end the connection of a wanted transaction, and its Setup, are wanted, too.
     """
 
     def __init__(self, wanted: Wanted, comments: bool = True, context: bool = False) -> None:
@@ -160,7 +162,7 @@ class Selection(Observer):
             self._context.opened(int(side.connection.number), int(frame))
 
     def pdu(self, frame: i64, time_ns: i64, side: Side, octets: bytes, cut: bool) -> None:
-        """Take note where a PDU stands in its stream."""
+        """Note where a PDU is in its stream."""
         self._book.pdu(side, int(frame), len(octets))
 
     def plus_pdu(self, frame: i64, time_ns: i64, side: Side, octets: bytes, cut: bool) -> None:
@@ -168,7 +170,7 @@ class Selection(Observer):
         self._book.pdu(side, int(frame), len(octets))
 
     def transaction(self, transaction: Transaction) -> None:
-        """Remember where in their streams request and answer of a wanted transaction are."""
+        """Remember the places of request and answer of a wanted transaction in their streams."""
         if not self.wants_pdus:
             return
         number = int(transaction.connection.number)
@@ -221,14 +223,14 @@ class Selection(Observer):
 
     def finding(self, finding: Finding) -> None:
         """Remember a finding."""
-        if finding.room == KEPT:  # of these there are only so many
+        if finding.room == KEPT:  # the number of these is limited
             self._findings.append(finding)
 
     # ---- what came of it --------------------------------------------------------------------------------------------
 
     @property
     def missing(self) -> str:
-        """What was wanted by number but is not in the capture, in words; empty if everything is there."""
+        """The things that were wanted by number but are not in the capture, as text; empty if there are none."""
         wanted = self._wanted
         parts = []
         for name, gone in (
@@ -298,7 +300,7 @@ class SameKeys:
 
 
 class Choice:
-    """Recognises wanted packets. ``comments`` are findings by the number of the packet that they are about, the worst first.
+    """Recognises wanted packets. ``comments`` are findings by the number of the packet that they concern, the worst first.
 
     ``context`` counts packets that are wanted only because they begin or end the connection of a wanted transaction.
     """
@@ -317,7 +319,7 @@ class Choice:
 
     @property
     def everything(self) -> bool:
-        """Whether all packets between the two ``times`` are wanted, so that nobody has to ask `takes`."""
+        """Whether all packets between the two ``times`` are wanted, so that `takes` need not be called."""
         return self._everything and self._narrow is None and self._around is None
 
     def narrow(self, test: Callable[[int, int, bytes, int, int, int], bool]) -> None:

@@ -59,19 +59,19 @@ class Numbers:
 class Sieve(Observer):
     """Passes on to ``observer`` what ``where`` selects.
 
-    ``left_out`` counts what was not passed on, by kind; ``findings`` what was, by slug, and ``explained`` those of it that
-    another finding explains, by the slugs of both; ``own_ledger`` has their facts. With ``at_once``, for live runs, a
-    finding is judged when it comes. Otherwise a finding that is selected with its transactions waits until its connection is
-    over, since its transaction may come later.
+    ``left_out`` counts what was not passed on, by kind; ``findings`` counts the findings passed on, by slug, and ``explained``
+    those of them that another finding explains, by the slugs of both; ``own_ledger`` has their facts. With ``at_once``, for
+    live runs, a finding is judged when it comes. Otherwise a finding that is selected with its transactions waits until its
+    connection is over, since its transaction may come later.
     """
 
     def __init__(self, observer: Observer, where: Where, at_once: bool = False) -> None:
         super().__init__()
         self.wants_pdus = observer.wants_pdus
         self.wants_tpdus = observer.wants_tpdus
-        self.wants_every_finding = True  # what is selected is counted before any bound, and bounded here
+        self.wants_every_finding = True  # selected findings are counted before any limit, and limited here
         self.passed = dict.fromkeys((TRANSACTION, OPERATION, FINDING, CONNECTION), 0)
-        self.messages = 0  # of which so many were passed on
+        self.messages = 0  # number of messages, and of those passed on
         self.left_out = dict.fromkeys(self.passed, 0)
         self.findings: dict[str, int] = {}
         self.explained: dict[tuple[str, str], int] = {}
@@ -191,7 +191,7 @@ class Sieve(Observer):
             self._waiting.setdefault(int(finding.connection), []).append(finding)
 
     def fact(self, fact: Fact) -> None:
-        """Pass on a fact that a station stated in the present transaction or operation if that is selected; MACs always."""
+        """Pass on a fact that a station stated in the current transaction or operation if that is selected; MACs always."""
         if self._passing or fact.key == MAC:
             self._observer.fact(fact)
 
@@ -199,7 +199,7 @@ class Sieve(Observer):
         return any([int(frame) in self._frames for frame in finding.frames])
 
     def _pass_finding(self, finding: Finding, wanted: bool) -> None:
-        """Count a finding, or an event that is none, and pass it on within the bounds, which are those of the selection."""
+        """Count a selected finding."""
         if finding.reported:
             self._count(FINDING, wanted)
         if not wanted:
@@ -229,7 +229,7 @@ class Sieve(Observer):
             self.findings[finding.slug] = self.findings.get(finding.slug, 0) + 1
 
     def repeated(self, finding: Finding) -> None:
-        """Nothing: what was only counted is not known to be selected."""
+        """Do nothing: findings that were only counted are not known to be selected."""
 
     def _count(self, kind: str, wanted: bool) -> None:
         if wanted:

@@ -12,7 +12,7 @@ from typing import Final
 from dissect.engine.transactions.side import Side
 from dissect.packets.tcp.stream import MASK, HalfStream
 
-#: Greatest number of PDUs whose ranges are remembered until their transactions come, and of directions.
+#: Maximum number of PDUs whose ranges are remembered until their transactions come, and of directions.
 MAX_SPANS: Final = 65_536
 MAX_DIRECTIONS: Final = 16_384
 
@@ -55,9 +55,9 @@ class TimedSpan:
 
 
 class SpanIndex:
-    """Spans of one direction by the blocks of sequence numbers that they touch, so that a search looks at few of them.
+    """Spans of one direction by the blocks of sequence numbers that they touch, so that a search examines only a few.
 
-    Blocks are as large as the span or larger, so that however long a span is, it touches two of them at most.
+    Blocks are at least as large as the span, so a span of any length touches at most two of them.
     """
 
     __slots__ = ("_levels",)
@@ -93,19 +93,20 @@ def _touched(seq: int, size: int, bits: int) -> list[int]:
 
 
 class _Direction:
-    """How far one direction was reported; positions count octets from the start of its stream."""
+    """The progress of one direction; positions count octets from the start of its stream."""
 
     __slots__ = ("area", "begun", "complete", "cursor", "first", "loose", "skipped", "stream", "total")
 
     def __init__(self, stream: HalfStream) -> None:
         self.stream = stream  # to notice when another connection uses the same addresses
-        self.total = 0  # everything before this is accounted for
-        self.area = 0  # where the octets begin that were accounted for last
+        self.total = 0  # everything before this has been accounted for
+        self.area = 0  # beginning of the octets that were accounted for last
         self.cursor = 0  # after the last TPKT that was reported
         self.skipped = 0
-        self.loose = False  # whether there are octets among them that belong to no TPKT
+        self.loose = False  # whether some of them belong to no TPKT
         self.first = 0  # where the present message begins
-        self.begun = 0  # where the PDU begins of which the present message is a part: S7comm-plus cuts PDUs into frames
+        # beginning of the PDU that the current message is a part of: S7comm-plus divides PDUs into frames
+        self.begun = 0
         self.complete = True
 
     def take(self, total: int, skipped: int, size: int) -> tuple[int, int]:
@@ -125,7 +126,7 @@ class SpanBook:
 
     def __init__(self) -> None:
         self.forgotten = 0
-        # Ordered, because finding the oldest entry of a plain dict is slow when many before it were deleted.
+        # Ordered, because finding the oldest entry of a plain dict is slow after many deletions before it.
         self._directions: OrderedDict[bytes, _Direction] = OrderedDict()
         self._spans: OrderedDict[tuple[int, int, int, int], Span] = OrderedDict()
 
@@ -160,7 +161,7 @@ class SpanBook:
         end = direction.total if direction.loose else direction.cursor
         direction.complete = True
         begin = direction.first
-        if not _unfinished(side):  # else it came between the frames of another one
+        if not _unfinished(side):  # otherwise it came between the frames of another one
             begin = min(begin, direction.begun)
             direction.begun = direction.first
         if end <= begin:
@@ -174,7 +175,7 @@ class SpanBook:
         spans[key] = Span(side.key, (start + begin) & MASK, end - begin)
 
     def pop(self, connection: int, side: int, frame: int, size: int) -> Span | None:
-        """Return and forget the range of a PDU; None if it is not known."""
+        """Return and forget the range of a PDU; None if it is unknown."""
         return self._spans.pop((connection, side, frame, size), None)
 
     def _direction(self, side: Side) -> _Direction:

@@ -40,7 +40,7 @@ class SubscriptionBook:
         self._look_at = min(_MANY, MAX_KEPT)
 
     def note(self, transaction: Transaction, frames: list[int], spans: list[Span | None]) -> None:
-        """Take a transaction that is over; reads, writes and pushes are ignored, as they begin no subscription."""
+        """Take a finished transaction; reads, writes and pushes are ignored, as they begin no subscription."""
         if transaction._outcome == PUSH or (transaction.parameters.userdata is None and not transaction.is_plus):
             return
         if len(self._asked) >= self._look_at:
@@ -48,7 +48,7 @@ class SubscriptionBook:
         self._asked[int(transaction.number)] = Asked(transaction, frames, spans)
 
     def of(self, push: Transaction) -> list[Asked]:
-        """Return the requests of the subscription of a push, as far as they were captured."""
+        """Return the requests of the subscription of a push, if they were captured."""
         running = _notified(push) if push.is_plus else subscription_of(push)
         if running is None:
             return []
@@ -62,7 +62,7 @@ class SubscriptionBook:
             going.update({id(operation): operation for operation in one.connection.operations.these})
         running = {number for operation in going.values() for number in operation.transactions}
         self._asked = {number: one for number, one in self._asked.items() if number in running}
-        if len(self._asked) >= MAX_KEPT:  # a quarter at once: each time all of them are looked at
+        if len(self._asked) >= MAX_KEPT:  # a quarter at once, because each time all of them are examined
             self._asked = dict(list(self._asked.items())[MAX_KEPT // 4 :])
         self._look_at = min(max(_MANY, 2 * len(self._asked)), MAX_KEPT)
 

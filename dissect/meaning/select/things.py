@@ -1,6 +1,6 @@
 """The kinds of things that can be selected, and classes for some of them: findings, messages, packets.
 
-`Context` holds what fields need beyond the thing itself.
+`Context` holds the facts that fields need in addition to the thing itself.
 """
 
 from __future__ import annotations
@@ -33,15 +33,15 @@ MESSAGE: Final = "message"
 PACKET: Final = "packet"
 KINDS: Final = (TRANSACTION, OPERATION, FINDING, CONNECTION, MESSAGE, PACKET)
 
-#: This many connections that are over are still remembered, for findings that come later.
+#: Maximum number of finished connections that are still remembered, for findings that come later.
 _REMEMBERED: Final = 4096
 
 
 class Context:
-    """What fields need beyond a thing: the start of the capture, numbers of packets, connections by their number.
+    """The facts that fields need in addition to a thing: the start of the capture, numbers of packets, connections by number.
 
     ``start`` returns the time of the first packet, nanoseconds since 1970. ``number`` returns the number of a packet within its
-    file. ``local``: times in an expression that name no zone are in that of this machine, not in UTC.
+    file. ``local``: times in an expression without a zone are in the zone of this machine, not in UTC.
     """
 
     def __init__(self, local: bool = False) -> None:
@@ -63,7 +63,7 @@ class Context:
         self._connections[int(connection.number)] = connection
 
     def closed(self, connection: Connection) -> None:
-        """Remember a connection that is over, until `_REMEMBERED` others are."""
+        """Remember a finished connection, until `_REMEMBERED` others are finished."""
         number = int(connection.number)
         self._connections.pop(number, None)
         self._over[number] = connection
@@ -76,7 +76,7 @@ class Context:
 
 
 class Found:
-    """A finding, and the connection that it is about; None for the capture as a whole."""
+    """A finding, and the connection that it concerns; None for the capture as a whole."""
 
     __slots__ = ("connection", "finding")
 
@@ -152,7 +152,7 @@ class Message:
 
 
 class Packet:
-    """A packet of a capture: its number and time, sender and receiver where they are known, and its connection.
+    """A packet of a capture: its number and time, sender and receiver if known, and its connection.
 
     ``connection`` may be any object with the attributes that the fields of a packet need.
     """

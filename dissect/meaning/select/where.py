@@ -1,7 +1,7 @@
 """`Where`: an expression as predicates, one for each kind of thing, made when the first such thing comes.
 
-A comparison holds if any value of the field fits; `!=` holds if there are values and none is equal. If a thing does not have
-the field, every comparison with it is false. `not X` holds exactly where X does not.
+A comparison is true if any value of the field matches; `!=` is true if there are values and none is equal. If a thing does not
+have the field, every comparison with it is false. `not X` holds exactly where X does not.
 """
 
 from __future__ import annotations
@@ -36,8 +36,8 @@ from dissect.meaning.select.things import (
 from dissect.wire.config.hints import close_names
 
 Predicate = Callable[[Any], bool]
-#: Judges a connection or a file as a whole: True if a condition holds for everything in it, False if for nothing in it, None if
-#: that is not known.
+#: Judges a connection or a file as a whole: True if a condition is true for everything in it, False if for nothing in it, None
+#: if unknown.
 Judge = Callable[[Any], bool | None]
 
 #: A text that is in quotes as a whole.
@@ -54,7 +54,7 @@ PLURALS: Final = {
 
 
 class Where:
-    """A selection. ``text`` is the expression as it was typed; the expressions in ``also`` have to hold as well.
+    """A selection. ``text`` is the expression as it was typed; the expressions in ``also`` must be true as well.
 
     ``kinds`` are the kinds of things that will be judged: a field that none of them has is an error. Raises `SelectError`.
     """
@@ -105,7 +105,7 @@ class Where:
         return self.predicate(CONNECTION)(connection)
 
     def finding(self, finding: Finding) -> bool:
-        """Return whether a finding is selected; the context has to know its connection (`Context.opened`)."""
+        """Return whether a finding is selected; the context must know its connection (`Context.opened`)."""
         return self.predicate(FINDING)(Found(finding, self.context.connection(int(finding.connection))))
 
     def message(self, message: Message) -> bool:
@@ -129,7 +129,7 @@ class Where:
 
     @property
     def narrows(self) -> bool:
-        """Whether the ends or the number of a connection may be enough to rule out everything on it."""
+        """Whether the ends or the number of a connection may be sufficient to rule out everything on it."""
         return any([FIELDS[name].decided or name in _ENDS for name in self._names])
 
     def may_hold(self, connection: Connection) -> bool:
@@ -199,7 +199,7 @@ def _together(predicates: list[Predicate]) -> Predicate:
     return lambda thing: all([predicate(thing) for predicate in predicates])
 
 
-#: Operators that hold if their counterpart holds for no value.
+#: Operators that are true if their counterpart is true for no value.
 _NEGATED: Final = {"!=": "==", "!==": "=="}
 
 
@@ -221,7 +221,7 @@ def comparison_test(condition: Comparison, field: Field, context: Context) -> Te
 
 
 def _index(name: FieldName, field: Field, context: Context) -> Callable[[ItemFacts], ItemFacts | None] | None:
-    """Return a function that picks what the brackets name: the item with this address, or this tag in it.
+    """Return a function that picks the thing named in brackets: the item with this address, or this tag in it.
 
     None for a field without brackets. Raises `SelectError` for brackets after a field that items do not have.
     """
@@ -246,7 +246,7 @@ def _index(name: FieldName, field: Field, context: Context) -> Callable[[ItemFac
 
 
 def _unquoted(index: str) -> str:
-    """Return what stands in brackets without the quotes around it; a name may end with quotes of its own: DB1."level"."""
+    """Return the text in brackets without the quotes around it; a name may end with quotes of its own: DB1."level"."""
     quoted = _QUOTED.fullmatch(index)
     return quoted[2] if quoted else index
 
@@ -408,7 +408,7 @@ def _judge(node: Node, of_condition: Callable[[Presence | Comparison], Judge]) -
 
 
 def _joined(parts: list[Judge], either: bool) -> Judge:
-    """Return the judge of several conditions: one of them has to hold (``either``), or all of them."""
+    """Return the judge of several conditions: one of them must be true (``either``), or all of them."""
 
     def joined(thing: Any) -> bool | None:
         found = [part(thing) for part in parts]

@@ -11,7 +11,7 @@ _MINUTE_NS: Final = 60 * _NS
 _DAY_NS: Final = 86_400 * _NS
 _LAST_NS: Final = 2**63 - 1
 
-# Patterns are plain texts, which `re` compiles when they are first used: most runs need none.
+# Patterns are plain texts, which `re` compiles at their first use: most runs need none.
 _DURATION: Final = r"(\+?)([0-9]{1,9})(?:\.([0-9]{1,9}))?(ns|us|ms|s|min|h|d)?"
 _ZONE: Final = r"(?:(Z| ?UTC)|([+-])([0-9]{2}):?([0-9]{2}))?"
 _DATE: Final = r"([0-9]{4})-([0-9]{2})-([0-9]{2})"
@@ -29,7 +29,7 @@ class Moment:
     """One end of a window, ``ns`` nanoseconds after ``base``.
 
     That is the start of the capture, the midnight before it in a ``zone`` (None is that of this machine), 1970, or the begin of
-    the window. ``span`` is how long what the text names lasts: a day, a minute, a second or a fraction of one.
+    the window. ``span`` is the duration of the time in the text: a day, a minute, a second or a fraction of one.
     """
 
     __slots__ = ("base", "ns", "span", "zone")
@@ -62,7 +62,7 @@ class Moment:
         return at
 
     def next_midnight(self, first_ns: int) -> int:
-        """Return the first midnight after ``first_ns`` where this time is told."""
+        """Return the first midnight after ``first_ns`` in the zone of this time."""
         return Moment(_MIDNIGHT, 0, 1, self.zone)._of_day(first_ns, 1)  # noqa: SLF001 - of this class
 
     def next_day(self, at_ns: int) -> int:
@@ -102,7 +102,7 @@ class Window:
         return begin, end
 
     def resolve_ahead(self, first_ns: int) -> tuple[int, int]:
-        """Return the same as `resolve`, for a capture whose end is not known yet.
+        """Return the same as `resolve`, for a capture whose end is unknown so far.
 
         Times of day are on its first day, or on the next day if the window would end before the capture begins.
         """
@@ -118,16 +118,16 @@ _NOTHING: Final = Moment(_START, 0)
 
 
 def zone_name(local: bool) -> str:
-    """Return how messages call the zone of times that name none."""
+    """Return the name, for messages, of the zone of times without a zone."""
     return "local time" if local else "UTC"
 
 
 def parse_window(text: str, local: bool = False) -> Window:
-    """Parse ``BEGIN..END``, of which one may be left out, or a time alone. Raises ValueError with a message for users.
+    """Parse ``BEGIN..END``, of which one may be missing, or a single time. Raises ValueError with a message for users.
 
-    Each is a time of day, a date, or both, in a zone that it names, else in UTC or, where ``local``, in that of this machine;
-    or a duration from the start of the capture. An END such as ``+5s`` is counted from BEGIN. A date as END is that whole day;
-    a day, minute or second alone is all of it.
+    Each is a time of day, a date, or both, in the zone that it names, else in UTC or, with ``local``, in that of this machine;
+    or a duration from the start of the capture. An END such as ``+5s`` is counted from BEGIN. A date as END means that whole
+    day; a single day, minute or second means all of it.
     """
     begin, dots, end = text.partition("..")
     if not dots:
@@ -146,7 +146,7 @@ def parse_window(text: str, local: bool = False) -> Window:
 
 
 def _alone(text: str, local: bool) -> Window:
-    """Return the window that a time alone means: the day, minute or second that it names."""
+    """Return the window of a single time: the day, minute or second that it names."""
     moment = parse_moment(text, local) if text else _NOTHING
     if moment.base == _START:
         ahead = f": the first {text} are ..{text}" if text else ""
@@ -189,7 +189,7 @@ def _of_time(found: re.Match[str], text: str, local: bool) -> Moment:
 def _zone(
     utc: str | None, sign: str | None, hours: str | None, minutes: str | None, text: str, local: bool
 ) -> timezone | None:
-    """Return the zone that a time names, else UTC, or None for the one of this machine."""
+    """Return the zone that a time names, else UTC, or None for that of this machine."""
     if utc or not sign:
         return UTC if utc or not local else None
     offset = timedelta(hours=int(hours or 0), minutes=int(minutes or 0))

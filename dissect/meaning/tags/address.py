@@ -1,4 +1,4 @@
-"""Addresses as S7 tools write them, in all dialects: ``%DB1.DBD4:REAL``, ``DB1,REAL4``, ``MW 10``, ``%E0.1`` (sheet 2.6, 5).
+"""Addresses in the notations of all S7 tools: ``%DB1.DBD4:REAL``, ``DB1,REAL4``, ``MW 10``, ``%E0.1`` (sheet 2.6, 5).
 
 Marks show the dialect: ``%`` with ``:TYPE`` is PLC4X, ``%`` alone TIA, a comma after the block nodes7 (a second comma OPC),
 ``DBn.DB`` STEP 7, ``DBn.X`` telegraf, ``DBn:byte.bit`` ENLYZE. Blanks come from symbol tables of STEP 7 V5.
@@ -53,7 +53,7 @@ _CODES: Final[dict[str, str]] = {
 }
 #: Types of nodes7 with the low byte first, which are not supported.
 _SWAPPED: Final = frozenset(("RI", "RW", "RDI", "RD", "RR", "WDT", "DWT"))
-#: The bits of each width letter, and the type that it stands for where none is declared.
+#: The bits of each width letter, and its type if none is declared.
 WIDTHS: Final[dict[str, int]] = {"X": 1, "B": 8, "W": 16, "D": 32, "L": 64}
 _BY_WIDTH: Final[dict[str, str]] = {"X": "BOOL", "B": "BYTE", "W": "WORD", "D": "DWORD", "L": "LWORD"}
 _LETTERED: Final = frozenset((8, 16, 32))
@@ -78,7 +78,7 @@ class TagAddress(NamedTuple):
     """A parsed address. ``byte`` is the number of a timer or counter; ``bit`` is -1 if none is written.
 
     ``width`` is X, B, W, D, L or empty. ``type`` is the type, if the address has one, ``elements`` their count or 0.
-    ``letters`` are those of the area. ``loose``: the dialect writes a bit in every address, whatever its type.
+    ``letters`` are those of the area. ``loose``: the dialect writes a bit in every address, for all types.
     """
 
     area: int

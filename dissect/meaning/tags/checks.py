@@ -6,7 +6,7 @@ from typing import Final, NamedTuple
 
 from dissect.meaning.tags.model import Tag, place_text
 
-#: At most this many pairs are kept.
+#: Maximum number of pairs that are kept.
 MAX_OVERLAPS: Final = 1000
 
 

@@ -1,4 +1,4 @@
-"""How much of the traffic of a capture the tags cover, and where a layout and the capture disagree."""
+"""How much of the traffic of a capture the tags cover, and where a layout and the capture contradict each other."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from dissect.meaning.tags.naming import TagNaming
 from dissect.protocols.s7.items import Item
 from dissect.protocols.s7.tables import DB, DB_AREAS, NUMBERED_AREAS, SUCCESS
 
-#: At most this many distinct items are kept; further ones are only counted.
+#: Maximum number of distinct items that are kept; further ones are only counted.
 MAX_ITEMS: Final = 100_000
 
 

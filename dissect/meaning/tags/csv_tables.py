@@ -63,7 +63,7 @@ class Head(NamedTuple):
 
 
 def delimiter_of(line: str) -> str:
-    """Return the delimiter of a line: that which splits it into an address and a name, else the one that occurs most often."""
+    """Return the delimiter of a line: the one that splits it into an address and a name, else the most frequent one."""
     for mark in _DELIMITERS[1:]:
         cells = line.split(mark)
         if len(cells) > 1 and _pair(cells) is not None:
@@ -104,7 +104,7 @@ def _known(cells: Iterable[str]) -> int:
 def _pair(cells: list[str]) -> tuple[int, int] | None:
     """Return the indexes of address and name in a line of a table without a header; None if neither cell is an address.
 
-    A line with a type in its second cell and more after it is from a table whose header is missing: None.
+    A line with a type in its second cell and more after it is from a table whose header is missing: return None.
     """
     from dissect.meaning.tags.address import AddressError, parse_tag_address
 

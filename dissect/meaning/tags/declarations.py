@@ -25,10 +25,11 @@ _TOKENS: Final = rf"""
     |(?P<other>.)
     """
 _TOKEN: Final = re.compile(_TOKENS, re.VERBOSE | re.DOTALL)
-#: Tokens without texts. If a text is not closed on its line, no later one on that line is: trying each would take square time.
+#: Tokens without texts. If a text is not closed on its line, no later one on that line is: trying each would take quadratic
+#: time.
 _NO_TEXT: Final = re.compile(_TOKENS.replace(_TEXT, ""), re.VERBOSE | re.DOTALL)
 _NOTE_BEHIND: Final = re.compile(r"[^\S\n]*(?://|\(\*)")
-#: The ends of attributes and comments. One that is not closed is noted once: searching again from each place takes square time.
+#: The ends of attributes and comments. A missing end is noted once: searching again from each place would take quadratic time.
 _CLOSING: Final = {"{": "}", "(*": "*)", "/*": "*/"}
 _LINE_END: Final = re.compile(r"[^\n]*")
 _OPTIMIZED: Final = re.compile(r"S7_Optimized_Access\s*:=\s*'(TRUE|FALSE)'", re.IGNORECASE)
@@ -45,7 +46,7 @@ _NEXT_BLOCK: Final = re.compile(rf"^[ \t]*({'|'.join(_BLOCKS)})\b", re.IGNORECAS
 _LINES: Final = frozenset(("TITLE", "AUTHOR", "FAMILY", "NAME", "VERSION"))
 _WORDS: Final = frozenset(("KNOW_HOW_PROTECT", "STANDARD", "READ_ONLY", "UNLINKED", "RETAIN", "NON_RETAIN"))
 _SECTIONS: Final = ("VAR_INPUT", "VAR_OUTPUT", "VAR_IN_OUT", "VAR", "VAR_TEMP", "CONST")
-#: Sections in their order in memory, which does not depend on that in the text; other sections take no room.
+#: Sections in their order in memory, which does not depend on that in the text; other sections need no memory.
 _IN_MEMORY: Final = ("VAR_INPUT", "VAR_OUTPUT", "VAR_IN_OUT", "VAR")
 _QUALIFIERS: Final = frozenset(("RETAIN", "NON_RETAIN", "DB_SPECIFIC", "CONSTANT"))
 #: The name by which a program addresses the elements of a block that is a single array.
@@ -130,7 +131,7 @@ def looks_like_source(text: str) -> bool:
 
 
 def essence(shape: Shape) -> list[object]:
-    """Return everything of a shape that decides its layout and names: all but comments, lines and start values."""
+    """Return everything in a shape that determines its layout and names: all but comments, lines and start values."""
     return [
         (
             section.by_reference,

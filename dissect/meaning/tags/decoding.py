@@ -1,7 +1,7 @@
-"""Decodes file content: by its byte order mark, else as the code page that the user gave, else as UTF-8 or a Windows code page.
+"""Decodes file content: by its byte order mark, else by the code page that the user gave, else as UTF-8 or a Windows code page.
 
-Content that is not UTF-8 is taken for Windows-1251 if its letters above ASCII form words, else for Windows-1252; the user is
-told which (sheet 0.1).
+Content that is not UTF-8 counts as Windows-1251 if its letters above ASCII form words, else as Windows-1252; the user is
+informed which (sheet 0.1).
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ _MARKS: Final = (
 _BEGINNING: Final = 100
 DEFAULT_PAGE: Final = "cp1252"
 CYRILLIC_PAGE: Final = "cp1251"
-#: Letters of Windows-1251: they stand together in words. In Windows-1252 these octets are accented letters, mostly alone.
+#: Letters of Windows-1251, which form words. In Windows-1252 these octets are accented letters, mostly isolated.
 _LETTERS: Final = re.compile(rb"[\xa8\xb8\xc0-\xff]+")
 _WORD: Final = 3
 

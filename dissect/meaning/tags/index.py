@@ -12,7 +12,7 @@ from dissect.protocols.s7.tables import DB, DB_AREAS
 
 #: With this many addresses in it, the cache of their tags is emptied.
 MAX_CACHED: Final = 8192
-#: At most this many parts of one item: a tag for each bit of the longest PDU would be more.
+#: Maximum number of parts of one item: a tag for each bit of the longest PDU would be more.
 MAX_PARTS: Final = 4096
 
 

@@ -54,7 +54,7 @@ def read_json(text: str, into: TagFile) -> None:
 
 
 def _object(pairs: list[tuple[str, Any]], into: TagFile) -> dict[str, Any]:
-    """Return a JSON object; note a problem for a name that occurs twice, of which the json module silently keeps the last."""
+    """Return a JSON object; note a problem for a name that occurs twice, because the json module only keeps the last one."""
     found = dict(pairs)
     if len(found) < len(pairs):
         for name in [name for name, value in pairs if found[name] != value]:

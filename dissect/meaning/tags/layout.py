@@ -13,17 +13,18 @@ from typing import Final, NamedTuple
 from dissect.meaning.tags.declarations import Member, Shape
 from dissect.meaning.tags.types import MAX_ARRAY, MAX_DIMENSIONS, DataType, TypeNameError, elementary, parse_bounds
 
-#: At most this many members of a block, counting those of each element of an array of structures, and levels of nested types.
+#: Maximum number of members of a block, counting those of each element of an array of structures, and of levels of nested
+#: types.
 MAX_MEMBERS: Final = 200_000
 MAX_DEPTH: Final = 32
-#: Bits of the pointer to a parameter that is passed by reference.
+#: Size of the pointer to a parameter that is passed by reference, in bits.
 _POINTER: Final = 48
 #: A string whose length is a constant.
 _NAMED_LENGTH: Final = re.compile(r"(W?STRING)\[([^\]]*[^\]\d][^\]]*)\]", re.IGNORECASE)
 
 
 class LayoutError(Exception):
-    """A declaration cannot be laid out: ``line`` of the member, and what is wrong."""
+    """A declaration cannot be laid out: the ``line`` of the member, and the reason."""
 
     def __init__(self, line: int, text: str) -> None:
         self.line = line
@@ -46,7 +47,7 @@ class Field(NamedTuple):
 
 #: Returns the shape of a type by its name (case does not matter), None if no file declares it.
 Types = Callable[[str], "Shape | None"]
-#: Returns the value of a constant by its name, None if it is not known.
+#: Returns the value of a constant by its name, None if it is unknown.
 Constants = Callable[[str], "int | None"]
 
 
@@ -232,7 +233,7 @@ def _aligned(at: int, type_: DataType) -> int:
 
 
 def type_names(shape: Shape) -> Iterator[tuple[str, int]]:
-    """Yield the name and line of every type in a shape that is not one of S7's own."""
+    """Yield the name and line of every type in a shape that is not one of S7's own types."""
     for section in shape.sections:
         for member in section.members:
             if member.shape is not None:

@@ -108,9 +108,9 @@ def load_tags(
     """Return the tags of files; an error in any file means that none is used.
 
     ``encoding`` is the code page of files that do not show theirs. ``numbers`` gives data blocks their number by name; each of
-    these has to be in these files, unless ``more`` says that it may be in the files of another PLC.
-    Raises `TagError` with everything that is wrong, OSError if a file cannot be read, ImportError (whose text says what to
-    install) for a format that needs a library, LookupError for an unknown encoding.
+    these must be in these files, unless ``more`` says that it may be in the files of another PLC. Raises `TagError` with all
+    problems, OSError if a file cannot be read, ImportError (whose text says what to install) for a format that needs a library,
+    LookupError for an unknown encoding.
     """
     found = read_tags(paths, encoding, numbers, more)
     if any([problem.severity == ERROR for problem in found.problems]):
@@ -133,7 +133,7 @@ def read_tags(
     files = [_read(os.fspath(path), encoding) for path in paths]
     found = TagSet(files)
     numbers = numbers or {}
-    # A block may be missing because it cannot be read, which is an error of its own.
+    # A block may be missing because it cannot be read, which is a separate error.
     whole = files and not any([problem.severity == ERROR for problem in found.problems])
     for name in [name for name in numbers if whole and not more and not found.has_block(name)]:
         files[0].problems.error(
@@ -295,7 +295,7 @@ class _Joining:
         return self._constants.get(name.lower())
 
     def _number(self, block: Block) -> int | None:
-        """Return the number of a data block: that from the user, else that in the source, else that in a symbol table."""
+        """Return the number of a data block: from the user, else from the source, else from a symbol table."""
         name = block.name.lower()
         said = self._numbers.get(name)
         if said is not None:

@@ -10,7 +10,7 @@ from dissect.protocols.s7.address import address_text
 from dissect.protocols.s7.tables import BIT, BYTE, NUMBERED_AREAS
 from dissect.wire.copies import leaves
 
-#: Bits of a timer or counter, whose address is a number: their values are words.
+#: Size in bits of a timer or counter, whose address is a number: their values are words.
 NUMBERED_BITS: Final = 16
 #: Transport sizes by octets, for the width letter in an address.
 _LETTERED: Final[dict[int, int]] = {1: BYTE, 2: 0x04, 4: 0x06, 8: 0x30}
@@ -27,7 +27,7 @@ class Tag:
     ``count`` is the number of all elements; 1 for a single variable, whose ``dims`` are empty. ``prefix`` precedes an index
     ("2," for a row of an array of bits). ``type`` is the name of the type of an element ("REAL", "STRING[20]"), ``kind`` the
     same without a length. The value on the wire times ``factor`` plus ``shift`` is the value in ``unit``. ``remark`` says what
-    about the address is uncertain. ``file`` and ``line`` are where the tag is declared.
+    is uncertain about the address. ``file`` and ``line`` are where the tag is declared.
     """
 
     __slots__ = (

@@ -16,7 +16,7 @@ from dissect.protocols.s7.tables import BIT, NUMBERED_AREAS
 from dissect.protocols.s7plus.program import Program
 from dissect.wire.copies import leaves
 
-#: The values of this many items are remembered with their octets: a polled value rarely changes, and is not decoded again.
+#: The values of this many items are remembered with their octets: a polled value rarely changes, and need not be decoded again.
 _MAX_REMEMBERED: Final = 4096
 
 

@@ -1,4 +1,4 @@
-"""Problems of a file of tags: errors, warnings and notes, with file, line, what was found and what to do."""
+"""Problems of a file of tags: errors, warnings and notes, with file, line, the problem and the remedy."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from dissect.wire.text import shortened
 ERROR: Final = "error"
 WARNING: Final = "warning"
 NOTE: Final = "note"
-#: At most this many characters of a message, and this many problems of one file are kept.
+#: Maximum number of characters of a message, and of problems of one file that are kept.
 _LONGEST: Final = 400
 MAX_PROBLEMS: Final = 1000
 
 
 class Problem(NamedTuple):
-    """One problem. ``line`` counts from 1, 0 is the file as a whole; ``text`` says what is wrong and what to do."""
+    """One problem. ``line`` counts from 1, 0 is the file as a whole; ``text`` states the problem and the remedy."""
 
     severity: str
     file: str
@@ -40,7 +40,7 @@ class Problems:
         self._add(ERROR, line, text)
 
     def warning(self, line: int, text: str) -> None:
-        """Note a warning: a row is left out, or something may mislead."""
+        """Note a warning: a row was left out, or something may mislead."""
         self._add(WARNING, line, text)
 
     def note(self, line: int, text: str) -> None:

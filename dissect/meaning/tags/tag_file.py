@@ -14,7 +14,7 @@ from dissect.meaning.tags.problems import Problems
 from dissect.meaning.tags.types import DataType, TypeNameError, tag_type
 from dissect.protocols.s7plus.program import Program
 
-#: Greatest number of tags of one file.
+#: Maximum number of tags of one file.
 MAX_TAGS: Final = 500_000
 
 
@@ -64,7 +64,7 @@ class Row(NamedTuple):
 class TagFile:
     """The contents of a file. ``format`` is its name for users; ``encoding`` the code page if it was only assumed, else empty.
 
-    ``skipped`` counts rows that are not tags, by what they are. ``constants`` are those that bounds of arrays may use.
+    ``skipped`` counts rows that are not tags, by their kind. ``constants`` are those that bounds of arrays may use.
     """
 
     def __init__(self, path: str) -> None:

@@ -63,7 +63,7 @@ _HANDLES: Final = re.compile(r"(?:HW|OB|DB|PORT|PIP|RTM|CONN)_[A-Z0-9_]+|PORT|PI
 _LONG_HANDLES: Final = frozenset(("CONN_R_ID", "AOM_IDENT"))
 _EVENTS: Final = re.compile(r"EVENT_[A-Z0-9_]+")
 _SYSTEM: Final = frozenset([row.name for row in DATATYPES])
-#: System structures and their sizes in octets; their octets are shown as they are.
+#: System structures and their sizes in octets; their octets are shown unchanged.
 STRUCTURES: Final[dict[str, int]] = {
     **dict.fromkeys(("IEC_TIMER", "TON_TIME", "TOF_TIME", "TP_TIME", "TONR_TIME"), 16),
     **dict.fromkeys(("IEC_COUNTER", "IEC_UCOUNTER"), 6),
@@ -86,7 +86,7 @@ _WHOLE: Final = re.compile(r"[+-]?[0-9]{1,20}")
 MAX_DIMENSIONS: Final = 6
 MAX_ARRAY: Final = 65536
 
-#: German words and words of other tools, and the types that they mean.
+#: German words and words of other tools, and the corresponding types.
 _MEANT: Final = {
     "GANZZAHL": "INT",
     "FLOAT": "REAL",
@@ -193,7 +193,7 @@ def require(written: str) -> DataType:
 
 
 def meant(written: str) -> str:
-    """Return the type that a German word or a word of another tool stands for, empty for none."""
+    """Return the type for a German word or a word of another tool, empty for none."""
     return _MEANT.get(written.upper(), "")
 
 

@@ -17,8 +17,8 @@ _MAX_MEMBERS: Final = 2000
 _MAX_UNPACKED: Final = 512 << 20
 _MAX_RATIO: Final = 200
 _SMALL: Final = 4 << 20
-#: Greatest number of cells of a sheet, empty ones included: before it reads, the library allocates the whole rectangle up to
-#: the last cell with content, about 40 bytes for each cell. Half a million tags in the columns of TIA stay below it.
+#: Maximum number of cells of a sheet, empty ones included: before it reads, the library allocates the whole rectangle up to the
+#: last cell with content, about 40 bytes for each cell. Half a million tags in the columns of TIA stay below it.
 _MAX_CELLS: Final = 8_000_000
 _CHUNK: Final = 1 << 20
 #: The beginnings of rows and cells, with their places. The first alternative matches a cell with only a place and a style,
@@ -96,7 +96,7 @@ def _bomb(octets: bytes) -> str:
 
 
 class _Extent:
-    """How far the cells of a part of a workbook reach: by their places or, for cells without a place, by counting."""
+    """The extent of the cells of a part of a workbook: by their places or, for cells without a place, by counting."""
 
     def __init__(self) -> None:
         self.rows = 0
@@ -145,8 +145,8 @@ def _column(letters: bytes) -> int:
 def _too_wide(octets: bytes) -> str:
     """Return why a workbook must not be given to the library; empty if it may be.
 
-    Which part is a sheet is declared in other parts, and the library accepts much that is not well-formed XML. Therefore all
-    parts are searched as they are unpacked, without trusting the sizes in the directory and without parsing the XML.
+    Other parts declare which part is a sheet, and the library accepts much that is not well-formed XML. Therefore all parts are
+    searched as they are unpacked, without trusting the sizes in the directory and without parsing the XML.
     """
     try:
         with zipfile.ZipFile(io.BytesIO(octets)) as archive:

@@ -13,12 +13,12 @@ from dissect.meaning.tags.types import whole_number
 if TYPE_CHECKING:
     from xml.etree.ElementTree import Element
 
-#: The attribute in which the line of an element is kept.
+#: The attribute that stores the line of an element.
 _LINE: Final = "s7dissect.line"
 _MAX_DEPTH: Final = 200
 #: The greatest number of a block, which has 16 bits.
 _LAST_BLOCK: Final = 0xFFFF
-#: Sections in their order in memory; other sections take no room.
+#: Sections in their order in memory; other sections need no memory.
 _ORDER: Final = {"Input": 0, "Output": 1, "InOut": 2, "Static": 3, "None": 3}
 
 

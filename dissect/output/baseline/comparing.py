@@ -1,4 +1,4 @@
-"""`Comparison`: what a run has that a baseline has not, for programs; alerts have rules of their own.
+"""`Comparison`: the differences of a run from a baseline, for programs; alerts have their own rules.
 
 See `dissect.online.alerts`.
 """
@@ -15,7 +15,7 @@ from dissect.output.baseline.norms import Baseline
 from dissect.output.baseline.subjects import Pairs
 from dissect.output.baseline.watch import BaselineWatch, Deviation
 
-#: How many different deviations are kept.
+#: Maximum number of different deviations that are kept.
 MOST: Final = 10_000
 
 

@@ -1,4 +1,4 @@
-"""`Learner`: learns a baseline from traffic. Memory is bounded; what did not fit is counted."""
+"""`Learner`: learns a baseline from traffic. Memory is limited; entries that did not fit are counted."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from dissect.protocols.s7.tables import UPLOAD as UPLOAD_PIECE
 from dissect.wire.text import Clock
 
 MAX_PAIRS: Final = 1024
-#: Greatest number of entries in all sets of all pairs together, and in one set.
+#: Maximum number of entries in all sets of all pairs together, and in one set.
 MAX_ENTRIES: Final = 65536
 MAX_SET: Final = 4096
 
@@ -38,7 +38,7 @@ _MS: Final = 1_000_000
 
 
 class _Learned:
-    """What was learned of one pair so far, and the times in the present capture."""
+    """The facts learned of one pair so far, and the times in the current capture."""
 
     __slots__ = (
         "acted", "acts", "answers", "connections", "first_ns", "functions", "last_ns", "ports", "reads", "second", "seconds_ns",
@@ -50,7 +50,7 @@ class _Learned:
         self.tsaps: set[str] = set()
         self.functions: set[str] = set()
         self.acts: dict[str, int] = {}  # by kind: how many
-        self.acted: set[str] = set()  # functions by which they were asked for
+        self.acted: set[str] = set()  # functions that requested them
         self.reads: set[str] = set()
         self.writes: set[str] = set()
         self.connections = 0
@@ -63,7 +63,7 @@ class _Learned:
         self.restart()
 
     def restart(self) -> None:
-        """Another capture begins: the time in between does not count as silence."""
+        """Another capture begins: the time between them does not count as silence."""
         self.first_ns = -1
         self.last_ns = -1
         self.second = RateWindow(_S)
@@ -105,7 +105,7 @@ class Learner(Observer):
             learned.restart()
 
     def transaction(self, transaction: Transaction) -> None:
-        """Learn from a transaction with any outcome; what is behind a malformed header is not normal."""
+        """Learn from a transaction with any outcome; messages behind a malformed header are not normal."""
         if transaction._outcome == BEHIND_MALFORMED:
             return
         connection = transaction.connection
@@ -125,7 +125,7 @@ class Learner(Observer):
         self._end_ns = max(self._end_ns, now_ns)
         learned.pass_by(now_ns)
         latency_ns = transaction.latency_ns
-        if latency_ns is not None:  # that of a pair that is only likely is not known
+        if latency_ns is not None:  # the answer time of a pair that is only likely is unknown
             learned.answers.add(latency_ns)
 
     def act(self, act: Act) -> None:
@@ -151,7 +151,7 @@ class Learner(Observer):
         self._learn_ends(learned, connection)
 
     def baseline(self, captures: tuple[str, ...] = ()) -> Baseline:
-        """Return what was learned so far."""
+        """Return the result of learning so far."""
         clock = Clock()
         baseline = Baseline({pair: _norm(pair, learned) for pair, learned in self._pairs.items()}, captures)
         if self._begin_ns >= 0:

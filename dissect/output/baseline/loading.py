@@ -18,7 +18,7 @@ from dissect.scd.reading import Table
 from dissect.scd.user_file import FileError, UserFile, names_of, read_file
 from dissect.wire.config.hints import close_to
 
-#: Greatest number of pairs, more than a learner keeps: several baselines may have been merged.
+#: Maximum number of pairs, more than a learner keeps: several baselines may have been merged.
 MAX_PAIRS: Final = 16384
 _MAX_PORT: Final = 0xFFFF
 _RATE: Final = ("highest_1s", "highest_10s")
@@ -112,8 +112,8 @@ def _norm(table: Table) -> PairNorm:
 
 @cache
 def _functions() -> dict[str, list[str]]:
-    """Return the names of functions by their letters alone: some are written in two ways, those of S7comm first."""
-    from dissect.meaning.select.getters import function_names  # late, because few commands load a baseline
+    """Return the names of functions by their letters only, because some are written in two ways; those of S7comm come first."""
+    from dissect.meaning.select.getters import function_names  # imported late, because few commands load a baseline
 
     found: dict[str, list[str]] = {}
     for name in function_names():
@@ -126,16 +126,16 @@ def _letters(name: str) -> str:
 
 
 def _function_meant(name: str) -> str:
-    """Return how a function is written; empty where it is so.
+    """Return the right spelling of a function; empty if the name is already right.
 
-    A name that is merely like another one may be one of a dictionary, or of a subfunction: USEND is not BSEND misspelt.
+    A name that is only similar to another one may belong to a dictionary or to a subfunction: USEND is not BSEND misspelt.
     """
     meant = _functions().get(_letters(name), [name])
     return "" if name in meant else meant[0]
 
 
 def _area_meant(name: str) -> str:
-    """Return the area of an address, or as areas are written; empty where it is one, or may be."""
+    """Return the area of an address, or the notation of areas; empty if the text is an area, or may be one."""
     from dissect.meaning.select.literals import place_of
 
     plain = name.replace(" ", "").upper()

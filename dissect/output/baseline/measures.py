@@ -1,11 +1,11 @@
-"""Measures in bounded memory: the number of events in a moving window, and answer times."""
+"""Measures in limited memory: the number of events in a moving window, and answer times."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
 from typing import Final
 
-#: A window moves in tenths of itself.
+#: A window moves in steps of a tenth of its length.
 STEPS: Final = 10
 #: Leading bits of an answer time that are kept.
 _BITS: Final = 8

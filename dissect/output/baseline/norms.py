@@ -11,7 +11,7 @@ from dissect.output.baseline.subjects import Pair
 NAME_KEYS: Final = ("tsaps", "functions", "reads", "writes", "acts")
 #: Measures of a pair that a further capture can only raise.
 _HIGHEST: Final = ("highest_1s", "highest_10s", "median_ms", "p99_ms", "longest_ms", "longest_silence")
-#: Greatest number of captures that a baseline names.
+#: Maximum number of captures that a baseline names.
 MAX_CAPTURES: Final = 64
 
 _Entry = TypeVar("_Entry", int, str)
@@ -24,9 +24,8 @@ class PairNorm:
     ``highest_1s`` and ``highest_10s`` are transactions within so many seconds; ``longest_silence`` and ``seconds`` (from the
     first transaction to the last, all captures together) are seconds; answer times are milliseconds.
 
-    ``acts`` are kinds of acts (`dissect.engine.acts.tables`) that the client may do. Learning allows none: ``acts_seen`` says
-    how many
-    of each kind were in what was learned, and ``functions_seen`` which functions only served acts of S7comm.
+    ``acts`` are kinds of acts (`dissect.engine.acts.tables`) that the client may do. Learning allows none: ``acts_seen`` has
+    the number of each kind in the learned captures, and ``functions_seen`` the functions that only served acts of S7comm.
     """
 
     client: str
@@ -54,7 +53,7 @@ class PairNorm:
 class Baseline:
     """Pairs by their addresses. ``captures`` are names of files, ``begin`` and ``end`` times in ISO 8601, empty for none.
 
-    ``left_out`` counts what did not fit the bounds of the learner.
+    ``left_out`` counts entries that exceeded the limits of the learner.
     """
 
     pairs: dict[Pair, PairNorm] = field(default_factory=dict)
@@ -65,7 +64,7 @@ class Baseline:
 
 
 def merged(one: Baseline, other: Baseline) -> Baseline:
-    """Return a baseline that allows what either allows: sets are joined, counts added, and the higher measures taken."""
+    """Return a baseline that allows what either of the two allows: sets are joined, counts added, higher measures taken."""
     captures = tuple(dict.fromkeys([*one.captures, *other.captures]))[:MAX_CAPTURES]
     begins = [begin for begin in (one.begin, other.begin) if begin]
     both = Baseline(dict(one.pairs), captures, min(begins, default=""), max(one.end, other.end))

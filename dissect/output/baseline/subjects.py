@@ -27,7 +27,7 @@ _MAX_CACHED: Final = 4096
 _LARGEST: Final = 2048
 #: The pairs of this many connections are remembered: findings may come after the end of their connection.
 _MAX_CONNECTIONS: Final = 16384
-#: Greatest number of characters of a TSAP: real ones have a few octets, but the protocol allows 254.
+#: Maximum number of characters of a TSAP: real ones have a few octets, but the protocol allows 254.
 _MAX_TSAP: Final = 64
 #: Beginning or end of the result of `tsaps` if one of the two was not captured.
 NOT_CAPTURED_CALLING: Final = "? > "
@@ -147,7 +147,7 @@ def moment(transaction: Transaction) -> int:
 
 
 def pair_of(client: str, server: str) -> Pair | None:
-    """Return the pair of two hosts as findings name them, which may be in a VLAN; None for no hosts."""
+    """Return the pair of two hosts given by their names in findings, which may include a VLAN; None for no hosts."""
     return (client.partition(" ")[0], server.partition(" ")[0]) if client else None
 
 

@@ -1,4 +1,4 @@
-"""`BaselineWatch`: compares traffic with a baseline, and finds what was never seen before."""
+"""`BaselineWatch`: compares traffic with a baseline, and finds everything that was never seen before."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from dissect.output.baseline.norms import Baseline, PairNorm
 from dissect.output.baseline.subjects import NOT_CAPTURED_CALLED, NOT_CAPTURED_CALLING, Pair, Subject, Subjects, tsaps
 from dissect.wire.text import printable
 
-# What can be new (`Deviation.kind`).
+# The things that can be new (`Deviation.kind`).
 CLIENT: Final = "client"
 PAIR: Final = "pair"
 PORT: Final = "port"
@@ -69,7 +69,7 @@ class BaselineWatch:
         return found
 
     def act(self, pair: Pair, act: Act) -> list[Deviation]:
-        """Return the deviation that an act of ``pair`` is; empty if the baseline allows it."""
+        """Return the deviation of an act of ``pair``; empty if the baseline allows the act."""
         client, server = pair
         allowed = self._pairs.get(pair, _NOTHING).acts
         if allowed is None or act.kind in allowed:

@@ -1,1 +1,1 @@
-"""The whole analyzer as one HTML file: what goes in, how it is put together, and what runs inside it."""
+"""The whole analyzer as one HTML file: its contents, how it is built, and the code that runs inside it."""

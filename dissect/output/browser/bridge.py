@@ -16,7 +16,7 @@ from typing import Any, Final
 
 from dissect.wire.text import printable
 
-#: Commands that need what a browser does not have.
+#: Commands that need something that a browser does not have.
 _ELSEWHERE: Final = {
     "cluster-check": "other machines",
     "completion": "a shell",
@@ -38,7 +38,7 @@ _OPTIONS: Final = {
     "--cluster": "other machines",
     "--interface": "network interfaces",
 }
-#: What is written at once.
+#: Number of bytes that are written at once.
 _CHUNK: Final = 1 << 20
 EXIT_USAGE: Final = 2
 EXIT_BUG: Final = 70
@@ -62,15 +62,15 @@ class _Sink(io.RawIOBase):
 
 
 class Bridge:
-    """Runs commands one after the other, in a folder that holds what was chosen and what they write."""
+    """Runs commands one after the other, in a folder with the chosen files and the files that the commands write."""
 
     def __init__(self, run: Callable[[list[str]], int], folder: str) -> None:
         self._run = run
         self._folder = Path(folder)
-        gc.disable()  # the engine makes no cycles; what others make is collected between two commands
+        gc.disable()  # the engine makes no cycles; those of other code are collected between two commands
 
     def run(self, argv: list[str], take: Callable[[Any], object]) -> tuple[int, str]:
-        """Run ``s7dissect ARGV``; return its exit code and what it wrote to standard error. ``take`` gets its output."""
+        """Run ``s7dissect ARGV``; return its exit code and its standard error. ``take`` gets its output."""
         refusal = refused(argv)
         if refusal:
             return EXIT_USAGE, refusal

@@ -1,4 +1,4 @@
-"""What goes into the browser edition: Python for browsers, packages that it needs, and what of this package is of use there.
+"""The contents of the browser edition: Python for browsers, packages that it needs, and the useful parts of this package.
 
 The same input gives the same bytes: files are in the order of their names, and nothing has a time.
 """
@@ -19,7 +19,7 @@ from dissect.meaning.facts.vendors import listed
 from dissect.output.browser.parts import Part, Parts, engine, wheels
 
 _PACKAGE: Final = Path(__file__).resolve().parent.parent.parent
-#: Files of the package, and rooms without use in a browser: no line to listen on, no Wireshark, no Scapy, no processes.
+#: Files of the package, and rooms that are useless in a browser: it has no network, no Wireshark, no Scapy, no processes.
 _KINDS: Final = frozenset((".py", ".json", ".css", ".js", ".j2", ".md"))
 _ROOMS_LEFT_OUT: Final = frozenset(
     (
@@ -44,7 +44,7 @@ _UNUSED: Final = """
     py_compile.py pyclbr.py pydoc.py pydoc_data/* smtplib.py socketserver.py statistics.py symtable.py
     sysconfig/__main__.py tabnanny.py trace.py turtle.py unittest/* venv/* wsgiref/* xml/sax/* xmlrpc/* zipapp.py
 """
-#: Of wheels: what only a build or a type checker reads, and what is compiled for another machine.
+#: Parts of wheels that are left out: files that only a build or a type checker reads, and code for another machine.
 _UNREAD: Final = "*.pyi *.c *.h */py.typed *linux-gnu.so *.dist-info/RECORD *.dist-info/WHEEL"
 
 
@@ -78,7 +78,7 @@ class Contents:
         held = dict(_own())
         for _, wheel in self._wheels:
             held.update({name: octets for name, octets in wheel.items() if not _is_any(name, _UNREAD)})
-        # In the place of Scapy, which has this list of Wireshark's among much else: the list alone.
+        # Instead of Scapy, only its copy of one of Wireshark's lists.
         held["scapy/__init__.py"] = held["scapy/libs/__init__.py"] = b""
         held["scapy/libs/manuf.py"] = f"DATA = {listed()!r}\n".encode()
         return held
@@ -114,7 +114,7 @@ def _own() -> Iterator[tuple[str, bytes]]:
 
 
 def _standard_library(octets: bytes) -> bytes:
-    """Return the zip of Python's library without what is never imported, not compressed: the page is, as a whole."""
+    """Return the zip of Python's library without modules that are never imported; not compressed, because the page is."""
     held = {name: data for name, data in _unpacked(octets).items() if not _is_any(name, _UNUSED)}
     made = io.BytesIO()
     with zipfile.ZipFile(made, "w", zipfile.ZIP_STORED) as library:

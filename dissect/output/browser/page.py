@@ -1,4 +1,4 @@
-"""Puts the page of the browser edition together: one file, with a policy that lets nothing else run, load or connect."""
+"""Builds the page of the browser edition: one file, with a policy that lets nothing else run, load or connect."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from dissect.output.browser.contents import Contents
 from dissect.output.browser.parts import info
 from dissect.output.page.rendering import shipped_policy
 
-#: The most that the page may have, so that it can be mailed.
+#: Maximum size of the page, so that it can be mailed.
 MAX_OCTETS: Final = 12_000_000
-#: The scripts of the page in the order in which they are put together.
+#: The scripts of the page in the order in which they are joined.
 SCRIPTS: Final = ("kit.js", "plot.js", "views.js", "app.js")
-#: One of the report's, put before them: numbers read alike in both.
+#: One of the report's scripts, put before them, so that numbers look alike in both.
 SHARED: Final = "script/numbers.js"
 _WIDTH: Final = 32_768
 
@@ -28,7 +28,7 @@ class TooLargeError(Exception):
 
 
 def made(contents: Contents, version: str) -> bytes:
-    """Return the page. `TooLargeError` if it became larger than it may be."""
+    """Return the page. Raises `TooLargeError` if it is larger than `MAX_OCTETS`."""
     folder = files("dissect.output.browser")
     names = ("shell.css", "worker.js", "shell.html")
     style, worker, shell = [folder.joinpath(name).read_text(encoding="utf-8") for name in names]
@@ -40,7 +40,7 @@ def made(contents: Contents, version: str) -> bytes:
         "script": script,
         "worker": worker,
         "version": html.escape(version),
-        "lock": json.dumps({"info": info(), "packages": {}}),  # of Pyodide's own packages there are none here
+        "lock": json.dumps({"info": info(), "packages": {}}),  # Pyodide's own packages are not included
         "licences": _licences(contents),
         "pieces": "".join([_element(name, octets) for name, octets in contents.pieces().items()]),
     }
@@ -74,7 +74,7 @@ def _hash(text: str) -> str:
 
 
 def _element(name: str, octets: bytes) -> str:
-    """Return bytes as an element that nothing runs; in lines, because editors and mail filters dislike endless ones."""
+    """Return bytes as an element that does not run; in lines, because editors and mail filters dislike endless ones."""
     text = base64.b64encode(octets).decode()
     lines = "\n".join([text[at : at + _WIDTH] for at in range(0, len(text), _WIDTH)])
     return f'<script type="text/plain" id="piece-{name}">\n{lines}\n</script>\n'

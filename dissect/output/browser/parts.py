@@ -1,4 +1,4 @@
-"""The packages of others that go into the browser edition: which, from where, and that they are the pinned ones."""
+"""The packages of others in the browser edition: their versions and sources, and a check that they are the pinned ones."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ _LOCK: Final = "lock.json"
 
 
 class PartsError(Exception):
-    """A package cannot be had, or is not the pinned one; the text says what to do."""
+    """A package is not available, or is not the pinned one; the text says what to do."""
 
 
 class Part:
-    """One package as its registry has it: a file, its digest, and under which licence it is."""
+    """One package in its registry: a file, its digest, and its licence."""
 
     def __init__(self, name: str, version: str, file: str, digest: str, licence: str) -> None:
         self.name = name
@@ -66,13 +66,13 @@ def wheels() -> list[Part]:
 
 
 class Parts:
-    """A folder with the packages; what is missing in it is fetched, what is in it is checked each time it is read."""
+    """A folder with the packages; missing ones are fetched, and present ones are checked each time they are read."""
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
 
     def read(self, part: Part) -> bytes:
-        """Return the bytes of a package. `PartsError` if they are not the pinned ones."""
+        """Return the bytes of a package. Raises `PartsError` if they are not the pinned ones."""
         path = self._folder / part.file
         try:
             octets = path.read_bytes()
@@ -121,7 +121,7 @@ def _npm() -> str | None:
 
 def _run(command: list[str], folder: Path, what: str) -> None:
     try:
-        # The node of a virtual environment brings certificates of its own; those of the machine hold as well.
+        # The node of a virtual environment has its own certificates; those of the machine are valid as well.
         environment = {**os.environ, "NODE_USE_SYSTEM_CA": "1"}
         done = subprocess.run(
             command,

@@ -36,7 +36,7 @@ _PLUS: Final = "  the code that the CPU runs (MC7plus) is not shown: its encodin
 #: Characters of the names of a section on a line.
 _NAMES: Final = 400
 _CALL: Final = "call"
-#: Bytes of distinct blocks that are decoded in one run; decoded blocks take some fifty times the memory.
+#: Maximum size of the distinct blocks that are decoded in one run; decoded blocks take some fifty times the memory.
 MAX_CODE: Final = 4 * 1024 * 1024
 _TOO_MUCH: Final = f"  not decoded: the blocks of this run have more than {MAX_CODE // 1024} KiB together"
 #: Bits of the types whose address has a width letter.
@@ -71,7 +71,7 @@ class Programs:
         return found
 
     def fits(self, block: CarvedBlock) -> bool:
-        """Return whether a block is of S7-300/400 and among those that are decoded."""
+        """Return whether a block is of S7-300/400 and is one of those that are decoded."""
         return block.classic is not None and digest(block) in self._fitting
 
     def find(self, plc: str, kind: str, number: int) -> Block | None:

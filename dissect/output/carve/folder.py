@@ -30,9 +30,9 @@ RAW: Final = ".bin"
 INCOMPLETE: Final = "-incomplete"
 BEHIND_GAP: Final = ".behind-gap"
 _SUFFIXES: Final = (CLASSIC, PLUS, RAW)
-#: Octets of the largest file that is read as a block or a manifest.
+#: Size of the largest file that is read as a block or a manifest.
 _LARGEST: Final = 64 * 1024 * 1024
-#: Octets of all texts that are inflated, because a small blob may become large.
+#: Total size of all texts that are inflated, because a small blob may become large.
 MAX_TEXTS: Final = 128 * 1024 * 1024
 _UNSAFE: Final = re.compile(r"[^A-Za-z0-9]+")
 _MAX_WORD: Final = 24

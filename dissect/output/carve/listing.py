@@ -23,7 +23,7 @@ CHANGE_COLUMNS: Final = (
     "was_sha256", "now_sha256",
 )  # fmt: skip
 _TEXT: Final = 60
-#: How many values of a data block a person sees; JSON and the manifest have all of them.
+#: Number of values of a data block in the text; JSON and the manifest have all of them.
 _VALUES: Final = 40
 _VALUE: Final = 200
 
@@ -75,7 +75,7 @@ class BlockList(Outcome):
 
 
 def block_line(block: CarvedBlock, places: Places, clock: Clock) -> str:
-    """Return a line about a block: when, who, what, size, state, and the facts in its header."""
+    """Return a line about a block: time, actor, action, size, state, and the facts in its header."""
     parts = [_title(block), words.count(len(block.octets), "byte"), _state(block, places), _facts(block)]
     return _transfer(block, places, clock) + "  ".join([part for part in parts if part])
 
@@ -135,9 +135,9 @@ def _value_lines(block: CarvedBlock) -> Iterator[Line]:
 
 
 class BlockChanges(Outcome):
-    """What changed from one set of blocks to another; ``first`` and ``second`` are the names of the sets.
+    """The changes from one set of blocks to another; ``first`` and ``second`` are the names of the sets.
 
-    ``details`` returns what changed in a block's code, interface and values, as far as these can be read.
+    ``details`` returns the changes in a block's code, interface and values, as far as these are readable.
     """
 
     layout = WIDE_PAGE
@@ -155,7 +155,7 @@ class BlockChanges(Outcome):
         self.details = details
 
     def text(self) -> Iterator[Line]:
-        """Yield a line for each changed block, with what changed in it below."""
+        """Yield a line for each changed block, with the details below it."""
         for change in self.changes:
             yield Line(change_line(change), PLAIN, HANG)
             details = self.details(change)

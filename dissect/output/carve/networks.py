@@ -23,10 +23,10 @@ if TYPE_CHECKING:
     from xml.etree.ElementTree import Element
 
 NEEDS: Final = "the body of an S7-1200/1500 block needs s7commplus and defusedxml: pip install 's7dissect[s7plus]'"
-#: Bounds: octets of a text that is read, nested gates, and characters of a line.
+#: Limits: size of a text that is read, nested gates, and characters of a line.
 _LARGEST: Final = 4 * 1024 * 1024
 _DEPTH: Final = 60
-#: Most gates in one line: wires may cross so that each gate leads to all others.
+#: Maximum number of gates in one line: wires may cross so that each gate leads to all others.
 _GATES: Final = 1000
 _WIDTH: Final = 4000
 _ESCAPED: Final = re.compile("_x([0-9A-Fa-f]{4})_")
@@ -36,12 +36,12 @@ _AND: Final = " AND "
 _PRECEDING: Final = "pre"
 #: The pins between two boxes if the second one depends on whether the first one succeeded.
 _ENABLES: Final = ("eno", "en")
-#: The program editor's name for the only section of a data block; then bounds: nested structures, and names of a section.
+#: The program editor's name for the only section of a data block; then limits: nested structures, and names of a section.
 _STATIC: Final = "Static"
-_SECTION: Final = "Section"  # what TIA Portal V11 and V12 call a section, which has a number as its type
+_SECTION: Final = "Section"  # the name of a section in TIA Portal V11 and V12; a section has a number as its type
 _NESTED: Final = 8
 _MEMBERS: Final = 10_000
-#: Most digits of an index or a position.
+#: Maximum number of digits of an index or a position.
 _INDEX: Final = 6
 #: Gates that join their inputs, and the text between these.
 _JOINS: Final[dict[str, str]] = {"O": " OR ", "A": _AND, "X": " XOR "}

@@ -26,7 +26,7 @@ def digest(block: CarvedBlock) -> str:
 
 
 def record(block: CarvedBlock, places: Places, clock: Clock) -> dict[str, object]:
-    """Return what is known about a block; times of the capture are in UTC."""
+    """Return the facts of a block; times of the capture are in UTC."""
     parts = block.parts()
     values: dict[str, object] = {
         "label": encodable(block.label),

@@ -70,7 +70,7 @@ class Batches:
         return self._whole(arrays)
 
     def with_derived(self, batch: Any) -> Any:
-        """Return a record batch of the stored columns with those that are another reading of them."""
+        """Return a record batch of the stored columns with the columns that are derived from them."""
         return self._whole(dict(zip(batch.schema.names, batch.columns, strict=True)))
 
     def _whole(self, arrays: dict[str, Any]) -> Any:
@@ -83,7 +83,7 @@ class Batches:
     def _part(self, part: Part, runs: dict[int, Any]) -> list[Any]:
         """Return the columns of a part as arrays. Arrays of shared rows are made anew only when rows were added.
 
-        ``runs`` keeps what `_runs` returned for ``part.ends``, by the identity of that list.
+        ``runs`` stores the results of `_runs` for ``part.ends``, by the identity of that list.
         """
         pa = self._pa
         known = self._shared.get(part.names)
@@ -111,7 +111,7 @@ def _array(pa: Any, values: Sequence[Any], kind: Any) -> Any:
     plain = kind.value_type if encoded else kind
     try:
         made = pa.array(values, plain)
-    except UnicodeEncodeError:  # a name from the file system, or from a tag file, that UTF-8 cannot hold
+    except UnicodeEncodeError:  # a name from the file system, or from a tag file, that UTF-8 cannot represent
         made = pa.array([_encodable(value) for value in values], plain)
     return made.dictionary_encode() if encoded else made
 

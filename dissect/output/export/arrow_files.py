@@ -24,7 +24,8 @@ class ArrowSink(Sink):
         pa, ipc = needed("pyarrow"), needed("pyarrow.ipc")
         self._batches = {table.name: Batches(table, dictionaries=False, metadata=dict(metadata)) for table in tables}
         self._writers: dict[str, Any] = {}
-        # Ours to close: a writer that opened its file leaves it open until it is forgotten, and Windows renames no open file.
+        # Files that must be closed here: a writer that opened its file leaves it open until it is collected, and Windows cannot
+        # rename an open file.
         self._files: list[Any] = []
         for name, batches in self._batches.items():
             place = path if alone else path / f"{name}.arrow"
@@ -43,5 +44,5 @@ class ArrowSink(Sink):
     def abandon(self) -> None:
         """Close the files, which will be deleted."""
         for file in (*self._writers.values(), *self._files):
-            with suppress(Exception):  # the file may be what failed
+            with suppress(Exception):  # the file may be the cause of the failure
                 file.close()

@@ -1,6 +1,6 @@
 """MITRE ATT&CK for ICS v18.1: the tactics of each technique, and the id of its object in STIX.
 
-From attack-stix-data, ics-attack.json, 2025-11-13. Names of techniques and which finding points to which are in
+From attack-stix-data, ics-attack.json, 2025-11-13. Names of techniques, and the findings that refer to them, are in
 `dissect.engine.findings.mitre` and the catalogue.
 """
 

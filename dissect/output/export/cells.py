@@ -11,7 +11,7 @@ from dissect.wire.text import Clock, cell
 
 
 class Cells:
-    """Makes CSV cells: no text that a spreadsheet takes for a formula, times in ISO 8601 (UTC), bytes in hexadecimal."""
+    """Makes CSV cells: no text that a spreadsheet would run as a formula, times in ISO 8601 (UTC), bytes in hexadecimal."""
 
     def __init__(self, columns: Sequence[Column]) -> None:
         self._columns = tuple(columns)

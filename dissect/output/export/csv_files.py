@@ -41,5 +41,5 @@ class CsvSink(Sink):
     def abandon(self) -> None:
         """Close the files, which will be deleted."""
         for file in self._files.values():
-            with suppress(OSError):  # there may be no room for what is still buffered
+            with suppress(OSError):  # there may be no room for data that are still buffered
                 file.close()

@@ -16,7 +16,7 @@ from dissect.output.export.transaction_rows import Row
 
 
 class DuckdbSink(Sink):
-    """Writes tables to the database ``path``. Raises `OSError` where it cannot be written."""
+    """Writes tables to the database ``path``. Raises `OSError` if it cannot be written."""
 
     def __init__(self, path: Path, tables: Iterable[Table], metadata: Mapping[str, str]) -> None:
         duckdb = needed("duckdb")
@@ -59,7 +59,7 @@ class DuckdbSink(Sink):
     def abandon(self) -> None:
         """Close the database, which will be deleted, and delete the log that DuckDB leaves beside it."""
         if self._database is not None:
-            with suppress(self._error):  # the database may be what failed
+            with suppress(self._error):  # the database may be the cause of the failure
                 self._database.close()
         self._log.unlink(missing_ok=True)
 

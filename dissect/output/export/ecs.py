@@ -59,7 +59,7 @@ _SECURITY_GROUP: Final = 5
 
 
 _KEYWORD: Final = {"type": "keyword", "ignore_above": _LONGEST}
-#: The type of a field by that of its column.
+#: The type of a field by the type of its column.
 _TYPES: Final[Mapping[str, Mapping[str, Any]]] = {
     INT: {"type": "long"},
     INTS: {"type": "long"},
@@ -111,7 +111,7 @@ def _put(told: dict[str, Any], path: str, value: Any) -> None:
 
 
 def _own(table: Table, row: Mapping[str, Any], given: Mapping[str, Any] = MappingProxyType({})) -> dict[str, Any]:
-    """Return what a document has below ``s7dissect`` of a row."""
+    """Return the part of a document below ``s7dissect``, for a row."""
     own: dict[str, Any] = {}
     for name, value in told_by(_OWN[table.name], row, given):
         _put(own, name, value)
@@ -189,7 +189,7 @@ class EcsExport(Export, Observer):
         return self._counts
 
     def begin(self, run: Run) -> None:
-        """Take the files of the run, by which packets are named."""
+        """Set the files of the run, by which packets are named."""
         self._rows = Rows(run.files)
         self._run = run
 
@@ -208,7 +208,7 @@ class EcsExport(Export, Observer):
         for file in self._files.values():
             try:
                 file.close()
-            except OSError:  # there may be no room for what is still buffered
+            except OSError:  # there may be no room for data that are still buffered
                 continue
 
     # ---- as an observer ---------------------------------------------------------------------------------------------
@@ -218,7 +218,7 @@ class EcsExport(Export, Observer):
         self._context.opened(connection)
 
     def connection_closed(self, connection: Connection) -> None:
-        """Write a connection that is over."""
+        """Write a finished connection."""
         self._context.closed(connection)
         row = CONNECTIONS.named(self._rows.connection(connection))
         told = self._document("connection", row["end_ns"], connection, None)
@@ -276,7 +276,7 @@ class EcsExport(Export, Observer):
         connection = self._context.connection(int(finding.connection))
         row = FINDINGS.named(self._rows.finding(finding, connection))
         rule = finding.rule
-        of_capture = rule.kind == CAPTURE  # says how good the capture is, and nothing of the network
+        of_capture = rule.kind == CAPTURE  # describes the quality of the capture, not the network
         kind = "capture_quality" if of_capture else "finding"
         told = self._document(kind, row["ts_ns"] or 0, connection, None)
         told["event"] |= {
@@ -336,7 +336,7 @@ class EcsExport(Export, Observer):
     def _document(
         self, kind: str, time_ns: int, connection: Connection | None, sender: Endpoint | None
     ) -> dict[str, Any]:
-        """Return the keys that all documents have. ``sender``, or the client where that is None, is the source."""
+        """Return the keys that all documents have. The source is ``sender``, or the client if that is None."""
         told: dict[str, Any] = {
             "@timestamp": self._clock.iso(time_ns),
             "ecs": {"version": ECS_VERSION},
@@ -380,7 +380,7 @@ class EcsExport(Export, Observer):
 
 
 def _name_hosts(told: dict[str, Any], row: dict[str, Any]) -> None:
-    """Write client and server of what is about no single connection."""
+    """Write client and server of a record that concerns no single connection."""
     for side, also in (("client", "source"), ("server", "destination")):
         host = row[f"{side}_host"]
         if host is not None:

@@ -84,7 +84,7 @@ class TableFeed(Observer):
         self._collect([])
 
     def begin(self, files: Sequence[SourceFile]) -> None:
-        """Take the files of the run, by which packets are named; more may be added later."""
+        """Set the files of the run, by which packets are named; more may be added later."""
         self._collect(files)
 
     def count_from(self, before: int) -> None:

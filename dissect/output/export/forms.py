@@ -77,7 +77,7 @@ class Request(NamedTuple):
 class Form(NamedTuple):
     """A form: the ``endings`` of its names, its help text, the function that makes it ("module:name"), and its parts.
 
-    ``shape``: ``file``, ``folder``, or ``either``, which means a file when there is only one table.
+    ``shape``: ``file``, ``folder``, or ``either``, which means a file if there is only one table.
     """
 
     name: str
@@ -92,7 +92,7 @@ class Form(NamedTuple):
         return self.parts or tuple(TABLES)
 
     def open(self, request: Request) -> Export:
-        """Begin an export. Raises `MissingLibraryError` when a library is missing, OSError when it cannot be written."""
+        """Begin an export. Raises `MissingLibraryError` if a library is missing, OSError if it cannot be written."""
         module, _, name = self.maker.partition(":")
         return cast("Export", getattr(importlib.import_module(module), name)(request))
 
@@ -111,7 +111,7 @@ class TableExport(Export):
         return self.observer.counts
 
     def begin(self, run: Run) -> None:
-        """Take the files of the run, by which packets are named."""
+        """Set the files of the run, by which packets are named."""
         self._run = run
         self.observer.begin(run.files)
 
@@ -223,7 +223,7 @@ def target_of(text: str, only: Sequence[str], files: int) -> Target:
         raise UnknownFormError(_unknown(prefix if colon and len(prefix) > 1 else "", text))
     if not path:
         raise UnknownFormError(f"{text} names no file or folder.")
-    if path == "-":  # means standard output in other commands, so a file of that name cannot be meant
+    if path == "-":  # means standard output in other commands, so it is not the name of a file
         raise UnknownFormError(
             f"{text} is not possible: an export is not written to standard output; name a file or folder."
         )

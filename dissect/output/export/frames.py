@@ -50,7 +50,7 @@ class Frames:
         return sorted([*super().__dir__(), *self._tables.rows])
 
     def __getitem__(self, name: str) -> Any:
-        """Return the frame of a table. KeyError for one that was not read."""
+        """Return the frame of a table. Raises KeyError for a table that was not read."""
         names = self._tables.rows
         if name not in names:
             near = close_names(name, names)
@@ -82,11 +82,11 @@ def frames(
 ) -> Frames:
     """Return the tables of one capture or several as data frames, columns as in docs/tables.md.
 
-    ``library`` is ``pandas``, ``polars`` or ``arrow`` (a `pyarrow.Table`). In pandas, columns have Arrow types, so that
-    integers with nulls stay integers. ``tables`` names the wanted tables, all by default; fewer are faster. The other arguments
-    are those of `dissect.open`. Everything is held in memory. Raises `MissingLibraryError` (an ImportError) with the command
-    that installs a missing library, ValueError for a wrong name of a library or a table, `CaptureError` when a file cannot be
-    read, and `SelectError` for a wrong expression.
+    ``library`` is ``pandas``, ``polars`` or ``arrow`` (a `pyarrow.Table`). In pandas, columns have Arrow types, so integers
+    with nulls stay integers. ``tables`` names the wanted tables, all by default; fewer are faster. The other arguments are
+    those of `dissect.open`. Everything is kept in memory. Raises `MissingLibraryError` (an ImportError) with the command that
+    installs a missing library, ValueError for a wrong name of a library or a table, `CaptureError` if a file cannot be read,
+    and `SelectError` for a wrong expression.
     """
     if library not in LIBRARIES:
         near = close_names(library, LIBRARIES)

@@ -1,8 +1,8 @@
-"""The table of items, collected column by column, compiled: it has most rows of an export, so no tuple is made for each row.
+"""The table of items, collected by column, compiled: it has most rows of an export, so no tuple is made for each row.
 
-Most items repeat, with other values. The columns for what a request asks for, for a return code, and for who talks to whom are
-kept once; each row has only an index into these. Columns that all items of a transaction share are kept once for the
-transaction, with the row at which its items end.
+Most items repeat, with other values. The columns for a request item, for a return code, and for the two ends are stored once;
+each row only has an index into these. Columns that all items of a transaction share are stored once for the transaction, with
+the row at which its items end.
 """
 
 from __future__ import annotations
@@ -71,12 +71,12 @@ _GOOD: Final[list[array[int]]] = [array("i", [SUCCESS] * count) for count in ran
 #: Up to this, a floating-point number represents every integer exactly.
 _MOST_EXACT: Final = 2**53
 _NO_NAME: Final[list[str | None]] = [None]
-#: What a transaction does with its items: an index into `_OPERATIONS`.
+#: The operation of a transaction on its items: an index into `_OPERATIONS`.
 _READ: Final = 0
 _WRITE: Final = 1
 _NOTIFY: Final = 2
 _OPERATIONS: Final[list[str]] = ["read", "write", "notify"]
-#: What `Transaction.certainty` may be.
+#: The possible values of `Transaction.certainty`.
 _CERTAIN: Final[list[str]] = ["", *CERTAINTIES]
 
 
@@ -85,9 +85,8 @@ class ItemColumns:
 
     A column has an entry for each item; ``…_at`` has an index into a list of shared rows instead. `begins` and ``routes_at``
     have an entry for each transaction, and ``ends`` the row after its last item. ``others`` returns the items of other
-    protocols: for each its name, the columns `ASKED` and `CODE`, value, text, bytes, and its number where it has one of its
-    own. The columns are `full` with ``most``
-    items, or with items from ``most_octets`` octets of PDUs.
+    protocols: for each its name, the columns `ASKED` and `CODE`, value, text, bytes, and its own number if it has one. The
+    columns are `full` with ``most`` items, or with items from ``most_octets`` octets of PDUs.
     """
 
     def __init__(
@@ -118,7 +117,7 @@ class ItemColumns:
 
     @property
     def full(self) -> bool:
-        """Whether it is time to pass on what was collected, and to `clear`."""
+        """Whether it is time to pass on the collected items, and to `clear`."""
         return len(self.data) >= self._most or self._octets >= self._most_octets
 
     @property
@@ -132,7 +131,7 @@ class ItemColumns:
         return self._spelled + _NO_NAME * (len(self.data) - len(self._spelled))
 
     def clear(self) -> None:
-        """Begin new columns; the present ones stay with whoever took them."""
+        """Begin new columns; the old ones belong to the code that took them."""
         self._octets = 0
         self.begins = []
         self.routes_at = []
@@ -153,7 +152,7 @@ class ItemColumns:
             self._request_at = {}
 
     def add(self, transaction: Transaction) -> int:
-        """Add the items of a transaction in wire order, those of S7comm first; return how many there are."""
+        """Add the items of a transaction in wire order, those of S7comm first; return their number."""
         others: list[Row] | None = None
         if transaction._carried is not None or transaction.rosctr >= PLUS:
             others = self._others(transaction)
@@ -193,7 +192,7 @@ class ItemColumns:
         return count
 
     def _begin(self, transaction: Transaction, count: int) -> None:
-        """Add what the next ``count`` items share."""
+        """Add the columns that the next ``count`` items share."""
         self._octets += transaction.request_size + transaction.response_size
         self.routes_at.append(self._route(transaction))
         asked: bool = transaction.request_frame != 0
@@ -341,7 +340,7 @@ def rounded(value: int) -> str | None:
 class Collected:
     """Collects transactions for the tables of transactions and items, if wanted.
 
-    ``counted`` returns the number of items where their table is not wanted.
+    ``counted`` returns the number of items if their table is not wanted.
     """
 
     def __init__(
@@ -357,7 +356,7 @@ class Collected:
         self._most: i64 = most
 
     def add(self, transaction: Transaction) -> bool:
-        """Add a transaction; return whether it is time to pass on what was collected."""
+        """Add a transaction; return whether it is time to pass on the collected ones."""
         items = self._items
         count = items.add(transaction) if items is not None else self._counted(transaction)
         transactions = self._transactions
@@ -367,7 +366,7 @@ class Collected:
 
 
 def _operation(transaction: Transaction) -> int:
-    """Return what a transaction does with its items."""
+    """Return the operation of a transaction on its items."""
     if transaction._outcome == PUSH:
         return _NOTIFY
     parameters = transaction.parameters

@@ -1,4 +1,4 @@
-"""Names that another format has for the columns of a table (`dissect.output.export.tables`), and so for facts."""
+"""Names in another format for the columns of a table (`dissect.output.export.tables`), and so for facts."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from dissect.output.export.tables import Table
 
 
 class Mapped(NamedTuple):
-    """A ``name`` of the format for a ``column`` of the table, empty for what only the format has; ``kind`` is its type."""
+    """A ``name`` of the format for a ``column`` of the table, empty if only the format has it; ``kind`` is its type."""
 
     name: str
     column: str
@@ -17,7 +17,7 @@ class Mapped(NamedTuple):
 
 
 def mapped(table: Table, kinds: Mapping[str, Any], text: str) -> tuple[Mapped, ...]:
-    """Return what words say: ``name``, or ``name=column`` where the format has another name; ``:kind`` where ``kinds`` has not.
+    """Parse words: ``name``, or ``name=column`` if the format has another name; ``:kind`` if ``kinds`` does not have it.
 
     ``kinds`` are the types of the format by those of columns. Raises KeyError for a column that the table does not have.
     """
@@ -32,6 +32,6 @@ def mapped(table: Table, kinds: Mapping[str, Any], text: str) -> tuple[Mapped, .
 
 
 def told(names: tuple[Mapped, ...], row: Mapping[str, Any], given: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
-    """Yield names and values of a row; ``given`` has what only the format has, or has in another form."""
+    """Yield names and values of a row; ``given`` has the values that only the format has, or has in another form."""
     for one in names:
         yield one.name, given[one.name] if one.name in given else row[one.column]

@@ -1,4 +1,4 @@
-"""Tables kept in memory compressed: most of their columns repeat, so that about a third of the memory holds them."""
+"""Tables kept in memory compressed: most of their columns repeat, so they need about a third of the memory."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ class PackedTables(Sink):
         return _copy, ([table.name for table in self._tables], self._kept, self.rows)
 
     def take(self, table: Table, rows: Sequence[Row]) -> None:
-        """Keep rows; columns that are another reading of a stored one are made again when they are wanted."""
+        """Keep rows; derived columns are made again when they are needed."""
         whole = self._batches[table.name].batch(rows)
         stored = whole.select([column.name for column in table.stored])
         out = self._pa.BufferOutputStream()

@@ -1,6 +1,6 @@
 """Parquet: a file for each table, or with several captures a folder for each, divided by day.
 
-Row groups are written as they fill, so that the memory needed does not depend on the length of the capture.
+Row groups are written when they are full, so the memory needed does not depend on the length of the capture.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from dissect.wire.text import civil
 #: Rows of a row group: DuckDB's unit of work. A group is written earlier when it has this many bytes.
 ROW_GROUP: Final = 122_880
 _GROUP_BYTES: Final = 64 * 1024 * 1024
-#: At most this many files of one table are open at once; each is for one day.
+#: Maximum number of files of one table that are open at once; each is for one day.
 _MOST_OPEN: Final = 4
 _DAY_NS: Final = 86_400_000_000_000
 #: Hive's name for a partition without a value.
@@ -59,7 +59,7 @@ class ParquetFile:
             compression="zstd",
             use_dictionary=[column.name for column in columns if column.type in {TEXT, WORD, BYTES}],
             column_encoding={column.name: "DELTA_BINARY_PACKED" for column in columns if column.type == INT},
-            # Readers skip row groups by their least and greatest values; that only works where values grow with the rows.
+            # Readers skip row groups by their minimum and maximum values; that only works if values grow with the rows.
             write_statistics=[name for column in columns if column.type == TIME for name in (column.name, column.of)],
         )
 
@@ -72,7 +72,7 @@ class ParquetFile:
             self.write()
 
     def write(self) -> None:
-        """Write the rows that wait as a row group."""
+        """Write the waiting rows as a row group."""
         if self._waiting:
             self._settle()
             self._writing = self._writes.submit(self._write, self._waiting, self._rows)
@@ -80,7 +80,7 @@ class ParquetFile:
             self._rows = self._bytes = 0
 
     def close(self) -> None:
-        """Write the remaining rows and the footer. When that fails, the file is abandoned."""
+        """Write the remaining rows and the footer. If that fails, the file is abandoned."""
         try:
             self.write()
             self._settle()
@@ -100,9 +100,9 @@ class ParquetFile:
         self._writes.shutdown()
         if self._stream is not None:
             self._stream.discard()
-        with suppress(Exception):  # the file may be what failed
+        with suppress(Exception):  # the file may be the cause of the failure
             self._writer.close()
-        self._writer.is_open = False  # else the writer tries to close again when it is collected, and complains
+        self._writer.is_open = False  # otherwise the writer tries to close again when it is collected, and complains
 
     def _write(self, batches: list[Any], rows: int) -> None:
         table = self._pa.Table.from_batches(batches, self._batches.schema).unify_dictionaries()

@@ -34,7 +34,7 @@ KIND: Final = (
 class PduColumns:
     """The columns of PDUs: each has an entry for each PDU; ``…_at`` has an index into a list of shared rows instead.
 
-    ``number`` is how many PDUs there were, those of earlier columns too.
+    ``number`` is the number of PDUs, including those of earlier columns.
     """
 
     def __init__(self, rows: TransactionRows) -> None:
@@ -56,7 +56,7 @@ class PduColumns:
         self.malformed: list[list[str]] = []
 
     def clear(self) -> None:
-        """Begin new columns; the present ones stay with whoever took them."""
+        """Begin new columns; the old ones belong to the code that took them."""
         self._begin()
         self.packets.clear()
         self.kinds.bounded()
@@ -64,19 +64,19 @@ class PduColumns:
             self._route_of = {}
 
     def pdu(self, frame: int, time_ns: int, connection: Connection, side: int, octets: bytes, cut: bool) -> int:
-        """Add an S7 PDU; return how many there are now."""
+        """Add an S7 PDU; return the new number of PDUs."""
         pdu = parse_pdu(octets, frame, time_ns, int(connection.number), side, cut)
         reference = int(pdu.pdu_ref) if pdu.pdu_ref >= 0 else None
         return self._add(frame, time_ns, connection, side, _s7(pdu, cut), reference, len(octets), _malformed(pdu))
 
     def plus_pdu(self, frame: int, time_ns: int, connection: Connection, side: int, octets: bytes, cut: bool) -> int:
-        """Add an S7comm-plus PDU; return how many there are now."""
+        """Add an S7comm-plus PDU; return the new number of PDUs."""
         pdu = parse_plus(octets, frame, time_ns, int(connection.number), side, cut)
         reference = int(pdu.sequence) if pdu.sequence >= 0 and pdu.opcode != NOTIFICATION else None
         return self._add(frame, time_ns, connection, side, _plus(pdu, cut), reference, len(octets), _malformed(pdu))
 
     def scd(self, found: ScdMessage, connection: Connection) -> int:
-        """Add an SCD message; return how many there are now."""
+        """Add an SCD message; return the new number of PDUs."""
         message = found.message
         reference = message.tid if "tid" in message.numbers else None
         service = f"SCD {message.service}" if message.service else None
@@ -107,7 +107,7 @@ class PduColumns:
         return len(self.numbers)
 
     def _route(self, connection: Connection, side: int) -> int:
-        """Return the index of the row with connection, ends and sender; which end is the client may become known later."""
+        """Return the index of the row with connection, ends and sender; the client may become known only later."""
         key: int = (int(connection.number) * 2 + int(connection.client_side)) * 2 + side
         known = self._route_of
         found = known.get(key)

@@ -13,10 +13,10 @@ from dissect.protocols.s7.tables import AREA_LETTERS, BIT, ELEMENT_OCTETS, TRANS
 
 
 class Parameter(NamedTuple):
-    """A word behind the name of a question: its name, what it is, and what counts where it is not given.
+    """A word after the name of a question: its name, its meaning, and its default.
 
-    The SQL reads it as ``getvariable('name')``; there the default is written once more, so that the SQL runs as it is.
-    ``check`` raises ValueError or LookupError for a text that is none.
+    The SQL reads it as ``getvariable('name')`` and repeats the default, so that it also runs alone. ``check`` raises ValueError
+    or LookupError for an invalid text.
     """
 
     name: str
@@ -31,9 +31,9 @@ class Parameter(NamedTuple):
 
 
 class Question(NamedTuple):
-    """A question: its name, the question as a sentence, what to know about the answer, and the SQL.
+    """A question: its name, the question as a sentence, a remark on the answer, and the SQL.
 
-    ``none`` says why there is no answer; ``parameters`` are words behind the name.
+    ``none`` says why there is no answer; ``parameters`` are the words after the name.
     """
 
     name: str
@@ -61,7 +61,7 @@ _BITS: Final = "CASE i.type {} ELSE 8 END * coalesce(i.count, 1)".format(
         ]
     )
 )
-#: That an item has the name or tag ``address``, or a bit of that address, which `_place` says in numbers.
+#: True if an item has the name or tag ``address``, or a bit of that address, which `_place` gives in numbers.
 _TOUCHES: Final = f"""(upper(i.address) = upper(getvariable('address')) OR upper(i.name) = upper(getvariable('address'))
     OR (i.area = getvariable('area') AND i.db IS NOT DISTINCT FROM getvariable('db')::BIGINT
         AND CASE WHEN i.bit IS NULL THEN i.byte ELSE 8 * i.byte + i.bit END < getvariable('end_bit')::BIGINT
@@ -319,10 +319,10 @@ QUESTIONS: Final[dict[str, Question]] = {question.name: question for question in
 
 
 def named(text: str, local: bool = False) -> tuple[Question, dict[str, str]] | None:
-    """Return the question that a text names, and the words behind the name by their names; None if it names none.
+    """Return the question that a text names, and the words after the name by their names; None if it names none.
 
-    A time that names no zone is in UTC or, where ``local``, in that of this machine. Raises ValueError, with a sentence, for
-    words that the question does not take.
+    A time without a zone is in UTC or, with ``local``, in the zone of this machine. Raises ValueError, with a sentence, for
+    words that the question does not accept.
     """
     first = text.split(maxsplit=1)[0] if text.strip() else ""
     question = QUESTIONS.get(first)
@@ -360,7 +360,7 @@ def _in_utc(text: str, local: bool) -> str:
 
 
 def _place(address: str) -> dict[str, str]:
-    """Return the variables that say in numbers what an address is; none for a tag, and for what is no S7 address."""
+    """Return the variables that describe an address in numbers; empty for a tag, and for a text that is not an S7 address."""
     place = place_of(address) if address else None
     if place is None or place.area < 0:
         return {}

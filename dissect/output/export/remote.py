@@ -1,4 +1,4 @@
-"""An export to a folder on another machine: ``s3://BUCKET/KEY``, ``sftp://HOST/DIR`` and whatever else fsspec can write to.
+"""An export to a folder on another machine: ``s3://BUCKET/KEY``, ``sftp://HOST/DIR`` and all other targets of fsspec.
 
 Files are written under their final names, because an object store cannot rename. Therefore the file `UNFINISHED` is written
 before all others, and removed when all of them are complete.
@@ -14,11 +14,11 @@ from typing import Any, Final, TypeVar
 
 from dissect.packets.source.remote import explained, file_system, shown
 
-#: The file that is in a folder while its export is being written.
+#: The file that marks a folder while its export is being written.
 UNFINISHED: Final = "s7dissect-unfinished"
-#: Bytes that are sent at once. Object stores want pieces of at least 5 MiB, and take at most 10,000 of them.
+#: Bytes that are sent at once. Object stores require pieces of at least 5 MiB, and accept at most 10,000 of them.
 _PIECE: Final = 8 * 1024 * 1024
-#: Transports on which a folder has to be made first; on others it exists as soon as something is in it.
+#: Transports on which a folder must be made first; on others it exists as soon as it contains something.
 _WITH_FOLDERS: Final = frozenset(("file", "local", "sftp", "ssh", "smb", "ftp", "hdfs"))
 
 T = TypeVar("T")
@@ -79,11 +79,11 @@ class RemoteFolder:
             self.remove(name)
 
     def remove(self, name: str) -> None:
-        """Remove a file, or a folder with what is in it."""
+        """Remove a file, or a folder with its contents."""
         self._asked(lambda: self._files.rm(f"{self._path}/{name}", recursive=True))
 
     def remove_matching(self, pattern: str) -> None:
-        """Remove the files that match a pattern, in which ``*`` stands for one part of a path."""
+        """Remove the files that match a pattern, in which ``*`` matches one part of a path."""
 
         def removed() -> None:
             self._files.invalidate_cache()
@@ -161,7 +161,7 @@ class _Writing:
             discard = getattr(self._stream, "discard", None)
             if discard is not None:
                 discard()
-                self._stream.closed = True  # else the stream is sent when it is collected
+                self._stream.closed = True  # otherwise the stream is sent when it is collected
             else:
                 self._stream.close()
         with suppress(Exception):  # mostly the file does not exist

@@ -13,14 +13,14 @@ from dissect.meaning.report.outcome import Outcome
 from dissect.output.export.sql import Result
 from dissect.wire.text import cell, printable, shortened
 
-#: At most this many characters of a text are shown in a table.
+#: Maximum number of characters of a text in a table.
 _WIDEST: Final = 120
 
 
 class QueryOutcome(Outcome):
     """The result of a query, as an outcome. Only one format can read it, once.
 
-    ``none`` is what the text says in place of a table without rows.
+    ``none`` is the text for a table without rows.
     """
 
     def __init__(self, result: Result, none: str = "") -> None:

@@ -30,8 +30,8 @@ class RotatingSink(Sink):
     """Writes ``FOLDER/TABLE/day=YYYY-MM-DD/part-TIME-N.parquet``; `rotate` completes the present files.
 
     TIME is the time of the latest `rotate`, by the clock of the capture, in UTC. A failure to write does not raise: ``error``
-    is the latest `OSError`, the rows of its file are counted in ``lost``, and so are further rows until `probe` has found that
-    files can be written again. ``files`` counts those that were completed, ``octets`` theirs.
+    is the latest `OSError`; the rows of its file are counted in ``lost``, and so are further rows until `probe` has found that
+    files can be written again. ``files`` counts the completed files, ``octets`` their size.
 
     `prepare` imports pyarrow, which starts threads: call it before the first rows.
     """
@@ -53,7 +53,7 @@ class RotatingSink(Sink):
         self._clock = Clock()
 
     def prepare(self) -> None:
-        """Import all that is needed to write. May be called twice."""
+        """Import everything that is needed to write. May be called twice."""
         if not self._batches:
             needed("pyarrow.parquet", "--export")
             self._batches = {table.name: Batches(table, metadata=dict(self._metadata)) for table in self._tables}
@@ -71,7 +71,7 @@ class RotatingSink(Sink):
                 self._fail((table.name, day), error, some.num_rows)
 
     def rotate(self, now_ns: int) -> None:
-        """Complete the present files, and give them their final names."""
+        """Complete the current files, and give them their final names."""
         self._since = self._stamp(now_ns)
         while self._open:
             key = next(iter(self._open))
@@ -88,7 +88,7 @@ class RotatingSink(Sink):
             self._rows.pop(key, None)
 
     def probe(self) -> None:
-        """Find out whether files can be written again, and take rows again if so; else raises `OSError`."""
+        """Find out whether files can be written again, and accept rows again if so; otherwise raise `OSError`."""
         path = self._folder / f".{os.getpid()}.probe"
         try:
             path.write_bytes(bytes(_PROBE))
@@ -123,7 +123,7 @@ class RotatingSink(Sink):
         self._open.clear()
 
     def _try_out(self) -> None:
-        """Write an empty row of each table to a temporary folder, so that pyarrow imports everything that it needs now."""
+        """Write an empty row of each table to a temporary folder, so that pyarrow imports now everything that it needs."""
         with TemporaryDirectory() as folder:
             for name, batches in self._batches.items():
                 file = ParquetFile(Path(folder, name), batches)

@@ -28,13 +28,13 @@ _NOTHING: Final[Mapping[str, Any]] = {}
 
 
 class Rows:
-    """Makes the rows of a run; ``files`` are its files, to which more may be added while it goes on."""
+    """Makes the rows of a run; ``files`` are its files, to which more may be added while it runs."""
 
     def __init__(self, files: Sequence[SourceFile]) -> None:
         self._hot = TransactionRows(files)
         self._before = 0
         at = self._hot.files
-        #: By kind of fact the cells of a value; those of other kinds are the value itself.
+        #: The cells of a value by kind of fact; for other kinds the cell is the value itself.
         self._cells: Mapping[str, Callable[[Any], Sequence[Any]]] = {
             kinds.END: lambda end: (end.host, end.port if end.port >= 0 else None),
             kinds.TSAP: lambda tsap: (str(tsap),),
@@ -117,7 +117,7 @@ class Rows:
         return self._row(DEVICES, device)
 
 
-#: The facts of an item of another protocol, in the order in which `ItemColumns` takes them.
+#: The facts of an item of another protocol, in the order in which `ItemColumns` expects them.
 _OTHER: Final = [
     fact.get
     for fact in ITEMS.facts[ITEMS.facts.index(ITEM["name"]) : ITEMS.facts.index(ITEM["number_value"])]
@@ -132,7 +132,7 @@ def _facts(facts: ItemFacts) -> Row:
 
 
 def _value(facts: ItemFacts) -> object:
-    """Return the value of an item: that of S7comm-plus as JSON lines have it."""
+    """Return the value of an item; for S7comm-plus in the form of the JSON lines."""
     source = facts.source
     if isinstance(source, PlusItem):
         return source.json_value

@@ -14,7 +14,7 @@ from dissect.output.export.transaction_rows import Row
 from dissect.wire.config.hints import close_names
 
 _WORD: Final = re.compile(r"\w+")
-#: DuckDB's error for a table that does not exist, and its guess which one was meant.
+#: DuckDB's error for a table that does not exist, and its suggestion of another table.
 _MISSING: Final = re.compile(r"Table with name (\S+) does not exist!")
 _OTHERS: Final = re.compile(r'Did you mean "[^"]*"\?')
 #: This many rows of a result are fetched together.
@@ -22,7 +22,7 @@ _FETCH: Final = 8192
 
 
 class SqlError(ValueError):
-    """DuckDB's error for a query, with its lines as they are: a caret marks the place."""
+    """DuckDB's error for a query, with its lines unchanged: a caret marks the place."""
 
 
 class MemorySink(Sink):
@@ -53,8 +53,8 @@ def named_tables(sql: str) -> list[Table]:
 class Query:
     """A query. It is tried on empty tables first, so that errors show before hours of reading.
 
-    ``files``: the SQL may use files and the network. ``variables`` are what ``getvariable`` returns. Raises `SqlError`, and
-    `MissingLibraryError` without DuckDB.
+    ``files``: the SQL may use files and the network. ``variables`` are the values that ``getvariable`` returns. Raises
+    `SqlError`, and `MissingLibraryError` without DuckDB.
     """
 
     def __init__(self, sql: str, files: bool = False, variables: Mapping[str, str] | None = None) -> None:

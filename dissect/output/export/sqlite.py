@@ -33,7 +33,7 @@ _LISTS: Final = frozenset((INTS, WORDS))
 
 
 class SqliteSink(Sink):
-    """Writes tables to the database ``path``. Raises `OSError` where it cannot be written."""
+    """Writes tables to the database ``path``. Raises `OSError` if it cannot be written."""
 
     def __init__(self, path: Path, tables: Iterable[Table], metadata: Mapping[str, str]) -> None:
         self._tables = tuple(tables)
@@ -41,7 +41,7 @@ class SqliteSink(Sink):
         self._lists: dict[str, list[int]] = {}
         try:
             self._database = sqlite3.connect(path, isolation_level=None)
-            # The file is new, and not yet under its final name: no journal is needed in case the machine fails meanwhile.
+            # The file is new, and not yet under its final name, so no journal is needed against a crash of the machine.
             for line in ("journal_mode = OFF", "synchronous = OFF", f"user_version = {TABLES_VERSION}"):
                 self._database.execute(f"PRAGMA {line}")
             self._database.execute("BEGIN")
@@ -58,7 +58,7 @@ class SqliteSink(Sink):
         values: Sequence[Sequence[Any]] = [_flat(row, lists) for row in rows] if lists else rows
         try:
             self._insert(table, values)
-        except UnicodeEncodeError:  # a name that UTF-8 cannot hold
+        except UnicodeEncodeError:  # a name that UTF-8 cannot represent
             self._insert(table, [[encodable(one) if isinstance(one, str) else one for one in row] for row in values])
         except sqlite3.Error as error:
             raise _refused(error) from error
@@ -79,7 +79,7 @@ class SqliteSink(Sink):
 
     def abandon(self) -> None:
         """Close the database, which will be deleted."""
-        with suppress(sqlite3.Error):  # the database may be what failed
+        with suppress(sqlite3.Error):  # the database may be the cause of the failure
             self._database.close()
 
     def _create(self, table: Table) -> None:

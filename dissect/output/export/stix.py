@@ -39,7 +39,7 @@ _FRAMEWORK: Final = "mitre-attack"
 
 
 class StixExport(Export, Observer):
-    """Collects objects and writes the bundle to a file at the end. Findings are bounded, so the objects are too."""
+    """Collects objects and writes the bundle to a file at the end. Findings are limited, so the objects are, too."""
 
     def __init__(self, request: Request) -> None:
         Observer.__init__(self)
@@ -60,7 +60,7 @@ class StixExport(Export, Observer):
         return {"findings": self._findings, "objects": len(self._objects)}
 
     def begin(self, run: Run) -> None:
-        """Take the files of the run, by which packets are named."""
+        """Set the files of the run, by which packets are named."""
         self._rows = Rows(run.files)
         self._run = run
 
@@ -87,7 +87,7 @@ class StixExport(Export, Observer):
         self._context.opened(connection)
 
     def connection_closed(self, connection: Connection) -> None:
-        """Remember a connection that is over, for findings that come later."""
+        """Remember a finished connection, for findings that come later."""
         self._context.closed(connection)
 
     def finding(self, finding: Finding) -> None:
@@ -98,7 +98,7 @@ class StixExport(Export, Observer):
         connection = self._context.connection(int(finding.connection))
         time = self._time(int(finding.time_ns))
         tool = self._identity(time)
-        # One that another finding explains is a note of its own, but no observation: nothing else was seen there.
+        # A finding that another one explains gets its own note, but no observation: nothing else was seen there.
         seen = [self._traffic(connection)] if connection is not None and not finding.because else []
         if not finding.because:
             place = (finding.slug, finding.client, finding.server)
@@ -124,7 +124,7 @@ class StixExport(Export, Observer):
                 self._sighting(key, technique, tool, observed, time, time, 1)
 
     def _add_counts(self, ledger: Ledger) -> None:
-        """Add the events that are no findings in detail: one observation for each rule between each two hosts."""
+        """Add the events without a detailed finding: one observation for each rule between each two hosts."""
         for pair in ledger.pairs.values():
             for slug, found in pair.records.items():
                 more = int(found.events) - self._told.get((slug, pair.client, pair.server), 0)
@@ -256,7 +256,7 @@ class StixExport(Export, Observer):
         return self._observable(f"ipv{address.version}-addr", {"value": str(address)})
 
     def _host(self, host: str) -> str:
-        """Add the object of a host as facts name it, which may have a VLAN."""
+        """Add the object of a host by its name in facts, which may include a VLAN."""
         address = ipaddress.ip_address(host.partition(" ")[0])
         return self._observable(f"ipv{address.version}-addr", {"value": str(address)})
 

@@ -50,7 +50,7 @@ class Column(NamedTuple):
 class Table(NamedTuple):
     """A table: a row for each ``about``, in the order of completion; ``time`` is the column with the time of a row.
 
-    ``facts`` are those that its columns and the values of a row are made of.
+    ``facts`` are those from which its columns and the values of a row are made.
     """
 
     name: str
@@ -104,7 +104,7 @@ _TYPES: Final[Mapping[str, str]] = {
     kinds.COUNTS: INTS,
     kinds.WORDS: WORDS,
 }
-#: What the numbers of packets count.
+#: The count that the numbers of packets refer to.
 _UNITS: Final[Mapping[str, str]] = {
     kinds.FRAME: "packet of its file",
     kinds.FRAMES: "packets of their files",

@@ -66,7 +66,7 @@ class Shared:
         self._known: dict[Row, int] = {row: at for at, row in enumerate(first)}
 
     def at(self, row: Row) -> int:
-        """Return the index of a row in ``rows``; add it if it is new."""
+        """Return the index of a row in ``rows``; add the row if it is new."""
         known = self._known
         found = known.get(row)
         if found is None:
@@ -84,7 +84,7 @@ class Shared:
 
 
 class Files:
-    """Finds the file of a packet of the run, and its number within that file."""
+    """Finds the file of a packet of the run, and its number in that file."""
 
     def __init__(self, files: Sequence[SourceFile]) -> None:
         self._files: Sequence[SourceFile] = files
@@ -94,7 +94,7 @@ class Files:
         self._end: i64 = 0
 
     def locate(self, frame: int) -> tuple[str | None, int | None]:
-        """Return (file, number within it) of packet ``frame`` of the run; (None, None) for 0, which means no packet."""
+        """Return (file, number in it) of packet ``frame`` of the run; (None, None) for 0, which means no packet."""
         return self.name(frame), self.number(frame)
 
     def name(self, frame: i64) -> str | None:
@@ -106,7 +106,7 @@ class Files:
         return self._name
 
     def number(self, frame: i64) -> int | None:
-        """Return the number within its file of packet ``frame`` of the run, None for 0."""
+        """Return the number of packet ``frame`` of the run in its file, None for 0."""
         if not frame:
             return None
         if self._count != len(self._files) or frame < self._first or frame >= self._end:
@@ -124,7 +124,7 @@ class Files:
             self._end = int(file.first_frame)
 
 
-#: The column that `Packets.files` has.
+#: The column of `Packets.files`.
 FILE: Final = ("file",)
 
 
@@ -149,7 +149,7 @@ class Packets:
         self.frames.append(self._files.number(frame) or 0)
 
     def clear(self) -> None:
-        """Begin new lists; the present ones stay with whoever took them."""
+        """Begin new lists; the old ones belong to the code that took them."""
         self.files_at = []
         self.frames = []
         if self.files.bounded():
@@ -157,7 +157,7 @@ class Packets:
 
 
 class TransactionRows:
-    """Makes the columns of transactions; ``files`` are those of the run, to which more may be added while it goes on."""
+    """Makes the columns of transactions; ``files`` are those of the run, to which more may be added while it runs."""
 
     def __init__(self, files: Sequence[SourceFile]) -> None:
         self.files: Files = Files(files)
@@ -258,7 +258,7 @@ class TransactionColumns:
         self._ends_of: dict[int, int] = {}
 
     def add(self, transaction: Transaction, item_count: int) -> int:
-        """Add a transaction with ``item_count`` items; return how many transactions there are now."""
+        """Add a transaction with ``item_count`` items; return the new number of transactions."""
         rows = self._rows
         self.own.append(rows.own(transaction, item_count))
         self.ends_at.append(self._ends(transaction.connection))
@@ -285,7 +285,7 @@ class TransactionColumns:
         return found
 
     def clear(self) -> None:
-        """Begin new lists; the present ones stay with whoever took them."""
+        """Begin new lists; the old ones belong to the code that took them."""
         self.own = []
         self.ends_at = []
         self.functions_at = []
@@ -298,7 +298,7 @@ class TransactionColumns:
 
 
 def directed(connection: Connection) -> int:
-    """Return a number for a connection and the side that is its client, which may become known only later."""
+    """Return a number for a connection and its client side, which may become known only later."""
     return int(connection.number) * 2 + int(connection.client_side)
 
 

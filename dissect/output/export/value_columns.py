@@ -11,7 +11,7 @@ from dissect.output.export.transaction_rows import MOST_KNOWN, Packets, Shared, 
 from dissect.output.variables.model import HOWS, ValueRow, Variable
 from dissect.wire.text import encodable
 
-#: Groups of columns that repeat: those of the connection and of what was done, and those of the variable.
+#: Groups of columns that repeat: those of the connection and the operation, and those of the variable.
 ROUTE: Final = ("connection", "client_host", "server_host", "operation", "written")
 VARIABLE: Final = ("address", "name", "type", "unit")
 
@@ -41,7 +41,7 @@ class ValueColumns:
         self.remarks: list[str | None] = []
 
     def clear(self) -> None:
-        """Begin new columns; the present ones stay with whoever took them."""
+        """Begin new columns; the old ones belong to the code that took them."""
         self._begin()
         self.packets.clear()
         if self.routes.bounded():
@@ -51,7 +51,7 @@ class ValueColumns:
             self._latest = {}
 
     def add(self, row: ValueRow) -> int:
-        """Add a value; return how many there are now."""
+        """Add a value; return the new number of values."""
         self.packets.add(row.frame)
         self.times.append(int(row.time_ns))
         self.routes_at.append(self._route(row))
@@ -66,7 +66,10 @@ class ValueColumns:
         return len(self.data)
 
     def _value(self, at: int, value: object) -> None:
-        """Add a value of the variable with this index. One that is polled and stays is the same object: it is written once."""
+        """Add a value of the variable with this index.
+
+        A polled value that does not change is the same object, and is written once.
+        """
         known = self._latest.get(at)
         if known is None or known[0] is not value:
             known = self._latest[at] = (value, *shown(value))
@@ -74,7 +77,7 @@ class ValueColumns:
         self.texts.append(known[2])
 
     def _route(self, row: ValueRow) -> int:
-        """Return the index of the row with connection, hosts, and what was done."""
+        """Return the index of the row with connection, hosts and operation."""
         key: int = ((int(row.link.number) * 2 + int(row.side)) * len(HOWS) + HOWS.index(row.how)) * 2 + int(row.writes)
         known = self._route_of
         found = known.get(key)

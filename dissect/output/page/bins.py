@@ -1,4 +1,4 @@
-"""Counts over time and distributions of durations, in bounded memory: the data for the plots of a report."""
+"""Counts over time and distributions of durations, in limited memory: the data for the plots of a report."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ WIDTHS: Final = tuple(
         *(7_200_000, 43_200_000, 86_400_000, 864_000_000, 8_640_000_000, 86_400_000_000, 864_000_000_000),
     )
 )
-#: At most this many bins are kept while packets are read.
+#: Maximum number of bins that are kept while packets are read.
 _MOST: Final = 1500
 
 #: Buckets of a distribution for each doubling, as a power of two: durations are distinguished to 1/32.
@@ -55,7 +55,7 @@ class Bins:
             self._join()
 
     def widen(self, width: int) -> None:
-        """Join bins until they are as wide as ``width``, one of `WIDTHS`: that of another session."""
+        """Join bins until they are as wide as ``width``, one of `WIDTHS`: the width in another session."""
         while self.width < width:
             self._join()
 
@@ -92,7 +92,7 @@ def lower_end(number: int) -> int:
 
 
 def cells_of(bins: Bins, step: int, seconds: Callable[[int], float]) -> dict[str, Any]:
-    """Return how many durations there are by time and length, for JSON: in ``cells`` (bin, band, count).
+    """Return the number of durations by time and length, for JSON: in ``cells`` (bin, band, count).
 
     A bin begins ``width`` seconds times its number after ``origin``; a band is ``step`` buckets of a distribution.
     """
@@ -110,7 +110,7 @@ def cells_of(bins: Bins, step: int, seconds: Callable[[int], float]) -> dict[str
 
 
 class Spread:
-    """Durations in nanoseconds: count, sums, extremes, and how many are in each `bucket`."""
+    """Durations in nanoseconds: count, sums, extremes, and the number in each `bucket`."""
 
     __slots__ = ("_kept", "buckets", "count", "largest", "smallest", "squares", "sum")
 
@@ -124,7 +124,7 @@ class Spread:
         self._kept: array[int] = array("q")
 
     def add(self, ns: int, number: int = -1) -> None:
-        """Take one duration; ``number`` is its bucket, if that is known already."""
+        """Take one duration; ``number`` is its bucket, if already known."""
         if self.count < _EXACT:
             self._kept.append(ns)
         if not self.count or ns < self.smallest:
@@ -140,12 +140,12 @@ class Spread:
 
     @property
     def mean(self) -> int:
-        """The mean, 0 for none."""
+        """The mean, 0 if there are none."""
         return self.sum // self.count if self.count else 0
 
     @property
     def deviation(self) -> int:
-        """The standard deviation, 0 for none."""
+        """The standard deviation, 0 if there are none."""
         if not self.count:
             return 0
         return int(max(0.0, self.squares / self.count - (self.sum / self.count) ** 2) ** 0.5)
@@ -167,7 +167,8 @@ class Spread:
         for number in sorted(self.buckets):
             here = self.buckets[number]
             if seen + here >= wanted:
-                # Assumes that durations are spread evenly in a bucket; its lower end would always be too short.
+                # This assumes that durations are spread evenly in a bucket; the lower end of a bucket would always be too
+                # short.
                 low, high = lower_end(number), lower_end(number + 1)
                 return min(
                     max(low + (high - low) * (2 * (wanted - seen) - 1) // (2 * here), self.smallest), self.largest

@@ -1,4 +1,4 @@
-"""The cards of the page, one for each PLC: what it is, who polls it and writes to it, what it answered slowly or refused."""
+"""The cards of the page, one for each PLC: its identity, the clients that poll or write, its slow answers and refusals."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from dissect.wire.text import printable, shortened
 #: Greatest number of cards, and of lines in each list of a card.
 _CARDS: Final = 24
 _LINES: Final = 8
-#: Polls up to this one are rows of the table of repeated requests.
+#: Polls up to this number are rows of the table of repeated requests.
 _TEXT: Final = 120
 #: Operations that change the PLC or may.
 _CHANGING: Final = (CONTROL, DELETE, DOWNLOAD, TEST_JOB, TRANSFER)
@@ -49,7 +49,7 @@ _IDENTITY: Final = {
 def cards(ordered: Ordered, seconds: Callable[[int], float], width: int) -> dict[str, Any]:
     """Return the cards of the machines that answer, those with most transactions first.
 
-    ``seconds`` turns a time into seconds after the start; ``width`` is that of the bins of answer times, in nanoseconds.
+    ``seconds`` converts a time to seconds after the start; ``width`` is the width of the bins of answer times, in nanoseconds.
     """
     gathered = ordered.of
     servers = [(number, device) for number, device in enumerate(gathered.inventory.devices, 1) if device.asked_by]
@@ -92,7 +92,7 @@ def _transactions(device: Device) -> int:
 
 
 def _changes(talk: Talk) -> list[str]:
-    """Return how a client changed the PLC, or tried to: its writes, and its operations of the kinds that do."""
+    """Return how a client changed the PLC, or tried to: its writes, and its operations that change it."""
     writes = [words.count(talk.writes, "write")] if talk.writes else []
     return writes + [f"{KINDS[kind]} ({talk.operations[kind]})" for kind in _CHANGING if talk.operations.get(kind)]
 
@@ -106,7 +106,7 @@ class _Card:
         self._seconds = seconds
 
     def identity(self) -> list[list[str]]:
-        """Return what the PLC is, as (what, text); nothing that it did not say."""
+        """Return the identity of the PLC, as (label, text); without facts that it did not state."""
         told = device_row(self._device, self._rows.places)
         return [[label, shortened(told[key], _TEXT)] for key, label in _IDENTITY.items() if told[key]]
 
@@ -123,7 +123,7 @@ class _Card:
         ]  # fmt: skip
 
     def writer(self, talk: Talk) -> list[str]:
-        """Return a client that writes: its name, and what it did."""
+        """Return a client that writes: its name, and its actions."""
         return [self._rows.host(talk.client), ", ".join(_changes(talk))]
 
     def poll(self, number: int, known: Request) -> list[Any]:
@@ -132,7 +132,7 @@ class _Card:
         return [client, shortened(known.subject, _TEXT), known.count, known.periods.quantile(0.5), f"p{number}"]
 
     def refused(self, found: list[tuple[str, Variable]]) -> list[list[Any]]:
-        """Return refused addresses, the most often refused first: address, how often, why."""
+        """Return refused addresses, the most often refused first: address, how often, reason."""
         ordered = sorted(found, key=lambda entry: (-entry[1].refused, entry[0]))
         return [[shortened(address, _TEXT), variable.refused, variable.why] for address, variable in ordered]
 
@@ -143,7 +143,7 @@ class _Card:
         return [[self._seconds(one.first_ns), printable(one.value), number(one.first_frame)] for one in told[:_LINES]]
 
     def slowest(self, plc: Plc) -> list[list[Any]]:
-        """Return the slowest answers: answer time, time, function, what, the key of its row."""
+        """Return the slowest answers: answer time, time, function, subject, the key of its row."""
         return [
             [row["cells"][4], self._seconds(row["cells"][1]), row["cells"][5], row["cells"][6], row["key"]]
             for row in plc.slowest()

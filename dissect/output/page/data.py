@@ -28,7 +28,7 @@ _CARD_BINS: Final = 60
 _SPREADS: Final = 24
 _POLLS: Final = 24
 _LANES: Final = 24
-#: Hosts on each side of who talks to whom, and pairs of them.
+#: Maximum number of hosts on each side of the table of who talks to whom, and of pairs of them.
 _HOSTS: Final = 48
 _PAIRS: Final = 600
 _TAGS: Final = 12
@@ -85,7 +85,7 @@ class Data:
         return round((time_ns - self._start) / 1e9, 6)
 
     def _zones(self) -> list[list[Any]]:
-        """Return how far from UTC the times are: (seconds after the start, seconds ahead of UTC, name), one for each change."""
+        """Return how far the times are from UTC: (seconds after the start, seconds ahead of UTC, name), one for each change."""
         clock = self._of.rows.clock
         if not clock.local:
             return [[0, 0, clock.zone(self._start)]]
@@ -125,7 +125,7 @@ class Data:
     def _points(self) -> list[list[Any]]:
         """Return slow answers, the slowest first: (seconds, nanoseconds, key of the row, description).
 
-        The page draws so many of them as are slow among the answers that it shows.
+        The page draws as many of them as are slow among the answers that it shows.
         """
         return [
             [self._seconds(row["cells"][1]), row["cells"][4], row["key"], f"#{row['cells'][0]} {row['cells'][5]}"]

@@ -13,7 +13,7 @@ from dissect.output.page.gathered import Gathered
 from dissect.output.page.numbers import how_often
 from dissect.wire.text import cut_inside
 
-#: At most this many findings of a kind are shown one by one, with this many characters each.
+#: Maximum number of findings of a kind that are shown one by one, and of characters of each.
 _DETAILS: Final = 25
 _DETAIL: Final = 400
 

@@ -7,14 +7,14 @@ from typing import Final
 from dissect.engine.transactions.connection import Connection
 from dissect.packets.source.packet import CONTINUES_NS, SourceFile
 
-#: A connection was idle for most of a gap if it usually sends this many times what is missing in that time.
+#: A connection was idle for most of a gap if it usually sends this many times the missing bytes in that time.
 _IDLE: Final = 10
 
 
 class Gap:
-    """A time in which packets are missing, of one connection or of all (0).
+    """A time in which packets of one connection, or of all (0), are missing.
 
-    ``idle``: bytes are missing, but far fewer than the connection usually sends in that time, so that most of it was idle.
+    ``idle``: bytes are missing, but far fewer than the connection usually sends in that time, so it was mostly idle.
     """
 
     __slots__ = ("begin_ns", "connection", "end_ns", "idle", "why")
@@ -28,7 +28,7 @@ class Gap:
 
 
 class Heard:
-    """When the latest message of a connection came, and what was captured and missing of it by then.
+    """The time of the latest message of a connection, and its captured and missing bytes until then.
 
     ``worst`` is the severity of the gravest finding on it, empty for none.
     """

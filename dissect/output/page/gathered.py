@@ -1,8 +1,7 @@
 """`Gathered`: an observer that collects everything that a report shows, in one pass and in bounded memory.
 
-It counts by time what `dissect.meaning.report.analysis` counts over the whole run, and has such an `analysis`, too. It counts
-what it
-leaves out, so that the report can state it.
+It counts over time the same things that `dissect.meaning.report.analysis` counts over the whole run, and also has such an
+`analysis`. It counts everything that it leaves out, so that the report can state it.
 """
 
 from __future__ import annotations
@@ -43,9 +42,9 @@ MAX_FAILED: Final = 500
 MAX_CONNECTIONS: Final = 1000
 MAX_OPERATIONS: Final = 1000
 MAX_BLOCKS: Final = 500
-#: Greatest number of pairs of PLC and function whose answer times are kept separately.
+#: Maximum number of pairs of PLC and function whose answer times are kept separately.
 MAX_SPREADS: Final = 200
-#: Greatest number of further pairs that are counted.
+#: Maximum number of further pairs that are counted.
 MAX_FURTHER: Final = 10_000
 #: Greatest number of gaps, and of changes of the operating mode.
 MAX_GAPS: Final = 1000
@@ -89,9 +88,9 @@ class SpreadOf:
     """All transactions of one function of one PLC: their answer times, and counts of the other outcomes.
 
     ``times`` is the distribution of answer times, ``latencies`` has the quantiles that `analyze` reports, too. ``still_open``
-    are requests whose answer was not due yet when the capture ended, ``not_captured`` those whose answer may be what the
-    capture lacks, ``likely`` pairs that are only likely, which are in no answer time, ``orphans`` answers without a request,
-    ``alone`` pushes and requests that want no answer. ``plc`` has the answers of the PLC, None where there was no room.
+    are requests whose answer was not due yet when the capture ended, ``not_captured`` those whose answer may only be missing
+    from the capture, ``likely`` pairs that are only likely, which are in no answer time, ``orphans`` answers without a request,
+    ``alone`` pushes and requests that need no answer. ``plc`` has the answers of the PLC, None if there was no room.
     """
 
     __slots__ = (
@@ -141,7 +140,7 @@ class Gathered(Observer):
         self.requests = Requests()
         self.talks = Talks()
         self.plcs = Plcs()
-        #: Machines that speak on another port than that of ISO-on-TCP, or in IBH-NetLink: Wireshark does not look for S7 there.
+        #: Machines that use another port than that of ISO-on-TCP, or IBH-NetLink: Wireshark does not look for S7 there.
         self.unusual: set[Station] = set()
         self.tags = Tags(tags)
         self._gaps = Samples(MAX_GAPS, counted=False)
@@ -153,7 +152,7 @@ class Gathered(Observer):
         self.blocks = Samples(MAX_BLOCKS)
         self.failed = Samples(MAX_FAILED)
         self.connections = Ranked(MAX_CONNECTIONS)
-        #: How many connections began, and ended, by time.
+        #: Numbers of connections that began, and that ended, by time.
         self.opened = Bins()
         self.ended = Bins()
         self.failed_pushes = 0  # how many failed transactions are pushes with an item that the PLC could not read
@@ -163,7 +162,7 @@ class Gathered(Observer):
         self._slow_floor = -1
         self._slow_then = Samples(MAX_SLOWEST, counted=False)
         self.files: list[SourceFile] = []
-        self._file = 0  # index in `files` of the one that is being read
+        self._file = 0  # index in `files` of the file that is being read
         self._begin_ns = 0
         self._end_ns = 0
         self._span: tuple[int, int] | None = None
@@ -173,7 +172,7 @@ class Gathered(Observer):
     # ---- observer ---------------------------------------------------------------------------------------------------
 
     def connection_opened(self, connection: Connection) -> None:
-        """Remember a connection, for the gaps that are found on it."""
+        """Remember a connection, for gaps that are found on it."""
         self._at(int(connection.tcp.first_ns))
         self._heard[int(connection.number)] = Heard(connection)
 
@@ -266,12 +265,12 @@ class Gathered(Observer):
             self._gap(Gap(self._last_ns, max(self._last_ns, int(finding.time_ns)), 0, finding.rule.sentence))
 
     def list_open(self) -> None:
-        """Take the connections that are still open, in their present state, for a report on a part of the time."""
+        """Take the connections that are still open, in their current state, for a report on a part of the time."""
         for heard in list(self._heard.values()):
             self.connection_closed(heard.connection)
 
     def take(self, pipeline: Pipeline, files: list[SourceFile], span: tuple[int, int] | None = None) -> None:
-        """Take over what the pipeline counted, when the run or the period is over.
+        """Take the pipeline's counts, when the run or the period is over.
 
         ``span`` is the time that the report covers, in nanoseconds since 1970; None for the time of what was seen.
         """
@@ -290,13 +289,13 @@ class Gathered(Observer):
 
     @property
     def gaps(self) -> list[Gap]:
-        """The gaps that are drawn, in order of time; of too many, the longest of each part of the time."""
+        """The gaps that are drawn, in order of time; if there are too many, the longest of each part of the time."""
         found: list[Gap] = self._gaps.rows()
         return found
 
     @property
     def gaps_not_drawn(self) -> int:
-        """How many gaps there are besides `gaps`."""
+        """The number of gaps besides `gaps`."""
         return self._gaps.total - len(self._gaps)
 
     @property
@@ -306,7 +305,7 @@ class Gathered(Observer):
 
     @property
     def spans(self) -> list[Span]:
-        """The times of the operations that are kept."""
+        """The times of the kept operations."""
         return [span for _, span in self.operations.rows()]
 
     def _at(self, time_ns: int) -> None:
@@ -365,7 +364,7 @@ class Gathered(Observer):
             self._gaps.add(gap.end_ns, rank, gap)
 
     def _spread(self, transaction: Transaction, latency: int | None, number: int, host: Station) -> SpreadOf | None:
-        """Count a transaction with its answer time, which is in bucket ``number``; return where, None if nowhere."""
+        """Count a transaction with its answer time, which is in bucket ``number``; return its record, None if it has none."""
         key = (host, transaction.function_name)
         spread = self.spreads.get(key)
         if spread is None:
@@ -401,7 +400,7 @@ class Gathered(Observer):
         if transaction._outcome == PUSH:
             self.failed_pushes += 1
         self.first_failure_ns = min(self.first_failure_ns or now, now)
-        rank = mixed(int(transaction.number)) if self.failed.total else -1  # the first stays
+        rank = mixed(int(transaction.number)) if self.failed.total else -1  # the first one stays
         if self.failed.wants(now, rank):
             self.failed.add(now, rank, self.rows.transaction(transaction))
 

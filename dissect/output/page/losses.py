@@ -1,4 +1,4 @@
-"""The sentence of a verdict that names what is missing from the capture."""
+"""The sentence of a verdict about data that are missing from the capture."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _FILTERED: Final = 8
 
 
 def gaps_in(gathered: Gathered) -> list[str]:
-    """Return the sentence on the gaps of the whole capture; none if it has none, or if the report is about a part of it."""
+    """Return the sentence about the gaps of the whole capture; empty if it has none, or if the report covers a part of it."""
     analysis = gathered.analysis
     if analysis.pipeline is None or analysis.part is not None:
         return []

@@ -1,4 +1,4 @@
-"""What a page shows in several places, put in order once."""
+"""Data that a page shows in several places, sorted once."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ from dissect.output.page.rows import Station
 
 
 class Ordered:
-    """Rows of what was gathered, in the order of their tables, by which plots and cards refer to them.
+    """The gathered rows in the order of their tables, by which plots and cards refer to them.
 
-    ``functions`` are answers by PLC and function, the most frequent first; ``polls`` repeated requests, the most frequent
-    first; ``variables`` what was read and written by PLC and address, the most often refused first, then the most frequent.
+    ``functions`` are answers by PLC and function, the most frequent first; ``polls`` are repeated requests, the most frequent
+    first; ``variables`` are reads and writes by PLC and address, the most often refused first, then the most frequent.
     """
 
     def __init__(self, gathered: Gathered) -> None:

@@ -1,4 +1,4 @@
-"""What the card of a PLC shows besides what others count: its answer times over time, and its slowest requests."""
+"""The parts of a PLC's card that nothing else counts: its answer times over time, and its slowest requests."""
 
 from __future__ import annotations
 
@@ -8,18 +8,18 @@ from typing import Any, Final
 from dissect.output.page.bins import Bins
 from dissect.output.page.rows import Station
 
-#: Greatest number of PLCs whose answer times are kept over time.
+#: Maximum number of PLCs whose answer times are kept over time.
 MAX_PLCS: Final = 200
-#: This many of the slowest requests of each.
+#: Number of slowest requests that are kept for each.
 _SLOWEST: Final = 5
-#: At most this many bins of time for each while packets are read.
+#: Maximum number of bins of time for each while packets are read.
 _BINS: Final = 240
 #: Buckets of a distribution that make a band: two for each doubling.
 BAND: Final = 16
 
 
 class Plc:
-    """The answers of a PLC: how many by time and by how long they took (`BAND`), and the rows of the slowest."""
+    """The answers of a PLC: their numbers by time and by duration (`BAND`), and the rows of the slowest."""
 
     __slots__ = ("_slowest", "times")
 
@@ -28,12 +28,12 @@ class Plc:
         self._slowest: list[tuple[int, int, dict[str, Any]]] = []
 
     def answered(self, now: int, latency: int, number: int) -> bool:
-        """Count an answer in bucket ``number``; return whether it is one of the slowest: its row has to be given to `slow`."""
+        """Count an answer in bucket ``number``; return whether it is one of the slowest: then give its row to `slow`."""
         self.times.add(now, number // BAND)
         return len(self._slowest) < _SLOWEST or latency > self._slowest[0][0]
 
     def slow(self, latency: int, order: int, row: dict[str, Any]) -> None:
-        """Take the row of a slow transaction; of equally slow ones that of the greatest ``order`` stays."""
+        """Take the row of a slow transaction; of equally slow ones the one with the greatest ``order`` stays."""
         if len(self._slowest) < _SLOWEST:
             heapq.heappush(self._slowest, (latency, order, row))
         else:

@@ -1,4 +1,4 @@
-"""Repeated requests: how often and how evenly they come, and which variables they name."""
+"""Repeated requests: their frequency and regularity, and the variables that they name."""
 
 from __future__ import annotations
 
@@ -16,11 +16,12 @@ from dissect.protocols.s7.tables import GROUP_CPU, READ_VAR, WRITE_VAR
 from dissect.protocols.s7plus.parameters import PLUS
 from dissect.wire.text import titled
 
-#: Greatest number of distinct requests that are followed; if there are more, those that came fewer than `REPEATED` times go.
+#: Maximum number of distinct requests that are followed; if there are more, those with fewer than `REPEATED` repetitions are
+#: dropped.
 MAX_REQUESTS: Final = 2000
 #: A request that came this many times is a poll.
 REPEATED: Final = 4
-#: At most this many refused transactions are searched for their refused items.
+#: Maximum number of refused transactions that are searched for their refused items.
 _MAX_LOOKED: Final = 20_000
 _READ_SZL: Final = (GROUP_CPU, 1)
 
@@ -60,7 +61,7 @@ def _subject(transaction: Transaction) -> str:
 
 
 class Variable:
-    """How often one address of one PLC was read, written and refused, and by whom."""
+    """How often one address of one PLC was read, written and refused, and by which clients."""
 
     __slots__ = ("clients", "read", "refused", "why", "written")
 
@@ -99,7 +100,7 @@ class Requests:
         connection = transaction.connection
         octets = parameters.octets
         if userdata is not None and transaction.request_size:
-            octets = transaction.request_octets[10:]  # the data say what is requested
+            octets = transaction.request_octets[10:]  # the data determine what is requested
         elif outcome == PUSHED:
             octets = transaction.response_octets[:22]  # the head of a push; its data change
         key = (int(connection.number), outcome == PUSHED, octets)
@@ -157,7 +158,7 @@ class Requests:
         return self._looked <= _MAX_LOOKED
 
     def _look(self, transaction: Transaction) -> None:
-        """Count which items were refused: of a request that was refused as a whole, all."""
+        """Count which items were refused: all items if the request was refused as a whole."""
         self._looked += 1
         if self._looked > _MAX_LOOKED:
             return
@@ -183,7 +184,7 @@ class Requests:
             self._refused[place] = (count + 1, error.name)
 
     def _make_room(self) -> bool:
-        """Forget requests that came too seldom to be polls; return False if there are none."""
+        """Forget requests that came too rarely to be polls; return False if there are none."""
         seldom = [key for key, known in self._known.items() if known.count < REPEATED]
         for key in seldom:
             del self._known[key]

@@ -29,7 +29,7 @@ NEEDS: Final = "reports need jinja2: pip install 's7dissect[report]'"
 SCRIPT: Final = (
     "elements", "numbers", "words", "scales", "figures", "times", "rows", "hosts", "cards", "tags", "tables", "moving", "page",
 )  # fmt: skip
-#: Greatest number of differences of two sessions that are listed.
+#: Maximum number of differences of two sessions that are listed.
 MAX_DIFFERENCES: Final = 200
 
 
@@ -39,7 +39,7 @@ def is_installed() -> bool:
 
 
 class Side:
-    """One session of a page: what was gathered, and the names of its files."""
+    """One session of a page: the gathered data, and the names of its files."""
 
     def __init__(self, gathered: Gathered, names: list[str]) -> None:
         self.gathered = gathered
@@ -47,7 +47,7 @@ class Side:
 
     @property
     def title(self) -> str:
-        """The name of the file; for several, that of the first and the number of others."""
+        """The name of the file; if there are several, that of the first and the number of others."""
         return file_title(self.names)
 
     def template_values(self, letter: str, prefix: str) -> dict[str, Any]:
@@ -128,7 +128,7 @@ class Side:
 
 
 def render(sides: list[Side], version: str, differences: list[str] | None = None, left_out: int = 0) -> str:
-    """Return the page of one session, or of two with their ``differences``; ``left_out`` is how many are not listed.
+    """Return the page of one session, or of two with their ``differences``; ``left_out`` is the number of those not listed.
 
     Raises ImportError with a hint when the template engine is missing.
     """
@@ -164,7 +164,7 @@ def render(sides: list[Side], version: str, differences: list[str] | None = None
 
 
 def prepare() -> None:
-    """Read and import everything that a page needs now: a process that gives up its privileges may not be able to later.
+    """Read and import now everything that a page needs: a process that gives up its privileges may not be able to do so later.
 
     Raises ImportError with a hint when the template engine is missing.
     """
@@ -198,7 +198,7 @@ def policy(style: str, script: str) -> str:
 
 
 def shipped_policy() -> str:
-    """Return the policy of the pages that this version makes, for a page that shows them in itself."""
+    """Return the policy of the pages that this version makes, for a page that contains them."""
     _, style, script = _parts()
     return policy(style, script)
 

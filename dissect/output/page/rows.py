@@ -23,18 +23,18 @@ from dissect.wire.text import Clock, encodable, printable, shortened
 
 #: Greatest number of characters of a cell.
 _CELL: Final = 240
-#: Greatest number of characters that the names of all files may take in a command.
+#: Maximum number of characters that the names of all files may have in a command.
 _NAMES: Final = 160
-#: Characters that options may take in a command.
+#: Maximum number of characters of the options in a command.
 _OPTIONS: Final = 240
 #: Options for the transport of SCD, and commands without them.
 SCD_OPTIONS: Final = ("--scd", "--bind")
 _NO_SCD: Final = frozenset(("devices", "operations"))
-#: Packets that a Wireshark filter names.
+#: Maximum number of packets that a Wireshark filter names.
 _FRAMES: Final = 20
 
 
-#: A machine: its address and its VLAN (`vlan_ids`), since identical machines use the same addresses in different VLANs.
+#: A machine: its address and its VLAN (`vlan_ids`), because identical machines use the same addresses in different VLANs.
 Station: TypeAlias = tuple[str, int]
 
 
@@ -51,7 +51,7 @@ def selecting(field: str, station: Station) -> str:
 
 
 def host_filter(*hosts: str) -> str:
-    """Return the Wireshark display filter for what these hosts exchange."""
+    """Return the Wireshark display filter for the traffic between these hosts."""
     return " && ".join([f"{_family(host)}.addr == {host}" for host in dict.fromkeys(hosts)])
 
 
@@ -60,7 +60,7 @@ def _family(host: str) -> str:
 
 
 def _typed(options: Sequence[tuple[str, str]]) -> str:
-    """Return options as they follow a command; of those that take too much room their names, for the reader to complete."""
+    """Return options as they follow a command; if they are too long, only their names, which the reader must complete."""
     full = "".join([f" {name} {shlex.quote(printable(value))}" if value else f" {name}" for name, value in options])
     return (
         full if len(full) <= _OPTIONS else "".join([f" {name} …" if value else f" {name}" for name, value in options])
@@ -72,7 +72,10 @@ _PATHS: Final = frozenset(("--scd", "--bind", "--tags", "--tls-keys", "--config"
 
 
 def base_name(path: str) -> str:
-    """Return the name of a file without its folder. An address such as https://host/name stays: a name alone opens nothing."""
+    """Return the name of a file without its folder.
+
+    An address such as https://host/name stays, because a name alone would open nothing.
+    """
     return path if "://" in path else path.rpartition("/")[2].rpartition(os.sep)[2]
 
 
@@ -93,9 +96,9 @@ def _without_folder(option: tuple[str, str]) -> tuple[str, str]:
 class Rows:
     """Makes rows. ``files`` are the inputs as the user named them, empty for a live run; ``hosts`` are names by address.
 
-    ``options`` are those of `s7dissect` that say how the files are read, as they were typed; commands on a file repeat them.
-    Files are named without their folder unless ``full_paths``: a report is given away. ``places`` names packets; it is set once
-    the files are known, before the first packet.
+    ``options`` are those of `s7dissect` that determine how the files are read, as they were typed; commands on a file repeat
+    them. Files are named without their folder unless ``full_paths``, because a report is given to others. ``places`` names
+    packets; it is set once the files are known, before the first packet.
     """
 
     def __init__(
@@ -151,7 +154,7 @@ class Rows:
     # ---- how to see it elsewhere ------------------------------------------------------------------------------------
 
     def commands(self) -> dict[str, Any]:
-        """Return what follows ``s7dissect`` and a row's ``show`` in a command: the page writes it once, not in each row.
+        """Return the parts of a command after ``s7dissect`` and a row's ``show``: the page writes them once, not in each row.
 
         ``all`` are all files, ``files`` each of them, for a row with a packet of file number ``in``; ``bare`` are the options
         of the commands ``without``, which do not decode SCD. Empty without files.
@@ -176,7 +179,7 @@ class Rows:
         return found
 
     def packets(self, frames: list[int]) -> dict[str, Any]:
-        """Return how to see packets, as `how`; empty texts for none."""
+        """Return the way to see packets, as in `how`; empty texts for none."""
         known = sorted({frame for frame in frames if frame})
         if not known or not self._files:
             return {"show": "", "filter": ""}
@@ -221,7 +224,7 @@ class Rows:
         }
 
     def block(self, block: CarvedBlock, operation: Operation, number: int) -> dict[str, Any]:
-        """Return the row of a block that was loaded or read out, as far as it was captured."""
+        """Return the row of a block that was loaded or read out; it may be incomplete."""
         texts = (block.label, block.name, block.language, block.author, block.version, block.code_time)
         label, name, language, author, version, changed = [shortened(text, _CELL) for text in texts]
         return {
@@ -285,12 +288,12 @@ class Rows:
 
 
 def octets_of(connection: Connection) -> int:
-    """Return how many bytes both sides of a connection sent, as far as they were captured."""
+    """Return the number of captured bytes that both sides of a connection sent."""
     return sum([int(stream.octets) for stream in connection.tcp.streams])
 
 
 def _asks(connection: Connection) -> bool:
-    """Return whether a connection has transactions; it may have messages without."""
+    """Return whether a connection has transactions; it may have only other messages."""
     return bool(connection.answered or connection.unanswered or connection.orphans or connection.unsolicited)
 
 

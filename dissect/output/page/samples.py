@@ -1,6 +1,6 @@
-"""A bounded number of rows of many, spread over the time, and how many there were of them all.
+"""A limited number of rows of many, spread over the time, and the number of all rows.
 
-What is kept does not depend on chance: the same capture gives the same rows.
+The choice does not depend on chance: the same capture gives the same rows.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from dissect.output.page.bins import WIDTHS, Bins
 #: The rows are spread over this many bins of time or fewer, and on average a bin has room for this many rows or more.
 _BINS: Final = 64
 _ROOM: Final = 4
-#: Mixes a number (golden ratio of 2**64), so that numbers in a row are kept or not without a pattern.
+#: Mixes a number (golden ratio of 2**64), so that consecutive numbers are kept or not without a pattern.
 _MIX: Final = 0x9E3779B97F4A7C15
 _MASK: Final = 2**64 - 1
 #: Above every rank.
@@ -21,12 +21,12 @@ _ALL: Final = 2**65
 
 
 def mixed(number: int) -> int:
-    """Return a rank for a number that says nothing about its order: `Samples` then keeps each row with the same chance."""
+    """Return a rank for a number that is independent of its order: `Samples` then keeps each row with the same chance."""
     return ((number * _MIX & _MASK) ^ (number * _MIX & _MASK) >> 29) * _MIX & _MASK
 
 
 class _Bin:
-    """The rows of a bin of time, those of the greatest rank on top; ranks from ``floor`` on are no longer taken."""
+    """The rows of a bin of time, those with the greatest rank on top; ranks from ``floor`` on are no longer accepted."""
 
     __slots__ = ("floor", "rows")
 
@@ -38,9 +38,9 @@ class _Bin:
 class Samples:
     """At most ``most`` rows. If there are more, the row with the greatest rank is dropped from the fullest bin of time.
 
-    So a time in which much happens does not push out what happens at another time, and in each bin the least ranks stay. Ask
-    `wants` before a row is made: most are not wanted, and making one takes longer than asking. ``counts`` counts all requests,
-    by time; with ``counted`` False the caller counts them.
+    So a busy time does not displace the rows of other times, and in each bin the lowest ranks stay. Ask `wants` before a row is
+    made: most are not wanted, and making one takes longer than asking. ``counts`` counts all requests, by time; with
+    ``counted`` False the caller counts them.
     """
 
     def __init__(self, most: int, counted: bool = True) -> None:
@@ -56,7 +56,7 @@ class Samples:
         return self._kept
 
     def wants(self, time_ns: int, rank: int) -> bool:
-        """Count something at a time (nanoseconds since 1970); return whether its row has to be made and given to `add`."""
+        """Count something at a time (nanoseconds since 1970); return whether its row must be made and given to `add`."""
         self.total += 1
         if self.counts is not None:
             self.counts.add(time_ns, 0)
@@ -64,7 +64,7 @@ class Samples:
         return found is None or rank < found.floor
 
     def add(self, time_ns: int, rank: int, row: Any) -> None:
-        """Take the row of what `wants` wanted."""
+        """Take the row that `wants` wanted."""
         number = time_ns // WIDTHS[self._step]
         found = self._bins.get(number)
         if found is None:
@@ -101,7 +101,7 @@ class Samples:
 
 
 class Ranked:
-    """At most ``most`` rows: those with the least ranks, however many come."""
+    """At most ``most`` rows: those with the lowest ranks, however many come."""
 
     def __init__(self, most: int) -> None:
         self.total = 0
@@ -112,12 +112,12 @@ class Ranked:
         return len(self._rows)
 
     def wants(self, rank: tuple[int, ...]) -> bool:
-        """Count something, whose rank no other has; return whether its row has to be made and given to `add`."""
+        """Count something, whose rank is unique; return whether its row must be made and given to `add`."""
         self.total += 1
         return len(self._rows) < self._most or tuple([-one for one in rank]) > self._rows[0][0]
 
     def add(self, rank: tuple[int, ...], row: Any) -> None:
-        """Take the row of what `wants` wanted."""
+        """Take the row that `wants` wanted."""
         entry = (tuple([-one for one in rank]), row)
         if len(self._rows) < self._most:
             heapq.heappush(self._rows, entry)
@@ -125,5 +125,5 @@ class Ranked:
             heapq.heapreplace(self._rows, entry)
 
     def rows(self) -> list[Any]:
-        """Return the rows that were kept, those of the least rank first."""
+        """Return the kept rows, those with the lowest rank first."""
         return [row for _, row in sorted(self._rows, key=lambda entry: entry[0], reverse=True)]

@@ -1,4 +1,4 @@
-"""The tables of the page: their columns and rows, how many there are of all, and the command that lists them all."""
+"""The tables of the page: their columns and rows, the number of all rows, and the command that lists them all."""
 
 from __future__ import annotations
 
@@ -41,12 +41,12 @@ ID: Final = "id"
 
 
 def timed(gathered: Gathered) -> int:
-    """Return how many answers have an answer time: all but those of pairs that are only likely."""
+    """Return the number of answers with an answer time: all except those of pairs that are only likely."""
     return int(gathered.analysis.answered) - sum(gathered.analysis.likely.values())
 
 
 class Tables:
-    """The tables of one session from ``start_ns`` to ``end_ns``; ``most`` bins of time say how much of a table is when."""
+    """The tables of one session from ``start_ns`` to ``end_ns``; ``most`` bins of time show when omitted rows were."""
 
     def __init__(self, ordered: Ordered, start_ns: int, end_ns: int, most: int) -> None:
         self._of = ordered.of
@@ -105,14 +105,14 @@ class Tables:
         ]  # fmt: skip
 
     def _then(self, command: str, where: str, left_out: bool, counts: Bins | None) -> dict[str, Any]:
-        """Return the command that lists all rows of a table, and, where rows are left out, how many there are by time.
+        """Return the command that lists all rows of a table, and, if rows are left out, their numbers by time.
 
-        The report may be of a selection; the command is empty where it could not repeat that.
+        The report may be about a selection; the command is empty if it could not repeat that.
         """
         part = self._of.analysis.part
         if part is not None:
             where = f"({part.where}) and {where}" if where else part.where
-            if self._of.rows.clock.local or printable(where) != where:  # its times are those of a zone
+            if self._of.rows.clock.local or printable(where) != where:  # its times are in the zone of this machine
                 command = ""
         found: dict[str, Any] = {"all": f"{command} -Y {quote(where)}" if command and where else command}
         if left_out and counts is not None:
@@ -199,12 +199,13 @@ class Tables:
         return self._table("devices", "Devices", columns, rows, len(inventory.devices) + inventory.devices_not_listed)
 
     def _s7comm(self, host: Station) -> str:
-        """Return the Wireshark filter for what a machine says in S7comm; for all it says where Wireshark may not know that."""
+        """Return the Wireshark filter for a machine's S7comm; for all its traffic if Wireshark may not recognise S7comm."""
         return host_filter(host[0]) if host in self._of.unusual else f"s7comm && {host_filter(host[0])}"
 
     def _functions(self) -> dict[str, Any]:
         rows: list[dict[str, Any]] = []
-        known = frozenset(function_names())  # names that -Y takes; other functions have only a number, or are SCD's
+        # names that -Y accepts; other functions only have a number, or belong to SCD
+        known = frozenset(function_names())
         for (host, function), spread in self._ordered.functions:
             times = spread.times
             where = selecting("answered_by", host) + (f' and function == "{function}"' if function in known else "")

@@ -1,4 +1,4 @@
-"""Values of the tags that are to be plotted, over time, and who wrote them."""
+"""Values over time of the tags to be plotted, and the clients that wrote them."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from dissect.output.variables.wanted import WantedSet
 _EXACT: Final = 2000
 #: Greatest number of writes kept for each tag.
 _WRITES: Final = 300
-#: Greatest number of variables whose values are kept: a structure may have thousands of elements.
+#: Maximum number of variables whose values are kept: a structure may have thousands of elements.
 _TAGS: Final = 64
 
 
 class Step:
     """One value, or the values in one bin of time: time of the first; first, smallest, largest and last value; count.
 
-    ``broken``: bytes are missing before this step, so that the value up to it is not known.
+    ``broken``: bytes are missing before this step, so the value up to it is unknown.
     """
 
     __slots__ = ("broken", "count", "first", "largest", "last", "smallest", "time_ns")
@@ -43,7 +43,7 @@ class Step:
 
 
 class Write:
-    """One write of a tag: who wrote, in which packet."""
+    """One write of a tag: its client and its packet."""
 
     __slots__ = ("frame", "time_ns", "value", "writer")
 
@@ -171,7 +171,7 @@ class Tags:
         return [one.text for one in self._wanted.all if one.text not in self._collector.found]
 
     def left_out(self) -> str:
-        """Return the sentence on values that are not drawn because they are only likely those of a tag; empty for none."""
+        """Return the sentence about values that are not drawn because they only probably belong to a tag; empty for none."""
         return values_left_out(self._collector.doubts, "the plots of values") if self._collector is not None else ""
 
     def refused(self) -> list[str]:

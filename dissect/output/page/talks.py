@@ -1,4 +1,4 @@
-"""Who talked to whom, how much, and the most severe finding on each pair."""
+"""The pairs of hosts that talked: how much, and the most severe finding of each pair."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from dissect.engine.findings.catalogue import SEVERITIES
 from dissect.engine.transactions.connection import Connection
 from dissect.output.page.rows import octets_of
 
-#: Greatest number of pairs of client and server that are kept.
+#: Maximum number of pairs of client and server that are kept.
 MAX_PAIRS: Final = 1000
-#: This many connections that are over are remembered, as findings on them may still come.
+#: This many finished connections are remembered, because findings about them may still come.
 _RECENT: Final = 4096
 
 
@@ -58,7 +58,7 @@ class Talks:
             self._waiting[connection] = worse(self._waiting.get(connection, ""), severity)
 
     def over(self, connection: Connection) -> None:
-        """Take a connection that is over."""
+        """Take a finished connection."""
         number = int(connection.number)
         key = (str(connection.client.host), str(connection.server.host), int(connection.tcp.vlan))
         pair = self.pairs.get(key)

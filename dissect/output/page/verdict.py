@@ -1,4 +1,4 @@
-"""The first sentences of a report: what failed, since when, and who is concerned, with the packets that show it."""
+"""The first sentences of a report: the failure, its duration, and the hosts concerned, with the packets that show it."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ from dissect.wire.text import cut_inside, duration_text
 _KINDS: Final = (FUNCTION, OPERATION, NEGOTIATION, PROTOCOL, SECURITY, CAPTURE)
 #: Findings of every plant with a panel: they come last among those of their severity and kind.
 _EVERYDAY: Final = frozenset(("security.write",))
-#: Characters of what was seen, and pairs of hosts that are named.
+#: Limits: characters of the detail, and pairs of hosts that are named.
 _DETAIL: Final = 160
 _PAIRS: Final = 3
 #: The suffix of the name of a host in a VLAN (`dissect.packets.tcp.link.within`).
@@ -39,9 +39,9 @@ _IN_VLAN: Final = " in VLAN "
 
 
 class Verdict:
-    """Three sentences, and one on what is missing from the capture.
+    """Three sentences, and one about data that are missing from the capture.
 
-    ``severity`` is that of the worst finding, empty for none; ``finding`` the one they are about.
+    ``severity`` is that of the worst finding, empty for none; the sentences are about ``finding``.
     """
 
     def __init__(self, severity: str, sentences: list[str], finding: Finding | None = None) -> None:
@@ -51,7 +51,7 @@ class Verdict:
 
 
 def by_weight(analysis: Analysis) -> list[Rule]:
-    """Return the rules that applied, the heaviest first: what changes a running plant, then what failed, then by time."""
+    """Return the rules that applied, the heaviest first: changes of a running plant, then failures, then by time."""
     rules = by_gravity(analysis.finding_counts, analysis.ledger)
     return sorted(rules, key=_weight)  # for equal weight, the order stays
 
@@ -93,7 +93,7 @@ def _time(finding: Finding) -> tuple[int, int]:
 
 
 def _what(gathered: Gathered, rule: Rule, first: Finding) -> str:
-    """What broke, with the packets that show it."""
+    """Return the sentence about the failure, with the packets that show it."""
     rows = gathered.rows
     detail = cut_inside(rows.short(rows.places.named(first.detail)), _DETAIL).rstrip(".")
     shown = rows.short(rows.places.phrase(first.frames))
@@ -126,7 +126,7 @@ def _since(gathered: Gathered, rule: Rule, first: Finding, told: Told) -> str:
 
 
 def _who(gathered: Gathered, found: list[Finding], rules: list[Rule]) -> str:
-    """Return the sentence on who is concerned, and on other findings."""
+    """Return the sentence about the hosts concerned, and other findings."""
     ledger = gathered.analysis.ledger
     named: dict[str, None] = {}
     ends = {int(connection.number): connection for connection in gathered.analysis.connections}
@@ -165,7 +165,7 @@ def _talk(gathered: Gathered, pair: Pair) -> str:
 
 
 def _sound(gathered: Gathered) -> list[str]:
-    """Return sentences for a run without faults: how much was seen, how fast, and between whom."""
+    """Return sentences for a run without faults: the amount of traffic, the answer times, and the hosts."""
     analysis = gathered.analysis
     times = analysis.latencies
     pairs = list(gathered.talks.pairs)
@@ -189,7 +189,7 @@ def _sound(gathered: Gathered) -> list[str]:
 
 
 def _nothing(gathered: Gathered) -> list[str]:
-    """Return sentences for a capture without S7: what it contains instead."""
+    """Return sentences for a capture without S7: the traffic that it has instead."""
     pipeline = gathered.analysis.pipeline
     if pipeline is None or not pipeline.frames:
         return [

@@ -1,4 +1,4 @@
-"""Makes a `WantedSet` of what a user names: addresses of every dialect, tags, their elements and members, SCD objects."""
+"""Makes a `WantedSet` from names that a user gives: addresses of all dialects, tags, elements and members, SCD objects."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ from dissect.wire.config.hints import close_names
 from dissect.wire.errors import Error
 from dissect.wire.text import shortened
 
-#: Addresses of SCD, and names of S7comm-plus: whether these exist shows only in the traffic.
+#: Addresses of SCD, and names of S7comm-plus: only the traffic shows whether these exist.
 _OBJECT: Final = re.compile(r"0x[0-9a-f]{1,16}:[0-9]{1,10}")
 _PLUS: Final = re.compile(r'.*".*|.* LID [0-9]+.*')
 #: The name of an element of an array: the array and the indexes.
 _ELEMENT: Final = re.compile(r"(.+)\[([0-9,. -]+)\]")
-#: Of a whole data block, at most this many bits are watched.
+#: Maximum number of bits of a whole data block that are watched.
 _MOST_BITS: Final = 8 * 65536
 
 
@@ -37,7 +37,7 @@ class WantedError(Error, ValueError):
 class Known:
     """The names that a user may give: those of the tags in ``naming``, and ``others`` (of SCD).
 
-    ``of_command``: they are those of a command, where tags come by its option; ``files``: and may be files as well.
+    ``of_command``: they belong to a command with an option for tags; ``files``: they may also be files.
     """
 
     def __init__(
@@ -68,7 +68,7 @@ def scd_names(decoder: PayloadDecoder | None) -> list[str]:
 
 
 def choose(texts: Sequence[str], known: Known) -> WantedSet:
-    """Return the set of what ``texts`` name. Raises `WantedError` for the first text that names nothing."""
+    """Return the set of the things that ``texts`` name. Raises `WantedError` for the first text that names nothing."""
     found: dict[tuple[str, int, int, int, int], Wanted] = {}
     for text in texts:
         for wanted in one_of(text, known):
@@ -81,7 +81,7 @@ def _place(wanted: Wanted) -> tuple[int, int, int, int]:
 
 
 def one_of(text: str, known: Known) -> list[Wanted]:
-    """Return what one text names: a tag, all members of a structure, an address. Raises `WantedError`."""
+    """Return the things that one text names: a tag, all members of a structure, an address. Raises `WantedError`."""
     tags = _tags(text, known)
     if tags:
         return tags

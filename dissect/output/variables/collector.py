@@ -1,8 +1,7 @@
-"""`Collector`: makes rows of values from transactions, each with the variable that it is of and the value before.
+"""`Collector`: makes rows of values from transactions, each with its variable and the value before it.
 
 At most `MAX_VARIABLES` variables (`dissect.output.variables.tracker`) are remembered. Values of further variables still make
-rows, but
-without the value before, and they are not in summaries; ``untracked`` counts them.
+rows, but without the value before, and they are not in summaries; ``untracked`` counts them.
 """
 
 from __future__ import annotations
@@ -57,10 +56,10 @@ class Collector(Observer):
     """Collects rows of values from transactions until `take`; with ``sums`` it only adds them up for summaries.
 
     ``wanted`` are the wanted places and names, None for everything. ``changes`` leaves out values equal to the one before.
-    ``every_ns`` keeps only the first value of a variable in each interval of so many nanoseconds (counted from 1970); other
-    values are ignored. ``choose`` returns which transactions are wanted; ``most`` is how many variables are remembered.
-    Transactions that are only likely are left out and counted in ``doubts``, by `Transaction.doubt`. With ``likely`` their
-    values make rows as well, each with its ``doubt``; they are never the value before another one, and are not added up.
+    ``every_ns`` keeps only the first value of a variable in each interval of this many nanoseconds (counted from 1970); other
+    values are ignored. ``choose`` returns which transactions are wanted; ``most`` is the maximum number of remembered
+    variables. Transactions that are only likely are left out and counted in ``doubts``, by `Transaction.doubt`. With ``likely``
+    their values make rows as well, each with its ``doubt``; they are never the value before another one, and are not added up.
     With ``refusals`` each item that the PLC refused makes a row as well (`RefusedRow`).
     """
 
@@ -101,7 +100,7 @@ class Collector(Observer):
 
     @property
     def known(self) -> int:
-        """How many variables are remembered so far."""
+        """Number of variables that are remembered so far."""
         return self._store.count
 
     @property
@@ -116,7 +115,7 @@ class Collector(Observer):
 
     @property
     def most(self) -> int:
-        """How many variables are remembered at most."""
+        """Maximum number of variables that are remembered."""
         return self._store.most
 
     @property
@@ -144,7 +143,7 @@ class Collector(Observer):
             self._take(transaction)
 
     def _take_likely(self, transaction: Transaction) -> None:
-        """Take the values of a pair that is only likely, or of a push whose items are."""
+        """Take the values of a pair that is only likely, or of a push whose items are only likely."""
         store = self._store
         store.doubt = transaction.doubt
         store.aside, store.left_out = True, False
@@ -180,7 +179,7 @@ class Collector(Observer):
             return
         plc = self._store.plc(transaction, 1 - transaction.asked_by)
         answers = good_octets(transaction)
-        if answers is not None:  # nearly always: then no `ItemResult` has to be made
+        if answers is not None:  # nearly always: then no `ItemResult` is needed
             self._answers(transaction, plc, answers)
             return
         whole: bool = transaction.error_code != 0

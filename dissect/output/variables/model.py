@@ -15,7 +15,7 @@ from dissect.wire.copies import leaves
 if TYPE_CHECKING:
     from dissect.output.variables.statistics import Statistics
 
-# How a value was transferred.
+# The ways in which a value is transferred.
 READ: Final = "read"
 WRITE: Final = "write"
 PUSH: Final = "push"  # of a cyclic or change-driven service, or of a variable table
@@ -27,10 +27,10 @@ HOWS: Final = (READ, WRITE, PUSH, MODIFY, FORCE, NOTIFICATION, PDO)
 
 
 class Told:
-    """A value as it was told, shared by all rows until it changes: its octets ``data`` (None for none) and its name ``text``.
+    """A transferred value, shared by all rows until it changes: its octets ``data`` (None for none) and its name ``text``.
 
-    ``coded`` is the transport size of octets that nobody has decoded yet, -1 if they are decoded or need no decoding: most
-    outputs write values from their octets.
+    ``coded`` is the transport size of octets that are not decoded yet, -1 if they are decoded or need no decoding: most outputs
+    write values from their octets.
     """
 
     __slots__ = ("_value", "coded", "data", "text")
@@ -59,10 +59,10 @@ UNTOLD: Final = Told(None)
 class Variable:
     """A place in a CPU that was read or written; its rows of values refer to it.
 
-    ``plc`` is the end of the connection that has the variable, in VLAN ``vlan`` (`vlan_ids`). ``address`` is where it begins
+    ``plc`` is the end of the connection that has the variable, in VLAN ``vlan`` (`vlan_ids`). ``address`` is its first address
     ("DB10.DBD4", "0x6041:0"), ``type`` its type ("REAL", "10 x BYTE"), ``tag`` its name, empty if none is known. ``data``,
-    ``value`` and ``text`` are the latest ones, once a value was ``seen``. ``refused_reads`` and ``refused_writes`` count what
-    the PLC refused, ``unconfirmed`` writes whose result was not captured. ``likely`` counts values and refusals of
+    ``value`` and ``text`` are the latest ones, once a value was ``seen``. ``refused_reads`` and ``refused_writes`` count
+    refusals of the PLC, ``unconfirmed`` writes whose result was not captured. ``likely`` counts values and refusals of
     transactions that are only likely (`Transaction.doubt`), which count for nothing else. Texts are not escaped.
     """
 
@@ -131,15 +131,14 @@ class ValueRow:
     """One value of a variable.
 
     ``time_ns`` (nanoseconds since 1970) and ``frame`` are those of the packet with the value: of a read the response, of a
-    write the request. ``side`` of ``link`` is the client: who read, wrote or subscribed. ``how`` is one of `HOWS`, ``writes``
-    says whether the client gave the value. ``value`` is as `dissect.protocols.s7.values.Value`, of S7comm-plus what JSON can
-    hold, in the
-    unit of the tag; None where octets have none: then ``data`` has them (None for values without octets of their own).
-    ``previous`` is the value before it, whoever read or wrote that, ``before`` its octets, ``previous_text`` its name.
-    ``first``: there was none.
-    ``changed``: it was different (True for the first). ``pieced``: a part of the octets passed, the others are those seen
-    before. ``text`` is what an SCD dictionary or S7comm-plus calls the value, ``remark`` what is odd about it. ``doubt`` says
-    why the transaction is only likely that the value is from (`Transaction.doubt`); it is empty for all others.
+    write the request. ``side`` of ``link`` is the client, which read, wrote or subscribed. ``how`` is one of `HOWS`, ``writes``
+    says whether the client gave the value. ``value`` is as `dissect.protocols.s7.values.Value`, for S7comm-plus any JSON value,
+    in the unit of the tag; None if the octets have no value: then ``data`` has them (None for values without octets of their
+    own). ``previous`` is the value before it, from any client, ``before`` its octets, ``previous_text`` its name. ``first``:
+    there was none. ``changed``: it was different (True for the first). ``pieced``: only a part of the octets was transferred,
+    the others are those seen before. ``text`` is the name of the value in an SCD dictionary or in S7comm-plus, ``remark`` says
+    what is odd about it. ``doubt`` says why the transaction of the value is only likely (`Transaction.doubt`); it is empty for
+    all others.
     """
 
     __slots__ = (
@@ -177,7 +176,7 @@ class ValueRow:
 
     @property
     def value(self) -> object:
-        """The value in the unit of the tag; None where the bytes have none."""
+        """The value in the unit of the tag; None if the bytes have no value."""
         return self._told.value
 
     @property
@@ -187,7 +186,7 @@ class ValueRow:
 
     @property
     def text(self) -> str:
-        """What an SCD dictionary or S7comm-plus calls the value."""
+        """The name of the value in an SCD dictionary or in S7comm-plus."""
         return self._told.text
 
     @property

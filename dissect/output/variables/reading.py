@@ -43,14 +43,13 @@ def values(
 ) -> Iterator[ValueRow]:
     """Iterate the values of variables that were read, written or pushed in one capture or several.
 
-    ``of`` are addresses ("DB10.DBD4:REAL") and names of tags; without it the values of all items are there. ``changes``
-    leaves out what is as before, ``every`` all but the first value of a variable in each such stretch of time. ``likely`` adds
-    the values of pairs of request and answer that are only likely; `ValueRow.doubt` of these says why. ``refusals`` adds a row
-    without value for each item that the PLC refused; its `ValueRow.refused` says why. The others
-    are as for `dissect.open`; ``where`` selects transactions. Rows come in the order in which their transactions were
-    complete; at most 20,000 variables have a value before (`dissect.output.variables.tracker.MAX_VARIABLES`).
-    Raises `dissect.output.variables.choosing.WantedError` for a name that is neither an address nor a tag, ValueError for a
-    time that
+    ``of`` are addresses ("DB10.DBD4:REAL") and names of tags; without it the values of all items are returned. ``changes``
+    leaves out values equal to the one before, ``every`` all but the first value of a variable in each interval of this length.
+    ``likely`` adds the values of pairs of request and answer that are only likely; `ValueRow.doubt` of these says why.
+    ``refusals`` adds a row without value for each item that the PLC refused; its `ValueRow.refused` says why. The others are as
+    for `dissect.open`; ``where`` selects transactions. Rows come in the order in which their transactions were complete; at
+    most 20,000 variables have a value before (`dissect.output.variables.tracker.MAX_VARIABLES`). Raises
+    `dissect.output.variables.choosing.WantedError` for a name that is neither an address nor a tag, ValueError for a time that
     is not above 0, and what `dissect.open` raises.
     """
     every_ns = 0
@@ -84,11 +83,11 @@ def _rows(run: Run, collector: Collector) -> Iterator[ValueRow]:
 def value_tables(rows: Iterable[ValueRow]) -> dict[str, pyarrow.Table]:
     """Return rows of values as Arrow tables, one for each variable, by its name, or else its address.
 
-    Where several variables have one name, the type follows it, and the PLC where that is not enough. Columns: ``time``
-    (nanoseconds, UTC), ``value`` (of the type of the values: bool, int64, double, string, or lists of these; as text where
-    they differ), ``how``, ``client``, ``connection``, ``frame``, ``certainty``; rows are in order of time. What is known of the
-    variable is in the metadata of the schema: ``plc``, ``address``, ``tag``, ``type``, ``unit``. All values are in memory.
-    Raises ImportError with what to install where pyarrow is missing.
+    If several variables have one name, the type follows it, and the PLC if that is not sufficient. Columns: ``time``
+    (nanoseconds, UTC), ``value`` (of the type of the values: bool, int64, double, string, or lists of these; as text if the
+    types differ), ``how``, ``client``, ``connection``, ``frame``, ``certainty``; rows are in order of time. The facts of the
+    variable are in the metadata of the schema: ``plc``, ``address``, ``tag``, ``type``, ``unit``. All values are in memory.
+    Raises ImportError with an instruction to install pyarrow if it is missing.
     """
     try:
         import pyarrow as pa

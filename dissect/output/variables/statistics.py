@@ -1,4 +1,4 @@
-"""`Statistics`: the summary of one variable, added up value by value in bounded memory."""
+"""`Statistics`: the summary of one variable, added up value by value in limited memory."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from mypy_extensions import i64
 from dissect.engine.transactions.connection import Connection
 from dissect.output.variables.model import ValueRow
 
-#: At most this many distinct values are counted; of more it is only known that there are more.
+#: Maximum number of distinct values that are counted; if there are more, only that fact is known.
 MAX_DISTINCT: Final = 20
-#: At most this many clients of a variable are counted separately; others are counted together.
+#: Maximum number of clients of a variable that are counted separately; others are counted together.
 MAX_CLIENTS: Final = 8
-#: Points of a trend: when there are twice as many, neighbours are joined.
+#: Number of points of a trend: when there are twice as many, neighbours are joined.
 POINTS: Final = 24
 _BUCKET_NS: Final = 1_000_000
 
@@ -115,7 +115,7 @@ class Statistics:
         self.others: i64 = 0
         self._numeric: bool = False  # whether the latest value is a number
         self._number: float = 0.0  # the latest number
-        self._low: float = 0.0  # `least` and `most` as doubles, rounded if need be
+        self._low: float = 0.0  # `least` and `most` as doubles, rounded if necessary
         self._high: float = 0.0
         self._points: list[float] = []
         self._bucket_ns: i64 = _BUCKET_NS

@@ -23,7 +23,7 @@ VARIABLE_SCHEMA: Final = "s7dissect.variable/1"
 #: Levels of a sparkline, from low to high.
 LEVELS: Final = "▁▂▃▄▅▆▇█"
 _COLUMN: Final = 36
-#: Digits of a mean, and most digits if it needs more; a double has no more than `_EXACT`.
+#: Digits of a mean, and maximum number of digits if it needs more; a double has no more than `_EXACT`.
 _DIGITS: Final = 9
 _EXACT: Final = 17
 CSV_COLUMNS: Final = tuple([key for key in VARIABLE if key != "vlan"])
@@ -128,14 +128,14 @@ def _short(variable: Variable, value: object) -> str:
 
 
 def _octets(variable: Variable, value: object) -> bytes | None:
-    """Return the octets of a value in statistics if they have to be shown, None if the value is enough."""
+    """Return the octets of a value in statistics if they must be shown, None if the value is sufficient."""
     if isinstance(value, bytes):
         return value
     return bytes(value) if variable.bytes_only and isinstance(value, list) else None
 
 
 def mean_text(mean: float, least: float, most: float) -> str:
-    """Return a mean with as many digits as it needs to lie between the extremes, without an exponent if possible."""
+    """Return a mean with as many digits as are needed to place it between the extremes, without an exponent if possible."""
     if isinstance(mean, int) or not math.isfinite(mean):
         return str(mean)
     whole = len(str(int(abs(mean))))
@@ -217,7 +217,7 @@ def csv_rows(summary: Summary) -> Iterable[list[str]]:
 
 
 def limits_text(summary: Summary) -> str:
-    """Return a sentence on what is missing from a summary, empty if nothing is."""
+    """Return a sentence about the values that are missing from a summary, empty if none are."""
     if not summary.untracked:
         return ""
     return (

@@ -19,14 +19,14 @@ from dissect.protocols.s7.values import decode_value
 from dissect.wire.codes import CodeTable
 
 MAX_VARIABLES: Final = 20_000
-#: At most this many octets of latest values are kept, for all variables together.
+#: Maximum size of the latest values that are kept, for all variables together.
 MAX_KEPT: Final = 8 << 20
-#: Stands for a return code if the result of an item was not captured.
+#: Used as a return code if the result of an item was not captured.
 NO_ANSWER: Final = -1
 
 
 class Plan:
-    """What to do with an item of a request: its variable, or the wanted places that it touches."""
+    """The treatment of an item of a request: its variable, or the wanted places that it touches."""
 
     __slots__ = ("bits", "item", "start", "variable", "wanted")
 
@@ -60,7 +60,7 @@ class Tracker:
 
     ``untracked`` counts values of variables beyond ``most``, or beyond `MAX_KEPT`; ``refused`` and ``unconfirmed`` count items
     without a value. ``changes``, ``every_ns`` and ``likely`` as for `Collector`. While ``doubt`` is set, to that of a
-    transaction that is only likely, values make rows at most: nothing of them is remembered, added up or compared with later.
+    transaction that is only likely, values only make rows: they are not remembered, added up or compared with later values.
     """
 
     def __init__(
@@ -152,7 +152,7 @@ class Tracker:
     def _refused_row(
         self, transaction: Transaction, variable: Variable, code: i64, how: str, writes: bool, codes: CodeTable | None
     ) -> None:
-        """Keep the row of a refusal: at the time of the answer, which has it."""
+        """Keep the row of a refusal, with the time of the answer that contains it."""
         row = RefusedRow(
             variable,
             transaction.connection,
@@ -222,7 +222,7 @@ class Tracker:
         data: bytes | None,
         value: object = None,
     ) -> ValueRow | None:
-        """Begin the row of a value, None if it is left out; the caller sets what was told.
+        """Begin the row of a value, None if it is left out; the caller sets the transferred value.
 
         Values are compared by their octets ``data``, else by ``value``.
         """

@@ -1,7 +1,7 @@
-"""Writes usual values straight from their octets, without the value in between: for a person, as JSON, as the cell of a table.
+"""Writes usual values directly from their octets, without the value in between: as text, as JSON, as the cell of a table.
 
-Each function returns False, with nothing written, where the value needs the slow way: dates, most texts, octets that spell a
-text, octets that do not fit their type.
+Each function returns False and writes nothing if the value needs the slow way: dates, most texts, octets that spell a text,
+octets that do not match their type.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ _LONG: Final = " … ".encode()
 
 
 def write_hex(out: BytesWriter, octets: bytes) -> bool:
-    """Write what `words.octets` returns of octets that spell no text."""
+    """Write the result of `words.octets` for octets that spell no text."""
     size: i64 = len(octets)
     if size == 0 or (size >= LEAST_TEXT and spelled(octets)):
         return False
@@ -53,7 +53,7 @@ def write_hex(out: BytesWriter, octets: bytes) -> bool:
 
 
 def write_shown(out: BytesWriter, told: Told) -> bool:
-    """Write what `words.value` returns of a value that is not decoded yet."""
+    """Write the result of `words.value` for a value that is not decoded yet."""
     kind: i64 = told.coded
     octets = told.data
     if kind < 0 or octets is None:
@@ -96,7 +96,7 @@ def write_shown(out: BytesWriter, told: Told) -> bool:
 
 
 def _write_one(out: BytesWriter, kind: i64, octets: bytes, at: i64) -> bool:
-    """Write a number as `str`, or a time between apostrophes; False, with something written, where it is no valid time."""
+    """Write a number as `str`, or a time between apostrophes; return False, after writing a part, if the time is not valid."""
     if kind == REAL:
         write_real_repr(out, octets, at)
     elif number_size(kind):
@@ -122,13 +122,13 @@ def write_json(out: BytesWriter, told: Told) -> bool:
         out.write(b"true" if octets[0] & 1 else b"false")
         return True
     size: i64 = len(octets)
-    if kind == REAL:  # as `repr` writes it: transactions write large numbers with an exponent
+    if kind == REAL:  # in the form of `repr`: transactions write large numbers with an exponent
         return size > 0 and size & 3 == 0 and _write_finite(out, kind, 4, octets, b",")
     return write_numbers(out, kind, octets, 0, size) or write_times(out, kind, octets, 0, size)
 
 
 def write_cell(out: BytesWriter, told: Told) -> bool:
-    """Write the cell of a value that is not decoded yet, quoted where that is needed."""
+    """Write the cell of a value that is not decoded yet, quoted if necessary."""
     kind: i64 = told.coded
     octets = told.data
     if kind < 0 or octets is None:

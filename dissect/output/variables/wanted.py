@@ -1,4 +1,4 @@
-"""What a user wants to see the values of: a place in a CPU with a type, or a name."""
+"""The things whose values a user wants to see: a place in a CPU with a type, or a name."""
 
 from __future__ import annotations
 
@@ -100,7 +100,7 @@ class Image:
             self.transport_size = wanted.area  # for timers and counters, both have the same number
 
     def copy(self) -> Image:
-        """Return an image that may take octets which are not certain, and leaves this one as it is."""
+        """Return an image that may take uncertain octets, and leaves this one unchanged."""
         made = Image(self.wanted, None)
         made.octets = bytearray(self.octets)
         made.known = bytearray(self.known)
@@ -187,7 +187,7 @@ class Image:
 
 
 def _tag_at(wanted: Wanted, naming: TagNaming) -> Part | None:
-    """Return the tag, or the element of a tag, that is exactly the wanted place; None for none."""
+    """Return the tag, or the element of a tag, that is exactly the wanted place; None if there is none."""
     cover = naming.index.cover(wanted.area, wanted.db, wanted.start, wanted.bits)
     if cover is None:
         return None

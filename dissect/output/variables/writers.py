@@ -65,7 +65,7 @@ _HEXADECIMAL: Final = re.compile(r"([0-9a-f]{2})*")
 PIECED: Final = "only a part of its bytes passed"
 #: The last cells of a row without a remark that is certain.
 _SURE: Final = f",,{SURE},".encode("ascii")
-#: The least width of the number of a packet in a line.
+#: Minimum width of the number of a packet in a line.
 _FRAME_WIDTH: Final = 6
 _QUOTE: Final = 0x22
 _COMMA: Final = 0x2C
@@ -126,7 +126,7 @@ class Beginnings:
         self._frame: i64 = 0
 
     def fits(self, row: ValueRow) -> bool:
-        """Return whether ``octets`` are the beginning of ``row``; if not, remember ``row``: the caller has to set them."""
+        """Return whether ``octets`` are the beginning of ``row``; if not, remember ``row``, and the caller must set them."""
         if (
             row.link is self._link
             and row.time_ns == self._time_ns
@@ -144,7 +144,7 @@ class Beginnings:
 
 
 class Written:
-    """What a writer keeps for a variable: its ``names`` as they are written, and its latest value with what was written of it.
+    """The texts that a writer keeps for a variable: its ``names``, and its latest value with the text written for it.
 
     ``repeated`` is the end of a row without a change; empty if no such row was written yet.
     """
@@ -167,7 +167,7 @@ class RowWriter(ValueWriter):
     def __init__(self, clock: Clock | None = None, verbose: bool = False) -> None:
         super().__init__(clock, verbose)
         self._out: BytesWriter = BytesWriter()
-        self._begin: i64 = 0  # where in ``_out`` the value stands that was just written
+        self._begin: i64 = 0  # position in ``_out`` of the value that was just written
         self._end: i64 = 0
         self._beginnings: Beginnings = Beginnings()
         self._written: dict[Variable, Written] = {}
@@ -185,7 +185,7 @@ class RowWriter(ValueWriter):
         return found
 
     def _names_of(self, variable: Variable) -> Written:
-        """Return what is kept for a variable that has no row yet."""
+        """Return the kept texts of a variable that has no row yet."""
         if len(self._written) >= _MAX_CACHED:
             self._written.clear()
         written = Written(self.names(variable).encode("utf-8", ERRORS))
@@ -270,7 +270,7 @@ class ValueText(RowWriter):
         return typed_text(variable)
 
     def beginning(self, out: BytesWriter, row: ValueRow) -> None:
-        """Write what the lines of a transaction share."""
+        """Write the part that the lines of a transaction share."""
         if self.places.several:
             ends = self._ends_of(row).decode("utf-8")
             out.write(line_beginning(row, self.clock, self.places, ends).encode("utf-8", ERRORS))
@@ -345,7 +345,7 @@ def line_end(row: ValueRow, what: str) -> str:
 
 
 def line_remarks(row: ValueRow) -> str:
-    """Return what is odd about a value, for the end of its line; empty for nothing."""
+    """Return the oddity of a value, for the end of its line; empty for none."""
     # The remark on an SCD value is only shown if there is no value: it has no ``data``.
     odd = row.remark and (row.value is None or row.data is not None)
     remark = f"  [{shortened(row.remark, _NAME)}]" if odd else ""

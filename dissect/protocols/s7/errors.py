@@ -310,7 +310,7 @@ def protects(code: int) -> bool:
 
 
 def may_protect(code: int, function: int) -> bool:
-    """Return whether an error code may mean that the PLC is protected: it refuses a read or write, but has other meanings, too."""
+    """Return whether an error code may mean that the PLC is protected: it refuses a read or write, but is not specific."""
     return function in _VARIABLES and code >> 8 in _PERHAPS
 
 

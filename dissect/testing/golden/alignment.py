@@ -1,4 +1,4 @@
-"""Common subsequence of two sequences: which elements belong together, in time that grows little more than linearly.
+"""Common subsequence of two sequences: which elements belong together, in a time that grows little more than linearly.
 
 Equal elements at the beginning and the end are paired at once; elements that only one side has are skipped. Elements that are
 unique on both sides are anchors (patience diff). Between anchors, and without any (as in polling), Myers' greedy search runs

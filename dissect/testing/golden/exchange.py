@@ -17,7 +17,7 @@ from dissect.protocols.s7plus.message import PlusPdu, parse_plus
 from dissect.protocols.s7plus.tables import RETURN_CODES as PLUS_CODES
 from dissect.testing.golden.masking import mask_plus, mask_plus_answer, mask_s7
 
-# Who speaks in an exchange.
+# The names of the two sides of an exchange.
 S7: Final = "s7"
 PLUS: Final = "plus"
 SCD: Final = "scd"

@@ -1,8 +1,7 @@
-"""Reads, writes and setups in the notation of a golden, and the PDUs that the notation stands for.
+"""Reads, writes and setups in the notation of a golden, and the PDUs that the notation represents.
 
-It stands for the PDUs that devices usually send (`dissect.protocols.s7.build`). The writer uses this notation only if it gives
-exactly
-the captured PDU; all other PDUs are written as blocks of octets (`dissect.testing.golden.blocks`).
+It represents the PDUs that devices usually send (`dissect.protocols.s7.build`). The writer uses this notation only if it gives
+exactly the captured PDU; all other PDUs are written as blocks of octets (`dissect.testing.golden.blocks`).
 """
 
 from __future__ import annotations

@@ -59,7 +59,7 @@ class Transaction:
 
     The other attributes belong to one recording; they are None, empty or 0 if unknown. ``certainty`` and ``doubt`` are those of
     `dissect.engine.transactions`. ``time_ns`` is the time of the request (of the answer if there is no request), in nanoseconds
-    since
+    since 1970.
     1970. ``recorded`` has both PDUs with their references. ``frame`` is the first packet, ``last_frame`` the packet that
     completed the transaction, and ``place`` the packet that gives its place in the order.
     """

@@ -1,4 +1,4 @@
-"""Fields that Wireshark shows in the parameters and data of S7 PDUs and that no layout of ours has, with reasons.
+"""Fields that Wireshark shows in the parameters and data of S7 PDUs but that no layout of ours has, with reasons.
 
 `scripts/oracle_doc.py` writes them to docs/oracle.md from tshark's output for the captures; a test compares the page.
 """

@@ -1,4 +1,4 @@
-"""Transactions as CSV (docs/json.md): a row for each item, values in full, no cell that a spreadsheet takes for a formula."""
+"""Transactions as CSV (docs/json.md): a row for each item, values in full, no cell that spreadsheets run as a formula."""
 
 from __future__ import annotations
 
@@ -72,13 +72,13 @@ _ITEM: Final = "item"
 _MAX_CACHED: Final = 8192
 #: One encoder for all values: making an encoder takes longer than using it.
 _JSON: Final = json.JSONEncoder(ensure_ascii=False, default=str)
-#: How the json module writes numbers that JSON does not have.
+#: How the json module writes numbers that JSON cannot represent.
 _NO_NUMBERS: Final[dict[str, str]] = {"nan": "NaN", "inf": "Infinity", "-inf": "-Infinity"}
 #: In the row of a transaction without items: the empty cells between those of the transaction and errors, subject.
 _NO_ITEM: Final = "," * 9
 #: The cells after the latency of an answered transaction: without a reason, sure, and so without a doubt.
 _ANSWERED: Final = f",{OUTCOMES[ANSWERED]},,{SURE},,".encode("ascii")
-#: How characters are written that UTF-8 cannot encode; all outputs do so.
+#: How characters that UTF-8 cannot encode are written; the same for all outputs.
 _ERRORS: Final = "backslashreplace"
 _COMMA: Final = 0x2C
 _QUOTE: Final = 0x22
@@ -89,7 +89,7 @@ _LINE_FEED: Final = 0x0A
 
 
 def quoted(text: str) -> str:
-    """Return a cell in the form of RFC 4180: in quotes if it holds a comma, a quote or a line end."""
+    """Return a cell in the form of RFC 4180: in quotes if it contains a comma, a quote or a line end."""
     if "," in text or '"' in text or "\n" in text or "\r" in text:
         doubled = text.replace('"', '""')
         return f'"{doubled}"'
@@ -99,7 +99,7 @@ def quoted(text: str) -> str:
 class CsvRows:
     """Makes the rows of transactions: cells in the order of `columns`, safe for spreadsheets.
 
-    Rows are put together from cached texts. The csv module would look at every character of every cell again.
+    Rows are put together from cached texts. The csv module would examine every character of every cell again.
     """
 
     def __init__(self, places: Places) -> None:
@@ -171,7 +171,7 @@ class CsvRows:
         return out.getvalue()
 
     def _write_item(self, out: BytesWriter, item: Item, octets: bytes, at: i64, size: i64) -> bool:
-        """Write the cells of `_item` without a str in between. False where it cannot; then part of them may be written."""
+        """Write the cells of `_item` without a str in between. Return False if it cannot; then part of them may be written."""
         if len(item.cell) == 0:  # quicker than the truth of bytes (mypyc)
             item.cell = f"{self._cell(item.label)},,{self._good},".encode("utf-8", _ERRORS)
         out.write(item.cell)
@@ -257,7 +257,7 @@ class CsvRows:
         )
 
     def _both(self, connection: Connection, asked_by: i64) -> str:
-        """Return the cells for the connection, who sent the request and who answered."""
+        """Return the cells for the connection, the sender of the request and the sender of the answer."""
         key: i64 = connection.number * 2 + asked_by
         found = self._ends.get(key)
         if found is None:
@@ -344,7 +344,7 @@ class CsvRows:
 
 
 def _write_value(out: BytesWriter, item: Item, octets: bytes, at: i64, size: i64) -> bool:
-    """Write the cell of a value without ``value_text``. False where it cannot; then part of it may be written."""
+    """Write the cell of a value without ``value_text``. Return False if it cannot; then part of it may be written."""
     step = step_of(item, octets, at, size)
     if step == 0:
         return write_word(out, item, octets, at, size, b"", size) or _write_others(out, item, octets, at, size)
@@ -402,7 +402,7 @@ def plain_cell(value: Value) -> str:
 
 
 def json_cell(value: object) -> str:
-    """Return the cell of a value as it is in JSON outputs, not quoted; a structure as JSON."""
+    """Return the cell of a value in the form of JSON outputs, not quoted; a structure as JSON."""
     if value is None or isinstance(value, (str, list, bool, int, float)):
         return plain_cell(value)
     return cell(_JSON.encode(value))
@@ -426,7 +426,7 @@ def _function_name(transaction: Transaction) -> str:
 
 
 def _text(value: object) -> str:
-    """Return a value in full: text as it is, everything else as JSON."""
+    """Return a value in full: text unchanged, everything else as JSON."""
     return value if isinstance(value, str) else _JSON.encode(value)
 
 

@@ -59,7 +59,7 @@ TRANSACTION_SCHEMA: Final = "s7dissect.transaction/1"
 _HEAD: Final = f'{{"schema":"{TRANSACTION_SCHEMA}","number":'
 _CONNECTION: Final = ',"connection":'
 _ITEMS: Final = ',"items":['
-#: What follows the latency of an answered transaction; the same up to its items; and what follows items without errors.
+#: The part after the latency of an answered transaction; the same up to its items; and the part after items without errors.
 _ANSWERED: Final = f',"outcome":"{OUTCOMES[ANSWERED]}","reason":null'.encode("ascii")
 _WELL: Final = _ANSWERED + _ITEMS.encode("ascii")
 _WELL_TEXT: Final = _WELL.decode("ascii")
@@ -256,7 +256,7 @@ class TransactionLines(Observer):
         if asked:
             out.write(b',"request_time":"')
             self._times.write(out, transaction.request_ns)
-        else:  # without a request, the time of the answer has to be given
+        else:  # without a request, the time of the answer must be given
             out.write(b',"request_time":null,"response_time":"')
             self._times.write(out, transaction.response_ns)
         likely: bool = transaction.is_likely
@@ -276,7 +276,7 @@ class TransactionLines(Observer):
         out.write(self._again(transaction).encode("ascii"))
 
     def _write_polled(self, out: BytesWriter, transaction: Transaction) -> None:
-        """Write what follows the latency of a read or write without an error."""
+        """Write the part after the latency of a read or write without an error."""
         out.write(_WELL)
         begin = len(out)
         good = self._good
@@ -325,7 +325,7 @@ class TransactionLines(Observer):
             frames = f'{decimal(asked)},"response_frame":{decimal(told)}'
         else:
             frames = f'{asked},"response_frame":null' if asked else f'null,"response_frame":{told}'
-        # Without a request, the time of the answer has to be given.
+        # Without a request, the time of the answer must be given.
         time_ns: i64 = transaction.request_ns
         at = '"'
         if not asked:
@@ -456,14 +456,14 @@ class TransactionLines(Observer):
                 ]
             )
         good = good_octets(transaction)
-        if good is not None:  # nearly always: then no `ItemResult` has to be made
+        if good is not None:  # nearly always: then no `ItemResult` is needed
             items = transaction.parameters.items
             return ",".join([item_json(items[index], SUCCESS, good[index]) for index in range(len(good))])
         return ",".join([item_json(result.item, result.return_code, result.data) for result in transaction.s7_results])
 
 
 def _certainty(transaction: Transaction) -> str:
-    """Return the keys ``certainty`` and ``doubt`` of what is only likely; empty for nearly all: what is sure has none."""
+    """Return the keys ``certainty`` and ``doubt`` if a pair is only likely; empty for nearly all: sure pairs have none."""
     if transaction._flags & DOUBTS == 0:
         return ""
     doubt = transaction.doubt
@@ -510,7 +510,8 @@ class JsonlWriter(Writer):
 
     def pdu(self, frame: i64, time_ns: i64, side: Side, octets: bytes, cut: bool) -> None:
         """Add the line of an S7 PDU."""
-        from dissect.protocols.s7.hiding import without_secrets  # late: eight modules that transactions do not need
+        # imported late: eight modules that transactions do not need
+        from dissect.protocols.s7.hiding import without_secrets
 
         connection = side.connection
         pdu = parse_pdu(without_secrets(octets), frame, time_ns, connection.number, side.index, cut)

@@ -1,4 +1,4 @@
-"""Records for a person: transactions, operations, PDUs and TPDUs, one line each, and their trees with ``-V``."""
+"""Records as text: transactions, operations, PDUs and TPDUs, one line each, and their trees with ``-V``."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ from dissect.wire.build import COMPILED
 from dissect.wire.malformed import Malformed
 from dissect.wire.text import Clock, decimal, hex_number, shortened, some
 
-#: At most this many characters of a packet comment are shown.
+#: Maximum number of characters of a packet comment that are shown.
 _COMMENT: Final = 1000
 _BLANKS: Final[list[str]] = [" " * count for count in range(13)]
 #: Faults that a PDU may have only because its end is missing.
@@ -49,9 +49,9 @@ _KINDS: Final = ("push", "request", "response", "type 3")
 
 
 def transaction_line(transaction: Transaction, clock: Clock, places: Places, most: int = 0) -> str:
-    """Return one transaction on one line: when, who asked whom, how long, function, outcome, items or notes.
+    """Return one transaction on one line: time, who asked whom, answer time, function, outcome, items or notes.
 
-    Of more than ``most`` items the first are named, and how many more there are; 0 names all.
+    If there are more than ``most`` items, the first ones are named, and the others counted; 0 names all.
     """
     ends = transaction.connection.tcp.ends
     begun = transaction.request_ns if transaction.request_frame else transaction.response_ns
@@ -88,7 +88,7 @@ def _blanks(count: i64) -> str:
 
 
 def pdu_line(pdu: Pdu, connection: Connection, clock: Clock, places: Places) -> str:
-    """Return one S7 PDU on one line."""
+    """Return the part after the reference in the line of a PDU."""
     return _pdu_line(pdu, connection, clock, places, [])
 
 
@@ -186,7 +186,7 @@ def _requested(pdu: Pdu, items: list[Item], naming: Naming | None) -> list[str]:
     for index, item in enumerate(items):
         answer = data[index] if index < len(data) else None
         written = answer.data if answer is not None else None
-        # Where the capture cut the data, the length field of the data item says how much there was.
+        # If the capture cut the data, the length field of the data item gives their size.
         said.append(facets.item(ItemResult(item, -1, written, answer if pdu.cut else None), index + 1, naming))
     return said
 
@@ -224,7 +224,7 @@ def _tpdu_fault(tpdu: Tpdu) -> str:
 
 
 def carrier_said(tpdu: Tpdu, side: Side, time_ns: int, places: Places) -> str:
-    """Return what a DT carries: how much of a message, or nothing, and then the request that it acknowledges before its answer.
+    """Return what a DT carries: a part of a message, or nothing, and then the request that it acknowledges before its answer.
 
     ``side`` sent it, and has not taken it yet.
     """
@@ -381,7 +381,7 @@ class TextWriter(Writer):
             self._tree("\n".join(scd_tree_lines(found)))
 
     def _whole(self, octets: bytes, cut: bool) -> bytes:
-        """Return the present packet if it carries the whole PDU, else empty octets."""
+        """Return the current packet if it carries the whole PDU, else empty octets."""
         return self.carrying if self.carrying.endswith(octets) and not cut else b""
 
     def _add(self, text: str, failed: bool = False) -> None:
@@ -395,7 +395,7 @@ class TextWriter(Writer):
 
 
 def _own_faults(pdu: Pdu) -> list[Malformed]:
-    """Return the faults of a PDU, without those that it only has because the capture cut it."""
+    """Return the faults of a PDU, without those that are only due to the cut of the capture."""
     return [fact for fact in pdu.malformed if not (pdu.cut and fact.reason in _SHORT)]
 
 

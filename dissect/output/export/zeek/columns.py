@@ -14,7 +14,7 @@ def _columns(text: str) -> Columns:
     return tuple([(name, kind) for name, _, kind in [word.partition(":") for word in text.split()]])
 
 
-#: Columns of every log of connections: `id` has the ends of the connection, that which opened it first; `source` and
+#: Columns of every log of connections: `id` has the ends of the connection, the end that opened it first; `source` and
 #: `destination` are those of the message.
 COMMON: Final = _columns(
     "ts:time uid:string id.orig_h:addr id.orig_p:port id.resp_h:addr id.resp_p:port is_orig:bool "
@@ -42,7 +42,7 @@ LOGS: Final[dict[str, Columns]] = {
 }
 
 
-#: The kind of a column of a log by the type of the column of a table.
+#: The kind of a column of a log, by the type of the column of a table.
 _KINDS: Final = {
     INT: "count",
     BOOL: "bool",
@@ -51,7 +51,7 @@ _KINDS: Final = {
     WORDS: "vector[string]",
     INTS: "vector[count]",
 }
-#: Our own logs, named so that they are not taken for those of ICSNPP: the facts of records, as the tables have them.
+#: Our own logs, whose names differ from those of ICSNPP: the facts of records, as in the tables.
 OWN: Final[dict[str, tuple[Mapped, ...]]] = {
     "s7comm_transaction": mapped(
         TRANSACTIONS,

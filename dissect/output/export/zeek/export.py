@@ -1,7 +1,8 @@
 """`ZeekExport`: an observer that writes the logs of a run.
 
-By default, rows are written that ICSNPP loses: refusals without parameters, SZL answers in parts, S7comm-plus below version 3.
-``strict`` leaves them out, for comparisons with Zeek. A second PDU in one segment, which ICSNPP loses too, is always written.
+By default, rows that ICSNPP loses are written, too: refusals without parameters, SZL answers in parts, S7comm-plus below
+version 3. ``strict`` leaves them out, for comparisons with Zeek. A second PDU in one segment, which ICSNPP also loses, is
+always written.
 """
 
 from __future__ import annotations
@@ -34,7 +35,7 @@ _TRUSTED_VERSION: Final = 3  # the only version of S7comm-plus that ICSNPP reads
 
 
 class _Known:
-    """What is remembered of a connection: its uid, the names of its device, and data units whose first part was seen."""
+    """The state of a connection: its uid, the names of its device, and data units whose first part was seen."""
 
     __slots__ = ("device", "parts", "uid")
 
@@ -66,7 +67,7 @@ class ZeekExport(Export, Observer):
         return {name: log.rows for name, log in self._logs.items()}
 
     def begin(self, run: Run) -> None:
-        """Take the files of the run, by which packets are named."""
+        """Set the files of the run, by which packets are named."""
         self._run = run
         self._made = Rows(run.files)
         self._rows = self._made.transactions
@@ -75,7 +76,7 @@ class ZeekExport(Export, Observer):
         """Do nothing: rows are written as they come."""
 
     def close(self) -> None:
-        """Write what is known at the end and the last lines of the logs, and close them."""
+        """Write the facts that are known at the end and the last lines of the logs, and close the logs."""
         if self._run is not None:
             self._count_findings(self._run.pipeline)
         for log in self._logs.values():
@@ -162,7 +163,7 @@ class ZeekExport(Export, Observer):
         log.add([int(connection.last_ns), known.uid, *_ends(connection), *(None,) * 5, *names])
 
     def _count_findings(self, pipeline: Pipeline) -> None:
-        """Log the facts of each rule, and of each pair of hosts that it applied between."""
+        """Log the facts of each rule, and of each pair of hosts between which it applied."""
         log = self._logs.get("s7comm_finding_count")
         if log is None:
             return

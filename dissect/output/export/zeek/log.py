@@ -66,7 +66,7 @@ class Log:
         if self._file is not None:
             try:
                 self._file.close()
-            except OSError:  # there may be no room for what is still buffered
+            except OSError:  # there may be no room for data that are still buffered
                 self._file = None
 
     def _begin(self, first_ns: int) -> TextIO:
@@ -81,7 +81,7 @@ class Log:
         return file
 
     def _stamp(self, time_ns: int) -> str:
-        """Return the time of a packet (UTC) for #open and #close: the present time would make each run differ."""
+        """Return the time of a packet (UTC) for #open and #close: with the current time each run would differ."""
         return re.sub("[T:]", "-", self._clock.iso(time_ns)[:19])
 
 
@@ -130,6 +130,6 @@ def _as_json(kind: str, value: Any) -> Any:
 
 
 def _escape_octet(character: str) -> str:
-    """Return an octet that is not UTF-8 (a surrogate escape) in the form that Zeek writes in JSON; others unchanged."""
+    """Return an octet that is not UTF-8 (a surrogate escape) as Zeek writes it in JSON; others unchanged."""
     code = ord(character)
     return f"\\x{code - 0xDC00:02x}" if 0xDC80 <= code <= 0xDCFF else character

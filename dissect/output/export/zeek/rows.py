@@ -45,7 +45,7 @@ _KINDS: Final = {4: "Request", 8: "Response", 0: "Push"}
 #: The SZL id of names and serial numbers, and the size of its records.
 IDENTIFICATION: Final = 0x001C
 _RECORD: Final = 34
-#: By index of the record, how many of its octets are the name: of system, module, plant, and the serial number.
+#: By index of the record, the number of its octets that are the name: of system, module, plant, and the serial number.
 NAMES: Final = {1: 24, 2: 24, 3: 32, 5: 24}
 
 
@@ -62,12 +62,12 @@ _HEADER_SIZE: Final = 10
 
 
 def swapped_reference(octets: bytes) -> int | None:
-    """Return the PDU reference with its octets swapped, as ICSNPP logs it; None where the PDU ends inside its header."""
+    """Return the PDU reference with its octets swapped, as ICSNPP logs it; None if the PDU ends inside its header."""
     return int.from_bytes(octets[4:6], "little") if len(octets) >= _HEADER_SIZE else None
 
 
 class S7:
-    """One S7 PDU, read at the places where ICSNPP reads."""
+    """One S7 PDU, read at the offsets that ICSNPP uses."""
 
     def __init__(self, octets: bytes) -> None:
         self.octets = octets
@@ -164,7 +164,7 @@ class S7:
         )
 
     def szl_bounded(self, from_server: bool) -> bool:
-        """Return whether ICSNPP can parse the data of a Read SZL within its bounds; it drops all rows of other PDUs."""
+        """Return whether ICSNPP can parse the data of a Read SZL within its limits; it drops all rows of other PDUs."""
         data = self.data
         if len(data) < 8 or len(data) < 4 + int.from_bytes(data[2:4], "big"):
             return False

@@ -1,6 +1,6 @@
 """The words of cisagov's ICSNPP for Zeek, with its misspellings: readers of these logs compare whole texts.
 
-Only the writer of these logs uses them; our other outputs have words of their own.
+Only the writer of these logs uses them; our other outputs have their own words.
 """
 
 from __future__ import annotations

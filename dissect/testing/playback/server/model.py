@@ -1,4 +1,4 @@
-"""What is served: recorded connections with requests, answers, and unsolicited messages of the server."""
+"""The served data: recorded connections with requests, answers, and unsolicited messages of the server."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ class Script:
 
 
 class Recording:
-    """The connections of a capture with S7comm or S7comm-plus over TCP; ``notes`` describe what is not served."""
+    """The connections of a capture with S7comm or S7comm-plus over TCP; ``notes`` describe the parts that are not served."""
 
     __slots__ = ("name", "notes", "scripts")
 

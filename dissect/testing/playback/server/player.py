@@ -56,7 +56,7 @@ class Reply(NamedTuple):
 
 
 class Stage:
-    """A recording that is served to all clients: its indexes, its memory, and which client is assigned which connection."""
+    """A recording that is served to all clients: its indexes, its memory, and the connection assigned to each client."""
 
     def __init__(self, recording: Recording, repeat: str = LAST, memory: bool = False) -> None:
         self.recording = recording

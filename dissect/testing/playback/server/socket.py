@@ -22,9 +22,10 @@ class BrokenError(Exception):
 
 
 class ClientSocket:
-    """A connected client. ``held`` counts octets that wait; ``not_before`` is when the next piece may be sent, 0 for now.
+    """A connected client.
 
-    ``finished``: the client has closed its direction.
+    ``held`` counts octets that wait; ``not_before`` is the time at which the next piece may be sent, 0 for now. ``finished``:
+    the client has closed its direction.
     """
 
     __slots__ = (
@@ -112,7 +113,7 @@ class ClientSocket:
             self.queue.append(action)
 
     def flush(self, now: float) -> str:
-        """Do what waits as far as possible; return `CLOSE` or `ABORT` when that is next. Raises `BrokenError`."""
+        """Perform the waiting actions as far as possible; return `CLOSE` or `ABORT` when that is next. Raises `BrokenError`."""
         if now >= self.not_before:
             self.not_before = 0.0
         while self.queue and not self.not_before:
