@@ -1,1 +1,1 @@
-"""Benchmarks: made captures, endless streams, and the commands that measure on them. Nothing here is installed."""
+"""Benchmarks: synthetic captures, endless streams, and the commands that measure with them. Nothing here is installed."""

@@ -1,9 +1,9 @@
-"""Which statements blame a device or a client, and whether a statement says itself that something was not captured.
+"""Which statements blame a device or a client, and whether a statement itself mentions that something was not captured.
 
-A capture that lost packets may say less than a complete one, but it must not hold a device or a client responsible for what
-only the capture lost. `BLAMES` and `BLAMELESS` together name every finding of the kinds transaction, session, s7, s7plus and
-security, and those of COTP that blame a side for silence; `REASONS` and `BLAMELESS_REASONS` every reason why a request stayed
-without answer.
+A capture with lost packets may contain less than a complete one, but it must not blame a device or a client for a loss of the
+capture only. `BLAMES` and `BLAMELESS` together name every finding of the kinds transaction, session, s7, s7plus and security,
+and those of COTP that blame a side for silence; `REASONS` and `BLAMELESS_REASONS` every reason why a request stayed without
+answer.
 """
 
 from __future__ import annotations
@@ -22,32 +22,33 @@ from dissect.engine.transactions.transaction import (
     TABLE_FULL,
 )
 
-#: How the slugs of the findings begin that may blame.
+#: The beginnings of slugs of findings that may blame.
 PREFIXES: Final = (
     "transaction.", "session.", "s7.", "s7plus.", "security.",
     "cotp.number_unanswered", "cotp.fragments_unanswered", "cotp.bare_confirm",
 )  # fmt: skip
 
-#: A connection on which octets came in two versions: what is true of it depends on which of them were captured.
+#: A connection whose octets came in two versions: the truth about it depends on which of them were captured.
 CONFLICT: Final = "stream.conflict"
 
-#: Of one request and its answer: compared with what the complete capture says of that request.
+#: About one request and its answer: compared with the complete capture's statement about that request.
 OF_A_REQUEST: Final = frozenset((
     "transaction.refused", "transaction.item_error", "transaction.alarm_refused", "transaction.overdue",
     "transaction.slow", "transaction.function_mismatch", "transaction.count_mismatch", "transaction.size_mismatch",
     "transaction.write_size", "transaction.table_full", "transaction.bit_count",
 ))  # fmt: skip
-#: Of a pair, but reported for one pair of several only: for the first answer to each distinct request, for the first write to
-#: an area. Which one that is depends on what was captured: it is true when its packets are a pair of the complete capture.
+#: About a pair, but reported for only one of several pairs: for the first answer to each distinct request, for the first write
+#: to an area. Which one that is depends on the captured packets: it is true if its packets are a pair of the complete capture.
 OF_A_PAIR: Final = frozenset(("transaction.odd_data_code", "security.write_refused"))
-#: Reported once, for the first request of its kind in the whole capture: true when the complete capture says the same anywhere.
+#: Reported once, for the first request of its kind in the whole capture: true if the complete capture has the same report
+#: anywhere.
 OF_A_CAPTURE: Final = frozenset(("s7.unknown_code", "s7.odd_address"))
-#: About two hosts, on whichever of their connections it shows first: true when the complete capture says it of them anywhere.
+#: About two hosts, on the connection where it shows first: true if the complete capture reports it of them anywhere.
 OF_HOSTS: Final = frozenset((
     "security.new_writer", "security.password_guessing", "security.tsap_scan", "security.stopped",
     "security.mode_changed",
 ))  # fmt: skip
-#: Of a connection, mostly reported once: true when the complete capture says it of that connection.
+#: About a connection, mostly reported once: true if the complete capture reports it of that connection.
 OF_A_CONNECTION: Final = frozenset((
     "s7.malformed", "s7.plus_too_long", "s7.unknown_rosctr", "s7.redundancy_id", "s7.client_push", "s7.ack_content",
     "s7plus.malformed",
@@ -87,12 +88,13 @@ BLAMELESS_REASONS: Final[dict[str, str]] = {
     CONNECTION_EVICTED: "is about the memory of the analysis",
 }
 
-#: How the detail of a security finding ends whose request got no answer: this is true or not, whatever the finding says else.
+#: The end of the detail of a security finding whose request got no answer: this is true or false regardless of the rest of the
+#: finding.
 NOT_ANSWERED: Final = ", not answered"
 
 _LOSS: Final = re.compile(r"\bgaps?\b|not captured|missing from the capture|packets were lost|perhaps answered")
 
 
 def names_loss(detail: str) -> bool:
-    """Tell whether a sentence says itself that something was not captured."""
+    """Return whether a sentence itself mentions that something was not captured."""
     return _LOSS.search(detail) is not None

@@ -1,4 +1,4 @@
-"""Hold what an engine told against the truth about a made capture."""
+"""Compare the results of an engine with the truth about a synthetic capture."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ if TYPE_CHECKING:
 
 
 def check_analysis(told: dict[str, Any], truth: dict[str, Any]) -> list[str]:
-    """Return a sentence for each number of ``analyze -T json`` that is not the truth."""
+    """Return a sentence for each number of ``analyze -T json`` that is not true."""
     wrong: list[str] = []
 
     def same(name: str, is_told: object, is_true: object) -> None:
@@ -25,7 +25,7 @@ def check_analysis(told: dict[str, Any], truth: dict[str, Any]) -> list[str]:
         same(f"tpdus.{name}", told["tpdus"].get(name, 0), count)
     for name, count in truth["transactions"].items():
         same(f"transactions.{name}", told["transactions"][name], count)
-    # Percentiles may be told from a histogram: two per cent is the room they have.
+    # Percentiles may come from a histogram: two per cent is their tolerance.
     for name in ("median", "p95", "max"):
         value, true = told["latency_ns"][name], truth["latency_ns"][name]
         if abs(value - true) > 0.02 * abs(true):
@@ -34,7 +34,7 @@ def check_analysis(told: dict[str, Any], truth: dict[str, Any]) -> list[str]:
 
 
 def check_transactions(path: Path, truth: dict[str, Any]) -> list[str]:
-    """Return a sentence for each count in the lines of ``transactions -T jsonl`` at ``path`` that is not the truth."""
+    """Return a sentence for each count in the lines of ``transactions -T jsonl`` at ``path`` that is not true."""
     outcomes: dict[str, int] = {}
     items = failed = 0
     with path.open("rb") as file:
@@ -55,7 +55,7 @@ def check_transactions(path: Path, truth: dict[str, Any]) -> list[str]:
 
 
 def count_tshark(path: Path) -> int:
-    """Return how many S7 PDUs the lines of ``tshark -T fields`` at ``path`` tell of (commas join several of a frame)."""
+    """Return the number of S7 PDUs in the lines of ``tshark -T fields`` at ``path`` (commas join several of a frame)."""
     column = 3
     with path.open("rb") as file:
         return sum(line.split(b"\t")[column].count(b",") + 1 for line in file)

@@ -1,6 +1,6 @@
 """Measure the engines side by side in one run: ``python -m benchmarks.compare``.
 
-Makes the captures (kept in the folder for the next run), checks what the engines tell against the truth, runs them turn by
+Makes the captures (kept in the folder for the next run), checks the engines' results against the truth, runs the engines in
 turn, and prints medians: CPU seconds (user and system) of the whole process, packets a second, peak memory, and the ratio to
 ``tshark -T fields`` with the same facts.
 """
@@ -24,12 +24,13 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
 DATA = Path(tempfile.gettempdir()) / "s7dissect-benchmarks"
-#: 3: finished on damaged input. Made captures are whole, but a truth of our own may be measured on captures that are not.
+#: 3: finished on damaged input. Synthetic captures are complete, but a truth of our own may be measured on captures that are
+#: not.
 _FINE = (0, 3)
 
 
 class Options:
-    """What the command line asked for."""
+    """The options of the command line."""
 
     def __init__(self, arguments: Sequence[str] | None) -> None:
         parser = argparse.ArgumentParser(prog="python -m benchmarks.compare", description=__doc__)
@@ -63,7 +64,7 @@ class Options:
 
 
 def capture(folder: Path, packets: int) -> tuple[Path, dict[str, Any]]:
-    """Return the made capture of ``packets`` packets and its truth; make them unless they lie there from before."""
+    """Return the synthetic capture of ``packets`` packets and its truth; make them unless they exist already."""
     path = folder / f"{packets}.pcap"
     truth = truth_path(path)
     if not path.exists() or not truth.exists():
@@ -74,12 +75,12 @@ def capture(folder: Path, packets: int) -> tuple[Path, dict[str, Any]]:
 
 
 def say(words: str) -> None:
-    """Tell of progress, on standard error."""
+    """Report progress on standard error."""
     print(words, file=sys.stderr, flush=True)
 
 
 def verify(engine: Engine, path: Path, truth: dict[str, Any], work: Path) -> list[str]:
-    """Run an engine once for its results; return a sentence for each that is not the truth."""
+    """Run an engine once for its results; return a sentence for each wrong one."""
     out = work / "told"
     run(engine.command(path), environment=engine.environment, directory=work, output=out, fine=_FINE)
     try:
@@ -96,7 +97,7 @@ def verify(engine: Engine, path: Path, truth: dict[str, Any], work: Path) -> lis
 
 
 def measure(chosen: list[Engine], path: Path, packets: int, runs: int, work: Path) -> dict[str, Cost]:
-    """Run the engines turn by turn, ``runs`` times; return the medians by name. Output goes nowhere."""
+    """Run the engines in turn, ``runs`` times; return the medians by name. The output is discarded."""
     costs: dict[str, list[Cost]] = {}
     for number in range(runs):
         for engine in chosen:
@@ -127,7 +128,10 @@ def rows(chosen: list[Engine], costs: dict[str, Cost], packets: int) -> list[Row
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command. Exit 0: all told the truth (tshark apart); 1: an own engine did not; 2: an engine was not measured."""
+    """Run the command.
+
+    Exit 0: all results were right (tshark apart); 1: those of an own engine were not; 2: an engine was not measured.
+    """
     options = Options(arguments)
     options.data.mkdir(parents=True, exist_ok=True)
     table: list[Row] = []

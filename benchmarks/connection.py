@@ -1,4 +1,4 @@
-"""A TCP connection being made up: segments with right numbers, from the SYN to the end."""
+"""A TCP connection under construction: segments with the right numbers, from the SYN to the end."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _SYN_OPTIONS: Final = bytes.fromhex("020405b401010402")
 
 
 class RewritePlan:
-    """A segment about to be sent; `build` makes the frame, once."""
+    """A segment before it is sent; `build` makes the frame, once."""
 
     __slots__ = ("ack", "flags", "frame", "options", "payload", "sender", "seq", "time_ns", "units")
 
@@ -87,12 +87,12 @@ class Connection:
         return self.ack(time_ns + trip_ns + 40 * US, CLIENT)
 
     def ack(self, time_ns: int, side: int) -> int:
-        """Acknowledge what the other side sent."""
+        """Acknowledge the data from the other side."""
         self._put(time_ns, side, ACK)
         return time_ns
 
     def send(self, time_ns: int, side: int, pieces: list[tuple[bytes, Unit]], cuts: tuple[int, ...] = ()) -> int:
-        """Send TPKTs in one segment, or in several cut before the octets ``cuts``; return the time of the last."""
+        """Send TPKTs in one segment, or in several cut before the octets ``cuts``; return the time of the last segment."""
         payload = b"".join([octets for octets, _ in pieces])
         if not cuts:
             for _, unit in pieces:

@@ -1,4 +1,4 @@
-"""The engines that are compared: how each is called, and on how large a file at most."""
+"""The engines that are compared: how each is called, and its largest file."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 ROOT: Final = Path(__file__).resolve().parent.parent
 
-#: The facts that the engines have to tell, as tshark names them.
+#: The facts that the engines must report, under tshark's names.
 FACTS: Final = (
     "frame.time_epoch",
     "ip.src",
@@ -28,7 +28,7 @@ FACTS: Final = (
     "s7comm.param.item.address",
     "s7comm.data.returncode",
 )
-#: Slow engines are measured on files up to this many packets; their rate is one per packet and comes from there.
+#: Slow engines are measured on files up to this many packets; their rate per packet is taken from there.
 SLOW: Final = 100_000
 
 _PLAIN = """
@@ -84,7 +84,10 @@ class MissingError(Exception):
 
 
 def mode_of(call: list[str], environment: dict[str, str] | None, directory: Path) -> str:
-    """Return ``compiled`` or ``interpreted``, as the command's ``--version`` tells. Raises MissingError if it does not run."""
+    """Return ``compiled`` or ``interpreted``, according to the command's ``--version``.
+
+    Raises MissingError if it does not run.
+    """
     try:
         told = subprocess.run(
             [*call, "--version"], capture_output=True, text=True, env=environment, cwd=directory, check=True
@@ -98,7 +101,7 @@ def mode_of(call: list[str], environment: dict[str, str] | None, directory: Path
 
 
 def absolute(python: str) -> str:
-    """Return a python given by a path so that it is found from every folder; links stay, as virtual environments need."""
+    """Return a path to a python that is valid from every folder; links are kept, as virtual environments need them."""
     return str(Path(python).absolute()) if os.sep in python else python
 
 
@@ -115,7 +118,7 @@ def installed(python: str, directory: Path) -> list[str]:
 
 
 def interpreted(python: str, directory: Path) -> tuple[list[str], dict[str, str]]:
-    """Return call and environment of the source as it lies here, copied to ``directory`` without compiled modules."""
+    """Return call and environment of the source in this tree, copied to ``directory`` without compiled modules."""
     source = directory / "source"
     if not source.exists():
         shutil.copytree(
@@ -170,7 +173,7 @@ def _others() -> list[Engine]:
     ]
 
 
-#: The engine that all others are measured against.
+#: The engine that all others are compared with.
 YARDSTICK: Final = "tshark-fields"
 NAMES: Final = (
     "plain",

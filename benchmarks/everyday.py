@@ -1,8 +1,8 @@
-"""What everyday lines and each command cost beside ``analyze``: ``python -m benchmarks.everyday --compiled PYTHON``.
+"""The cost of everyday lines and of each command beside ``analyze``: ``python -m benchmarks.everyday --compiled PYTHON``.
 
-Each row is a pair: a command on a capture, and what it is held against (A B A B …); the ratio is that of the medians. The start
-is what the same command takes for a few packets; it is taken off where a row says so. With ``--instructions`` both are counted
-by valgrind, once, which the load of the machine does not change.
+Each row is a pair: a command on a capture, and the command that it is compared with (A B A B …); the ratio is that of the
+medians. The start is the time of the same command for a few packets; it is subtracted if a row says so. With ``--instructions``
+both are counted by valgrind, once, which does not depend on the load of the machine.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from benchmarks.tables import columns, piped
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-#: Packets of the captures that say what a start takes.
+#: Packets of the captures that show the cost of a start.
 _FEW: Final = 50
 #: Connections of the two captures of `many_connections`, as parts of their packets.
 _MANY_OF, _FEW_OF = 20, 2000
@@ -44,7 +44,7 @@ class Side(NamedTuple):
 
 
 class Row(NamedTuple):
-    """A pair with the ratio that is wanted at most."""
+    """A pair with its highest permitted ratio."""
 
     label: str
     one: Side
@@ -53,7 +53,7 @@ class Row(NamedTuple):
 
 
 def captures(folder: Path, packets: int) -> dict[str, Path]:
-    """Return the captures by name; make those that do not lie in ``folder`` from before."""
+    """Return the captures by name; make those that are not in ``folder`` yet."""
     folder.mkdir(parents=True, exist_ok=True)
     made: dict[str, Path] = {}
 
@@ -86,7 +86,7 @@ def _connections(packets: int, connections: int, path: Path) -> None:
 
 
 def rows(made: dict[str, Path], small: Path) -> list[Row]:
-    """Return the pairs, those of the links first. ``small`` is a capture of a few packets as a person looks at."""
+    """Return the pairs, those of the links first. ``small`` is a capture of a few packets, like one that a person looks at."""
     plain = Side(("analyze",), made["many plain"], made["few plain"])
     found = [
         Row(
@@ -126,7 +126,7 @@ class Meter:
         self._instructions = instructions
 
     def cost(self, side: Side) -> float:
-        """Return what one run costs, less its start where the side has a capture for it."""
+        """Return the cost of one run, minus its start if the side has a capture for it."""
         spent = self._once(side.words, side.path)
         return spent - self._once(side.words, side.few) if side.few is not None else spent
 
@@ -156,7 +156,7 @@ def measure(meter: Meter, row: Row, runs: int) -> tuple[float, float]:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command. Exit 0: every row keeps to its bar; 1: one does not; 2: nothing could be measured."""
+    """Run the command. Exit 0: every row is within its limit; 1: one is not; 2: nothing could be measured."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.everyday", description=__doc__)
     parser.add_argument(
         "--compiled", type=absolute, default=sys.executable, metavar="PYTHON", help="where it is installed"

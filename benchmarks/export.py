@@ -1,7 +1,7 @@
 """Parquet of transactions and items: packets a second, and peak memory, which must not grow with the capture.
 
-`python -m benchmarks.export FILE… [--python PYTHON]` runs `s7dissect export` on each FILE as a process of its own, and holds
-the rows it wrote against what `analyze` counts.
+`python -m benchmarks.export FILE… [--python PYTHON]` runs `s7dissect export` on each FILE in its own process, and compares the
+written rows with the counts of `analyze`.
 """
 
 from __future__ import annotations

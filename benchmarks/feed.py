@@ -1,7 +1,7 @@
 """Feed an endless stream to the engine in this process and measure memory and time from within; prints one JSON object.
 
-Run as a child by `benchmarks.growth` and by the tests: whichever package ``dissect`` is found first is measured. The stream
-is made in batches outside the measured time, in constant memory, so that growth is the engine's.
+Run as a child by `benchmarks.growth` and by the tests: whichever package ``dissect`` is found first is measured. The stream is
+made in batches outside the measured time, in constant memory, so growth is the engine's.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ def peak_kb() -> int:
 
 
 def feed(name: str, packets: int, size: int = SMALL) -> dict[str, object]:
-    """Feed ``packets`` packets of the stream ``name``, with all that `analyze` keeps, and return what it cost.
+    """Feed ``packets`` packets of the stream ``name`` to all that `analyze` uses, and return the cost.
 
     ``resident_kb`` after each quarter and ``peak_kb``; ``cpu_ns`` of the engine for the first half, for all, and for the end;
     ``worst_ns``, the longest single packet (never more than the CPU time of its batch: the machine may have paused us).
@@ -100,7 +100,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("packets", type=int)
     parser.add_argument("--size", type=int, default=SMALL, help="user data of a hostile segment")
     options = parser.parse_args(arguments)
-    gc.disable()  # as the commands do that read a capture: its walks would be most of the growth, and the longest pauses
+    # as the commands do that read a capture: its walks would cause most of the growth, and the longest pauses
+    gc.disable()
     json.dump(feed(options.profile, options.packets, options.size), sys.stdout)
     sys.stdout.write("\n")
     return 0

@@ -20,7 +20,7 @@ _HEAD: Final = struct.Struct(">14sHHHHHHLLHHIIHHHH")
 _IP: Final = struct.Struct(">14sHHHHHHLL")
 _DO_NOT_FRAGMENT: Final = 0x4000
 _PROTOCOL_TCP: Final = 6
-#: Smallest frame on the wire without its check sequence; what is shorter is padded by the sender's adapter.
+#: Smallest frame on the wire without its check sequence; the sender's adapter pads shorter ones.
 _ETHERNET_LEAST: Final = 60
 
 
@@ -89,7 +89,10 @@ class Sender:
         self._constant = addresses + _PROTOCOL_TCP + sport + dport
 
     def segment(self, flags: int, seq: int, ack: int, payload: bytes, time_ns: int = 0, options: bytes = b"") -> bytes:
-        """Return one frame. ``options`` (a multiple of 4 octets) are for the SYN; others get the time stamp if wanted."""
+        """Return one frame.
+
+        ``options`` (a multiple of 4 octets) are for the SYN; other segments get the time stamp if wanted.
+        """
         if self.stamps and not options:
             clock = time_ns // 1_000_000
             options = struct.pack(">HHII", 0x0101, 0x080A, clock + self.sport & 0xFFFFFFFF, clock & 0xFFFFFFFF)

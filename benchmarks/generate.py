@@ -28,7 +28,7 @@ def parse_count(text: str) -> int:
 
 
 def truth_path(capture: Path) -> Path:
-    """Return where the truth about a made capture is kept."""
+    """Return the path of the truth about a synthetic capture."""
     return capture.with_name(capture.name + ".truth.json")
 
 
@@ -42,7 +42,7 @@ def generate(
 ) -> dict[str, object]:
     """Write ``packets`` packets to ``path`` and the truth beside it (``path`` + ``.truth.json``); return the truth.
 
-    The same arguments give the same octets. Memory does not grow with ``packets`` but for 8 octets a transaction.
+    The same arguments give the same octets. Memory does not grow with ``packets``, except for 8 octets per transaction.
     """
     truth = Truth()
     traffic = Traffic(seed, truth, stations, grain_ns=1000 if kind == "pcap" else 1, without=without)

@@ -1,8 +1,8 @@
-"""Does time per packet stay flat, and memory too? ``python -m benchmarks.growth``.
+"""Checks whether time per packet and memory stay constant. ``python -m benchmarks.growth``.
 
-Three tables. Files: made captures of growing size through the command. Streams: the eight endless streams, fed to the engine
-in a child process that samples its own memory after each quarter; memory may grow by 5 % from the first quarter to the end and
-stay under 256 MB, twice the packets may take 2.3 times the time, and no packet more than 50 ms. Flood: malformed PDUs
+Three tables. Files: made captures of growing size through the command. Streams: the eight endless streams, fed to the engine in
+a child process that samples its own memory after each quarter; memory may grow by 5 % from the first quarter to the end and
+must stay under 256 MB, twice the packets may take 2.3 times the time, and no packet more than 50 ms. Flood: malformed PDUs
 through the command, whose report must stay under 10 MB.
 """
 
@@ -45,7 +45,7 @@ Table = tuple[str, tuple[str, ...], list[tuple[str, ...]]]
 
 
 def packets_of(name: str, gib: float, size: int) -> int:
-    """Return how many packets of a stream make ``gib`` GiB of capture file."""
+    """Return the number of packets of a stream that make ``gib`` GiB of capture file."""
     sample = [len(frame) + 16 for _, frame in islice(stream(name, size), 5000)]
     return int(gib * GIB / (sum(sample) / len(sample)))
 
@@ -63,7 +63,7 @@ def feed(
 
 
 def faults(half: dict[str, Any], whole: dict[str, Any]) -> list[str]:
-    """Return which promises a stream broke, from a run of N packets and one of 2 N."""
+    """Return the promises that a stream broke, from a run of N packets and one of 2 N."""
     first, *_, last = whole["resident_kb"]
     broken = []
     if last > MOST_GROWTH * first:

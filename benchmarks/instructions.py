@@ -1,9 +1,8 @@
-"""Did a change make the engine slower? ``python -m benchmarks.instructions`` counts what the processor runs.
+"""Did a change make the engine slower? ``python -m benchmarks.instructions`` counts the instructions of the processor.
 
-Instructions are counted by valgrind, with fixed hashes: a busy machine counts the same as an idle one, and the same again.
-What compilers make of the source differs from one to the next, so that numbers are recorded (``--record``) for each
-combination of Python, compiler of the engine, and build. Whether Python itself is the one that was recorded shows when it is
-counted while it does nothing.
+They are counted by valgrind, with fixed hashes: a busy machine counts the same as an idle one, every time. Compilers translate
+the source differently, so numbers are recorded (``--record``) for each combination of Python, compiler of the engine, and
+build. A count of an idle Python shows whether Python itself is the recorded one.
 """
 
 from __future__ import annotations
@@ -30,9 +29,9 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
 RECORDED: Final = Path(__file__).with_name("instructions.json")
-#: More than this over the recorded number is too much: for a packet, and for a start, on which other packages have a say.
+#: A ratio to the recorded number above this is too high: for a packet, and for a start, which other packages influence.
 MOST: Final = {"analyze": 1.05, "transactions": 1.05, "s7plus": 1.05, "plain": 1.05, "start": 1.10}
-#: A packet of ``analyze`` over another link (of `benchmarks.links`) may take so many times what one of ``plain`` takes.
+#: A packet of ``analyze`` over another link (of `benchmarks.links`) may cost this many times a packet of ``plain``.
 MOST_OF_LINKS: Final = {
     "vlan": 1.15,
     "qinq": 1.18,
@@ -42,14 +41,14 @@ MOST_OF_LINKS: Final = {
     "raw": 1.05,
     "pcapng": 1.12,
 }
-#: Python itself may differ by so much from the one that was recorded.
+#: Python itself may differ by this share from the recorded one.
 SAME: Final = 0.02
-#: Packets of the capture that is read, and how often they are there in the longer one.
+#: Number of packets of the capture that is read, and of its copies in the longer one.
 PACKETS: Final = 3000
 COPIES: Final = 3
 COMMANDS: Final = {"analyze": ["analyze"], "transactions": ["transactions", "-T", "jsonl"]}
-#: The capture with S7comm-plus that ``analyze`` reads, and how often it is there in the shorter one: sessions of a panel and of
-#: an engineering tool, with subscriptions, polling, a download and a stop.
+#: The capture with S7comm-plus for ``analyze``, and the number of its copies in the shorter one: sessions of a panel and of an
+#: engineering tool, with subscriptions, polling, a download and a stop.
 PLUS: Final = Path(__file__).parents[1] / "captures/crafted/plus-plant.pcapng"
 PLUS_COPIES: Final = 25
 
@@ -59,8 +58,8 @@ _COMPILER: Final = re.compile(rb"GCC: \([^)]*\) (\d+)")
 
 
 #: One process that imports and reads once, and copies of it, each of which reads one capture: most instructions of a command
-#: are those of its start, and valgrind is slow with what runs once. A copy is counted from the beginning of the process it is
-#: made of. Says "NAME PROCESS" of each that ended well; given are the calls of the copies by name.
+#: are those of its start, and valgrind is slow with code that runs once. A copy is counted from the beginning of its original
+#: process. Prints "NAME PROCESS" for each copy that ended well; its argument has the calls of the copies by name.
 _MOTHER: Final = """
 import json, os, sys
 said, calls = os.fdopen(os.dup(1), "w", buffering=1), json.loads(sys.argv[1])
@@ -89,7 +88,7 @@ for name, call in calls.items():
 
 
 def instructions(arguments: Sequence[str | Path]) -> int:
-    """Return the instructions of a process of this Python. Raises RuntimeError when it fails or cannot be counted."""
+    """Return the instructions of a process of this Python. Raises RuntimeError if it fails or cannot be counted."""
     command = ["valgrind", *_COUNTING, sys.executable, *map(str, arguments)]
     done = _ran(command)
     found = _COUNTED.search(done.stderr)
@@ -100,7 +99,7 @@ def instructions(arguments: Sequence[str | Path]) -> int:
 
 
 def copies(calls: dict[str, list[str]], folder: Path) -> dict[str, int]:
-    """Return the instructions of each copy of `_MOTHER`. Raises RuntimeError when one fails or cannot be counted."""
+    """Return the instructions of each copy of `_MOTHER`. Raises RuntimeError if one fails or cannot be counted."""
     command = [
         "valgrind",
         *_COUNTING,
@@ -128,13 +127,13 @@ def _number(found: re.Match[bytes]) -> int:
 
 
 def _ran(command: Sequence[str]) -> subprocess.CompletedProcess[bytes]:
-    """Run the package that is installed, not the tree that may be the current folder."""
+    """Run the installed package, not the tree that may be the current folder."""
     environment = {**os.environ, "PYTHONSAFEPATH": "1", "PYTHONHASHSEED": "0", "TZ": "UTC", "LC_ALL": "C.UTF-8"}
     return subprocess.run(command, env=environment, capture_output=True, check=False)
 
 
 def combination() -> str:
-    """Return what the numbers depend on, as they are recorded by it; empty where the engine is not compiled by gcc."""
+    """Return the combination under which numbers are recorded; empty if the engine is not compiled by gcc."""
     told = _ran([sys.executable, "-c", "import dissect; print(dissect.__file__)"]).stdout.decode().strip()
     library = next(Path(told).parents[1].glob("s7dissect__mypyc.*"), None) if told else None
     found = _COMPILER.search(library.read_bytes()) if library is not None else None
@@ -146,16 +145,16 @@ def combination() -> str:
 
 
 def interpreter() -> int:
-    """Return the instructions of a Python that does nothing."""
+    """Return the number of instructions of a Python that does nothing."""
     return instructions(["-I", "-S", "-c", "pass"])
 
 
 def measure(folder: Path) -> dict[str, int]:
-    """Return the instructions for a packet of each command, and of a start less Python; captures go to ``folder``.
+    """Return the instructions per packet for each command, and for a start without Python's; captures go to ``folder``.
 
-    What the first packets cost (modules that are imported when they are needed, requests that are parsed for the first time)
-    belongs to the start: it is what the same capture takes once, and a packet what its copies take, between other hosts.
-    ``s7plus`` is ``analyze`` for a packet of S7comm-plus; by the name of a link, it is ``analyze`` for the same packets there.
+    The cost of the first packets (modules imported on demand, requests parsed for the first time) belongs to the start: the
+    start is the cost of the capture itself, and a packet the cost of its copies, which are between other hosts. ``s7plus`` is
+    ``analyze`` per packet of S7comm-plus; under the name of a link, it is ``analyze`` for the same packets there.
     """
     made, once, often, less, more = (str(folder / f"{name}.pcap") for name in ("made", "once", "often", "less", "more"))
     generate(Path(made), PACKETS)
@@ -166,7 +165,7 @@ def measure(folder: Path) -> dict[str, int]:
     calls: dict[str, list[str]] = {}
     for name, arguments in COMMANDS.items():
         calls |= {f"{name} once": [*arguments, once], f"{name} often": [*arguments, often]}
-        _ran([sys.executable, "-m", "dissect", *arguments, once])  # so that the bytecode of all modules is there
+        _ran([sys.executable, "-m", "dissect", *arguments, once])  # so that the bytecode of all modules exists
     calls |= {"s7plus once": ["analyze", less], "s7plus often": ["analyze", more]}
     for kind in KINDS:
         few, many = folder / f"{kind}.once", folder / f"{kind}.often"
@@ -178,13 +177,13 @@ def measure(folder: Path) -> dict[str, int]:
 
 
 def recorded() -> dict[str, int]:
-    """Return the numbers for this combination, ``interpreter`` among them; empty where none are recorded."""
+    """Return the numbers for this combination, ``interpreter`` among them; empty if none are recorded."""
     found: dict[str, dict[str, int]] = json.loads(RECORDED.read_text(encoding="ascii"))
     return found.get(combination(), {})
 
 
 def too_many(now: dict[str, int], before: dict[str, int]) -> list[str]:
-    """Return what counts more than it may, as sentences."""
+    """Return the counts that exceed their limits, as sentences."""
     return [
         f"{name}: {now[name]} instructions, recorded are {before[name]}, at most {most:.2f} times that is allowed"
         for name, most in MOST.items()

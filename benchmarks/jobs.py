@@ -1,4 +1,4 @@
-"""The transactions of the made plant: what is asked, what is answered, and what of it is an error."""
+"""The transactions of the synthetic plant: requests, answers, and their errors."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class Job:
         self.refusals = 0
 
     def refuse(self, error: int) -> None:
-        """Let the answer be an Ack that carries only ``error``."""
+        """Let the answer be an Ack that only has ``error``."""
         self.answer_rosctr = ACK
         self.answer_param = self.answer_data = b""
         self.answer_function = -1

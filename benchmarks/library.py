@@ -1,6 +1,6 @@
-"""`dissect.frames` against `dissect.values`: CPU in turn (A B A B), each in a process of its own, and peak memory.
+"""`dissect.frames` compared with `dissect.values`: CPU in turn (A B A B), each in its own process, and peak memory.
 
-`python -m benchmarks.library FILE [--python PYTHON] [--rounds N]`; CPU is without that of importing the package.
+`python -m benchmarks.library FILE [--python PYTHON] [--rounds N]`; CPU excludes the import of the package.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """The same traffic over another link: ``python -m benchmarks.links KIND FILE OUT``.
 
 Everyday lines are tagged, doubly tagged, IPv6, or captured by ``tcpdump -i any``. A twin of a capture has the same TCP segments
-at the same times under another link header, so that what the link costs is what differs between two runs.
+at the same times under another link header, so the difference between two runs is the cost of the link.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 RAW: Final = 101
 COOKED: Final = 113
 COOKED_2: Final = 276
-#: Link type and file format of each kind. ``plain`` is Ethernet with IPv4 and no tag, what the others are measured against.
+#: Link type and file format of each kind. ``plain`` is Ethernet with IPv4 and no tag, the reference for the others.
 KINDS: Final = {
     "plain": (ETHERNET, "pcap-ns"),
     "vlan": (ETHERNET, "pcap-ns"),
@@ -37,9 +37,9 @@ _IPV6: Final = b"\x86\xdd"
 #: VLAN 102, and VLAN 7 of a provider around it (IEEE 802.1Q, clause 9.6).
 _TAG: Final = b"\x81\x00\x00\x66"
 _PROVIDER: Final = b"\x88\xa8\x00\x07"
-#: An IPv4 address stands at the end of an IPv6 address with this prefix (unique local, RFC 4193).
+#: An IPv4 address is placed at the end of an IPv6 address with this prefix (unique local, RFC 4193).
 _PREFIX: Final = bytes.fromhex("fd533700000000000000ffff")
-#: Where the checksum stands after the IP header, by protocol.
+#: The offset of the checksum after the IP header, by protocol.
 _SUMS: Final = {6: 16, 17: 6}
 
 

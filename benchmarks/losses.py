@@ -1,19 +1,19 @@
-"""Is what is told of a capture still true when packets are missing from it? ``python -m benchmarks.losses [FOLDER ...]``.
+"""Checks whether the results for a capture stay true when packets are missing from it.
 
-Packets of made traffic and of every capture below the folders (by default those of the project and the public ones, in
-``S7DISSECT_CORPUS`` or ``../shared/captures``) are left out, one by one or in bursts, and the rest is analysed. What is told of
-it is held against what is told of the complete capture:
+``python -m benchmarks.losses [FOLDER ...]``. Packets of synthetic traffic and of every capture below the folders (by default
+those of the project and the public ones, in ``S7DISSECT_CORPUS`` or ``../shared/captures``) are left out, one by one or in
+bursts, and the rest is analysed. The results are compared with those of the complete capture:
 
-* each pair of request and answer: it is wrong when its answer belongs to another request there. A pair of which both packets
-  were kept, and that is not told, is missed: mostly another segment of one of its PDUs was left out;
-* each statement that blames a device or a client (`benchmarks.blame`): it is untrue when the complete capture does not say it
-  of that connection, or of that request, and when it does not say itself that something was not captured;
-* each request of which it is told that it was answered but the answer was not captured: untrue (an excuse) when it never was.
+* each pair of request and answer: it is wrong if its answer belongs to another request there. A pair that is not reported
+  although both of its packets were kept is missed: mostly another segment of one of its PDUs was left out;
+* each statement that blames a device or a client (`benchmarks.blame`): it is untrue if the complete capture does not make it
+  about that connection, or that request, and if it does not itself mention that something was not captured;
+* each request that is reported as answered without a captured answer: untrue (an excuse) if it was never answered.
 
-Exit code 1 when a bar is missed. Of 10,000 sure pairs at most 3 are wrong. Of made traffic and of the captures of each folder
-at most 5 statements blame untruly (12 of the project's own, some of which were made to deceive: `_BLAMING_OWN`). Where 2 % were
-left out, at least 97 % of the pairs whose packets were kept are told as sure. With the public captures a million packets are
-analysed, in a quarter of a minute of CPU time.
+Exit code 1 when a bar is missed. Of 10,000 sure pairs at most 3 are wrong. For synthetic traffic and for the captures of each
+folder, at most 5 statements blame wrongly (12 for the project's own, some of which were made to deceive: `_BLAMING_OWN`). With
+2 % left out, at least 97 % of the pairs whose packets were kept are reported as sure. With the public captures a million
+packets are analysed, in a quarter of a minute of CPU time.
 """
 
 from __future__ import annotations
@@ -40,13 +40,13 @@ if TYPE_CHECKING:
 
 _ETHERNET: Final = 1
 _ROOT: Final = Path(__file__).resolve().parents[1]
-#: Packets that go together, where they do.
+#: Number of packets that are lost together in a burst.
 _BURST: Final = (5, 40)
-#: The bars: wrong pairs among the sure ones, untrue statements in all, and pairs that stay sure at `_RATE`.
+#: The limits: wrong pairs among the sure ones, untrue statements in all, and pairs that stay sure at `_RATE`.
 _WRONG: Final = 3 / 10_000
 _BLAMING: Final = 5
 #: Connections that take over the sequence numbers of another, clocks that step back in the middle, and conversations so short
-#: that a burst takes all that follows a request: no later packet shows that an answer is missing. 11 in three rounds.
+#: that a burst removes everything after a request: no later packet shows that an answer is missing. 11 in three rounds.
 _BLAMING_OWN: Final = 12
 _STAY: Final = 0.97
 _RATE: Final = 0.02
@@ -58,7 +58,7 @@ HEADS: Final = (
 
 
 def kept(count: int, rate: float, burst: bool, rng: Random) -> list[int]:
-    """Return the numbers of the packets that are not lost, of ``count``: each is with the probability ``rate``."""
+    """Return the numbers of the packets that are kept; each of the ``count`` packets is lost with the probability ``rate``."""
     numbers: list[int] = []
     mean = sum(_BURST) / 2 if burst else 1
     at = 0
@@ -72,7 +72,7 @@ def kept(count: int, rate: float, burst: bool, rng: Random) -> list[int]:
 
 
 def made(count: int, seed: int) -> Capture:
-    """Return made traffic of so many packets."""
+    """Return synthetic traffic with this many packets."""
     capture = Capture("made traffic")
     for time_ns, frame, _, _ in islice(Traffic(seed, Made(), 50, grain_ns=1000).packets(), count):
         capture.packets.append(Packet(time_ns, frame, len(frame), _ETHERNET))
@@ -80,7 +80,7 @@ def made(count: int, seed: int) -> Capture:
 
 
 def captures(folder: Path) -> Iterator[Capture]:
-    """Read every capture below a folder; a file that is none is named on standard error."""
+    """Read every capture below a folder; other files are named on standard error."""
     for path in sorted(folder.rglob("*.pcap*")):
         try:
             yield read(path, str(path.relative_to(folder)))
@@ -89,7 +89,7 @@ def captures(folder: Path) -> Iterator[Capture]:
 
 
 def default_folders() -> list[Path]:
-    """Return the folder of the project's captures and that of the public ones, where it is there."""
+    """Return the folder of the project's captures, and that of the public ones if it exists."""
     shared = Path(os.environ.get("S7DISSECT_CORPUS") or _ROOT.parent / "shared" / "captures")
     return [folder for folder in (_ROOT / "captures", shared) if folder.is_dir()]
 
@@ -98,7 +98,7 @@ class Table:
     """The verdicts of captures, a row for each rate and manner."""
 
     def __init__(self, rates: Sequence[float], rounds: int, seed: int, blaming: int = _BLAMING) -> None:
-        self.blaming = blaming  # so many untrue statements are allowed
+        self.blaming = blaming  # this many untrue statements are allowed
         self.rows = {(rate, burst): Verdict() for rate in rates for burst in (False, True)}
         self.captures = 0
         self.packets = 0
@@ -107,7 +107,7 @@ class Table:
         self._seed = seed
 
     def take(self, capture: Capture) -> None:
-        """Leave packets out of a capture, at each rate, in each manner and so many times."""
+        """Leave packets out of a capture, at each rate, in each manner and this many times."""
         count = len(capture.packets)
         truth = Truth(Told(capture, range(count)))
         self.captures += 1
@@ -150,7 +150,7 @@ def judge(tables: Sequence[Table]) -> list[str]:
 
 
 def print_blame(tables: Sequence[Table], details: bool) -> None:
-    """Print who blames: slugs, captures, and each case if that is wanted."""
+    """Print what blames: slugs, captures, and each case if wanted."""
     rows = [row for table in tables for row in table.rows.values()]
     for title, counters in (("slug", [row.blaming for row in rows]), ("capture", [row.where for row in rows])):
         total: Counter[str] = sum(counters, Counter())

@@ -1,7 +1,7 @@
-"""Connections that each read addresses of their own: ``python -m benchmarks.many_connections PACKETS CONNECTIONS OUT``.
+"""Connections that each read their own addresses: ``python -m benchmarks.many_connections PACKETS CONNECTIONS OUT``.
 
-Where many clients, or one that connects again and again, read something else each time, no parameter block is known from the
-connection before. Few and many connections over the same number of packets show what one connection costs.
+If many clients, or one that reconnects again and again, read something else each time, no parameter block is known from an
+earlier connection. The comparison of few and many connections over the same number of packets shows the cost of one connection.
 """
 
 from __future__ import annotations

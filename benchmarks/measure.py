@@ -1,4 +1,4 @@
-"""Run a command and say what it cost: CPU seconds, wall time, peak memory."""
+"""Run a command and report its cost: CPU seconds, wall time, peak memory."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from statistics import median
 
 
 class Cost:
-    """What one run cost: ``cpu_s`` user and system seconds, ``wall_s``, ``peak_mb`` (10**6 octets resident), ``code``.
+    """The cost of one run: ``cpu_s`` user and system seconds, ``wall_s``, ``peak_mb`` (10**6 octets resident), ``code``.
 
-    CPU time holds that of the children which the command waited for.
+    CPU time includes that of the children for which the command waited.
     """
 
     __slots__ = ("code", "cpu_s", "peak_mb", "wall_s")
@@ -25,7 +25,7 @@ class Cost:
 
 
 class CommandFailedError(Exception):
-    """A measured command ended with an unexpected exit code; the message holds the end of what it said."""
+    """A measured command ended with an unexpected exit code; the message has the end of its output."""
 
 
 def run(
@@ -36,10 +36,10 @@ def run(
     output: Path | None = None,
     fine: tuple[int, ...] = (0,),
 ) -> Cost:
-    """Run ``command`` to its end with standard output to a file, or to nowhere.
+    """Run ``command`` to its end with standard output to a file, or discarded.
 
-    Peak memory comes from the kernel (``ru_maxrss``), which never tells less than this process had when it started the
-    child: a measuring process must stay small. Raises CommandFailedError when the exit code is not in ``fine``.
+    Peak memory comes from the kernel (``ru_maxrss``), which never reports less than this process had when it started the child:
+    so a measuring process must stay small. Raises CommandFailedError when the exit code is not in ``fine``.
     """
     target = output if output is not None else Path(os.devnull)
     with (

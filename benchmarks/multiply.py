@@ -1,7 +1,7 @@
 """Multiply a real capture: ``python -m benchmarks.multiply FILE N OUT``.
 
-Each copy is the same conversations between other hosts: new IP addresses, new client ports, times shifted. Checksums are
-changed by the difference only (RFC 1624), so that right ones stay right and wrong ones wrong.
+Each copy has the same conversations between other hosts: new IP addresses, new client ports, times shifted. Checksums are
+changed only by the difference (RFC 1624), so right ones stay right and wrong ones stay wrong.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ _PORT_STEP = 7919
 
 
 def ip_offset(link_type: int, frame: bytes) -> int:
-    """Return where the IP header begins, or -1 where there is none (as far as this tool knows the link)."""
+    """Return where the IP header begins, or -1 if there is none (on links that this tool knows)."""
     if link_type == _RAW:
         return 0
     if link_type in (_NULL, _LOOP):
@@ -44,7 +44,7 @@ def ip_offset(link_type: int, frame: bytes) -> int:
 
 
 class Plan:
-    """Where in one packet the addresses, ports and checksums stand. ``payload`` is -1 where no ports may be changed."""
+    """The positions of addresses, ports and checksums in one packet. ``payload`` is -1 if no ports may be changed."""
 
     __slots__ = ("address_size", "addresses", "ip", "payload", "protocol")
 
@@ -84,7 +84,7 @@ class Multiplier:
                     self._places.setdefault(frame[at : at + plan.address_size], len(self._places))
 
     def address(self, old: bytes, copy: int) -> bytes:
-        """Return the address that stands for ``old`` in a copy; those of groups stay."""
+        """Return the address that replaces ``old`` in a copy; group addresses stay."""
         place = copy * len(self._places) + self._places[old] + 1
         if len(old) == 16:
             return old if old[0] == 0xFF else b"\xfd\x53\x37" + place.to_bytes(13, "big")
@@ -96,7 +96,7 @@ class Multiplier:
 
     @staticmethod
     def port(ports: tuple[int, int], copy: int) -> tuple[int, int]:
-        """Return the ports of a copy: the larger one is the client's and changes, the service stays."""
+        """Return the ports of a copy: the larger one is the client's and changes, the service port stays."""
         high = max(ports)
         if high < _EPHEMERAL:
             return ports
@@ -134,13 +134,13 @@ def words(octets: bytes | bytearray) -> int:
 
 
 def adjust(octets: bytearray, at: int, difference: int, *, optional: bool = False) -> None:
-    """Change the checksum at ``at`` for words that grew by ``difference``; an ``optional`` one of zero was not computed."""
+    """Change the checksum at ``at`` after words grew by ``difference``; an ``optional`` checksum of zero was not computed."""
     if at + 2 > len(octets):
         return
     old = int.from_bytes(octets[at : at + 2], "big")
     if old == 0 and optional:
         return
-    # A sum of words is never zero, so the multiple of 65535 it may be is 65535 and its complement 0 (in UDP written 65535).
+    # A sum of words is never zero, so a multiple of 65535 is 65535 itself and its complement 0 (in UDP written as 65535).
     new = -(0xFFFF - old + difference) % 0xFFFF
     octets[at : at + 2] = (new or (0xFFFF if optional else 0)).to_bytes(2, "big")
 
@@ -148,8 +148,8 @@ def adjust(octets: bytearray, at: int, difference: int, *, optional: bool = Fals
 def multiply(path: Path, copies: int, out: Path, apart_ns: int = 10_000_000) -> int:
     """Write ``copies`` copies of the capture at ``path`` to ``out``, each beginning ``apart_ns`` after the one before.
 
-    Returns the number of packets. The source is held in memory, the result is not. Raises ValueError for a source that
-    cannot be multiplied.
+    Returns the number of packets. The source is kept in memory, the result is not. Raises ValueError for a source that cannot
+    be multiplied.
     """
     link_type, packets = read_capture(path)
     multiplier = Multiplier(link_type, packets)

@@ -1,6 +1,6 @@
-"""TPKT, COTP and S7 octets for made traffic. Written apart from the package, so that it can check the package.
+"""TPKT, COTP and S7 octets for made traffic. Written independently of the package, so that it can check the package.
 
-Layouts: RFC 1006 (TPKT), ISO 8073 class 0 (COTP); S7comm as public dissectors and captures show it.
+Layouts: RFC 1006 (TPKT), ISO 8073 class 0 (COTP); S7comm as in public dissectors and captures.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ READ: Final = 0x04
 WRITE: Final = 0x05
 SETUP: Final = 0xF0
 
-#: Empty DT without end of TSDU: what Siemens stacks send after each PDU they got.
+#: Empty DT without end of TSDU: Siemens stacks send it after each received PDU.
 EMPTY_DT: Final = b"\x03\x00\x00\x07\x02\xf0\x00"
 
 _REQUEST_HEAD: Final = struct.Struct(">BBHHHH")
@@ -107,7 +107,7 @@ def setup_param(calling: int, called: int, pdu_length: int) -> bytes:
 
 
 class Item:
-    """One S7ANY item: how it stands in a request and how its values are made."""
+    """One S7ANY item: its form in a request, and how its values are made."""
 
     __slots__ = ("code", "octets", "refusal", "size", "spec", "value_head")
 
@@ -129,7 +129,7 @@ class Item:
 
 
 class Variables:
-    """A Read Var or Write Var request as a program repeats it: a fixed parameter block, values that change."""
+    """A Read Var or Write Var request that a program repeats: a fixed parameter block, and values that change."""
 
     __slots__ = ("_tapes", "function", "items", "param", "refused")
 

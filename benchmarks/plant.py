@@ -1,4 +1,4 @@
-"""The made plant: what its programs ask, and the manners of the stacks that ask."""
+"""The synthetic plant: the requests of its programs, and the behaviour of the stacks that send them."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Final
 
 from benchmarks.pdus import REFUSED_SIZES, Item, Variables, tapes
 
-#: (area, weight, sizes): DB and flags most of all, every other area now and then.
+#: (area, weight, sizes): mostly DB and flags, every other area now and then.
 _AREAS: Final = (
     (0x84, 60, (0x01, 0x02, 0x02, 0x03, 0x04, 0x05, 0x06, 0x07, 0x08, 0x08, 0x08, 0x13)),
     (0x83, 14, (0x01, 0x01, 0x02, 0x04, 0x06, 0x08)),
@@ -24,7 +24,7 @@ _AREAS: Final = (
     (0x06, 1, (0x04,)),
     (0x07, 1, (0x04,)),
 )
-#: How many items a request has, with weights: the mean is near 3.7.
+#: Number of items of a request, with weights: the mean is near 3.7.
 _READ_COUNTS: Final = ((1, 40), (2, 15), (3, 10), (4, 8), (5, 7), (6, 5), (8, 5), (10, 4), (14, 2), (18, 2), (20, 2))
 _WRITE_COUNTS: Final = ((1, 80), (2, 12), (4, 6), (8, 2))
 _LONGEST: Final = {0x01: 1, 0x02: 60, 0x03: 40, 0x1C: 4, 0x1D: 4}
@@ -33,7 +33,7 @@ _NUMBERED: Final = (0x1C, 0x1D)
 
 
 class Manner:
-    """How a client stack behaves: what it proposes, how it numbers, how much it keeps open.
+    """The behaviour of a client stack: what it proposes, how it numbers, how many requests it keeps open.
 
     ``numbers`` names its PDU references: ``little`` and ``big`` count up in that byte order from ``first``; ``smallest``
     takes the smallest free number. ``together`` puts the open requests into one segment.
@@ -114,13 +114,13 @@ class Plant:
         return item if item.answer_octets <= room else Item(0x02, 1, 0, 0x83, rng.randrange(200) * 8, refusal)
 
     def _read(self, pdu_length: int, *, awkward: bool) -> Variables:
-        """Make a read whose request and answer fit ``pdu_length``; an awkward one has an item no PLC will give."""
+        """Make a read whose request and answer fit ``pdu_length``; an awkward one has an item that every PLC refuses."""
         rng = self._rng
         count = min(_weighted(rng, _READ_COUNTS), (pdu_length - 12) // 12)
         room = pdu_length - 14
         items: list[Item] = []
         for number in range(count):
-            # Each item still to come needs six octets at least.
+            # Each of the remaining items needs six octets at least.
             spare = room - 6 * (count - number - 1)
             items.append(self._item(spare))
             room -= items[-1].answer_octets

@@ -1,7 +1,7 @@
-"""What --separate -j gains: one process and several over the same captures, and whether they write the same.
+"""The gain of --separate -j: one process and several over the same captures, and whether they write the same.
 
-`python -m benchmarks.processes FILE FILE… [--jobs N] [--python PYTHON]`. Of a busy machine only the CPU seconds say something:
-those of all processes together are what sharing costs; what it gains is elapsed time, to be measured on one that is idle.
+`python -m benchmarks.processes FILE FILE… [--jobs N] [--python PYTHON]`. On a busy machine only the CPU seconds are meaningful:
+those of all processes together are the cost of sharing; its gain is elapsed time, to be measured on an idle machine.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from pathlib import Path
 
 from benchmarks.measure import machine, run
 
-#: What is measured, each with the files behind it.
+#: The measured commands, each followed by the files.
 COMMANDS = (("analyze", "-T", "json"), ("transactions", "-T", "jsonl"), ("values", "-T", "jsonl"))
 
 

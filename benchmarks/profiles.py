@@ -18,7 +18,7 @@ GIB = 1 << 30
 
 
 class Extent:
-    """How long a stream shall be: in packets, or in octets of the file."""
+    """The length of a stream: in packets, or in octets of the file."""
 
     __slots__ = ("octets", "packets")
 

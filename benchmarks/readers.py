@@ -1,4 +1,4 @@
-"""A small reader of whole capture files, for captures that are multiplied: it holds the file in memory."""
+"""A small reader of whole capture files, for captures that are multiplied: it keeps the file in memory."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ Packet = tuple[int, bytes, int]
 def read_capture(path: Path) -> tuple[int, list[Packet]]:
     """Return the link type and the packets of a pcap (µs, ns) or pcapng file of either octet order.
 
-    Raises ValueError where the file is no capture, is damaged, or has packets of several link types.
+    Raises ValueError if the file is not a capture, is damaged, or has packets of several link types.
     """
     octets = path.read_bytes()
     try:

@@ -1,11 +1,11 @@
-"""Measure the SCD codec beside others in one run: ``python -m benchmarks.scd``.
+"""Measure the SCD codec and others in one run: ``python -m benchmarks.scd``.
 
-Decoding and encoding of three PDOs, a batch of them into columns, loading a dictionary of 1000 objects. Our figures are for
-the whole call: octets in, a mapping of values with the flags for infinities, surplus octets and times out. Of the others what
-they give is measured: bitstruct a tuple, construct a container, cantools a dictionary, canopen (only where everything is
-aligned: its bit fields are wrong) the values of a mapping. Each value is checked against ours first. What is not installed is
-left out. Everybody takes turns; figures are the best of several rounds, in microseconds of CPU time a call, and as multiples of
-ours.
+Decoding and encoding of three PDOs, a batch of them into columns, loading a dictionary of 1000 objects. Our figures are for the
+whole call: from octets to a mapping of values with flags for infinities, surplus octets and times out of range. For the others
+the natural result is measured: bitstruct a tuple, construct a container, cantools a dictionary, canopen (only if everything is
+aligned: its bit fields are wrong) the values of a mapping. Each value is checked against ours first. Packages that are not
+installed are left out. All take turns; figures are the best of several rounds, in microseconds of CPU time per call, and as
+multiples of ours.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ PDOS = {"3 aligned": ALIGNED, "8 unaligned": UNALIGNED, "64 mixed": MIXED}
 
 OURS = "s7dissect decode"
 
-#: What is promised, in microseconds a call, PDOs a second and milliseconds (issue 4).
+#: The promised limits, in microseconds per call, PDOs per second and milliseconds (issue 4).
 TARGETS = {"3 aligned": 1.0, "8 unaligned": 2.0, "batch": 5e6, "load": 50.0}
 
 _KINDS = {"b": Kind.BOOL, "u": Kind.UINT, "s": Kind.INT, "f": Kind.REAL}
@@ -102,7 +102,7 @@ def bit_format(fields: Fields) -> str:
 
 
 def with_struct(fields: Fields) -> Callable[[bytes], Any] | None:
-    """Decode with a bare struct.Struct, where that is possible."""
+    """Decode with a bare struct.Struct, if that is possible."""
     codes = {("u", 16): "H", ("s", 32): "i", ("s", 8): "b"}
     if not all(field in codes for field in fields):
         return None
@@ -171,7 +171,7 @@ def with_cantools(fields: Fields) -> Callable[[bytes], Any]:
 
 
 def with_canopen(fields: Fields) -> Callable[[bytes], Any] | None:
-    """Decode with a mapping of python-canopen, where every field stands on whole octets."""
+    """Decode with a mapping of python-canopen, if every field is aligned to octets."""
     if fields is not ALIGNED:
         return None
     import canopen
@@ -211,7 +211,7 @@ PEERS: dict[str, Callable[[Fields], Callable[[bytes], Any] | None]] = {
 
 
 def measure_pdo(name: str, fields: Fields) -> list[tuple[str, str, float]]:
-    """Return (PDO, who, µs a call) for decoding by everybody and for our encoding."""
+    """Return (PDO, package, µs per call) for decoding by all and for our encoding."""
     codec = Codec(dictionary(fields))
     values = sample(fields, random.Random(4))
     keyed = {(0x6000 + at, 0): value for at, value in enumerate(values)}
@@ -279,7 +279,7 @@ def measure_load(objects: int) -> float:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Measure and print; 1 when a target is missed and ``--gate`` is given."""
+    """Measure and print; return 1 if a target is missed and ``--gate`` is given."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.scd", description=__doc__)
     parser.add_argument("--batch", type=int, default=200_000, help="PDOs of the batch (default 200000)")
     parser.add_argument("--json", type=Path, help="write all figures to this file too")

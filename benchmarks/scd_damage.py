@@ -15,13 +15,13 @@ import msgspec
 from dissect.scd.binary import MAGIC, wire_id
 from dissect.scd.records import Body
 
-#: What a node of a damaged dictionary becomes.
+#: Replacements for a node of a damaged dictionary.
 JUNK: tuple[Any, ...] = (
     None, True, False, -1, 0, 1, 2, 7, 8, 9, 255, 256, 0x1A00, 0x2000, 0x6000, 65535, 65536, 2**31, 2**32, 2**60, 2**63,
     2**64 - 1, -(2**63), 0.5, -0.0, 1e308, float("nan"), float("inf"), "", "x", "uint8", "0x2000:1", "T1", "\0", "\u202e",
     "x" * 300, "9" * 5000, "0x" + "f" * 5000, b"", b"\xff", bytes(300), [], [[]], [None], {}, {"x": 1}, [0] * 300,
 )  # fmt: skip
-#: And what only a text can say.
+#: Further replacements that only a text form can express.
 TEXT_JUNK: tuple[Any, ...] = (10**400, -(2**200), "\ud800", {"name": "x", "reserved": 3, "type": "int8", "index": 8192})
 
 
@@ -34,7 +34,7 @@ def nested(depth: int) -> list[Any]:
 
 
 def sealed(octets: bytes, dice: random.Random | None = None) -> bytes:
-    """Return a file around a body, all sums right: what is wrong has to be found in the records."""
+    """Return a file around a body with all sums right, so that the fault must be found in the records."""
     try:
         identity = wire_id(msgspec.msgpack.decode(octets, type=Body))
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
@@ -58,7 +58,7 @@ def damage_octets(dice: random.Random, octets: bytes) -> bytes:
 
 
 def damage_tree(dice: random.Random, tree: Any, junk: Sequence[Any]) -> None:
-    """Change one to three nodes of arrays and tables in place: put something else there, take it out, double it, swap two."""
+    """Change one to three nodes of arrays and tables in place: replace, remove, double or swap them."""
     for _ in range(dice.randint(1, 3)):
         nodes = [(tree, key) for key in _keys(tree)]
         for content, key in nodes:

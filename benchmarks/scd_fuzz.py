@@ -1,8 +1,8 @@
 """Throw damaged dictionaries and payloads at the SCD codec: ``python -m benchmarks.scd_fuzz --seconds 60``.
 
-Each case is a made-up dictionary (`benchmarks.scd_made`) and what is done to it: files and sources damaged in octets and in
-their records, values sent and received by every entry, payloads and messages of any octets. Only `dissect.scd.Error` may come
-out, and from what is received in an envelope nothing at all; what was sent has to be received the same. Anything else is
+Each case is a made-up dictionary (`benchmarks.scd_made`) and its treatment: files and sources damaged in octets and in their
+records, values sent and received through every function, payloads and messages of arbitrary octets. Only `dissect.scd.Error`
+may be raised, and nothing at all for data received in an envelope; sent values must be received unchanged. Anything else is
 printed with the seed of its case, and the run ends with 1.
 """
 
@@ -46,17 +46,17 @@ Told = Counter[str]
 
 
 class WrongError(Exception):
-    """What should be the same is not."""
+    """Two results that should be equal are not."""
 
 
 def expect(holds: bool, what: str) -> None:
-    """Raise `WrongError` where something does not hold that always should."""
+    """Raise `WrongError` if a condition is false that should always be true."""
     if not holds:
         raise WrongError(what)
 
 
 class Case:
-    """One dictionary, and everything that is done with it; ``told`` counts what came of it."""
+    """One dictionary, and everything that is done with it; ``told`` counts the results."""
 
     def __init__(self, dice: random.Random, told: Told) -> None:
         self.dice = dice
@@ -77,7 +77,7 @@ class Case:
             self.damaged_source()
 
     def attempt(self, what: str, call: Callable[[], object], only: type[Error] = Error) -> object:
-        """Return what the call gives, None where it raises an error that it may raise."""
+        """Return the result of the call, None if it raises an error that it may raise."""
         self.told[what] += 1
         try:
             return call()
@@ -96,14 +96,14 @@ class Case:
         self.told["round trip"] += 1
 
     def payload(self, size: int) -> bytes:
-        """Return any octets, of the right size more often than not."""
+        """Return arbitrary octets, mostly of the right size."""
         return self.dice.randbytes(size if self.dice.random() < 0.7 else self.dice.randrange(size + 12))
 
     def both_ways(
         self, what: str, values: Mapping[Any, Value], encode: Callable[[Mapping[Any, Value]], bytes],
         decode: Callable[[bytes], Decoded],
     ) -> None:  # fmt: skip
-        """Send and receive ``values``, then receive anything, and what came out of it again."""
+        """Send and receive ``values``, then receive arbitrary octets, and send and receive the result."""
         octets = encode(values)
         found = decode(octets)
         sound = same_values(found.values, dict(values)) and not found.flags.keys() - {LIMITS}
@@ -136,7 +136,7 @@ class Case:
             self.remapped(pdo)
 
     def columns(self, name: str, pdo: Pdo) -> None:
-        """Many payloads at once against one by one; numbers only, the rest is compared in tests."""
+        """Many payloads at once compared with one by one; numbers only, the rest is compared in tests."""
         octets = self.dice.randbytes(3 * pdo.size + 2)
         starts = [self.dice.randrange(len(octets) - pdo.size + 1) for _ in range(3)]
         found = self.codec.decode_many(name, octets, starts)
@@ -183,13 +183,13 @@ class Case:
             self.named(obj)
 
     def named(self, obj: Object) -> None:
-        """What `init`, `encode` and `decode` do with a name."""
+        """The results of `init`, `encode` and `decode` for a name."""
         objects = self.codec.objects(obj.name)
         self.attempt("decode by name", partial(decode_named, self.codec, self.payload(obj.size), objects))
         self.attempt("encode by name", partial(encode_named, self.codec, objects))
 
     def variables(self) -> None:
-        """Single values, and values that are none."""
+        """Single values, and invalid ones."""
         for obj in self.od:
             for row in obj:
                 values: dict[Any, Value] = {row.address: made_value(self.dice, row.type, row.bits)}
@@ -205,7 +205,7 @@ class Case:
         return self.codec.encode_value(key, given[key])
 
     def messages(self) -> None:
-        """Messages in the envelope: sent and received, damaged, of any octets."""
+        """Messages in the envelope: sent and received, damaged, of arbitrary octets."""
         roles = self.codec.envelope.roles
         unit = b""
         for message in self.made_messages():
@@ -285,7 +285,7 @@ class Case:
         self.use(self.attempt("JSON", partial(parse_json, text, "x.json"), DictionaryError))
 
     def use(self, found: object) -> None:
-        """Do something with a damaged dictionary that keeps the rules all the same."""
+        """Use a damaged dictionary that still obeys the rules."""
         if not isinstance(found, Dictionary):
             return
         expect(load_octets(found.octets).octets == found.octets, "what was accepted loads as another one")
@@ -300,12 +300,12 @@ class Case:
 
 
 def run_case(seed: int, number: int, told: Told) -> None:
-    """Run one case; raises what it should not."""
+    """Run one case; raises an exception that it should not."""
     Case(random.Random(f"{seed}/{number}"), told).run()
 
 
 def run(seed: int, first: int, seconds: float, most: int, told: Told) -> tuple[int, Counter[str]]:
-    """Run cases until the time or their number is up; return how many there were, and the failures by kind."""
+    """Run cases until the time or their number is used up; return their number, and the failures by kind."""
     failed: Counter[str] = Counter()
     end = time.monotonic() + seconds
     number = first
@@ -322,7 +322,7 @@ def run(seed: int, first: int, seconds: float, most: int, told: Told) -> tuple[i
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run and print; 1 when anything else than an error of ours came out."""
+    """Run and print; return 1 if anything except our own error was raised."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.scd_fuzz", description=__doc__)
     parser.add_argument("--seconds", type=float, default=60, help="how long (default 60)")
     parser.add_argument("--seed", type=int, help="of all cases (default: another one each time)")

@@ -1,4 +1,4 @@
-"""Made-up SCD dictionaries and values for them: whatever the rules allow, by the dice.
+"""Made-up SCD dictionaries and values for them: anything that the rules allow, chosen at random.
 
 Every kind of type, struct, object, PDO mapping (unaligned, with gaps, in both forms) and envelope; `Dictionary` takes all of
 them. Used by `benchmarks.scd_fuzz` and by the tests.
@@ -45,7 +45,7 @@ LETTERS = "aZ09_-. «Ждюй»№µ漢😀"
 ACCESS: tuple[Access, ...] = ("rw", "rw", "rw", "wo", "ro", "const")
 UINT8, UINT32, UINT64 = 5, 7, 27
 
-#: What may stand around the values; None is envelope "1".
+#: Possible envelopes around the values; None is envelope "1".
 ENVELOPES = (
     None,
     None,
@@ -74,7 +74,7 @@ ENVELOPES = (
 
 
 def made_value(dice: random.Random, kind: SimpleType, bits: int) -> Value:
-    """Return any value of the type; ``bits`` is the width of its place, 0 for as long as it likes."""
+    """Return a random value of the type; ``bits`` is the width of its place, 0 for any length."""
     edge = dice.random() < 0.3
     size = bits // 8 if bits else dice.randrange(20)
     makers: dict[Kind, Callable[[], Value]] = {
@@ -115,7 +115,7 @@ def same(one: object, other: object) -> bool:
     """Whether two values are the same to the bit; NaN is the same as NaN."""
     if isinstance(one, float) and isinstance(other, float):
         return struct.pack("<d", one) == struct.pack("<d", other) or (one != one and other != other)  # noqa: PLR0124
-    if isinstance(one, NetTime) and isinstance(other, NetTime):  # of which scale is the dictionary's business
+    if isinstance(one, NetTime) and isinstance(other, NetTime):  # the scale is defined by the dictionary
         return one == other
     return type(one) is type(other) and one == other
 
@@ -178,7 +178,7 @@ class _Maker:
         return FieldRecord(self.field_name(), kind.index, bits, None, access, mappable, default, self.traits(kind))
 
     def kind(self, *, closed: bool) -> tuple[SimpleType, int]:
-        """Return a type, and the bits that a variable of it says itself."""
+        """Return a type, and the number of bits that a variable of it states itself."""
         kind = self.dice.choice(list(self.simple.values()))
         return kind, 8 * self.dice.randint(1 if closed else 0, 9) if kind.variable else 0
 
@@ -205,7 +205,7 @@ class _Maker:
             self.objects[index] = dice.choice(makers)[1](index)
 
     def head(self, index: int, object_class: ObjectClass) -> Callable[..., ObjectRecord]:
-        """Return an object's record without what its class is about."""
+        """Return an object's record without the parts that depend on its class."""
         access, mandatory = self.dice.choice(ACCESS), self.flip()
         made = ObjectRecord(index, object_class, self.name(), 0, 0, access, mandatory, self.flip(0.9))
         return partial(_with, made)

@@ -1,9 +1,9 @@
-"""How much does the monitor hold, for how long, and how soon does it tell? ``python -m benchmarks.soak``.
+"""Measures the capacity of the monitor: how many packets it can follow, for how long, and with which delay.
 
-Five tables. Rates: the most packets a second of which not one is lost, through our monitor by either engine, Scapy's
-AsyncSniffer and pyshark's LiveCapture, on the same line with the same frames. Hold: our monitor for a minute at rates it has to
-hold. Delay: from a packet on the wire to its line on the monitor's output. Silence: what a silent line costs. Day: memory
-over the equivalent of 24 hours, without a network card.
+``python -m benchmarks.soak``. Five tables. Rates: the highest packet rate without any loss, through our monitor by either
+engine, Scapy's AsyncSniffer and pyshark's LiveCapture, on the same line with the same frames. Hold: our monitor for a minute at
+its promised rates. Delay: from a packet on the wire to its line on the monitor's output. Silence: the cost of a silent line.
+Day: memory over the equivalent of 24 hours, without a network card.
 
 The line is a veth pair in a network namespace (Linux, root or CAP_SYS_ADMIN, CAP_NET_ADMIN and CAP_NET_RAW).
 """
@@ -37,14 +37,15 @@ if TYPE_CHECKING:
 
     from benchmarks.soak_trials import Trial
 
-#: What is promised: packets a second by engine, times what Scapy and pyshark hold, median delay at a low rate, growth in a day.
+#: The promises: packets per second by engine, multiples of the rates of Scapy and pyshark, median delay at a low rate, growth
+#: in a day.
 HOLD: Final = {"ring": 150_000, "dumpcap": 75_000}
 TIMES: Final = 10.0
 DELAY_MS: Final = 200.0
 SILENT_PERCENT: Final = 1.0
 MOST_GROWTH: Final = 1.05
 PARTS: Final = ("rates", "hold", "delay", "silence", "day")
-#: Rates beside the marked transactions whose delay is measured (-1: as many as there can be), and marks a second.
+#: Rates besides the marked transactions whose delay is measured (-1: as many as possible), and marks per second.
 LOADS: Final = (0, 20_000, 75_000, -1)
 _MARKS: Final = 20.0
 #: Finds the package first and these benchmarks after it.
@@ -57,7 +58,7 @@ Table = tuple[str, tuple[str, ...], list[tuple[str, ...]]]
 
 
 class Bench:
-    """What the parts share: the line's sender, the monitor's call, where to work; and what came out, for ``--json``."""
+    """Shared by all parts: the line's sender, the monitor's call, the work folder; and the results for ``--json``."""
 
     def __init__(self, python: str, path: str, file: Path, work: Path) -> None:
         self.call, self.environment, self.build = monitor_call(python, path, work)
@@ -74,13 +75,13 @@ class Bench:
         return monitor(self.call, self.environment, self.build, engine, FAR, only, beside)
 
     def verdict(self, kept: bool) -> str:
-        """Return what the table says of a promise, and remember a broken one."""
+        """Return the text of the table for a promise, and remember a broken one."""
         self.kept = self.kept and kept
         return "kept" if kept else "BROKEN"
 
 
 def rates(bench: Bench, names: Sequence[str], seconds: float, runs: int, most: int) -> Table:
-    """Search, in turn, the highest rate that each holds; the median of ``runs`` searches."""
+    """Search, in turn, for the highest rate of each; return the median of ``runs`` searches."""
     heads = ("watcher", "held packets/s", "of runs", "µs CPU/packet", "ring / it", "dumpcap / it")
     found: dict[str, list[Trial]] = {}
     watchers: dict[str, Watcher] = {}
@@ -135,13 +136,13 @@ def hold_rate(text: str) -> tuple[str, int]:
 
 
 def hold(bench: Bench, names: Sequence[str], seconds: float, rates: dict[str, int]) -> Table:
-    """Our monitor at the rates promised, or those in ``rates``, for longer."""
+    """Our monitor at the promised rates, or those in ``rates``, for longer."""
     heads = ("watcher", "packets/s", "seconds", "sent", "seen", "kernel drops", "CPU s", "verdict")
     lines: list[tuple[str, ...]] = []
     for name in names:
         if name in MONITORS:
             watcher = bench.own(name)
-            # With everything on it also writes a page and its tables when it ends.
+            # With everything enabled it also writes a page and its tables when it ends.
             patience = 20.0 if bench.everything else 1.0
             rate = rates.get(name, HOLD[name])
             trial = attempt(watcher, bench.sender, rate, seconds, bench.work, patience=patience)
@@ -163,7 +164,7 @@ def hold(bench: Bench, names: Sequence[str], seconds: float, rates: dict[str, in
 
 
 def delays(bench: Bench, names: Sequence[str], seconds: float) -> Table:
-    """How long a marked transaction takes to its line, alone and under load; the monitor writes every transaction."""
+    """The time from a marked transaction to its line, alone and under load; the monitor writes every transaction."""
     heads = (
         "watcher",
         "packets/s beside",
@@ -203,7 +204,7 @@ def delays(bench: Bench, names: Sequence[str], seconds: float) -> Table:
 
 
 def silence(bench: Bench, names: Sequence[str], seconds: float) -> Table:
-    """What the monitor, and dumpcap with it, cost while nothing comes."""
+    """The cost of the monitor, and dumpcap with it, while no packets come."""
     heads = ("watcher", "seconds", "CPU s", "% of a core", "verdict")
     lines: list[tuple[str, ...]] = []
     for name in names:

@@ -1,8 +1,8 @@
 """A day of a busy line in minutes, through the live path and without a network card; prints one JSON object.
 
-Run as a child by `benchmarks.soak` and by its test: whichever package ``dissect`` is found first is measured. The packets carry
-the times of a whole day and the run's clock goes along with them, so that everything that waits, is overdue, expires or is
-renewed by time does so as often as in a day. What happens is told as lines of JSON to nowhere; alerts and metrics go along.
+Run as a child by `benchmarks.soak` and by its test: whichever package ``dissect`` is found first is measured. The packets have
+the times of a whole day and the run's clock follows them, so that everything that waits, is overdue, expires or is renewed by
+time does so as often as in a day. All events are written as JSON lines to nowhere; alerts and metrics are active as well.
 
 On the line: sixteen connections that poll once a second; eight whose requests are never answered; and connections that are
 opened, asked once and closed, 10,000 in a busy minute (of four ends one is a reset, one never comes).
@@ -134,7 +134,7 @@ class _Talk:
 
 
 class Day:
-    """What is on the line, second by second. ``opened`` counts the connections."""
+    """The traffic on the line, second by second. ``opened`` counts the connections."""
 
     def __init__(self, churn: int, busy_every: int) -> None:
         self._churn = churn
@@ -174,7 +174,7 @@ class Day:
 
 
 class DayReader(LiveReader):
-    """A live source that gives a second of the day each step, and whose clock is the one of the capture."""
+    """A live source that gives a second of the day at each step, and whose clock is that of the capture."""
 
     def __init__(self, day: Day, seconds: int) -> None:
         super().__init__("day", "made", 0)
@@ -205,7 +205,7 @@ class DayReader(LiveReader):
 
 
 class _Told(Observer):
-    """Makes a line of everything that happens, as `s7dissect monitor -T jsonl` does, and counts octets and lines."""
+    """Makes a line of every event, as `s7dissect monitor -T jsonl` does, and counts octets and lines."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -233,9 +233,9 @@ class _Told(Observer):
 
 
 def spend(hours: float, churn: int, busy_every: int) -> dict[str, object]:
-    """Let the hours pass; return what was counted, and ``resident_kb`` after each quarter.
+    """Let the hours pass; return the counts, and ``resident_kb`` after each quarter.
 
-    Memory is looked at after a calm minute: what a busy one leaves behind shows, what it needs for itself is in ``peak_kb``.
+    Memory is measured after a calm minute: this shows what a busy one leaves behind; its own need is in ``peak_kb``.
     """
     quarter = max(int(hours * 3600) // _QUARTERS // (MINUTE_S * busy_every), 1) * MINUTE_S * busy_every
     day = Day(churn, busy_every)

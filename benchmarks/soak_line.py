@@ -25,9 +25,9 @@ class NoLineError(Exception):
 
 
 def enter() -> None:
-    """Move this process into a network namespace with the pair, both ends up. Raises NoLineError where that is not allowed.
+    """Move this process into a network namespace with the pair, both ends up. Raises NoLineError if that is not allowed.
 
-    Neither end has an address, so nothing is on the line but what is sent there, and both are gone with the last process.
+    Neither end has an address, so only our own packets are on the line, and both ends are gone with the last process.
     """
     program = shutil.which("ip") or shutil.which("ip", path="/usr/sbin:/sbin")
     if program is None:
@@ -57,14 +57,14 @@ def arrived() -> tuple[int, int]:
 
 
 def watched() -> frozenset[str]:
-    """Return the sockets (by inode) that capture on the watched end now."""
+    """Return the sockets (by inode) that now capture on the watched end."""
     index = str(socket.if_nametoindex(FAR))
     rows = [line.split() for line in _SOCKETS.read_text(encoding="ascii").splitlines()[1:]]
     return frozenset(row[8] for row in rows if row[4] == index)
 
 
 def wait_for_watcher(settled_s: float, limit_s: float = 30.0) -> bool:
-    """Wait until the same socket has been capturing for ``settled_s``; False when there is none within ``limit_s``."""
+    """Wait until the same socket has been capturing for ``settled_s``; False if there is none within ``limit_s``."""
     end = time.monotonic() + limit_s
     known: frozenset[str] = frozenset()
     since = time.monotonic()

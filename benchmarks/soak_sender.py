@@ -1,17 +1,17 @@
 """Send the frames of a made capture over an interface at a set rate: ``python -m benchmarks.soak_sender INTERFACE CAPTURE``.
 
 Standard library only. The messages for ``sendmmsg`` are laid out in memory before anything is sent, so that sending costs this
-program nothing a packet, and the kernel takes up to a thousand of them a call. Only TCP on port 102 is sent.
+program nothing per packet, and the kernel takes up to a thousand of them per call. Only TCP on port 102 is sent.
 
-The capture is sent over and over. Each time its hosts get other addresses, so that connections are new ones and not repeated:
-what is added to a client's address is taken from its PLC's, and every checksum stays right.
+The capture is sent over and over. In each pass its hosts get other addresses, so that connections are new and not repeated: the
+amount added to a client's address is subtracted from its PLC's, and every checksum stays right.
 
 It reads orders from standard input, a line each, and answers each with a line of JSON:
 
     RATE SECONDS [MARKS]     packets a second (-1: as many as there can be), and marked transactions a second beside them
 
-A marked transaction is a read by 10.77.0.1 whose reference counts up from the first one on; the answer names when, by the wall
-clock, each was sent (``marks``, in ns).
+A marked transaction is a read by 10.77.0.1 whose reference counts up from the first one on; the answer has the wall-clock time
+at which each was sent (``marks``, in ns).
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ _PIECE: Final = struct.Struct("@PN")
 _MESSAGE: Final = struct.Struct("@PI4xPNPNi4xI4x")
 _RECORD: Final = struct.Struct("<IIII")
 _MOST_A_CALL: Final = 1024
-#: Packets are sent together for so long, in ns: what a busy network does too.
+#: Packets of this time span, in ns, are sent together, as on a busy network.
 _TURN_NS: Final = 1_000_000
 _SOL_PACKET: Final = 263
 _QDISC_BYPASS: Final = 20
@@ -49,7 +49,7 @@ _ADDRESSES_AT: Final = 26
 _PORTS_AT: Final = 34
 _ETHERTYPE_IP: Final = b"\x08\x00"
 _S7_PORT: Final = 102
-#: A pass over the capture may be this different from the one before: the third octet of addresses stays below 255.
+#: Number of passes over the capture with different addresses: their third octet stays below 255.
 _PASSES: Final = 200
 
 MARKED: Final = "10.77.0.1"
@@ -193,7 +193,7 @@ class Marks:
 
 
 class Replay:
-    """Sends a load at a rate, pass after pass, and goes on in the next order where the one before ended."""
+    """Sends a load at a rate, pass after pass, and continues in the next order where the previous one ended."""
 
     def __init__(self, line: Line, load: Load) -> None:
         self._line = line
@@ -202,7 +202,7 @@ class Replay:
         self._orders = 0
 
     def send(self, rate: int, seconds: float, marks_a_second: float = 0.0) -> dict[str, object]:
-        """Send for ``seconds``; return what was sent. ``behind_s`` is the longest time it was late by."""
+        """Send for ``seconds``; return the counts. ``behind_s`` is the longest time it was late by."""
         self._orders += 1
         marks = Marks(self._line, self._orders) if marks_a_second else None
         between = int(1e9 / marks_a_second) if marks_a_second else 0
@@ -255,7 +255,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--packets", type=int, default=0, help="use only so many of the capture's (0: all)")
     options = parser.parse_args(arguments)
     with suppress(OSError):
-        os.nice(-10)  # what is sent shall not depend on how busy the watcher is
+        os.nice(-10)  # sending must not depend on how busy the watcher is
     replay = Replay(Line(options.interface), Load(options.capture, options.packets))
     print(json.dumps({"ready": True}), flush=True)
     for order in sys.stdin:

@@ -1,4 +1,4 @@
-"""Trials of the soak: so many packets a second for so long, and what became of them."""
+"""Trials of the soak: a packet rate for a time, and the result."""
 
 from __future__ import annotations
 
@@ -23,15 +23,15 @@ if TYPE_CHECKING:
 #: A watcher may be this far behind when the sender ends, in seconds, and take this long to end when asked.
 GRACE_S: Final = 1.0
 END_S: Final = 3.0
-#: A search ends when what was held and what was not are this close.
+#: A search ends when the highest successful rate and the lowest failed one are this close.
 _CLOSE: Final = 1.08
 _STEP: Final = 1.6
-#: The sender may be late by this much; beyond it the rate was not the one asked for.
+#: The sender may be late by this much; beyond it the rate was not the requested one.
 _MOST_BEHIND_S: Final = 0.25
 
 
 class Trial:
-    """What became of one load. Counts of packets; None means that nobody tells. ``held``: every one was seen, in time."""
+    """The result of one load. Counts of packets; None if unknown. ``held``: every packet was seen, in time."""
 
     __slots__ = (
         "arrived", "behind_s", "cpu_s", "ended", "interface", "kernel", "lost_events", "marks", "rate", "seconds", "seen",
@@ -82,7 +82,7 @@ class Trial:
 
 
 class SenderProcess:
-    """The sender in a process of its own, with the capture laid out once."""
+    """The sender in its own process, with the capture laid out once."""
 
     def __init__(self, capture: Path) -> None:
         self._child = subprocess.Popen(
@@ -104,7 +104,7 @@ class SenderProcess:
         return told
 
     def send(self, rate: int, seconds: float, marks: float = 0.0) -> dict[str, Any]:
-        """Send, and return what was sent."""
+        """Send, and return the counts."""
         assert self._child.stdin is not None
         self._child.stdin.write(f"{rate} {seconds} {marks}\n")
         self._child.stdin.flush()
@@ -128,9 +128,9 @@ def attempt(
     marks: float = 0.0,
     patience: float = 1.0,
 ) -> Trial:
-    """Start a watcher, send, wait a moment, end it; return what became of it. Raises NoLineError when it does not begin.
+    """Start a watcher, send, wait a moment, end it; return the result. Raises NoLineError when it does not begin.
 
-    ``patience`` is how many times longer it may take to end than when its rate is measured.
+    ``patience`` multiplies the time that it may take to end.
     """
     watch = Watch(watcher, work, f'"{MARKED}:'.encode() if marks else b"")
     try:
@@ -150,9 +150,9 @@ def attempt(
 
 
 def search(watcher: Watcher, sender: SenderProcess, seconds: float, work: Path, most: int) -> Trial | None:
-    """Return the trial with the highest rate that was held, None when none was.
+    """Return the successful trial with the highest rate, None if there was none.
 
-    A rate that was not held is tried once more before it counts: this machine may have been busy with something else.
+    A failed rate is tried once more before it counts, because this machine may have been busy with something else.
     """
     best: Trial | None = None
     low, high, rate = 0, 0, watcher.begin_rate
@@ -175,7 +175,7 @@ def search(watcher: Watcher, sender: SenderProcess, seconds: float, work: Path, 
 
 
 def delays_ms(trial: Trial) -> list[float]:
-    """Return how long after its answer was sent each marked transaction was told, in milliseconds, in their order."""
+    """Return the delay from the sending of its answer to its line for each marked transaction, in milliseconds, in order."""
     found: list[float] = []
     for at, line in trial.told:
         told = json.loads(line)

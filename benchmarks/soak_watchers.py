@@ -1,6 +1,6 @@
-"""Who watches the line in the soak: our own monitor by either engine, Scapy's AsyncSniffer, pyshark's LiveCapture.
+"""The watchers of the line in the soak: our own monitor by either engine, Scapy's AsyncSniffer, pyshark's LiveCapture.
 
-Each is a process that captures until it gets SIGINT, and whose last line of output then says what it saw.
+Each is a process that captures until it gets SIGINT, and whose last line of output then states what it saw.
 """
 
 from __future__ import annotations
@@ -27,7 +27,8 @@ MONITORS: Final = ("ring", "dumpcap")
 OTHERS: Final = ("scapy", "pyshark")
 NAMES: Final = MONITORS + OTHERS
 
-#: Counts packets, and those that begin a TPKT. What the kernel dropped is asked before the socket is closed.
+#: Counts packets, and those that begin a TPKT. The number of packets that the kernel dropped is read before the socket is
+#: closed.
 _SCAPY: Final = """
 import json, signal, struct, sys, threading
 from scapy.all import TCP, AsyncSniffer, conf
@@ -45,7 +46,7 @@ ended.wait()
 _, dropped = struct.unpack("=II", line.ins.getsockopt(263, 6, 8))
 print(json.dumps({"packets": counts[0], "s7": counts[1], "kernel": dropped}), flush=True)
 """
-#: pyshark tells of no drops, and leaves its tshark behind when interrupted: whoever started it ends the group.
+#: pyshark does not report drops, and leaves its tshark behind when interrupted: the caller ends the process group.
 _PYSHARK: Final = """
 import json, os, signal, sys
 import pyshark
@@ -64,7 +65,7 @@ for packet in capture.sniff_continuously():
 class Watcher:
     """One way to watch ``interface``. ``begin_rate`` is where a search begins, ``settle_s`` how long it takes to begin.
 
-    ``own`` says that it is our monitor, whose output has a summary.
+    ``own`` means that it is our monitor, whose output has a summary.
     """
 
     __slots__ = ("begin_rate", "command", "environment", "label", "name", "own", "settle_s")
@@ -110,9 +111,9 @@ def monitor(
 
 
 def everything(folder: Path) -> list[str]:
-    """Return the options that let a monitor write and serve all it can: evidence, tables, pages, alerts, metrics.
+    """Return the options that let a monitor write and serve everything: evidence, tables, pages, alerts, metrics.
 
-    It keeps its rights: the folder is that of the trial, which nobody else may enter.
+    It keeps its rights: the folder is that of the trial, which no other user may enter.
     """
     rules = folder / "everything.toml"
     rules.write_text(
@@ -125,7 +126,7 @@ def everything(folder: Path) -> list[str]:
 
 
 def other(name: str, interface: str) -> Watcher:
-    """Return Scapy or pyshark as a watcher; MissingError where it is not installed."""
+    """Return Scapy or pyshark as a watcher; MissingError if it is not installed."""
     if importlib.util.find_spec(name) is None:
         raise MissingError(f"{name} is not installed for {sys.executable}")
     if name == "scapy":
@@ -136,7 +137,10 @@ def other(name: str, interface: str) -> Watcher:
 
 
 class Watch:
-    """A watcher at work. ``seen`` are the lines that hold ``mark``, with the time (wall clock, ns) at which each came out."""
+    """A watcher at work.
+
+    ``seen`` are the lines that contain ``mark``, each with the time (wall clock, ns) at which it was written.
+    """
 
     def __init__(self, watcher: Watcher, work: Path, mark: bytes = b"") -> None:
         self._watcher = watcher
@@ -176,7 +180,7 @@ class Watch:
                 self.seen += [(now, line) for line in lines if self._mark in line]
 
     def end(self, limit_s: float) -> dict[str, Any]:
-        """Interrupt it and return what it told last: none when it did not end in time or told nothing."""
+        """Interrupt it and return its last report; empty if it did not end in time or reported nothing."""
         self._child.send_signal(signal.SIGINT)
         end = time.monotonic() + limit_s
         done = False
@@ -196,7 +200,7 @@ class Watch:
         return told
 
     def close(self) -> str:
-        """Release it, end it if it runs, and return the last of what it said on stderr. May be called twice."""
+        """Release it, end it if it runs, and return the last lines of its stderr. May be called twice."""
         if self._said.closed:
             return ""
         self._kill()
@@ -209,7 +213,7 @@ class Watch:
         return said
 
     def _kill(self) -> None:
-        """End what is left of the group: a tshark whose python is gone, or all of it."""
+        """End the rest of the group: a tshark whose python is gone, or all of it."""
         try:
             os.killpg(self._child.pid, signal.SIGKILL)
         except ProcessLookupError:

@@ -1,4 +1,4 @@
-"""One client and its PLC: what they say to each other over one connection after another."""
+"""One client and its PLC: their messages over one connection after another."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ _CALLED: Final = b"\x01\x02"
 
 
 class Station:
-    """A client stack with its manner, polling one PLC, one connection at a time."""
+    """A client stack with its behaviour, polling one PLC, one connection at a time."""
 
     def __init__(
         self, rng: Random, plant: Plant, truth: Truth, manner: Manner, client: Host, plc: Host, *, midstream: bool
@@ -51,7 +51,7 @@ class Station:
         self._stamps = rng.random() < 0.2
         self._pad = rng.random() < 0.5
         self._short = rng.random() < 0.15
-        # The PLC's address decides, so that it is as fast and as large towards each of its clients.
+        # The PLC's address decides, so that it has the same speed and size for each of its clients.
         self._latency_ns = _LATENCIES_NS[plc.address * 7 % len(_LATENCIES_NS)]
         self._length = min((240, 480, 960)[plc.address % 3], manner.pdu_length)
         self._cycle_ns = rng.choice(_CYCLES_NS)
@@ -66,10 +66,10 @@ class Station:
         self.since_loss = 100
 
     def act(self, now: int) -> tuple[Connection, int, bool]:
-        """Do what comes next at time ``now``.
+        """Perform the next action at time ``now``.
 
-        Returns the connection with its new drafts, the time to come again, and whether this was an ordinary exchange,
-        the only place where mishaps are put.
+        Returns the connection with its new drafts, the time of the next action, and whether this was an ordinary exchange, the
+        only place for mishaps.
         """
         rng = self._rng
         if self._connection is None:
@@ -100,7 +100,7 @@ class Station:
     # -- the connection ------------------------------------------------------------------------------------------------
 
     def _start(self, now: int, connection: Connection) -> int:
-        """Open TCP, COTP and S7; a station may have been at it before the capture began, or be refused."""
+        """Open TCP, COTP and S7; a station may have begun before the capture, or be refused."""
         rng = self._rng
         manner = self._manner
         if self._midstream:
@@ -144,7 +144,7 @@ class Station:
     # -- exchanges -----------------------------------------------------------------------------------------------------
 
     def _exchange(self, now: int, connection: Connection) -> int:
-        """Ask what is due: mostly the next polls, now and then something else, which may take several rounds."""
+        """Send the due requests: mostly the next polls, now and then something else, which may take several rounds."""
         rng = self._rng
         chance = rng.random()
         if chance < 0.92:
@@ -183,7 +183,7 @@ class Station:
         return connection.ack(now + 150 * US, CLIENT)
 
     def _trip(self) -> int:
-        """Return the time to an answer: log-normal about the PLC's own pace, one in 2000 ten times that."""
+        """Return the time to an answer: log-normal around the PLC's own pace, one in 2000 ten times as long."""
         rng = self._rng
         pace = self._latency_ns * (10 if rng.random() < 0.0005 else 1)
         return max(20 * US, int(pace * rng.lognormvariate(0.0, 0.3)))
@@ -200,7 +200,7 @@ class Station:
         return numbers
 
     def _asking(self, job: Job, reference: int, deal: Deal) -> list[tuple[bytes, Unit]]:
-        """Return the TPKTs of a request; an empty DT still owed goes before it."""
+        """Return the TPKTs of a request; an empty DT that is still due goes before it."""
         unit = Unit("DT", job.rosctr, job.function, deal)
         unit.items = job.items
         deal.failed = job.failed
@@ -222,7 +222,7 @@ class Station:
         return tpkt(pdu), unit
 
     def _round(self, now: int, connection: Connection, jobs: list[Job]) -> int:
-        """Ask all ``jobs``, let all be answered, acknowledge; return the time of the last segment."""
+        """Send all ``jobs``, let all be answered, acknowledge; return the time of the last segment."""
         rng = self._rng
         deals = [Deal() for _ in jobs]
         references = self._references(len(jobs))
@@ -246,7 +246,7 @@ class Station:
         return now
 
     def _answered(self, now: int, connection: Connection) -> int:
-        """The client takes an answer: an empty DT by some manners, an acknowledgement, or nothing until it asks again."""
+        """The client gets an answer: it sends an empty DT, an acknowledgement, or nothing until its next request."""
         chance = self._rng.random()
         now += self._rng.randrange(40, 200) * US
         if self._manner.empties:
@@ -258,7 +258,7 @@ class Station:
         return connection.ack(now, CLIENT) if chance < 0.76 else now
 
     def _cuts(self, pieces: list[tuple[bytes, Unit]], share: float) -> tuple[int, ...]:
-        """Return where to cut what is sent into segments: nowhere but for a ``share``; a third of that in the header."""
+        """Return where to cut the data into segments: no cut except for a ``share``; a third of these in the header."""
         rng = self._rng
         if rng.random() >= share:
             return ()

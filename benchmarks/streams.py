@@ -1,7 +1,7 @@
-"""Endless streams, each made to hurt one thing in an analyzer. Memory and time per packet must stay flat on all of them.
+"""Endless streams, each made to overload one part of an analyzer. Memory and time per packet must stay flat on all of them.
 
-A stream is a generator of (time in ns, frame); it never ends and depends only on its arguments. ``size`` is the user data a
-hostile segment carries: small by default, 1400 for streams of MTU-size frames.
+A stream is a generator of (time in ns, frame); it never ends and depends only on its arguments. ``size`` is the user data of a
+hostile segment: small by default, 1400 for streams of MTU-size frames.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ def _pair(number: int, plc: Host) -> tuple[Sender, Sender]:
 
 
 class _Talk:
-    """A connection of a stream: sends in turn and keeps the numbers."""
+    """A connection of a stream: sends in turn and keeps track of the numbers."""
 
     def __init__(self, number: int, plc: Host) -> None:
         self.client, self.plc = _pair(number, plc)
@@ -78,7 +78,10 @@ class _Talk:
 
 
 def _ordinary(size: int) -> Iterator[bytes]:
-    """Short whole connections: handshakes, twelve reads, an orderly end or a reset. Hurts who keeps closed ones."""
+    """Short whole connections: handshakes, twelve reads, an orderly end or a reset.
+
+    Hurts analyzers that keep closed connections.
+    """
     number = 0
     room = max(4, min(size, 1400) - 60)
     wide = size > 100
@@ -105,7 +108,7 @@ def _ordinary(size: int) -> Iterator[bytes]:
 
 
 def _synflood(size: int) -> Iterator[bytes]:
-    """SYN after SYN from ever new addresses. Hurts who makes a connection of each."""
+    """SYN after SYN from ever new addresses. Hurts analyzers that make a connection of each."""
     rng = Random(1)
     data = bytes(size) if size > 100 else b""
     plc = _plc()
@@ -115,7 +118,7 @@ def _synflood(size: int) -> Iterator[bytes]:
 
 
 def _never_closed(size: int) -> Iterator[bytes]:
-    """Connections that say hello, read a few times, and stay open for ever. Hurts who waits for the end."""
+    """Connections that begin, read a few times, and stay open for ever. Hurts analyzers that wait for the end."""
     number = 0
     plc = _plc()
     while True:
@@ -127,7 +130,7 @@ def _never_closed(size: int) -> Iterator[bytes]:
 
 
 def _unanswered(size: int) -> Iterator[bytes]:
-    """Requests on sixteen connections that nobody answers. Hurts who keeps all open requests."""
+    """Requests on sixteen connections that are never answered. Hurts analyzers that keep all open requests."""
     plc = _plc()
     talks = [_Talk(number, plc) for number in range(16)]
     for talk in talks:
@@ -142,7 +145,10 @@ def _unanswered(size: int) -> Iterator[bytes]:
 
 
 def _half_tpkts(size: int) -> Iterator[bytes]:
-    """Ever new connections that begin a TPKT of 65,000 octets and fall silent. Hurts who holds what was begun."""
+    """Ever new connections that begin a TPKT of 65,000 octets and fall silent.
+
+    Hurts analyzers that keep unfinished messages.
+    """
     number = 0
     begun = b"\x03\x00" + (65000).to_bytes(2, "big") + b"\x02\xf0\x80\x32\x01" + bytes(size)
     host = _plc()
@@ -155,7 +161,10 @@ def _half_tpkts(size: int) -> Iterator[bytes]:
 
 
 def _never_ended(size: int) -> Iterator[bytes]:
-    """DT after DT without end of TSDU on one connection. Hurts who joins them, most of all anew each time."""
+    """DT after DT without end of TSDU on one connection.
+
+    Hurts analyzers that join them, most of all if they begin again each time.
+    """
     talk = _Talk(0, _plc())
     yield from talk.hello()
     piece = tpkt(b"\x32" + bytes(size), 0x00)
@@ -164,7 +173,10 @@ def _never_ended(size: int) -> Iterator[bytes]:
 
 
 def _holes(size: int) -> Iterator[bytes]:
-    """Every second segment is missing and nobody acknowledges; now and then they jump far. Hurts who keeps or searches."""
+    """Every second segment is missing and no one acknowledges; now and then they jump far.
+
+    Hurts analyzers that keep or search data.
+    """
     plc = _plc()
     talks = [_Talk(number, plc) for number in range(8)]
     for talk in talks:
@@ -182,12 +194,15 @@ def _holes(size: int) -> Iterator[bytes]:
 
 
 def _fragments(size: int) -> Iterator[bytes]:
-    """IP fragments of datagrams that never get whole: ever new ones, and one in endless pieces. Hurts who keeps or searches."""
+    """IP fragments of datagrams that never become complete: ever new ones, and one in endless pieces.
+
+    Hurts analyzers that keep or search data.
+    """
     rng = Random(3)
     octets = max(8, size - size % 8)
     body = rng.randbytes(octets)
     more = 0x2000
-    # The smallest pieces there are make the most of them.
+    # The smallest possible pieces give the largest number of them.
     units = octets // 8 if size > 100 else 1
     piece = body[: 8 * units]
     steps = 8_000 // units // 2
@@ -203,7 +218,7 @@ def _fragments(size: int) -> Iterator[bytes]:
 
 #: Sound requests, so that the faulty answers have something to answer.
 _SOUND: Final = (request(JOB, 5, _READ_PARAM), request(JOB, 6, bytes((READ, 9)) + 9 * _READ_ITEM))
-#: Faulty S7 PDUs: what lies is named beside each.
+#: Faulty S7 PDUs, each with its fault.
 _FAULTY: Final = (
     request(JOB, 1, _READ_PARAM)[:8] + b"\xff\xff" + _READ_PARAM,  # data length beyond the TSDU
     request(JOB, 2, _READ_PARAM)[:6] + b"\x7f\xff\x00\x00" + _READ_PARAM,  # parameter length beyond the TSDU
@@ -213,14 +228,14 @@ _FAULTY: Final = (
     answer(ACK_DATA, 6, bytes((READ, 9)), b"\xff\x04\x00\x20\x11\x22\x33\x44"),  # nine values claimed, one there
     b"\x32\x01\x00",  # header cut
     b"\x32\x09\x00\x00\x00\x07\x00\x02\x00\x00\x04\x00",  # unknown ROSCTR
-    request(7, 8, b"\x00\x01\x12\x09\x11\x44\x01\x00", b"\xff\x09\xff\xff\x00\x11"),  # userdata lengths that lie
+    request(7, 8, b"\x00\x01\x12\x09\x11\x44\x01\x00", b"\xff\x09\xff\xff\x00\x11"),  # userdata with false lengths
     request(JOB, 9, _READ_PARAM) + b"\x00\x01\x02",  # octets behind the PDU
 )
 _FLOODING: Final = 4
 
 
 def _faulty(size: int) -> Iterator[bytes]:
-    """Faulty S7 PDUs in sound TPKTs on four connections, one a segment. Hurts who writes a line for each."""
+    """Faulty S7 PDUs in sound TPKTs on four connections, one a segment. Hurts analyzers that write a line for each."""
     plc = _plc()
     talks = [_Talk(number, plc) for number in range(_FLOODING)]
     for talk in talks:
@@ -236,7 +251,7 @@ def _faulty(size: int) -> Iterator[bytes]:
 
 
 def flood_packets(rounds: int) -> int:
-    """Return how many packets of ``badpdu`` hold ``rounds`` rounds: ten kinds of faulty PDUs on each of four connections."""
+    """Return the number of packets in ``rounds`` rounds of ``badpdu``: ten kinds of faulty PDUs on each of four connections."""
     return _FLOODING * (7 + rounds * (len(_SOUND) + len(_FAULTY)))
 
 
@@ -271,5 +286,5 @@ def stream(name: str, size: int = SMALL) -> Stream:
 
 
 def why(name: str) -> str:
-    """Return the sentence that says what the stream is and whom it hurts."""
+    """Return the sentence that describes the stream and the analyzers that it overloads."""
     return (_STREAMS[name].__doc__ or "").strip()

@@ -1,4 +1,4 @@
-"""What is told of the packets of a capture, in numbers of the whole capture: pairs, requests without answer, statements."""
+"""The results for the packets of a capture, in numbers of the whole capture: pairs, requests without answer, statements."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from dissect.engine.transactions.connection import Connection
     from dissect.engine.transactions.transaction import Transaction
 
-#: So many packets pass between two renewals of the bounds of findings: fewer than a bound allows of one slug and connection.
+#: This many packets pass between two resets of the limits of findings: fewer than a limit allows for one slug and connection.
 _RENEWED: Final = 16
 
 
@@ -33,7 +33,7 @@ class Packet(NamedTuple):
 
 
 class Capture(PacketSink):
-    """The packets of a capture, and the TLS keys it holds, each before the packet with the number it goes with."""
+    """The packets of a capture, and its TLS keys, each before the packet whose number it has."""
 
     def __init__(self, name: str) -> None:
         super().__init__()
@@ -49,7 +49,7 @@ class Capture(PacketSink):
 
 
 def read(path: Path, name: str) -> Capture:
-    """Read a capture file of any kind. Raises `CaptureError` where it is none."""
+    """Read a capture file of any kind. Raises `CaptureError` if it is not a capture."""
     capture = Capture(name)
     reader = open_capture(path)
     try:
@@ -61,7 +61,7 @@ def read(path: Path, name: str) -> Capture:
 
 
 class Key(NamedTuple):
-    """Which request: who asked whom, by which reference, in which packet."""
+    """Identifies a request: who asked whom, by which reference, in which packet."""
 
     asking: str
     answering: str
@@ -79,7 +79,7 @@ class Pair(NamedTuple):
 
     @property
     def answered(self) -> Key:
-        """The key of the answer: as that of the request, with the packet of the answer."""
+        """The key of the answer: that of the request, with the packet of the answer."""
         return self.request._replace(packet=self.answer)
 
 
@@ -106,7 +106,7 @@ class Statement(NamedTuple):
 
 
 class Told(Observer):
-    """What is told of the packets ``numbers`` of a capture, which are counted from 0 in the whole of it."""
+    """The results for the packets ``numbers`` of a capture, which are counted from 0 in the whole of it."""
 
     def __init__(self, capture: Capture, numbers: Sequence[int]) -> None:
         super().__init__()
@@ -151,7 +151,7 @@ class Told(Observer):
 
     @property
     def statements(self) -> list[Statement]:
-        """The findings of the kinds that may blame, also those that do not, and conflicts."""
+        """The findings of the kinds that may blame, including those that do not, and conflicts."""
         return [self._statement(finding) for finding in self._findings]
 
     def _number(self, frame: int) -> int:

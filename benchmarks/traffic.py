@@ -1,4 +1,4 @@
-"""The conversations of a made plant, packet by packet, with what goes wrong on real networks."""
+"""The conversations of a synthetic plant, packet by packet, with the faults of real networks."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 #: 2024-03-04 05:06:07 UTC: where made captures begin.
 EPOCH_NS: Final = 1_709_528_767_000_000_000
 
-#: What may befall an exchange, with its share of the exchanges.
+#: Possible mishaps of an exchange, each with its share of the exchanges.
 MISHAPS: Final = (
     (0.010, "swapped"),
     (0.004, "duplicated"),
@@ -30,15 +30,15 @@ MISHAPS: Final = (
 )
 #: Packets further apart than this do not overtake one another on the way to the capture.
 _DISORDER_NS: Final = MS
-#: Exchanges of a connection after a loss that get no further one: two losses in a row have no single truth.
+#: Number of exchanges after a loss without a further loss on the connection: two losses in a row have no single truth.
 _QUIET: Final = 12
 
 
 class Traffic:
     """Fifty (or more) stations polling their PLCs, merged into one stream of packets in order of time.
 
-    The same ``seed`` gives the same octets. ``without`` names the `MISHAPS` left out.
-    Times are whole multiples of ``grain_ns``, so that a µs file loses nothing.
+    The same ``seed`` gives the same octets. ``without`` names the `MISHAPS` left out. Times are multiples of ``grain_ns``, so
+    that a µs file loses nothing.
     """
 
     def __init__(
@@ -68,7 +68,7 @@ class Traffic:
         self._noise = Host(0x0A0A00FA)
 
     def packets(self) -> Iterator[tuple[int, bytes, tuple[Unit, ...], bool]]:
-        """Yield (time in ns, frame, TPKTs it holds octets of, whether it is TCP without payload), without end."""
+        """Yield (time in ns, frame, TPKTs that have octets in it, whether it is TCP without payload), without end."""
         rng = self._rng
         agenda = [(EPOCH_NS + rng.randrange(500 * MS), number) for number in range(len(self._stations))]
         agenda.append((EPOCH_NS, -1))
@@ -104,7 +104,7 @@ class Traffic:
         heappush(self._waiting, (time_ns - time_ns % self._grain_ns, self._order, frame, units, empty))
 
     def _mishap(self, station: Station, connection: Connection) -> int:
-        """Let something befall the drafts of an exchange, perhaps; return how much later the next one has to begin."""
+        """Perhaps apply a mishap to the drafts of an exchange; return how much later the next one must begin."""
         chance = self._rng.random()
         drafts = connection.drafts
         for share, name in self._mishaps:
@@ -129,7 +129,7 @@ class Traffic:
         return 0
 
     def _swap(self, drafts: list[RewritePlan]) -> int:
-        """Capture a packet just after its follower instead of before it, whatever their directions, if they were close."""
+        """Capture a packet just after its follower instead of before it, in any direction, if they were close."""
         near = [at for at in range(len(drafts) - 1) if drafts[at + 1].time_ns - drafts[at].time_ns < _DISORDER_NS]
         if not near:
             return -1
@@ -149,7 +149,7 @@ class Traffic:
         return 0
 
     def _retransmit(self, drafts: list[RewritePlan]) -> int:
-        """Send a segment again after a timeout, with a part of its neighbour when that is of the same side."""
+        """Send a segment again after a timeout, with a part of its neighbour if that is from the same side."""
         full = [at for at, draft in enumerate(drafts) if draft.payload]
         if not full:
             return -1

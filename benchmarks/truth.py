@@ -1,4 +1,4 @@
-"""What a made capture holds, counted while it is written: the measure for every engine."""
+"""The contents of a synthetic capture, counted while it is written: the reference for every engine."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from array import array
 
 
 class Deal:
-    """A transaction as it truly was: when its two halves were captured whole, and whether the answer told of an error."""
+    """A transaction as it really was: when its halves were completely captured, and whether the answer reported an error."""
 
     __slots__ = ("answered_ns", "asked_ns", "failed")
 
@@ -17,10 +17,10 @@ class Deal:
 
 
 class Unit:
-    """One TPKT on its way into the capture: ``parts`` segments still hold octets of it.
+    """One TPKT on its way into the capture: ``parts`` is the number of segments that still have octets of it.
 
-    ``tpdu`` is the name of the TPDU; ``rosctr`` is 0 for what carries no S7 PDU; ``function`` is -1 where the PDU has none.
-    ``items`` counts variables asked for or written, ``refusals`` the item return codes that are not success.
+    ``tpdu`` is the name of the TPDU; ``rosctr`` is 0 if it carries no S7 PDU; ``function`` is -1 if the PDU has none. ``items``
+    counts requested or written variables, ``refusals`` the item return codes other than success.
     """
 
     __slots__ = ("answers", "deal", "function", "items", "parts", "refusals", "rosctr", "tpdu")
@@ -37,7 +37,10 @@ class Unit:
 
 
 class Truth:
-    """Counts of what is in the capture. ``lost`` segments are those the capture missed although the far end got them."""
+    """Counts the contents of the capture.
+
+    ``lost`` counts segments that are missing from the capture although the far end got them.
+    """
 
     def __init__(self) -> None:
         self.packets = 0
@@ -61,11 +64,11 @@ class Truth:
         self._latencies = array("q")
 
     def happened(self, event: str) -> None:
-        """Count one thing done to the traffic (a split, a swap ...), for the reader of the truth file."""
+        """Count one change of the traffic (a split, a swap ...), for the reader of the truth file."""
         self.events[event] = self.events.get(event, 0) + 1
 
     def take(self, time_ns: int, size: int, units: tuple[Unit, ...]) -> None:
-        """Note a packet that goes into the capture with the TPKTs it holds octets of."""
+        """Note a packet that goes into the capture, with the TPKTs that have octets in it."""
         self.packets += 1
         self.octets += size
         for unit in units:

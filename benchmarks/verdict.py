@@ -1,8 +1,8 @@
-"""What is told of a part of a capture, held against what is told of all of it.
+"""The results for a part of a capture, compared with the results for all of it.
 
-`Truth` is what is told of the complete capture, `Verdict` what became of it when packets were left out: pairs that are right
-and wrong, and statements that blame and are not true (`benchmarks.blame`). Connections are known by their ends and by the
-packets that they reach over, never by their numbers.
+`Truth` has the results for the complete capture, `Verdict` those with packets left out: right and wrong pairs, and statements
+that blame and are not true (`benchmarks.blame`). Connections are identified by their ends and by the packets that they span,
+never by their numbers.
 """
 
 from __future__ import annotations
@@ -33,12 +33,13 @@ RIGHT: Final = "right"
 WRONG: Final = "wrong"
 #: The complete capture itself is not sure.
 OPEN: Final = "open"
-#: Octets by which PDUs of one reference are held for the same: header, parameters and some data of nearly all of them.
+#: Number of octets by which PDUs with one reference are considered equal: header, parameters and some data of nearly all of
+#: them.
 _BEGIN: Final = 64
 
 
 class Truth:
-    """What is told of a complete capture, to look things up in."""
+    """The results for a complete capture, for look-ups."""
 
     def __init__(self, told: Told) -> None:
         self.pairs = [pair for pair in told.pairs if pair.certainty == SURE]
@@ -60,7 +61,7 @@ class Truth:
             self._statements.setdefault(_where(statement), []).append(statement)
 
     def judge(self, pair: Pair) -> str:
-        """Return whether a pair that is told of fewer packets is `RIGHT` or `WRONG`, or `OPEN`."""
+        """Return whether a pair from fewer packets is `RIGHT` or `WRONG`, or `OPEN`."""
         asked = self._requests.get(pair.request, [])
         told = self._answers.get(pair.answered, [])
         if any(other.certainty == LIKELY for other in (*asked, *told)):
@@ -74,23 +75,23 @@ class Truth:
         return RIGHT if any(_begin_alike(pair, other) for other in candidates) else WRONG
 
     def has_reason(self, one: Unanswered) -> bool:
-        """Return whether it is true that a request had no answer, and why."""
+        """Return whether it is true that a request had no answer for this reason."""
         if self._conflict(one.request.asking, one.request.answering):
             return True
         found = self._unanswered.get(one.request)
         if found is None:
             return one.request not in self._requests and (*one.request[:3], one.octets[:_BEGIN]) in self._silent
-        # An ending of the connection that was left out is no untruth.
+        # It is not untrue if an ending of the connection was left out.
         return one.reason == CAPTURE_ENDED or any(other.reason == one.reason for other in found)
 
     def excuses(self, one: Unanswered) -> bool:
-        """Return whether it is said for sure of a request that it was answered, although an answer was due and never came."""
+        """Return whether a request is surely reported as answered, although its answer was due and never came."""
         if one.certainty != SURE:
             return False
         return any(other.missed and other.reason != HOLE for other in self._unanswered.get(one.request, []))
 
     def says(self, statement: Statement) -> bool:
-        """Return whether the complete capture says the same."""
+        """Return whether the complete capture makes the same statement."""
         found = self._statements.get(_where(statement), [])
         if statement.slug in OF_A_CAPTURE:
             return any(other.detail == statement.detail for other in found)
@@ -107,7 +108,7 @@ class Truth:
         return bool(found)
 
     def _conflict(self, *ends: str) -> bool:
-        """Return whether octets came in two versions: what is true of a connection then depends on which was captured."""
+        """Return whether octets came in two versions: the truth about a connection then depends on which was captured."""
         return (CONFLICT, *sorted(ends)) in self._statements
 
     def was_answered(self, statement: Statement) -> bool:
@@ -117,7 +118,7 @@ class Truth:
 
 
 def _where(statement: Statement) -> tuple[str, ...]:
-    """Return the slug of a statement, and of whom it is true."""
+    """Return the slug of a statement, and its subject."""
     if statement.slug in OF_A_CAPTURE:
         return (statement.slug,)
     if statement.slug in OF_HOSTS:
@@ -126,16 +127,16 @@ def _where(statement: Statement) -> tuple[str, ...]:
 
 
 def _begin_alike(one: Pair, other: Pair) -> bool:
-    """Return whether the PDUs of two pairs begin with the same octets, as one that was captured in part does."""
+    """Return whether the PDUs of two pairs begin with the same octets, as a partly captured one does."""
     return all(mine[:_BEGIN] == theirs[:_BEGIN] for mine, theirs in zip(one.octets, other.octets, strict=True))
 
 
 class Verdict:
-    """What is told of captures from which packets are missing: how much of it is true.
+    """The results for captures with missing packets: how much of them is true.
 
-    ``of_kept`` counts the pairs of the complete capture whose packets were both kept: of these ``stay`` are told as sure,
-    ``missed`` are not told. ``excused`` counts requests that were never answered, of which it is told that their answers were
-    not captured. ``details`` has a line for each sure pair that is wrong and each untrue statement, ``blaming`` the slugs of
+    ``of_kept`` counts the pairs of the complete capture whose packets were both kept: of these ``stay`` are reported as sure,
+    ``missed`` are not reported. ``excused`` counts requests that were never answered but are reported as answered without a
+    captured answer. ``details`` has a line for each sure pair that is wrong and each untrue statement, ``blaming`` the slugs of
     these, ``where`` the captures.
     """
 
@@ -151,7 +152,7 @@ class Verdict:
         self.details: list[str] = []
 
     def add(self, other: Verdict) -> None:
-        """Add what was found in another capture, or another time."""
+        """Add the results for another capture, or another run."""
         self.kept += other.kept
         self.counts += other.counts
         self.of_kept += other.of_kept
@@ -164,7 +165,7 @@ class Verdict:
 
     @property
     def told(self) -> int:
-        """The pairs that are told."""
+        """The number of reported pairs."""
         return self.counts.total()
 
     @property
@@ -175,7 +176,7 @@ class Verdict:
 
     @property
     def stays(self) -> float:
-        """The share of pairs that are told as sure, of those whose packets were kept."""
+        """The share of pairs that are reported as sure, among those whose packets were kept."""
         return self.stay / max(1, self.of_kept)
 
     def cells(self) -> tuple[str, ...]:
@@ -194,7 +195,7 @@ class Verdict:
 
 
 def compare(capture: Capture, truth: Truth, told: Told, numbers: Sequence[int]) -> Verdict:
-    """Hold what is ``told`` of the packets ``numbers`` of a capture against the ``truth`` of all of them."""
+    """Compare the results ``told`` for the packets ``numbers`` of a capture with the ``truth`` about all of them."""
     name = capture.name
     verdict = Verdict()
     verdict.kept = len(numbers)
@@ -225,10 +226,10 @@ def compare(capture: Capture, truth: Truth, told: Told, numbers: Sequence[int]) 
 
 
 def blaming(capture: Capture, truth: Truth, told: Told, numbers: Sequence[int]) -> list[Statement]:
-    """Return each statement that blames and is not true; of a request without answer, with its reason as the slug.
+    """Return each statement that blames and is not true; for a request without answer, with its reason as the slug.
 
-    It is not true when the complete capture does not make it, and would not either if it ended with the last of ``numbers``:
-    what nothing came after, nobody can miss.
+    It is not true if the complete capture does not make it, and would not even if it ended with the last of ``numbers``:
+    nothing after that can be missed.
     """
     found = list(_blaming(truth, told))
     if found and numbers and numbers[-1] + 1 < len(capture.packets):

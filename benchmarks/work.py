@@ -1,8 +1,8 @@
-"""What is the most work that one packet makes? ``python -m benchmarks.work``.
+"""Measures the greatest amount of work that one packet causes. ``python -m benchmarks.work``.
 
 Work is counted, not timed: the lines of Python that the interpreted engine runs for each packet of the streams that `growth`
-feeds to it, with everything that `analyze` keeps. So the figures are the same on every machine, busy or idle. What runs inside
-a builtin (a slice, a search in octets) counts as one line: `growth` times it.
+feeds to it, with everything that `analyze` keeps. So the figures are the same on every machine, busy or idle. The inside of a
+builtin (a slice, a search in octets) counts as one line: `growth` measures its time.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ MOST_LINES: Final = 25_000
 
 
 class Work(NamedTuple):
-    """Lines for a packet of a stream: the middle one, all but one in a thousand, the worst and its number; for the end."""
+    """Lines per packet of a stream: the median, all but one in a thousand, the worst and its number; and at the end."""
 
     middle: int
     most: int
@@ -56,7 +56,7 @@ class _Lines:
         sys.settrace(self._trace)
 
     def end(self) -> int:
-        """Count no more; return how many there were."""
+        """Stop counting; return the number of lines."""
         sys.settrace(None)
         return self._count
 
@@ -82,7 +82,7 @@ def work(name: str, packets: int, size: int = SMALL) -> Work:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command. Exit 0: the promise is kept; 1: not; 2: cannot be counted."""
+    """Run the command. Exit 0: the promise is kept; 1: it is not; 2: nothing could be counted."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.work", description=__doc__)
     parser.add_argument("--packets", type=parse_count, default=300_000, metavar="N", help="of each stream")
     parser.add_argument(

@@ -10,7 +10,7 @@ from dissect.packets.source.pcapng_writer import interface_block, packet_block, 
 _RECORD: Final = struct.Struct("<IIII")
 _SNAPLEN: Final = 262144
 ETHERNET: Final = 1
-#: Octets gathered before they go to the file.
+#: Write the gathered octets to the file.
 _BUFFER: Final = 1 << 20
 
 FORMATS: Final = ("pcap", "pcap-ns", "pcapng")
@@ -20,7 +20,7 @@ class CaptureWriter:
     """Writes packets to an open binary file in one of `FORMATS`; memory stays at one buffer of 1 MiB.
 
     ``packets`` and ``octets`` (of the file) count what was written. Times are nanoseconds since 1970; ``pcap`` keeps
-    microseconds of them, the other two all.
+    microseconds, the other two formats nanoseconds.
     """
 
     def __init__(self, file: BinaryIO, kind: str = "pcap", link_type: int = ETHERNET) -> None:
@@ -48,7 +48,7 @@ class CaptureWriter:
             self.flush()
 
     def write(self, time_ns: int, frame: bytes, wire_length: int = 0) -> None:
-        """Add one packet, which measured ``wire_length`` octets on the wire (0: as many as there are)."""
+        """Add one packet with ``wire_length`` octets on the wire (0: as many as there are)."""
         size = len(frame)
         wire = wire_length or size
         if self._kind == "pcapng":

@@ -116,7 +116,7 @@ with ThreadPoolExecutor(2) as pool:
 ## Names
 """
 
-#: The example of each name: what follows a comment with the name.
+#: The example for each name: the lines after a comment with the name.
 EXAMPLES: Final = """
 # Act
 class Acts(dissect.Observer):
@@ -247,7 +247,7 @@ def text_of(node: ast.AST) -> str:
     return "".join([piece.replace("``", "`") if piece.startswith("`") else reworded(piece) for piece in pieces])
 
 
-#: What docstrings call by its standard's name, and a page by the field's (byte, not octet).
+#: Words of the standards in docstrings, and the field's words for pages (byte, not octet).
 WORDS: Final = {"octets": "bytes", "Octets": "Bytes", "octet": "byte", "Octet": "Byte", "anew": "again"}
 
 
@@ -262,7 +262,7 @@ def first(text: str) -> str:
 
 
 def definition(name: str) -> ast.ClassDef | ast.FunctionDef:
-    """Return the definition of a public name in the source: compiled classes have no signatures with types."""
+    """Return the definition of a public name in the source, because compiled classes have no signatures with types."""
     home = getattr(dissect, name).__module__ if name != "live" else "dissect.online.live.iterating"
     path = ROOT.joinpath(*home.split(".")[1:]).with_suffix(".py")
     for node in ast.parse(path.read_text(encoding="utf-8")).body:

@@ -2,10 +2,10 @@
 
     python -m scripts.bundle [--platform win_amd64] [--python 3.12] [--output build/bundle] [--wheel OWN.whl]
 
-In it are the wheel of s7dissect, the wheels of all that its extra `all` needs, a requirements file with their digests, a
-bill of materials (CycloneDX) and a README with the command to type. Without --platform it is for this system and this Python.
-For another system or Python our own wheel is the interpreted one. What has no wheel there is named and left out with the extras
-that need it.
+It contains the wheel of s7dissect, the wheels of all that its extra `all` needs, a requirements file with their digests, a bill
+of materials (CycloneDX) and a README with the command to type. Without --platform it is for this system and this Python. For
+another system or Python our own wheel is the interpreted one. Packages without a wheel there are named and left out, together
+with the extras that need them.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from scripts.bundle_target import Target, Wheel, closure, read_wheel
 
 ROOT = Path(__file__).resolve().parent.parent
 OWN = "s7dissect"
-#: What a wheel of s7dissect is built from.
+#: The sources of a wheel of s7dissect.
 SOURCES = (
     "dissect",
     "docs",
@@ -41,10 +41,10 @@ SOURCES = (
     "LICENSE",
     "CHANGELOG.md",
 )
-#: When the files of an archive were written, where SOURCE_DATE_EPOCH does not say it (as in setup.py).
+#: The time of the files in an archive, unless SOURCE_DATE_EPOCH sets another one (as in setup.py).
 EPOCH = int(os.environ.get("SOURCE_DATE_EPOCH", "315532800"))
 
-#: pip chooses wheels for another system, but asks this one which requirements hold there; so it is told.
+#: pip chooses wheels for another system, but evaluates markers for this one, so it gets the right values here.
 PIP = """
 import json, sys
 markers = json.loads(sys.argv.pop(1))
@@ -56,7 +56,7 @@ sys.exit(main(sys.argv[1:]))
 
 
 def pip(target: Target, *words: str | Path, environment: dict[str, str] | None = None) -> str:
-    """Run pip for a target; return what it complained of, empty where it did not fail."""
+    """Run pip for a target; return its error output, empty if it did not fail."""
     command = [sys.executable, "-m", "pip"]
     if options := target.pip():
         command = [sys.executable, "-c", PIP, json.dumps(target.markers())]
@@ -89,7 +89,7 @@ def build_own(folder: Path) -> Path:
 
 
 def compressed(wheel: Path, folder: Path) -> Path:
-    """Copy a wheel compressed: that of a checkout is not, because it goes nowhere."""
+    """Copy a wheel compressed; wheels of a checkout are not compressed, because they are only used locally."""
     copy = folder / wheel.name
     with zipfile.ZipFile(wheel) as read, zipfile.ZipFile(copy, "w", zipfile.ZIP_DEFLATED) as written:
         for entry in read.infolist():
@@ -100,13 +100,13 @@ def compressed(wheel: Path, folder: Path) -> Path:
 
 
 def extras_of(own: Wheel) -> list[str]:
-    """Return the extras that `all` stands for."""
+    """Return the extras that `all` includes."""
     said = own.needs({}, frozenset(("all",)))
     return sorted(extra for one in said if one.name == OWN for extra in one.extras)
 
 
 def fetch(own: Path, extras: list[str], target: Target, folder: Path) -> dict[str, str]:
-    """Fetch the wheel's requirements; return which extras cannot be had there, and what is missing for each."""
+    """Fetch the wheel's requirements; return the extras that are not available there, and the missing package for each."""
 
     def attempt(wanted: list[str], into: Path) -> str:
         return pip(target, "download", "-d", into, f"{own}[{','.join(wanted)}]" if wanted else own)
@@ -152,7 +152,7 @@ def archive(folder: Path) -> Path:
 
 
 def own_wheel(told: Path | None, target: Target, folder: Path) -> Path:
-    """Return our own wheel for a target: the one told of where it is compiled for it, otherwise the interpreted one."""
+    """Return our own wheel for a target: the given one if it is compiled for the target, otherwise the interpreted one."""
     fits = f"-cp{target.python.replace('.', '')}-"
     if told is not None and not target.tag and fits in told.name:
         return compressed(told, folder)
@@ -178,7 +178,7 @@ def make(target: Target, output: Path, told: Path | None) -> Path:
     (folder / "requirements.txt").write_text(requirements(wheels, extras), encoding="ascii")
     (folder / "sbom.cdx.json").write_text(bill(wheels, needs, OWN, EPOCH), encoding="utf-8")
     ours = next(wheel for wheel in wheels if wheel.name == OWN)
-    # For Notepad: its lines end as on Windows.
+    # For Notepad, with line ends of Windows.
     told_there = readme(target, ours, len(wheels), missing)
     (folder / "README.txt").write_text(told_there, encoding="ascii", newline="\r\n")
     return folder

@@ -1,10 +1,10 @@
-"""What the README.txt of a bundle tells the person who installs from it (scripts/bundle.py)."""
+"""The text of README.txt in a bundle, for the person who installs from it (scripts/bundle.py)."""
 
 from __future__ import annotations
 
 from scripts.bundle_target import Target, Wheel
 
-#: The same on both: the digests of requirements.txt are checked, and no other wheels taken.
+#: The same on all systems: the digests of requirements.txt are checked, and no other wheels are accepted.
 INSTALL = "-m pip install --no-index --find-links wheels --require-hashes -r requirements.txt"
 
 WINDOWS = r"""

@@ -1,4 +1,4 @@
-"""The bill of materials of a bundle: CycloneDX JSON, with the SHA-256 of each wheel and who needs whom (scripts/bundle.py)."""
+"""The bill of materials of a bundle: CycloneDX JSON, with the SHA-256 and dependencies of each wheel (scripts/bundle.py)."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from packageurl import PackageURL
 
 from scripts.bundle_target import Wheel
 
-#: A licence longer than this is its whole text, which stands in the wheel.
+#: A licence longer than this is a complete licence text, which is in the wheel.
 NAME_LENGTH = 100
 
 

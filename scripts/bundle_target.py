@@ -1,4 +1,4 @@
-"""For which system a bundle is, and what the wheels in a folder say they need there (scripts/bundle.py)."""
+"""The target system of a bundle, and the requirements of the wheels in a folder for that system (scripts/bundle.py)."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name, parse_wheel_filename
 from packaging.version import Version
 
-#: What markers of requirements ask of a system, by the beginning of the tag of its wheels.
+#: The properties of a system that markers of requirements check, by the beginning of the tag of its wheels.
 SYSTEMS = {
     "win": {"os_name": "nt", "sys_platform": "win32", "platform_system": "Windows"},
     "macosx": {"os_name": "posix", "sys_platform": "darwin", "platform_system": "Darwin"},
     "manylinux": {"os_name": "posix", "sys_platform": "linux", "platform_system": "Linux"},
 }
-#: The processor as its system names it, by the end of the tag.
+#: The processor name on its system, by the end of the tag.
 MACHINES = {"win_amd64": "AMD64", "win_arm64": "ARM64"}
-#: The versions of glibc that wheels for Linux are made for: a newer system takes those of older ones.
+#: The versions of glibc for which wheels for Linux exist: a newer system accepts those of older ones.
 GLIBC = range(28, 16, -1)
 
 
@@ -40,7 +40,7 @@ class Target:
         return f"{system}-cp{self.python.replace('.', '')}"
 
     def markers(self) -> dict[str, str]:
-        """Return what markers of requirements find there."""
+        """Return the values of markers of requirements on that system."""
         told = dict(SYSTEMS[self.tag.partition("_")[0]] if self.tag else {})
         if not told:
             told = {"os_name": "posix" if sys.platform != "win32" else "nt", "sys_platform": sys.platform}
@@ -60,7 +60,7 @@ class Target:
         }
 
     def tags(self) -> list[str]:
-        """Return the tags of wheels that run there, the one asked for first."""
+        """Return the tags of wheels that run there, the requested one first."""
         if not self.tag.startswith("manylinux"):
             return [self.tag] if self.tag else []
         machine = self.tag.removeprefix("manylinux_")
@@ -76,14 +76,14 @@ class Target:
 
 @dataclass(frozen=True)
 class Wheel:
-    """A wheel and what it says of itself."""
+    """A wheel and its metadata."""
 
     path: Path
     metadata: Message
 
     @property
     def name(self) -> str:
-        """Return the name of its project, as registries write it."""
+        """Return the name of its project, in the form of registries."""
         return canonicalize_name(str(self.metadata["Name"]))
 
     @property
@@ -92,7 +92,7 @@ class Wheel:
         return parse_wheel_filename(self.path.name)[1]
 
     def needs(self, markers: dict[str, str], extras: frozenset[str]) -> list[Requirement]:
-        """Return what it requires on a system, with these of its extras."""
+        """Return its requirements on a system, with these of its extras."""
         said = [Requirement(line) for line in self.metadata.get_all("Requires-Dist") or []]
         return [one for one in said if any(_holds(one, markers, extra) for extra in ("", *sorted(extras)))]
 
@@ -102,7 +102,7 @@ def _holds(requirement: Requirement, markers: dict[str, str], extra: str) -> boo
 
 
 def read_wheel(path: Path) -> Wheel:
-    """Read what a wheel says of itself."""
+    """Read the metadata of a wheel."""
     with zipfile.ZipFile(path) as archive:
         name = next(
             name for name in archive.namelist() if name.endswith(".dist-info/METADATA") and name.count("/") == 1
@@ -111,9 +111,9 @@ def read_wheel(path: Path) -> Wheel:
 
 
 def closure(wheels: list[Wheel], root: str, extras: frozenset[str], target: Target) -> dict[str, set[str]]:
-    """Return which wheels each wheel needs, from the root on, by names; `LookupError` names what none of them is.
+    """Return which wheels each wheel needs, from the root on, by name; `LookupError` names missing ones.
 
-    This is no use of what pip found out: it holds the folder against what its wheels say.
+    This does not use pip's results: it checks the folder against the metadata of its wheels.
     """
     by_name = {wheel.name: wheel for wheel in wheels}
     markers = target.markers()

@@ -1,14 +1,14 @@
-"""Do what a Containerfile says in a temporary folder instead of a container, so that its steps are known to work.
+"""Run the steps of a Containerfile in a temporary folder instead of a container, to check that they work.
 
     python scripts/container_steps.py            # docs/probe/Containerfile
     python scripts/container_steps.py analysis   # docs/container/Containerfile
 
-Copied is what .dockerignore leaves. Every RUN line runs, with the paths of the image below the folder; packages of the system
-are not installed or removed (setcap has to be there), and the package is installed interpreted: that the same sources compile
-is what `make environment` shows, in minutes. At the end the entry point runs as the image's user, where this machine lets it
-(setpriv, root), and has to end well. That of the probe has CAP_NET_RAW only, and listens with its default command for a second
-on the loopback interface. That of the analysis has no capability, and where the kernel allows it no network: it analyzes
-a read-only capture, and writes a report and an export beside it.
+Everything that .dockerignore does not exclude is copied. Every RUN line runs, with the paths of the image below the folder;
+packages of the system are not installed or removed (setcap must be there), and the package is installed interpreted, because
+`make environment` already shows, in minutes, that the sources compile. At the end the entry point runs as the image's user, if
+this machine allows it (setpriv, root), and must succeed. The entry point of the probe only has CAP_NET_RAW, and listens with
+its default command for a second on the loopback interface. That of the analysis has no capability and, if the kernel allows it,
+no network: it analyzes a read-only capture, and writes a report and an export beside it.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ def instructions(container: Path) -> list[tuple[str, str]]:
 
 
 def ignored(name: str) -> bool:
-    """Tell whether .dockerignore leaves a path out: its patterns are of the simple kind that this reads as Docker does."""
+    """Return whether .dockerignore excludes a path; its patterns are simple enough to be read here as Docker reads them."""
     for line in (ROOT / ".dockerignore").read_text(encoding="utf-8").splitlines():
         if not line or line.startswith("#"):
             continue
@@ -89,7 +89,7 @@ def run(root: Path, line: str) -> None:
 
 
 def as_user(user: str, program: str, capabilities: str, namespace: tuple[str, ...] = ()) -> list[str]:
-    """Return the words that run the program as the image does, none where this machine refuses."""
+    """Return the words that run the program as the image does, empty if this machine does not allow it."""
     uid = user.partition(":")[0]
     words = [*namespace, "setpriv", f"--reuid={uid}", f"--regid={uid}", "--clear-groups", "--no-new-privs"]
     words += [f"--{kind}=-all{capabilities}" for kind in ("inh-caps", "ambient-caps", "bounding-set")]
@@ -106,7 +106,7 @@ def probe(root: Path, found: dict[str, str]) -> None:
     ran = subprocess.run(
         [*as_user(found["USER"], words[0], ",+net_raw"), *words, "--duration", "1"],
         cwd=root / "var" / "lib" / "s7dissect",
-        env={**os.environ, "HOME": "/"},  # as it is for a user whom nobody has entered
+        env={**os.environ, "HOME": "/"},  # as for a user without an entry in the user database
         capture_output=True,
         text=True,
         check=False,

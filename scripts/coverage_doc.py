@@ -1,4 +1,4 @@
-"""Write docs/coverage.md: what is decoded, built, seen and compared of each row of the tables.
+"""Write docs/coverage.md: for each row of the tables, whether it is decoded, built, seen and compared.
 
 PYTHONPATH=. python scripts/coverage_doc.py [FOLDER of the public captures] > docs/coverage.md
 """
@@ -33,9 +33,9 @@ ROOT: Final = Path(__file__).resolve().parents[1]
 PAGE: Final = ROOT / "docs" / "coverage.md"
 SHARED, RECORDED, CRAFTED = range(3)
 KINDS: Final = {PUSH: "push", REQUEST: "request", RESPONSE: "response"}
-#: The crafted captures in which nothing is wrong and every row is; decoding and building are judged by them.
+#: The crafted captures without faults, which contain every row; decoding and building are judged by them.
 SOUND: Final = ("coverage-", "reference-examples", "cotp-tpdus", "cotp-refused")
-#: COTP parameters whose value is read, with its field; of all others code and length are compared, not the value.
+#: COTP parameters whose value is read, with its field; of all others only code and length are compared.
 _VALUES: Final = {0xC0: facts.TPDU_SIZE, 0xC1: facts.CALLING_TSAP, 0xC2: facts.CALLED_TSAP}
 #: Tables whose rows are values of a field; every layout with such a field counts.
 VALUES: Final = {
@@ -60,11 +60,12 @@ _ADDRESSES: Final = (
 _UNIT_DATA: Final = (
     "belongs to connectionless transport, which does not run over TCP; kept as bytes (`COTP_Unknown`) and reported"
 )
-#: Lists whose records are not known.
+#: Lists whose records are unknown.
 _PLAIN_LISTS: Final = (0x16, 0x17, 0x18, 0x21, 0x23, 0x33, 0x81, 0x82, 0xB4)
 
 
-#: Known differences (`dissect.testing.oracle.known`) that most of a row is compared under, by section and how its rows begin.
+#: Known differences (`dissect.testing.oracle.known`) under which most of a row is compared, by section and beginning of the
+#: row.
 DIFFERENCES: Final = {
     (TPDUS, "ED"): "expedited-refused",
     (FUNCTIONS, "0x01 push"): "mode-transition-as-head",
@@ -82,7 +83,7 @@ DIFFERENCES: Final = {
 
 
 def reasons() -> dict[tuple[str, str, str], str]:
-    """Return why a cell is empty, by section, row and column. A test finds those that are missing or needed no more."""
+    """Return why a cell is empty, by section, row and column. A test finds those that are missing or no longer needed."""
     told = {(TPDUS, "UD", column): _UNIT_DATA for column in (DECODED, BUILT, SEEN, COMPARED)}
     for number, kind in ((0x06, PUSH), (0x06, REQUEST), (0x07, REQUEST), (0x16, REQUEST)):
         told[USERDATA, userdata_name(1, number, kind), DECODED] = _PROGRAMMER
@@ -100,7 +101,7 @@ def reasons() -> dict[tuple[str, str, str], str]:
 
 
 class Row:
-    """What was found of a row."""
+    """The findings for a row."""
 
     def __init__(self) -> None:
         self.seen = [0, 0, 0]
@@ -163,14 +164,14 @@ class Census(Observer):
                 judge(row, own or parts, classes)
 
     def count(self, section: str, name: str) -> Row:
-        """One more of a row."""
+        """Count a row once more."""
         row = self.rows.setdefault((section, name), Row())
         row.seen[self.source] += 1
         return row
 
 
 def bodies(octets: bytes) -> set[str]:
-    """Return the class of the body of a PDU, having built it again."""
+    """Return the class of the body of a PDU, after building it again."""
     packet = S7(octets)
     packet.clear_cache()
     return {type(packet.payload).__name__} if bytes(packet) == octets else set()
@@ -190,7 +191,7 @@ def judge(row: Row, parts: list[Part], classes: set[str]) -> None:
 
 
 def rows_of(pdu: Pdu, body: Body) -> Iterable[tuple[str, str, list[Part]]]:
-    """Return the rows that a PDU is of: section, row, the parts that are its own (all when there are none)."""
+    """Return the rows that a PDU belongs to: section, row, the parts of the row (all if there are none)."""
     head = pdu.parameters.userdata
     function = pdu.function
     if head is not None and function == 0 and not head.usend:
@@ -227,7 +228,7 @@ def values_of(parts: list[Part]) -> Iterable[tuple[str, str, Part]]:
 
 
 def value_name(table: CodeTable, number: int) -> str:
-    """Name a row that is a value."""
+    """Return the name of a row that is a value."""
     return f"{table.hex(number)} {table.name(number)}"
 
 
@@ -270,7 +271,7 @@ def expected() -> dict[str, list[str]]:
 
 
 def census(shared: Path | None) -> dict[Key, Row]:
-    """Read all captures; the public ones only where they are."""
+    """Read all captures; the public ones only if they are available."""
     rows: dict[Key, Row] = {}
     folders = {RECORDED: ROOT / "captures", CRAFTED: ROOT / "captures" / "crafted"}
     if shared is not None:
@@ -284,7 +285,7 @@ def census(shared: Path | None) -> dict[Key, Row]:
 
 
 def cells(section: str, name: str, row: Row) -> dict[str, str]:
-    """Return what each column says; empty where there is nothing to say."""
+    """Return the text of each column; empty if there is nothing to say."""
     decoded = ", ".join(sorted(row.layouts)) if row.layouts and not row.octets else ""
     return {
         DECODED: decoded,
@@ -297,7 +298,7 @@ def cells(section: str, name: str, row: Row) -> dict[str, str]:
 
 
 def difference(section: str, name: str) -> str:
-    """Return the known difference of a row, for behind the fields that are compared."""
+    """Return the known difference of a row, for the place after the compared fields."""
     found = [one for (place, start), one in DIFFERENCES.items() if place == section and name.startswith(start)]
     return f", `{found[0]}`" if found else ""
 
@@ -343,7 +344,7 @@ HEAD: Final = (
 )
 
 
-#: What stands below the table of a section.
+#: The text below the table of a section.
 BELOW: Final[dict[str, tuple[str, ...]]] = {
     TPDUS: (
         "",

@@ -13,14 +13,15 @@ from pathlib import Path
 from typing import Any
 
 ROOT = Path(__file__).resolve().parent.parent
-#: Files of the root, and where they are in the site.
+#: Files of the root, and their places in the site.
 OUTER = {
     "README.md": "project/README.md",
     "CHANGELOG.md": "project/CHANGELOG.md",
     "CONTRIBUTING.md": "project/CONTRIBUTING.md",
     "captures/README.md": "project/captures.md",
 }
-#: The parts of the API: title and module. Its public names are those of its `__all__` or `_PUBLIC`, or else what it defines.
+#: The parts of the API: title and module. Its public names are those of its `__all__` or `_PUBLIC`, otherwise all that it
+#: defines.
 API = (
     ("Captures in Python", "dissect"),
     ("Tags", "dissect.meaning.tags"),
@@ -41,13 +42,13 @@ PICTURE = re.compile(r'(<img src=")([^"]+)')
 
 
 def modules() -> list[tuple[str, str]]:
-    """Return the parts of the API that are wanted."""
+    """Return the selected parts of the API."""
     wanted = os.environ.get("DOCS_MODULES", "").split()
     return [(title, module) for title, module in API if not wanted or module in wanted]
 
 
 def source_of(module: str) -> ast.Module:
-    """Return a module as it is written: compiled ones have no docstrings, and nothing has to be imported."""
+    """Return the source of a module: compiled ones have no docstrings, and nothing need be imported."""
     path = ROOT.joinpath(*module.split("."))
     file = path / "__init__.py" if path.is_dir() else path.with_suffix(".py")
     return ast.parse(file.read_text(encoding="utf-8"))
@@ -85,7 +86,7 @@ def groups() -> list[tuple[str, list[tuple[str, str]]]]:
 
 
 def on_config(config: Any) -> Any:
-    """Give the site the order of docs/index.md, behind it the API, the decisions and the pages of the root."""
+    """Give the site the order of docs/index.md, followed by the API, the decisions and the pages of the root."""
     decisions = sorted(
         path.relative_to(ROOT / "docs").as_posix() for path in (ROOT / "docs" / "decisions").glob("*.md")
     )
@@ -120,12 +121,12 @@ def api_page(title: str, module: str) -> str:
 
 
 def on_page_markdown(markdown: str, page: Any, config: Any, files: Any) -> str:
-    """Point links to where their files are in the site; what the site has not got is named without a link."""
+    """Point links to the places of their files in the site; targets outside of the site are named without a link."""
     place = page.file.src_uri
     origin = next((name for name, moved in OUTER.items() if moved == place), f"docs/{place}")
 
     def there(target: str) -> str | None:
-        """Return the target as the page has to name it, None when it is not in the site."""
+        """Return the target in the form for the page, None if it is not in the site."""
         whole = posixpath.normpath(posixpath.join(posixpath.dirname(origin), target))
         inside = OUTER.get(whole, whole.removeprefix("docs/"))
         if files.get_file_from_path(inside) is None:
@@ -139,5 +140,5 @@ def on_page_markdown(markdown: str, page: Any, config: Any, files: Any) -> str:
         moved = there(target)
         return f"{text}({moved}{anchor})" if moved else text.removeprefix("!")[1:-1]
 
-    # HTML is taken as it is: its paths are those of the files written.
+    # HTML is not converted: its paths are those of the written files.
     return PICTURE.sub(lambda found: found[1] + (there(found[2]) or found[2]), LINK.sub(link, markdown))

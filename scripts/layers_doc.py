@@ -22,7 +22,7 @@ named in *filled in* count something and may be left out. This page is made by `
 
 
 def titled() -> dict[str, list[type[Packet]]]:
-    """Return the classes by the title they stand under: their section in the table, else their module's."""
+    """Return the classes by title: their section in the table, else that of their module."""
     sections = {row.name: title for title, rows in SECTIONS.items() for row in rows}
     found: dict[str, list[type[Packet]]] = {}
     for cls in CLASSES.values():
@@ -52,5 +52,5 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    assert dissect.layers.__all__  # whose import enters the classes
+    assert dissect.layers.__all__  # its import registers the classes
     main()

@@ -43,7 +43,7 @@ def _listed(names: list[str]) -> str:
 
 
 def package_stub() -> str:
-    """Return the stub of the package: mypy does not follow what is added to ``__all__``, so it saw no parts behind a star."""
+    """Return the stub of the package: mypy does not see additions to ``__all__``, so a star import lacked the parts."""
     from dissect import layers
     from dissect.layers import part_classes
 

@@ -1,7 +1,7 @@
 """Write the manual pages, one for each command: `python scripts/man_pages.py FOLDER`. setup.py runs this when it builds.
 
-The page itself is click-man's. It takes what it is given for roff, knows neither the examples nor the exit codes of a help
-text, and does not see commands that are imported late; these three are done here.
+The page itself is click-man's. It treats its input as roff, knows neither the examples nor the exit codes of a help text, and
+does not see commands that are imported late; this module adds these three.
 """
 
 from __future__ import annotations
@@ -20,16 +20,16 @@ from dissect import __version__
 from dissect.cli.examples import EXAMPLES
 from dissect.cli.main import LazyGroup, group
 
-#: Where the codes and the variables are described; the page of s7dissect itself repeats these tables.
+#: The page that describes the codes and the variables; the page of s7dissect itself repeats these tables.
 COMMANDS_PAGE = Path(__file__).resolve().parent.parent / "docs" / "commands.md"
-#: Characters that groff would show as others, or take for its own.
+#: Characters that groff would show as others, or interpret itself.
 ESCAPES = {"\\": r"\e", "-": r"\-", "'": r"\(aq", "`": r"\(ga", "^": r"\(ha", "~": r"\(ti"}
-#: The names of an option, before what it takes.
+#: The names of an option, before its value.
 NAMES = re.compile(r"--?\w[\w-]*(?:(?:, | / )--?\w[\w-]*)*")
 
 
 def roff(text: str) -> str:
-    """Return text as roff source that shows it as it is, whatever the encoding of the terminal."""
+    """Return text as roff source that shows it unchanged, in all encodings of the terminal."""
     shown = "".join([_character(one) for one in text])
     return re.sub(r"^([.'])", r"\\&\1", shown, flags=re.MULTILINE)
 
@@ -44,7 +44,7 @@ def _character(one: str) -> str:
 
 
 def paragraphs(text: str) -> str:
-    """Return the text of a help as roff: paragraphs are filled, but for those that click leaves as they are."""
+    """Return the text of a help as roff: paragraphs are filled, except those that click leaves unchanged."""
     pieces = []
     for paragraph in re.split(r"\n\s*\n", inspect.cleandoc(text)):
         kept = paragraph.startswith("\b\n")
@@ -69,7 +69,7 @@ class Page(ManPage):
 
 
 def page_of(ctx: click.Context, summary: str) -> Page:
-    """Return the page of one command, which stands in the list of commands with this line."""
+    """Return the page of one command; the line is its entry in the list of commands."""
     command, path = ctx.command, ctx.command_path
     page = Page(path)
     page.short_help = roff(summary.removesuffix("."))
@@ -92,7 +92,7 @@ def page_of(ctx: click.Context, summary: str) -> Page:
 
 
 def _option(declared: str) -> str:
-    """Return the names of an option in bold and what it takes as it is; click-man puts its first word in bold."""
+    """Return the names of an option in bold and its value unchanged; click-man puts its first word in bold."""
     names = NAMES.match(declared)
     assert names is not None, declared
     rest = roff(declared[names.end() :]).replace(r"\-", "-")  # click-man escapes these itself
@@ -107,7 +107,7 @@ def _listed(path: str, command: LazyGroup) -> Iterator[str]:
 
 
 def _codes(epilog: str) -> Iterator[str]:
-    """Give the exit codes that a help text ends with."""
+    """Yield the exit codes at the end of a help text."""
     said = next((text for text in epilog.split("\n\n") if text.startswith("Exit code: ")), None)
     if said is None:
         return
@@ -144,7 +144,7 @@ def _related(path: str) -> Iterator[str]:
 
 
 def write(folder: Path, command: click.Command, name: str, summary: str, parent: click.Context | None = None) -> int:
-    """Write the page of a command and of all below it; return how many."""
+    """Write the page of a command and of all below it; return their number."""
     ctx = click.Context(command, parent, name, **command.context_settings)
     (folder / f"{ctx.command_path.replace(' ', '-')}.1").write_text(str(page_of(ctx, summary)), encoding="ascii")
     count = 1

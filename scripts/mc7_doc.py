@@ -35,7 +35,7 @@ def seconds(numbers: list[int]) -> str:
 
 
 def sure(row: Row) -> str:
-    """Return how sure a row is: met in real blocks, or by how many sources; empty for all of it met."""
+    """Return the certainty of a row: found in real blocks, or the number of its sources; empty if all of it was found."""
     kinds = {confidence(first, second) for first in row.firsts for second in row.seconds}
     if kinds == {"C"}:
         return ""

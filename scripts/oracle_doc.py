@@ -1,4 +1,4 @@
-"""Write into docs/oracle.md what is known to differ, and what Wireshark shows besides in all captures.
+"""Write the known differences into docs/oracle.md, and the further fields that Wireshark shows in all captures.
 
 PYTHONPATH=. python scripts/oracle_doc.py [FOLDER of the public captures]
 """
@@ -17,7 +17,7 @@ HEADING = "## What Wireshark shows besides\n"
 
 
 def main(arguments: list[str]) -> int:
-    """Compare, and put each table behind its heading; returns the exit code."""
+    """Compare, and put each table below its heading; return the exit code."""
     from dissect.testing.oracle import known
     from dissect.testing.oracle.compare import compare
     from dissect.testing.oracle.uncarried import as_markdown, without_reason
@@ -38,7 +38,7 @@ def main(arguments: list[str]) -> int:
 
 
 def with_table(text: str, heading: str, table: str) -> str:
-    """Return the page with this table in the place of the first one behind a heading."""
+    """Return the page with this table in place of the first one after a heading."""
     before, _, after = text.partition(heading)
     introduction, _, rest = re.split(r"((?:^\|.*\n)+)", after, maxsplit=1, flags=re.MULTILINE)
     return before + heading + introduction + table + rest

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 ROOT: Final = Path(__file__).resolve().parents[1]
 DOCS: Final = ROOT / "docs"
 PLANT: Final = ROOT / "captures" / "crafted" / "plus-plant.pcapng"
-#: What is shown of the page, and how much smaller.
+#: The visible part of the page, and its reduction.
 WIDTH: Final = 1280
 HEIGHT: Final = 2400
 SCALE: Final = 0.7
@@ -58,7 +58,7 @@ def report(target: Path) -> None:
 
 
 def browser(target: Path) -> None:
-    """The analyzer in one file, with a transaction taken apart; what it is made of is kept beside the environment."""
+    """The analyzer in one file, with a transaction taken apart; its parts are kept beside the environment."""
     from dissect import __version__
     from dissect.output.browser.contents import Contents
     from dissect.output.browser.page import made
@@ -109,7 +109,7 @@ def screens(target: Path) -> None:
         picture = asyncio.run(drawn())
     finally:
         session.close()
-    # The fonts it names are on the network; every system has one of its own.
+    # The fonts that it names are on the network; every system has one of its own.
     target.write_text(re.sub(r"@font-face \{.*?\}\s*", "", picture, flags=re.DOTALL), encoding="utf-8")
 
 

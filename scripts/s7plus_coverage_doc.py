@@ -1,8 +1,8 @@
-"""Write docs/s7plus-coverage.md: what of S7comm-plus is decoded, and how often it was seen in the public captures.
+"""Write docs/s7plus-coverage.md: the decoded parts of S7comm-plus, and how often they occur in the public captures.
 
 PYTHONPATH=. python scripts/s7plus_coverage_doc.py FOLDER > docs/s7plus-coverage.md
 
-FOLDER is that of the public captures; those in its folder ``s7plus`` are read as well.
+FOLDER contains the public captures; those in its folder ``s7plus`` are read as well.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ HEAD: Final = (
 
 
 class Census(Observer):
-    """Counts what the PDUs of captures hold."""
+    """Counts the contents of the PDUs of captures."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -65,7 +65,7 @@ class Census(Observer):
         self.tags: Counter[int] = Counter()
         self.notified: Counter[int] = Counter()
         self.ids: Counter[int] = Counter()
-        self.memory: Counter[int] = Counter()  # members that have a name of their own
+        self.memory: Counter[int] = Counter()  # members with their own name
         self.compared_types: Counter[int] = Counter()
         self.compared_tags: Counter[int] = Counter()
         self.compared_ids: Counter[int] = Counter()
@@ -108,7 +108,7 @@ class Census(Observer):
             self.memory.update(_memory(part))
 
     def _compare(self, found: Contents) -> None:
-        """Count what stands in a request or response whose integrity id holds."""
+        """Count the contents of a request or response whose integrity id is right."""
         for part in found.parts:
             kind = part.number("type")
             if part.find("flags") is not None and kind in VALUE_TYPES:

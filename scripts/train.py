@@ -1,7 +1,7 @@
-"""Run what a release is to be quick at, for gcc to count which ways through the engine are taken: `python scripts/train.py`.
+"""Run the commands that a release should be fast at, so that gcc can count the paths taken: `python scripts/train.py`.
 
-setup.py calls it between the two builds of a release. Read are the shipped captures and one that the benchmarks make, of
-another seed than theirs, so that nothing is measured with what it was compiled for.
+setup.py calls it between the two builds of a release. It reads the shipped captures and one from the benchmarks with another
+seed, so that no measurement uses the capture that the build was trained with.
 """
 
 from __future__ import annotations
@@ -17,14 +17,14 @@ from dissect.cli.main import main
 from dissect.wire.build import COMPILED
 
 ROOT = Path(__file__).resolve().parent.parent
-sys.path.append(str(ROOT))  # behind the package that is trained
+sys.path.append(str(ROOT))  # after the package that is trained
 
 from benchmarks.generate import generate  # noqa: E402 - it is found from here on
 
 #: Enough for answer times to be counted in buckets, and findings to be packed.
 PACKETS = 100_000
 SEED = 20_001
-#: What is read with each capture, and what is only with the shipped ones.
+#: Commands for each capture, and commands only for the shipped ones.
 COMMANDS = (
     ["analyze"],
     ["analyze", "-T", "json"],
@@ -52,7 +52,7 @@ def run(arguments: list[str]) -> int:
 
 
 def shipped() -> list[Path]:
-    """Return the captures that come with the source, but for large ones and those that take another package to read."""
+    """Return the captures that come with the source, except large ones and those that need another package."""
     return sorted(
         path
         for path in (ROOT / "captures").rglob("*.pcap*")

@@ -1,8 +1,8 @@
-"""Install from a bundle without a network, and use what was installed: ``python -m scripts.try_bundle BUNDLE.zip``.
+"""Install from a bundle without a network, and use the installed package: ``python -m scripts.try_bundle BUNDLE.zip``.
 
-The command is that of its README.txt, in a new environment, with no index and no settings of pip. Where the machine lets it,
-all of this runs in a network namespace that has no interface; otherwise every proxy is an address that nobody answers at, and
-the script says so. A bundle for another system is installed into a folder by the rules that pip has for that system.
+The command is that of its README.txt, in a new environment, with no index and no settings of pip. If the machine allows it, all
+of this runs in a network namespace without an interface; otherwise every proxy is an address that does not answer, and the
+script says so. A bundle for another system is installed into a folder by pip's rules for that system.
 """
 
 from __future__ import annotations
@@ -21,9 +21,9 @@ from scripts.bundle_target import Target
 
 ROOT = Path(__file__).resolve().parent.parent
 CAPTURE = ROOT / "captures" / "nodes7-poll-missing.pcapng"
-#: Asks for a connection, as pip would; an error is what has to come.
+#: Requests a connection, as pip would; it must fail.
 REACH = "import socket; socket.create_connection(('192.0.2.1', 443), 2)"
-#: What is done with the installed package: the last two take extras.
+#: Commands for the installed package: the last two need extras.
 USES = (
     ("--version",),
     ("analyze", CAPTURE),
@@ -41,7 +41,7 @@ def offline() -> dict[str, str]:
 
 
 def unshared() -> list[str]:
-    """Return the words that run a command in a namespace without a network, none where the kernel refuses one."""
+    """Return the words that run a command in a namespace without a network, empty if the kernel refuses it."""
     words = ["unshare", "--map-root-user", "--net"]
     try:
         ran = subprocess.run([*words, sys.executable, "-c", REACH], capture_output=True, text=True, check=False)
@@ -51,7 +51,7 @@ def unshared() -> list[str]:
 
 
 def run(folder: Path, *words: str | Path) -> str:
-    """Run a command; what fails ends this."""
+    """Run a command; a failure ends this script."""
     ran = subprocess.run(
         list(map(str, words)), cwd=folder, env=offline(), capture_output=True, text=True, check=False, timeout=900
     )

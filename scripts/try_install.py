@@ -1,7 +1,7 @@
 """Try an installed s7dissect: ``python scripts/try_install.py compiled`` (or ``interpreted``).
 
-It must be the build that is named, it must give the known results of every shipped capture, and the tests of the wire formats
-must pass on it. Prints one line per step; the exit code is 1 if a step failed.
+It must be the named build, it must give the known results for every shipped capture, and the tests of the wire formats must
+pass on it. Prints one line per step; the exit code is 1 if a step failed.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Final
 
 ROOT: Final = Path(__file__).resolve().parent.parent
-#: Tests that need nothing but pytest and hypothesis, and that run anywhere.
+#: Tests that only need pytest and hypothesis, and that run anywhere.
 TESTS: Final = ("tests/wire", "tests/protocols/iso", "tests/protocols/s7/test_message.py", "tests/packets/tcp")
 
 

@@ -1,4 +1,4 @@
-"""A crafted capture: its packets, and what a reader has to make of them, stated where the packets are made."""
+"""A crafted capture: its packets, and the expected results of a reader, stated where the packets are made."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ COUNTS = (
 
 
 class TsharkCount(NamedTuple):
-    """The S7 PDUs tshark 4.0.17 shows, where they are others than there are, and why."""
+    """The number of S7 PDUs that tshark 4.0.17 shows, if it differs from the real number, and why."""
 
     s7_pdus: int
     why: str
@@ -39,8 +39,8 @@ class TsharkCount(NamedTuple):
 class Case:
     """Packets in the order of the file, and the expectations that grow with them.
 
-    ``write`` makes the file of the packets; ``link_types`` are those of its interfaces. ``exit_code`` is what the command
-    line has to end with.
+    ``write`` makes the file of the packets; ``link_types`` are those of its interfaces. ``exit_code`` is the expected exit code
+    of the command line.
     """
 
     def __init__(self, name: str, purpose: str) -> None:
@@ -83,25 +83,25 @@ class Case:
             self.counts["answered"] += 1
 
     def pdu(self, *functions: int) -> None:
-        """PDUs by function; -1 is one that has no parameters to say its function."""
+        """Number of PDUs by function; -1 for PDUs without parameters, which have no function."""
         for function in functions:
             self.counts["s7_pdus"] += 1
             if function >= 0:
                 self.functions[function] += 1
 
     def unanswered(self, function: int, reason: str) -> None:
-        """A request that gets no answer, and why."""
+        """A request without an answer, and the reason."""
         self.pdu(function)
         self.counts["unanswered"] += 1
         self.reasons[reason] += 1
 
     def orphan(self, function: int) -> None:
-        """An answer to no request that was captured."""
+        """An answer without a captured request."""
         self.pdu(function)
         self.counts["orphan_answers"] += 1
 
     def push(self, function: int) -> None:
-        """A message nobody asked for."""
+        """An unsolicited message."""
         self.pdu(function)
         self.counts["unsolicited"] += 1
 
@@ -114,12 +114,12 @@ class Case:
         self.findings[slug] += times
 
     def lose(self, octets: int, gaps: int = 1) -> None:
-        """Octets of a connection that the capture does not hold, in so many holes."""
+        """Octets of a connection that are missing from the capture, in this many gaps."""
         self.loss["gaps"] += gaps
         self.loss["octets_missing"] += octets
 
     def skip(self, octets: int) -> None:
-        """Captured octets that belong to no whole TPKT."""
+        """Captured octets that belong to no complete TPKT."""
         self.loss["octets_skipped"] += octets
 
     def table(self, name: str, **counts: int) -> None:
@@ -178,7 +178,7 @@ RECIPES: dict[str, tuple[str, Recipe]] = {}
 
 
 def crafts(purpose: str) -> Callable[[Recipe], Recipe]:
-    """Make a function that fills a case a recipe; the case has its name, with hyphens."""
+    """Register a function that fills a case as a recipe; the case gets its name, with hyphens."""
 
     def register(recipe: Recipe) -> Recipe:
         RECIPES[recipe.__name__.replace("_", "-")] = (purpose, recipe)

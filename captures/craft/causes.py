@@ -1,4 +1,4 @@
-"""What explains something else: malformed writes, sizes that do not fit, ways of sending that a server does not take."""
+"""Causes that explain other findings: malformed writes, wrong sizes, ways of sending that a server does not accept."""
 
 from __future__ import annotations
 

@@ -14,7 +14,7 @@ MICROSECONDS, NANOSECONDS = 6, 9
 
 
 class Packet(NamedTuple):
-    """One captured packet; ``wire`` is its size before anything was cut off."""
+    """One captured packet; ``wire`` is its size before it was cut."""
 
     time_ns: int
     octets: bytes
@@ -45,7 +45,7 @@ class Pcapng:
         self._clocks: list[tuple[int, int]] = []
 
     def section(self, big: bool = False, comment: str = "") -> None:
-        """A section header; what was said about interfaces is over."""
+        """A section header; earlier interfaces are no longer valid."""
         self._order = ">" if big else "<"
         self._clocks = []
         options = self._options([(1, comment.encode())] if comment else [])

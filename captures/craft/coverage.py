@@ -1,6 +1,6 @@
-"""Each row of the tables at least once, in conversations that are in order: docs/coverage.md counts them.
+"""Each row of the tables at least once, in conversations without faults: docs/coverage.md counts them.
 
-Payloads are written as hexadecimal digits, the way the protocol reference does; blanks only group the octets.
+Payloads are written as hexadecimal digits, as in the protocol reference; blanks only group the octets.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ from dissect.protocols.s7.tables import (
 
 # ---- COTP -----------------------------------------------------------------------------------------------------------
 
-#: A value of each parameter; the three everybody sends are not among them.
+#: A value of each parameter, except the three parameters that everyone sends.
 COTP_VALUES = {
     0x08: "00000000", 0x09: "0000", 0x85: "03e8", 0x86: "03040a", 0x87: "0000", 0x88: "000a 0014 000a 0014",
     0x89: "0003e8 000064 0003e8 000064", 0x8A: "0001", 0x8B: "001e", 0x8C: "00000001 0001 0004", 0xC3: "0000",
@@ -127,7 +127,7 @@ def coverage_functions(case: Case) -> None:
     case.find("transaction.refused", 2)
     case.find("security.program_change", len(BLOCK_TYPES) + len(BLOCK_SERVICES))
     case.find("security.program_read", len(BLOCK_TYPES))
-    # None of them is linked in on this connection but DB 1, by the PI services below; system data need not be.
+    # Only DB 1 is linked in on this connection, by the PI services below; system data need not be.
     case.find("block.not_activated", len(BLOCK_TYPES) - 2)
     case.find("security.memory", 2)  # _MODU, _GARB
     case.find("security.plc_start")
@@ -149,7 +149,7 @@ def named(kind: str, system: str) -> bytes:
 
 
 def download(talk: Talk, kind: str) -> None:
-    """A block goes to the PLC, which asks for it piece by piece."""
+    """A block goes to the PLC, which requests it piece by piece."""
     name = bytes(6) + named(kind, DOWNLOADED)
     number = talk.next_ref()
     asked = job(
@@ -182,7 +182,7 @@ def upload(talk: Talk, kind: str) -> None:
 
 
 def start(talk: Talk, name: str) -> None:
-    """A PI service with arguments as its row says."""
+    """A PI service with the arguments of its row."""
     if name in BLOCK_SERVICES:
         block = b"\x01\x00" + b"0A00001P"
     elif name.startswith(NC_PREFIX):
@@ -199,7 +199,7 @@ def start(talk: Talk, name: str) -> None:
 
 # ---- items ----------------------------------------------------------------------------------------------------------
 
-#: Items other than S7ANY, each with what it is read as.
+#: Items other than S7ANY, each with the type in which it is read.
 SYNTAXES = (
     ("1208 82 41 0001 0001 7f 01", OCTET_STRING, "4045000000000000"), ("1208 83 02 0003 0004 10 01", OCTET_STRING, "01"),
     ("1208 84 e1 0003 0004 10 01", OCTET_STRING, "01"), ("120a a2 01 0002 0003 0011 0007", OCTET_STRING, "0001"),
@@ -225,7 +225,7 @@ def coverage_items(case: Case) -> None:
         read_item(talk, asked, bytes(size), ANSWER_TRANSPORT_SIZE.get(row.number, OCTET_STRING))
     for text, size, octets in SYNTAXES:
         read_octets(talk, bytes.fromhex(text), size, bytes.fromhex(octets))
-    # A DINT as nobody was seen to send it.
+    # A DINT in a form that no device was seen to send.
     read_item(talk, S7_Any(transport_size=7, area=0x83), bytes(4), 6)
     errors = [row.number for row in RETURN_CODES if row.number != 0xFF]
     number = talk.next_ref()

@@ -1,6 +1,6 @@
-"""Each userdata subfunction in every direction it has, and every system status list: docs/coverage.md counts them.
+"""Each userdata subfunction in every possible direction, and every system status list: docs/coverage.md counts them.
 
-Payloads are written as hexadecimal digits, the way the protocol reference does; blanks only group the octets.
+Payloads are written as hexadecimal digits, as in the protocol reference; blanks only group the octets.
 """
 
 from __future__ import annotations
@@ -171,17 +171,17 @@ def coverage_userdata(case: Case) -> None:
     ):  # fmt: skip
         for row in rows:
             say(talk, group, row)
-    # Answers to pushes: a piece of a file is one and gets one, so there is no request that they belong to.
+    # Answers to pushes: a piece of a file is a push and gets an answer, so there is no request for them.
     case.find("transaction.orphan", 2)
     case.find("transaction.item_error")  # a force job reports that it may not access its second item
-    case.find("operation.stray_push")  # the first mode transition: nobody has subscribed to messages yet
+    case.find("operation.stray_push")  # the first mode transition: no client has subscribed to messages yet
     for slug in (
         "stopped", "alarm_change", "debug", "flash_led", "memory", "password", "program_change", "program_read",
         "reconnaissance",
     ):  # fmt: skip
         case.find(f"security.{slug}")
     case.find("security.clock_set", 2)
-    case.count(item_errors=1)  # a pushed job of which one variable is refused
+    case.count(item_errors=1)  # a pushed job with one refused variable
     case.find("security.force", 3)  # modify variable, force, replace job
     case.find("security.mode_changed", len(USERDATA_SUBFUNCTIONS[0]) - 1)  # all but STOP
     talk.close()

@@ -41,7 +41,7 @@ class NetLink:
         return bytes(self.header(side) / kind(function=function, number=number, **self.ids) / octets)
 
     def receipt(self) -> bytes:
-        """What the gateway says to a packet it took."""
+        """The gateway's receipt for a packet that it took."""
         ids = bytes((self.ids["src_conn"], 0, self.ids["mpi"], 1, 9))
         return bytes(IBH(channel1=0xFF, channel2=0x07, number=self.packet - 1, s_flags=0x82, r_flags=0) / ids)
 
@@ -55,7 +55,7 @@ class NetLink:
         return self.mpi(side, ACK, bytes((self.numbers[1 - side] - 1,)), 1)
 
     def connect(self) -> None:
-        """Capture everything up to the exchange of data: a number claimed, the station connected, a go-ahead each way."""
+        """Capture everything up to the exchange of data: the claim of a number, the connection, a go-ahead from each side."""
         talk = self.talk
         talk.open()
         claim = bytes((self.ids["src_conn"],)) + b"\xff\xf0\xf0\xf0\xf0"
@@ -74,7 +74,7 @@ class NetLink:
         talk.send(SERVER, self.receipt() + self.mpi(SERVER, GO_AHEAD, number=1))
 
     def ask(self, request: bytes) -> None:
-        """Capture a request, and that it arrived."""
+        """Capture a request and its receipt."""
         self.talk.send(CLIENT, self.data(CLIENT, request))
         self.talk.send(SERVER, self.receipt())
         self.talk.send(SERVER, self.ack(SERVER))
@@ -150,7 +150,7 @@ def netlink_faults(case: Case) -> None:
 
 
 def in_pieces(case: Case) -> None:
-    # A request octet by octet with the write that follows, an answer in two fragments with the go-ahead between them.
+    # A request octet by octet together with the next write; an answer in two fragments with the go-ahead between them.
     link = NetLink(case, 49152)
     link.connect()
     link.setup()
@@ -166,7 +166,7 @@ def in_pieces(case: Case) -> None:
 
 
 def on_another_port(case: Case) -> None:
-    # The claim of a connection number is enough.
+    # The claim of a connection number is sufficient.
     link = NetLink(case, 49153, 10099)
     link.connect()
     link.setup()
@@ -174,7 +174,7 @@ def on_another_port(case: Case) -> None:
 
 
 def in_its_midst(case: Case) -> None:
-    # No handshake, no connect; then a lost answer, and the one after it.
+    # No handshake, no connect; then a lost answer, and the next one.
     link = NetLink(case, 49154, station=4)
     link.ids["dst_conn"] = 21
     case.count(connections=1)
@@ -192,7 +192,8 @@ def in_its_midst(case: Case) -> None:
 
 
 def lying(case: Case) -> None:
-    # An MPI length that is one too large, and one too small; octets that begin no packet, and in step again behind them.
+    # An MPI length that is one too large, and one that is one too small; octets that begin no packet, and then packets in step
+    # again.
     link = NetLink(case, 49155)
     link.connect()
     link.setup()

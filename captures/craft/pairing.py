@@ -1,4 +1,4 @@
-"""Which answer belongs to which request: references used again, both ends asking, messages nobody asked for."""
+"""Which answer belongs to which request: reused references, requests from both ends, unsolicited messages."""
 
 from __future__ import annotations
 
@@ -51,13 +51,13 @@ def references(case: Case) -> None:
     for number in (3, 1, 2):
         talk.send(SERVER, dt(values(number, b"\x00\x01")))
     case.pair(READ, READ, READ)
-    # A job and a userdata request of one number, answered the other way round.
+    # A job and a userdata request with the same number, answered in reverse order.
     talk.send(CLIENT, dt(read_bytes(7, 2)))
     talk.send(CLIENT, dt(ask(7, 7, 1)))
     talk.send(SERVER, dt(tell(7, 7, 1, pattern(10))))
     talk.send(SERVER, dt(values(7, b"\x00\x07")))
     case.pair(READ, USERDATA)
-    # Another request with a number still open, as two jobs may be: the answer fits that one only.
+    # Another request with a number that is still open, as two jobs may have: the answer matches only one of them.
     talk.send(CLIENT, dt(read_bytes(8, 2)))
     case.unanswered(READ, "connection_closed")
     case.find("transaction.unanswered")
@@ -68,13 +68,13 @@ def references(case: Case) -> None:
     for _ in range(3):
         talk.send(SERVER, dt(values(9, b"\x00\x09")))
     case.pair(READ, READ, READ)
-    # An answer again, as new octets.
+    # The same answer again, as new octets.
     talk.exchange(READ, read_bytes(10, 2), values(10, b"\x00\x0a"))
     talk.send(SERVER, dt(values(10, b"\x00\x0a")))
     case.orphan(READ)
     case.find("transaction.orphan")
     case.pause(1_100)
-    # A system status list in two parts: each part is asked for, the second with a number of its own.
+    # A system status list in two parts: each part is requested, the second with its own number.
     szl = pattern(60)
     talk.exchange(
         USERDATA,
@@ -169,5 +169,5 @@ def short_push(group: int, subfunction: int, payload: bytes) -> bytes:
 
 
 def usend() -> bytes:
-    """A USEND: its R_ID stands where others have the extended head."""
+    """A USEND: its R_ID is where others have the extended head."""
     return s7(0, S7_USEND(r_id=1, data=[S7_USENDData(), S7_DataItem(transport_size=9, octets=b"ab")]))

@@ -66,7 +66,7 @@ def dt(data: bytes = b"", end: bool = True, number: int = 0) -> bytes:
 
 
 def s7(pdu_ref: int, body: Layer, **header: Any) -> bytes:
-    """An S7 PDU; what is given of the header stands as it is given."""
+    """An S7 PDU; given header fields are used unchanged."""
     return bytes(S7(pdu_ref=pdu_ref, **header) / body)
 
 
@@ -92,7 +92,7 @@ def read_bytes(pdu_ref: int, count: int) -> bytes:
 
 
 def values(pdu_ref: int, *octets: bytes) -> bytes:
-    """The answer to a Read Var of octets or words: these, each a good item."""
+    """The answer to a Read Var of octets or words, each as a good item."""
     return s7(pdu_ref, S7_ReadVarAnswer(data=[S7_DataItem(octets=one) for one in octets]))
 
 
@@ -142,12 +142,12 @@ def tell(pdu_ref: int, group: int, subfunction: int, payload: bytes = b"", kind:
 
 
 def userdata_item(payload: bytes) -> S7_DataItem:
-    """The data head of userdata with its payload; 0x0A stands for none and is no error."""
+    """The data head of userdata with its payload; 0x0A means that there is none and is not an error."""
     if not payload:
         return S7_DataItem(return_code=0x0A, transport_size=0)
     return S7_DataItem(transport_size=OCTET_STRING, octets=payload)
 
 
 def pattern(size: int, first: int = 0) -> bytes:
-    """Octets that tell their own place."""
+    """Octets from which their own position can be seen."""
     return bytes((first + index) % 251 for index in range(size))

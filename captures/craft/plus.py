@@ -1,4 +1,4 @@
-"""S7comm-plus: a panel and an engineering station at one CPU, in the forms that public captures show (docs/s7plus.md)."""
+"""S7comm-plus: a panel and an engineering station with one CPU, in the forms of public captures (docs/s7plus.md)."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ QUALIFIER: Final = b"\0\0\x04\xe8" + build_members(
     [(1257, Value(0, RID, 0)), (1258, Value(0, AID, 0)), (1259, Value(0, UDINT, 0))]
 )
 FILL: Final = bytes(4)
-#: What refuses an item: the object was not found.
+#: The refusal of an item: the object was not found.
 NOT_FOUND: Final = bytes.fromhex("ffffffffffffffff f4")
 OPERATING_STATE: Final = [0x80150002, 4, 48, 52, 0, 2237, 3486]
 
@@ -76,7 +76,7 @@ def text(id_: int, value: str) -> Attribute:
 
 
 class Session:
-    """A client with a session: numbers of requests, integrity ids, and what an answer has to do with them."""
+    """A client with a session: request numbers, integrity ids, and the answers that depend on them."""
 
     def __init__(self, case: Case, client: str, port: int, id_: int) -> None:
         self.case = case
@@ -89,7 +89,7 @@ class Session:
         self.talk.connect()
 
     def send(self, side: int, data: bytes, version: int = 3) -> None:
-        """Capture a PDU in one frame; from version 3 on with a digest, which nobody can check here."""
+        """Capture a PDU in one frame; from version 3 on with a digest, which no reader can check here."""
         content = b"\x20" + b"\x5a" * 32 + data if version == 3 else data
         frame = bytes((0x72, version)) + len(content).to_bytes(2, "big") + content + bytes((0x72, version, 0, 0))
         self.talk.send(side, dt(frame))
@@ -153,7 +153,7 @@ class Session:
         self.talk.close()
 
     def notify(self, subscription: int, *items: tuple[int, Value | None]) -> None:
-        """Let the CPU send values by the numbers of their items; None for one that it refuses."""
+        """Let the CPU send values by the numbers of their items; None for a refused one."""
         self.notified += 1
         head = struct.pack(">BIHHHB", 0x33, subscription, 0x0400, 0, 0, self.notified & 0xFF)
         body = b"".join([
@@ -174,7 +174,7 @@ def declaration() -> PlusObject:
 
 
 def block(rid: int, class_id: int, name: str, number_: int, language: int) -> PlusObject:
-    """A block with its code, which is none."""
+    """A block with empty code."""
     code = Attribute(2533, Value(0, BLOB, Blob(0, b"\x5a" * 300)))
     numbers = [Attribute(2521, Value(0, UINT, number_)), Attribute(2523, Value(0, UINT, language))]
     return PlusObject(rid, class_id, 0, 0, 0, [text(233, name), *numbers, code])

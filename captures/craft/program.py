@@ -59,7 +59,7 @@ class Upload:
         self.at = -1
 
     def step(self) -> bool:
-        """Capture a step; False when there is none left."""
+        """Capture a step; return False if there is none left."""
         talk, ref, octets = self.talk, self.talk.next_ref(), self.octets
         if self.at < 0:
             asked = job(ref, START_UPLOAD, bytes(7) + text_of(f"_{self.name}"))
@@ -81,7 +81,7 @@ class Upload:
 
 
 def download(talk: Talk, name: str, octets: bytes) -> None:
-    """A block goes to the PLC, which asks for it piece by piece."""
+    """A block goes to the PLC, which requests it piece by piece."""
     named = text_of(f"_{name}")
     number = talk.next_ref()
     mc7 = int.from_bytes(octets[34:36], "big")

@@ -1,4 +1,4 @@
-"""Rules of a session that somebody breaks: before Setup, beyond what was granted, too slow, at the wrong time."""
+"""Violations of the rules of a session: before Setup, beyond the granted limits, too slow, at the wrong time."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def ask_too_early(case: Case) -> None:
     talk.setup()
     talk.poll()
     talk.close()
-    # A read behind the Setup request, before its answer.
+    # A read after the Setup request, before its answer.
     talk = connected(case, 49154)
     talk.send(CLIENT, dt(setup(0, 480, 8, 8)))
     talk.send(CLIENT, dt(read_bytes(1, 2)))
@@ -74,7 +74,7 @@ def say_too_much(case: Case) -> None:
     case.find("session.pdu_too_long", 2)
     case.find("security.write")
     case.find("session.read_too_long")
-    # Setup again, for less: what was granted last holds.
+    # Setup again, for less: the last granted values apply.
     talk.exchange(SETUP, setup(5, 240, 8, 8), setup(5, 120, 8, 8, answer=True))
     talk.exchange(READ, read_bytes(6, 150), values(6, pattern(150)))
     case.find("session.pdu_too_long")
@@ -84,7 +84,7 @@ def say_too_much(case: Case) -> None:
 
 
 def ask_too_often(case: Case) -> None:
-    # Two jobs granted to the client, one to the PLC: four open at once, userdata among them; two of the PLC.
+    # The client may have two jobs open, the PLC one: the client has four open at once, userdata among them, and the PLC two.
     talk = connected(case, 49156)
     talk.exchange(SETUP, setup(0, 480, 4, 4), setup(0, 480, 1, 2, answer=True))
     for number in (1, 2, 3):
@@ -106,7 +106,7 @@ def ask_too_often(case: Case) -> None:
 
 
 def grant_wrongly(case: Case) -> None:
-    # A longer PDU, more jobs, a PDU length in which nothing fits.
+    # A longer PDU, more jobs, and a PDU length in which nothing fits.
     grants = ((960, 2, 2), (480, 3, 2), (480, 2, 3), (20, 2, 2))
     for client_port, (pdu_length, calling, called) in enumerate(grants, 49157):
         talk = connected(case, client_port)
@@ -128,7 +128,7 @@ def timing(case: Case) -> None:
         talk.send(SERVER, dt(values(number, b"\x00\x01")))
         case.pair(READ)
     case.find("transaction.slow")
-    # Captured the wrong way round, as with a queue for each direction: at once, and with others between.
+    # Captured in the wrong order, as with a queue for each direction: directly, and with other packets between.
     request, answer = talk.make(CLIENT, dt(read_bytes(3, 2))), talk.make(SERVER, dt(values(3, b"\x00\x03")))
     case.put(answer, request)
     requests = [talk.make(CLIENT, dt(read_bytes(number, 2))) for number in (4, 5, 6)]
@@ -136,7 +136,8 @@ def timing(case: Case) -> None:
     case.put(*answers, *requests)
     case.pair(*[READ] * 4)
     case.find("transaction.reordered", 4)
-    # An answer to a request nobody saw, then a request with its reference: the answer acknowledges nothing of it.
+    # An answer to a request that was not captured, then a request with its reference: the answer does not acknowledge the
+    # request.
     talk.send(SERVER, dt(values(7, b"\xff\xff")))
     case.orphan(READ)
     case.find("transaction.orphan")

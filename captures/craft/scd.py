@@ -1,9 +1,9 @@
-"""Craft captures/scd/plant.pcapng: SCD by the dictionary beside it, in everything that can carry it.
+"""Craft captures/scd/plant.pcapng: SCD by the dictionary beside it, over all possible carriers.
 
 python -m captures.craft.scd
 
-A pumping station (192.0.2.20) and who talks to it: PDOs and SDOs over UDP, SDOs over TCP and a TSAP, values in a data
-block and in a BSEND. No device that speaks this protocol is public: the octets are those of our codec (docs/scd.md).
+A pumping station (192.0.2.20) and its peers: PDOs and SDOs over UDP, SDOs over TCP and a TSAP, values in a data block and in a
+BSEND. No device with this protocol is public: the octets come from our codec (docs/scd.md).
 """
 
 from __future__ import annotations
@@ -44,13 +44,13 @@ class Station:
     # ---- messages ---------------------------------------------------------------------------------------------------
 
     def pdo(self, pdo: str, counter: int, values_: Mapping[Any, object], *, err: int = 0) -> bytes:
-        """A PDO in its envelope, with the version of the mapping that the dictionary names."""
+        """A PDO in its envelope, with the mapping version of the dictionary."""
         version = self.codec.pdo(pdo).version
         message = scd.Message(service="pdo", phase="push", pdo=pdo, tid=counter, sub=version, err=err)
         return self.codec.encode_message(_with(message, self.dictionary, values_))
 
     def ask(self, tid: int, where: str, value: object = None) -> bytes:
-        """A request: a read, or with a value a write."""
+        """A request: a read, or a write if a value is given."""
         return self._sdo("request", tid, where, value, wrote=value is not None)
 
     def tell(self, tid: int, where: str, value: object = None) -> bytes:
@@ -96,7 +96,7 @@ def states(flow: int, word: int = 0x0237, mode: int = 8, segment: int = 1) -> di
 
 
 def cycles(station: Station) -> None:
-    """Both pumps tell their state each 20 ms; two PDOs of the first one are not in the capture, the last has an error."""
+    """Both pumps send their state every 20 ms; two PDOs of the first one were not captured, the last has an error."""
     for cycle in range(12):
         if cycle not in {6, 7}:
             station.send(SERVER, station.pdo("T1", 250 + cycle & 0xFF, states(1200 - 7 * cycle)))
@@ -111,7 +111,7 @@ def cycles(station: Station) -> None:
 
 
 def services(station: Station) -> None:
-    """SDOs: read, written, refused, without answer; then the mapping of T1 is rewritten."""
+    """SDOs: read, written, refused, unanswered; then the mapping of T1 is rewritten."""
     conf_id = int.from_bytes(station.dictionary.wire_id[:4], "little")
     for tid, (where, value) in enumerate(
         (
@@ -151,7 +151,7 @@ def bare(station: Station) -> None:
 
 
 def stream(station: Station) -> None:
-    """SDOs over TCP, cut where no message ends."""
+    """SDOs over TCP, cut in the middle of messages."""
     talk = Talk(station.case, *ENDS, client_port=49300, port=STREAM)
     talk.open()
     requests = station.ask(1, "Расход 1") + station.ask(2, "Расход 2")

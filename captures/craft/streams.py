@@ -1,4 +1,4 @@
-"""TCP as it comes: cut anywhere, out of order, twice, overlapping, wrapped, begun in the middle, begun again."""
+"""Real TCP: cut anywhere, out of order, duplicated, overlapping, wrapped, begun in the middle, begun again."""
 
 from __future__ import annotations
 
@@ -32,13 +32,13 @@ def segments(case: Case) -> None:
     talk.send(CLIENT, b"".join(dt(read_bytes(number, 2)) for number in range(30, 34)))
     talk.send(SERVER, b"".join(dt(values(number, pattern(2, number))) for number in range(30, 34)))
     case.pair(*[READ] * 4)
-    # Four requests and four answers cut where no TPKT ends: inside headers and inside PDUs.
+    # Four requests and four answers cut in the middle of TPKTs: inside headers and inside PDUs.
     stream = b"".join(dt(read_bytes(number, 30)) for number in range(40, 44))
     talk.send(CLIENT, stream, 36, 31 * 3 + 1)
     stream = b"".join(dt(values(number, pattern(30, number))) for number in range(40, 44))
     talk.send(SERVER, stream, 3, 60, 110, 111)
     case.pair(*[READ] * 4)
-    # A long answer over three segments, the end of it with the whole of the next.
+    # A long answer in three segments; its end comes together with the whole next answer.
     talk.send(CLIENT, dt(read_bytes(50, 440)) + dt(read_bytes(51, 2)))
     talk.send(SERVER, dt(values(50, pattern(440))) + dt(values(51, b"\x00\x02")), 200, 400)
     case.pair(READ, READ)
@@ -53,7 +53,7 @@ def segments(case: Case) -> None:
 def disorder(case: Case) -> None:
     talk = Talk(case)
     talk.begin()
-    # Two requests change places, then their answers.
+    # Two requests in reverse order, then their answers.
     first, second = (talk.make(CLIENT, dt(read_bytes(number, 2))) for number in (1, 2))
     case.put(second, first)
     first, second = (talk.make(SERVER, dt(values(number, b"\x00\x01"))) for number in (1, 2))
@@ -78,7 +78,7 @@ def disorder(case: Case) -> None:
     case.put(late)
     case.pair(READ, READ)
     talk.poll(3)
-    # The last answer is captured behind the FIN that follows it.
+    # The last answer is captured after the FIN that follows it.
     talk.send(CLIENT, dt(read_bytes(30, 2)))
     late = talk.make(SERVER, dt(values(30, b"\x00\x06")))
     end = talk.make(SERVER, flags="FA")
@@ -115,7 +115,7 @@ def repeat(case: Case, talk: Talk) -> None:
     case.pair(READ)
     talk.poll()
     case.put(answer)
-    # The end of the last segment again, with a new request behind it: in one segment, then cut elsewhere.
+    # The end of the last segment again, followed by a new request: in one segment, then cut elsewhere.
     old = dt(read_bytes(2, 4))
     talk.send(CLIENT, old)
     talk.send(SERVER, dt(values(2, b"\x00\x01\x00\x02")))
@@ -139,7 +139,7 @@ def repeat(case: Case, talk: Talk) -> None:
 
 
 def repeat_out_of_turn(case: Case, talk: Talk) -> None:
-    # A segment ahead of its turn comes twice, then bit by bit together with what was before it.
+    # A segment that comes too early appears twice, then bit by bit together with the octets before it.
     here = talk.seq[CLIENT]
     stream = dt(read_bytes(5, 2)) + dt(read_bytes(6, 2))
     ahead = talk.make(CLIENT, stream[31:], seq=here + 31)
@@ -150,12 +150,12 @@ def repeat_out_of_turn(case: Case, talk: Talk) -> None:
 
 
 def probe(case: Case, talk: Talk) -> None:
-    # Keep-alives: one octet before the next, of any value or none, and its answer.
+    # Keep-alives: one octet before the next, with any value, or no octet; and the answer.
     for octets in (b"\x00", b"\xff", b""):
         case.pause(2_000)
         case.put(talk.make(CLIENT, octets, flags="A", seq=talk.seq[CLIENT] - 1))
         talk.ack(SERVER)
-    # A window probe: the first octet of what comes next, not taken, then the whole.
+    # A window probe: the first octet of the next data, not accepted, then the whole.
     request_octets = dt(read_bytes(7, 2))
     case.put(talk.make(CLIENT, request_octets[:1], flags="A", seq=talk.seq[CLIENT]))
     talk.ack(SERVER)
@@ -200,7 +200,7 @@ def conflicts(case: Case) -> None:
     case.pair(READ)
     case.put(talk.make(SERVER, dt(values(2, b"\xff\xff")), seq=here))
     case.find("stream.conflict")
-    # The second half of a request overlaps the first with other octets; what is new in it belongs to the stream.
+    # The second half of a request overlaps the first with different octets; its new octets belong to the stream.
     request = dt(read_bytes(3, 2))
     here = talk.seq[CLIENT]
     case.put(
@@ -211,7 +211,7 @@ def conflicts(case: Case) -> None:
     case.find("stream.conflict")
     talk.send(SERVER, dt(values(3, b"\x00\x03")))
     case.pair(READ)
-    # Two copies ahead of their turn that differ, then what was missing before them.
+    # Two different copies that come too early, then the missing octets before them.
     stream = dt(read_bytes(4, 2)) + dt(read_bytes(5, 2))
     here = talk.seq[CLIENT]
     case.put(
@@ -236,7 +236,7 @@ def sequence_wrap(case: Case) -> None:
     talk.begin()
     talk.poll(3, 60)
     talk.close()
-    # The wrap inside a request that comes in disorder and twice.
+    # The sequence number wraps inside a request that comes out of order and twice.
     request = dt(read_bytes(1, 2))
     talk = Talk(case, client_port=49153, isn=(MODULUS - 1 - len(cr()) - 25 - 10, MODULUS - 60))
     talk.begin()
@@ -269,7 +269,7 @@ def mid_packet(case: Case) -> None:
     for port in case.ports:
         talk = Talk(case, port=port)
         case.count(connections=1)
-        # The lost octets also look like the beginning of a TPKT, but of none with a TPDU in it.
+        # The lost octets also look like the beginning of a TPKT, but of one without a TPDU.
         tail = dt(values(0, b"\x03\x00\x00\x40\xff\xff" + pattern(74)))[20:]
         talk.send(SERVER, tail)
         case.skip(len(tail))
@@ -306,7 +306,7 @@ def reuse(case: Case) -> None:
     talk.begin()
     talk.poll()
     case.put(talk.make(SERVER, flags="R"))
-    # Open, with a request open, when the next SYN comes.
+    # Open, with an open request, when the next SYN comes.
     talk = again()
     talk.begin()
     talk.send(CLIENT, dt(read_bytes(1, 2)))
@@ -323,7 +323,7 @@ def reuse(case: Case) -> None:
     talk.setup()
     talk.exchange(READ, read_bytes(1, 2), values(1, b"\x00\x01"))
     talk.close(SERVER)
-    # Three connection attempts that come to nothing, the last is answered.
+    # Three failed connection attempts; the last one is answered.
     for _ in range(3):
         talk = again()
         case.put(talk.make(CLIENT, flags="S"), talk.make(SERVER, flags="RA"))
@@ -365,7 +365,7 @@ def reuse_without_syn(case: Case) -> None:
     "elsewhere."
 )
 def endings(case: Case) -> None:
-    # The client closes its half; both requests are answered all the same.
+    # The client closes its half; both requests are still answered.
     talk = Talk(case)
     talk.begin()
     talk.send(CLIENT, dt(read_bytes(1, 2)) + dt(read_bytes(2, 2)))
@@ -384,7 +384,7 @@ def endings(case: Case) -> None:
     case.unanswered(READ, "connection_closed")
     case.find("transaction.unanswered")
     case.put(talk.make(SERVER, flags="R"))
-    # A reset with a sequence number nobody would believe, then business as usual.
+    # A reset with an impossible sequence number, then normal traffic.
     talk = Talk(case, client_port=49154)
     talk.begin()
     case.put(talk.make(SERVER, flags="R", seq=talk.seq[SERVER] + 1_000_000_000))
@@ -392,7 +392,7 @@ def endings(case: Case) -> None:
     case.table("ignored", reset_ignored=1)
     talk.poll(2)
     talk.close()
-    # The capture ends with a request open for a tenth of a second: too short to tell.
+    # The capture ends with a request open for a tenth of a second: too short for a judgement.
     talk = Talk(case, client_port=49155)
     talk.begin()
     talk.send(CLIENT, dt(read_bytes(1, 2)))

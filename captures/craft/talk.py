@@ -29,7 +29,7 @@ def ethernet(side: int, packet: Layer) -> bytes:
 
 
 def octets_of(packet: Layer) -> bytes:
-    """The octets of a packet each field of which has one value: Scapy copies every layer to try others, unless told so."""
+    """The octets of a packet whose fields all have a single value: Scapy otherwise copies every layer to try others."""
     layer = packet
     while not isinstance(layer, NoPayload):
         layer.explicit = 1
@@ -40,8 +40,8 @@ def octets_of(packet: Layer) -> bytes:
 class Talk:
     """One TCP connection between a client and a server.
 
-    ``isn`` are the initial sequence numbers of both. What is sent in turn advances them; ``make`` with a ``seq`` does not. The
-    acknowledgement is what the other end sent so far, captured or not, unless one is given.
+    ``isn`` are the initial sequence numbers of both. Data sent in turn advance them; ``make`` with a ``seq`` does not. The
+    acknowledgement covers what the other end sent so far, captured or not, unless one is given.
     """
 
     def __init__(
@@ -131,7 +131,7 @@ class Talk:
         self.send(SERVER, pdus.cc(tpdu_size=tpdu_size))
 
     def setup(self, pdu_length: int = 480, calling: int = 8, called: int = 8) -> None:
-        """Capture Setup communication, all granted as asked."""
+        """Capture Setup communication, everything granted as requested."""
         self.exchange(
             pdus.SETUP,
             pdus.setup(0, pdu_length, calling, called),
@@ -151,7 +151,7 @@ class Talk:
         self.case.pair(function)
 
     def poll(self, times: int = 1, size: int = 2) -> None:
-        """Capture good reads of some octets of DB1, each with a reference of its own."""
+        """Capture good reads of some octets of DB1, each with its own reference."""
         for _ in range(times):
             number = self.next_ref()
             self.exchange(pdus.READ, pdus.read_bytes(number, size), pdus.values(number, pdus.pattern(size)))

@@ -51,7 +51,7 @@ def reference_examples(case: Case) -> None:
     case.find("cotp.refused", 2)
     case.find("cotp.bad_start")
     case.find("session.foreign_on_102")
-    # The upload gives 8 octets of 216, the download ends while more is to come.
+    # The upload gives 8 octets of 216, and the download ends although more is to come.
     case.find("operation.wrong_size")
     case.find("operation.cut_short")
     case.find("security.program_read")
@@ -70,13 +70,13 @@ def reference_examples(case: Case) -> None:
 
 
 def asks(example: Example) -> bool:
-    """Tell whether the client asks something: a job, or userdata of type request."""
+    """Return whether the client sends a request: a job, or userdata of type request."""
     start = example.octets[7:9]
     return example.from_client and (start == b"\x32\x01" or (start == b"\x32\x07" and example.octets[22] >> 6 == ASKED))
 
 
 def say(talk: Talk, examples: tuple[Example, ...]) -> None:
-    """One connection with these messages, each in a segment of its own."""
+    """One connection with these messages, each in its own segment."""
     talk.open()
     for example in examples:
         talk.send(CLIENT if example.from_client else SERVER, example.octets)

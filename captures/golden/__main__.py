@@ -1,9 +1,9 @@
-"""Write the golden of every capture anew: ``captures/golden/NAME.s7.txt``, ``crafted/NAME.s7.txt``, ``scd/NAME.s7.txt``.
+"""Write the golden of every capture again: ``captures/golden/NAME.s7.txt``, ``crafted/NAME.s7.txt``, ``scd/NAME.s7.txt``.
 
 python -m captures.golden                    all of them
 python -m captures.golden szl crafted/holes  some of them
 
-What changed is then seen with ``git diff``; a test holds the files to the captures, and another to tshark's fields.
+``git diff`` then shows the changes; a test compares the files with the captures, and another one with tshark's fields.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Which capture each golden in this folder is of: ``NAME.s7.txt`` of ``captures/NAME.pcapng``, and so in the folders below."""
+"""The capture for each golden here: ``captures/NAME.pcapng`` for ``NAME.s7.txt``, and likewise in the folders below."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from dissect.testing.golden import golden_text, read_session
 
 GOLDENS: Final = Path(__file__).resolve().parent
 CAPTURES: Final = GOLDENS.parent
-#: The capture with SCD, and what decodes it.
+#: The capture with SCD, and the files that decode it.
 PLANT: Final = CAPTURES / "scd" / "plant.pcapng"
 
 
 class Source:
-    """A capture and its golden; ``name`` is that of the golden in this folder: ``szl``, ``crafted/plain``, ``scd/plant``."""
+    """A capture and its golden; ``name`` is the golden's name in this folder: ``szl``, ``crafted/plain``, ``scd/plant``."""
 
     def __init__(self, capture: Path) -> None:
         folder = capture.parent.relative_to(CAPTURES)

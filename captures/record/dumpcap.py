@@ -14,9 +14,9 @@ SETTLE = 0.7
 
 
 class Dumpcap:
-    """One capture on the loopback interface; ``stop()`` says how many packets dumpcap wrote.
+    """One capture on the loopback interface; ``stop()`` returns the number of packets that dumpcap wrote.
 
-    Raises RuntimeError when dumpcap does not start (no right to capture, no such filter) or lost packets.
+    Raises RuntimeError if dumpcap does not start (no right to capture, no such filter) or lost packets.
     """
 
     def __init__(self, path: Path, capture_filter: str, comment: str) -> None:
@@ -42,7 +42,7 @@ class Dumpcap:
         self._live.set()
 
     def stop(self) -> int:
-        """Wait for what is still in the kernel, end the capture, and return the number of packets it holds."""
+        """Wait for packets that are still in the kernel, end the capture, and return its number of packets."""
         time.sleep(SETTLE)
         self._process.send_signal(signal.SIGINT)
         self._process.wait(10)

@@ -1,10 +1,10 @@
-"""What a recording holds, counted from tshark's dissection alone: the ``[expected]`` table of its TOML file.
+"""The contents of a recording, counted only from tshark's dissection: the ``[expected]`` table of its TOML file.
 
     python captures/record/expect.py captures/*.pcapng          print the tables
     python captures/record/expect.py --check captures/*.pcapng  compare them with the TOML files, exit code 1 on a difference
 
-tshark neither pairs requests with answers nor counts errors, so that is done here, from the fields it gives, in the most
-literal way: one list of open requests for each (TCP stream, side that asks, Job or Userdata, PDU reference), oldest first.
+tshark neither pairs requests with answers nor counts errors, so this is done here, from its fields, in the simplest way: one
+list of open requests for each (TCP stream, side that asks, Job or Userdata, PDU reference), oldest first.
 """
 
 from __future__ import annotations
@@ -30,14 +30,14 @@ SYN_ACK = 0x12
 
 
 def listed(value: Any) -> list[Any]:
-    """A value as a list: tshark gives one only where a name occurs more than once."""
+    """A value as a list: tshark gives one only if a name occurs more than once."""
     if value is None:
         return []
     return value if isinstance(value, list) else [value]
 
 
 def number(tree: Tree, name: str) -> int | None:
-    """A field of either notation, None when it is not there."""
+    """A field in either notation, None if it is missing."""
     return int(tree[name], 0) if name in tree else None
 
 
@@ -66,7 +66,7 @@ class Pdu:
         self.function = number(parameters, "s7comm.param.func")
         head = number(parameters, "s7comm.param.userdata.head")
         if head is not None:
-            self.function = head >> 16  # three octets, the first of which stands where a Job has its function
+            self.function = head >> 16  # three octets, the first of which is where a Job has its function
         self.kind = number(parameters, "s7comm.param.userdata.type")
         errors = (
             (header, "s7comm.header.errcls"),
@@ -83,17 +83,17 @@ class Pdu:
 
     @property
     def pushes(self) -> bool:
-        """A message nobody asked for."""
+        """An unsolicited message."""
         return self.rosctr == USERDATA and self.kind == PUSH
 
     def key(self) -> tuple[str, str, bool, int]:
-        """What a request and its answer have in common."""
+        """The key that a request and its answer have in common."""
         asking = self.sender if self.asks else self.receiver
         return self.stream, asking, self.rosctr == USERDATA, self.pdu_ref
 
 
 def read_packets(path: Path, port: int) -> list[Tree]:
-    """The layers of every packet; raises CalledProcessError when tshark fails. ``port`` is taken for TPKT."""
+    """The layers of every packet; raises CalledProcessError if tshark fails. ``port`` is taken for TPKT."""
     command = ["tshark", "-n", "-r", str(path), "-d", f"tcp.port=={port},tpkt"]
     command += ["-T", "json", "-J", "tcp s7comm", "--no-duplicate-keys"]
     text = subprocess.run(command, check=True, capture_output=True, text=True).stdout
@@ -101,12 +101,12 @@ def read_packets(path: Path, port: int) -> list[Tree]:
 
 
 def connects(tcp: Tree) -> bool:
-    """Whether a packet shows that its connection came about: SYN with ACK, or octets."""
+    """Whether a packet shows that its connection was established: SYN with ACK, or octets."""
     return int(tcp["tcp.flags"], 0) & SYN_ACK == SYN_ACK or int(tcp["tcp.len"]) > 0
 
 
 def count_expected(packets: list[Tree]) -> Expected:
-    """The ``[expected]`` table of packets as tshark shows them; ``captures/README.md`` says what each number means."""
+    """The ``[expected]`` table of packets as tshark shows them; ``captures/README.md`` explains each number."""
     # A frame may hold several PDUs.
     pdus = [Pdu(layers["tcp"], tree) for layers in packets for tree in listed(layers.get("s7comm"))]
     waiting: dict[tuple[str, str, bool, int], int] = defaultdict(int)

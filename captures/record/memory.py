@@ -1,4 +1,4 @@
-"""What the server of the recordings holds at the beginning."""
+"""The initial memory of the server for the recordings."""
 
 from __future__ import annotations
 
@@ -23,5 +23,5 @@ TYPED = struct.pack(
 
 
 def memory_of(area: SrvArea, index: int) -> bytes:
-    """What an area holds at the beginning."""
+    """The initial contents of an area."""
     return TYPED if (area, index) == (SrvArea.DB, 2) else bytes(n % 256 for n in range(AREAS[area, index]))

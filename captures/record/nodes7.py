@@ -1,4 +1,4 @@
-"""Where scripts/install-nodes7.sh puts nodes7 and the node that runs it."""
+"""The places where scripts/install-nodes7.sh puts nodes7 and the node that runs it."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ SCRIPT: Final = Path(__file__).resolve().parent / "talk_nodes7.js"
 
 
 def node_of(environment: Path) -> Path:
-    """The node of a virtual environment that nodes7 was installed for; there is no such file where it was not."""
+    """The node of a virtual environment for which nodes7 was installed; the file does not exist in others."""
     return environment / "nodes7" / "node"
 
 
 def modules_of(environment: Path) -> Path:
-    """The folder of its modules, which that node has to be given as NODE_PATH."""
+    """The folder of its modules, which must be passed to that node as NODE_PATH."""
     return environment / "nodes7" / "node_modules"
 
 

@@ -1,13 +1,13 @@
 """Record S7comm-plus between the client and the server of the package s7commplus, through the relay of `s7dissect proxy`.
 
-PYTHONPATH=. python captures/record/plus.py captures/s7plus/s7commplus.pcapng
-PYTHONPATH=. python captures/record/plus.py --tls captures/s7plus/s7commplus-tls.pcapng
+PYTHONPATH=. python captures/record/plus.py captures/s7plus/s7commplus.pcapng PYTHONPATH=. python captures/record/plus.py --tls
+captures/s7plus/s7commplus-tls.pcapng
 
-With ``--tls`` the session goes on in TLS, and editcap puts the keys that the server logged into the capture, as a Decryption
-Secrets Block. They open this one session, of two programs with each other, and its certificate is made for it.
+With ``--tls`` the session continues in TLS, and editcap puts the keys that the server logged into the capture, as a Decryption
+Secrets Block. They open only this one session between two programs, and its certificate is made for it.
 
-Both ends are of one hand and looser than a PLC (captures/README.md), so that the recording shows how a session runs and is no
-witness for the format.
+Both ends come from one author and are less strict than a PLC (captures/README.md), so the recording shows the course of a
+session, but is no evidence for the format.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ def write_certificate(path: Path) -> None:
 def serve(server: Any, port: int, folder: Path, tls: bool) -> None:
     """Start a server; with ``tls`` its key log is written to ``folder``/keys.
 
-    The package has no option for a key log, so that its context is told behind its back.
+    The package has no option for a key log, so its context is changed from outside.
     """
     server.register_db(1, VARIABLES)
     if not tls:
@@ -68,7 +68,7 @@ def serve(server: Any, port: int, folder: Path, tls: bool) -> None:
 
 
 def talk(port: int, tls: bool) -> None:
-    """Write, read one and two values, read what is not there, look around, read again three times."""
+    """Write, read one and two values, read a missing one, explore, read again three times."""
     from s7commplus.client import S7CommPlusClient
 
     client = S7CommPlusClient()
@@ -85,7 +85,7 @@ def talk(port: int, tls: bool) -> None:
 
 
 def relayed(port: int, path: Path, tls: bool) -> None:
-    """Hold the session through a relay that writes it to ``path``."""
+    """Run the session through a relay that writes it to ``path``."""
     command = [sys.executable, "-m", "dissect", "proxy", "--listen", f"{LOOPBACK}:0", "--to", f"{LOOPBACK}:{port}"]
     with subprocess.Popen(
         [*command, "-w", str(path)], stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True

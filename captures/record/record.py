@@ -1,8 +1,8 @@
 """Record the sessions again: ``python3 captures/record/record.py [NAME ...]``, as root, over loopback only.
 
-Makes the peers' environments on first use: two virtual environments in ``captures/record/.env``, and nodes7 with its node
-where the tests have them (scripts/install-nodes7.sh; ``.venv``, or what VENV names). Then, for each session, it captures with
-dumpcap, lets the peers talk, counts what tshark sees, holds that against what the conversation's script must have caused, and
+Makes the peers' environments on first use: two virtual environments in ``captures/record/.env``, and nodes7 with its node where
+the tests have them (scripts/install-nodes7.sh; ``.venv``, or what VENV names). Then, for each session, it captures with
+dumpcap, lets the peers talk, counts what tshark sees, compares this with the expected results of the conversation's script, and
 writes ``captures/NAME.pcapng`` and ``captures/NAME.toml``. Needs Python 3.11, dumpcap, tshark, ``make test-environment`` (or a
 node with npm), and the ports 102, 1102, 2102 and those 10000 above them free. Nothing outside the standard library.
 """
@@ -115,7 +115,7 @@ def wait_asking(client: subprocess.Popen[str]) -> None:
 
 
 def end_clients(session: Session, clients: list[subprocess.Popen[str]]) -> None:
-    """Wait for each; kill the one that is to be killed. Raises RuntimeError when a conversation did not go as it should."""
+    """Wait for each; kill the one that is to be killed. Raises RuntimeError if a conversation did not go as expected."""
     if session.moment == "kill":
         wait_asking(clients[0])
         clients[0].kill()
@@ -126,7 +126,7 @@ def end_clients(session: Session, clients: list[subprocess.Popen[str]]) -> None:
 
 
 def record(session: Session, path: Path) -> int:
-    """Run one session into ``path``; returns the number of packets dumpcap says it wrote."""
+    """Run one session into ``path``; return the number of packets according to dumpcap."""
     capture_filter = f"tcp port {session.port}"
     with ExitStack() as stack:
         server_port = session.port + BEHIND if session.fault else session.port
@@ -152,7 +152,7 @@ def record(session: Session, path: Path) -> int:
 
 
 def check(session: Session, counted: Expected, packets: int) -> None:
-    """Raises RuntimeError when what tshark counts is not what the script must have caused."""
+    """Raises RuntimeError if tshark's counts are not the expected results of the script."""
     told = dict(session.promise._asdict(), packets=packets, unsolicited=0)
     seen = dict(counted, asked=counted["answered"] + counted["unanswered"])
     wrong = [
@@ -203,7 +203,7 @@ def write_toml(session: Session, counted: Expected) -> str:
 
 
 def main(names: list[str]) -> int:
-    """Record the named sessions, all when none is named; returns the exit code."""
+    """Record the named sessions, or all; return the exit code."""
     if os.geteuid() != 0:
         print("record.py captures on lo and listens on port 102: run it as root", file=sys.stderr)
         return 2

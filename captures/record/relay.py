@@ -1,7 +1,7 @@
-"""A TCP relay that does to a session what cables, gateways and crashed peers do.
+"""A TCP relay that treats a session as bad cables, gateways and crashed peers do.
 
-It listens where the capture looks and talks to the real server on another port, TPKT by TPKT: what it passes on are the
-peers' own octets. ``Relay(port, server_port, fault)`` is one connection's worth; see ``FAULTS``.
+It listens on the captured port and talks to the real server on another port, TPKT by TPKT: it passes on the peers' own octets.
+``Relay(port, server_port, fault)`` is for one connection; see ``FAULTS``.
 """
 
 from __future__ import annotations
@@ -39,13 +39,13 @@ def read_tpkts(connection: socket.socket) -> Iterator[bytes]:
 
 
 def close_with_reset(connection: socket.socket) -> None:
-    """RST instead of FIN, as a peer that crashed and came up again sends."""
+    """RST instead of FIN, as from a peer that crashed and restarted."""
     connection.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
     connection.close()
 
 
 class Relay:
-    """Accepts one client and connects it to the server; ``fault`` names what goes wrong on the way."""
+    """Accepts one client and connects it to the server; ``fault`` names the fault on the way."""
 
     def __init__(self, port: int, server_port: int, fault: str) -> None:
         self._request, self._answer = FAULTS[fault]
@@ -101,7 +101,7 @@ Deed = Callable[[Relay, socket.socket, int, bytes], None]
 
 
 def cut_with_reset(relay: Relay, sink: socket.socket, number: int, tpkt: bytes) -> None:
-    """The request arrives and nothing of that side ever answers: RST to the client."""
+    """The request arrives, but that side never answers: RST to the client."""
     if number == FAULTY:
         assert relay.client is not None
         close_with_reset(relay.client)
@@ -110,7 +110,7 @@ def cut_with_reset(relay: Relay, sink: socket.socket, number: int, tpkt: bytes) 
 
 
 def cut_with_fin(relay: Relay, sink: socket.socket, number: int, tpkt: bytes) -> None:
-    """The request arrives, and the serving side ends the connection properly without answering."""
+    """The request arrives, and the server ends the connection properly without an answer."""
     if number == FAULTY:
         assert relay.client is not None
         relay.client.shutdown(socket.SHUT_WR)
@@ -119,7 +119,7 @@ def cut_with_fin(relay: Relay, sink: socket.socket, number: int, tpkt: bytes) ->
 
 
 def lose(_relay: Relay, sink: socket.socket, number: int, tpkt: bytes) -> None:
-    """One answer is dropped; the connection stays up."""
+    """From one answer on, all are dropped; the connection stays up."""
     if number != FAULTY:
         sink.sendall(tpkt)
 
@@ -138,21 +138,21 @@ def slow(_relay: Relay, sink: socket.socket, number: int, tpkt: bytes) -> None:
 
 
 def busy(_relay: Relay, sink: socket.socket, number: int, tpkt: bytes) -> None:
-    """Every answer after CC and Setup takes a while, so that a client that asks ahead has several requests open."""
+    """Every answer after CC and Setup takes a while, so that a client that does not wait has several requests open."""
     if number >= 2:
         time.sleep(WORK)
     sink.sendall(tpkt)
 
 
 def twice(_relay: Relay, sink: socket.socket, number: int, tpkt: bytes) -> None:
-    """One answer is sent twice, as new TCP octets: no retransmission."""
+    """One answer is sent twice, as new TCP octets and not as a retransmission."""
     sink.sendall(tpkt)
     if number == FAULTY:
         sink.sendall(tpkt)
 
 
 def slivers(_relay: Relay, sink: socket.socket, _number: int, tpkt: bytes) -> None:
-    """Seven octets a segment: every TPKT lies over several, its header over the edge of none or two."""
+    """Seven octets per segment: every TPKT spans several segments, and some headers are split."""
     for start in range(0, len(tpkt), 7):
         sink.sendall(tpkt[start : start + 7])
         time.sleep(0.001)

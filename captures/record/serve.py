@@ -19,7 +19,7 @@ from snap7.server import Server
 def main() -> None:
     """Serve until standard input ends."""
     port = int(sys.argv[1])
-    # What the server tells of a refused request belongs to the session, not to the recorder's screen.
+    # The server's messages about refused requests belong to the session, not on the recorder's screen.
     logging.disable(logging.CRITICAL)
     pure = importlib.metadata.version("python-snap7").startswith("3.")
     server = Server(log=False, max_clients=int(sys.argv[2])) if pure and len(sys.argv) > 2 else Server(log=False)

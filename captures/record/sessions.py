@@ -1,4 +1,4 @@
-"""The sessions: who talks to whom, on which port, and what must come of it."""
+"""The sessions: the programs that talk, the port, and the expected results."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 
 class Promise(NamedTuple):
-    """What the conversation's script must have caused, counted by reading the script; a recording that differs is not kept.
+    """The expected results of the conversation's script, counted by reading the script; a recording that differs is not kept.
 
     ``asked`` counts the requests of both sides, Setup among them; ``header_errors`` the answers with an error in the header or,
     of Userdata, in the parameters.
@@ -25,7 +25,7 @@ class Session(NamedTuple):
 
     ``server`` is ``native`` (python-snap7 2: the Snap7 library in C++), ``python`` (python-snap7 3: pure Python) or empty;
     ``clients`` are ``PEER CONVERSATION``, started together; ``fault`` is one of the relay's; ``moment`` is ``late`` (the
-    capture begins when the client says it is asking) or ``kill`` (the client is killed then).
+    capture begins when the client reports its request) or ``kill`` (the client is killed then).
     """
 
     name: str

@@ -1,6 +1,6 @@
-"""What the Snap7 library (python-snap7 2, C++) says in each session: ``python talk_native.py CONVERSATION PORT``.
+"""The part of the Snap7 library (python-snap7 2, C++) in each session: ``python talk_native.py CONVERSATION PORT``.
 
-A conversation that does not go as it should, be it an error that does not come, ends the script with that error.
+If a conversation does not go as expected, also if an expected error is missing, the script ends with an error.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ Item = tuple[Areas, int, WordLen, int, int]
 
 
 def refused(call: Callable[..., object], *arguments: object) -> None:
-    """Call, and insist on being told no."""
+    """Call, and fail unless the call is refused."""
     try:
         call(*arguments)
     except RuntimeError:
@@ -53,7 +53,7 @@ def connect(port: int, **parameters: int) -> Client:
 
 
 def read(client: Client, area: Areas, db: int, size: WordLen, start: int, count: int) -> bytes:
-    """One item by its transport size, which the Python wrapper does not let one choose."""
+    """One item by its transport size, which the Python wrapper does not let the caller choose."""
     room = (ctypes.c_uint8 * 4096)()
     result = client._lib.Cli_ReadArea(client._s7_client, area, db, start, count, size, ctypes.byref(room))  # noqa: SLF001
     if result:
@@ -70,7 +70,7 @@ def write(client: Client, area: Areas, db: int, size: WordLen, start: int, count
 
 
 def items_of(rows: Sequence[Item], octets: bytes) -> ctypes.Array[S7DataItem]:
-    """Items for one PDU; each has ``octets`` to write, or room for what is read."""
+    """Items for one PDU; each has ``octets`` to write, or room for read data."""
     items = (S7DataItem * len(rows))()
     for item, (area, db, size, start, count) in zip(items, rows, strict=True):
         item.Area, item.WordLen, item.DBNumber, item.Start, item.Amount = area, size, db, start, count
@@ -99,7 +99,7 @@ def every_item() -> list[Item]:
 
 
 def setup_pdu_sizes(port: int) -> None:
-    """Three connections that ask for a PDU length of 240, 480 and 960."""
+    """Three connections that request a PDU length of 240, 480 and 960."""
     for asked in (240, 480, 960):
         client = connect(port, PDURequest=asked)
         assert client.get_pdu_length() == asked
@@ -133,9 +133,9 @@ def write_areas(port: int) -> None:
 
 
 def item_errors(port: int) -> None:
-    """Missing DB, out of range, alone and among items that are there; then the same in writing.
+    """Missing DB, out of range, alone and among existing items; then the same for writes.
 
-    In the write of several items this server loses its place in the data behind a REAL: the two good items there fail as well.
+    In a write of several items this server loses its place in the data after a REAL: the two good items there fail as well.
     """
     client = connect(port)
     refused(client.db_read, 99, 0, 4)
@@ -196,7 +196,7 @@ def szl(port: int) -> None:
 
 
 def blocks(port: int) -> None:
-    """Counts, DBs, types without a block, blocks that are there and that are not."""
+    """Counts, DBs, types without a block, existing and missing blocks."""
     client = connect(port)
     client.list_blocks()
     client.list_blocks_of_type(Block.DB, 10)
@@ -220,7 +220,7 @@ def clock(port: int) -> None:
 
 
 def transfer_refused(port: int) -> None:
-    """This server gives no block away and takes none: ROSCTR 2 with an error, not ROSCTR 3."""
+    """This server refuses uploads and downloads: ROSCTR 2 with an error, not ROSCTR 3."""
     client = connect(port)
     refused(client.upload, 1)
     refused(client.full_upload, Block.DB, 1)
@@ -229,7 +229,7 @@ def transfer_refused(port: int) -> None:
 
 
 def plc_control(port: int) -> None:
-    """Stop and start in every way, and what else is a PI service."""
+    """Stop and start in every way, and the other PI services."""
     client = connect(port)
     client.get_cpu_state()
     client.plc_stop()
@@ -278,7 +278,7 @@ def give_up(port: int) -> None:
 
 
 def lost(port: int) -> None:
-    """The third answer never comes; the client times out and polls on over the same connection."""
+    """The third answer never comes; the client times out and continues to poll over the same connection."""
     client = connect(port, RecvTimeout=500)
     poll(client, 2, 0.01)
     refused(client.db_read, 1, 8, 4)
@@ -290,7 +290,7 @@ def lost(port: int) -> None:
 
 
 def slow(port: int) -> None:
-    """A poll that waits as long as it takes."""
+    """A poll that waits for as long as it takes."""
     client = connect(port, RecvTimeout=3000)
     poll(client, 6, 0.01)
     client.disconnect()
@@ -325,7 +325,7 @@ def interrupted(port: int) -> None:
 
 
 def mid_stream(port: int) -> None:
-    """Says when its third request is on its way, so that the capture can begin before the answer."""
+    """Reports when its third request is on its way, so that the capture can begin before the answer."""
     client = connect(port, RecvTimeout=5000)
     poll(client, 2, 0.01)
     print("asking", flush=True)

@@ -24,7 +24,7 @@ def wait_linked(partner: Partner) -> None:
 
 
 def send(partner: Partner, r_id: int, octets: bytes) -> None:
-    """BSEND; the Python wrapper can neither set R_ID nor what is sent."""
+    """BSEND; the Python wrapper can set neither R_ID nor the data."""
     room = (ctypes.c_uint8 * len(octets))(*octets)
     result = partner._library.Par_BSend(partner._pointer, r_id, ctypes.byref(room), len(octets))  # noqa: SLF001
     if result:
@@ -33,7 +33,7 @@ def send(partner: Partner, r_id: int, octets: bytes) -> None:
 
 def main() -> None:
     """Three BSENDs: short, back, long."""
-    port = int(sys.argv[1])  # 102: the passive partner listens nowhere else
+    port = int(sys.argv[1])  # 102: the passive partner only listens there
     passive, active = Partner(active=False), Partner(active=True)
     active.set_param(Parameter.RemotePort, port)
     passive.start_to("127.0.0.1", "127.0.0.1", 0x2002, 0x1002)

@@ -1,6 +1,6 @@
-"""What pure Python python-snap7 3 says in each session: ``python talk_python.py CONVERSATION PORT``.
+"""The part of pure Python python-snap7 3 in each session: ``python talk_python.py CONVERSATION PORT``.
 
-A conversation that does not go as it should, be it an error that does not come, ends the script with that error.
+If a conversation does not go as expected, also if an expected error is missing, the script ends with an error.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ SIZES = {
 
 
 def refused(call: Callable[..., object], *arguments: object) -> None:
-    """Call, and insist on being told no."""
+    """Call, and fail unless the call is refused."""
     try:
         call(*arguments)
     except (S7Error, RuntimeError):
@@ -58,7 +58,7 @@ def connect_close(port: int) -> None:
 
 
 def refused_full(port: int) -> None:
-    """The server takes one client; the second is hung up on."""
+    """The server accepts one client; it disconnects the second one."""
     first = connect(port)
     refused(connect, port)
     first.db_read(1, 0, 4)
@@ -131,7 +131,7 @@ def poll_large(client: Client, items: list[dict[str, int]]) -> None:
 
 
 def many_open(port: int) -> None:
-    """Three jobs at a time, of three, three and two items, where Setup granted one job."""
+    """Three jobs at a time, of three, three and two items, although Setup granted one job."""
     client = connect(port)
     items = [{"area": area, "start": 0, "size": 120} for area in (PE, PA, MK)]
     items += [{"area": DB, "db_number": 1, "start": 148 * n, "size": 140} for n in range(4)]
@@ -148,7 +148,7 @@ def pairs(port: int) -> None:
 
 
 def szl(port: int) -> None:
-    """This server says no with a return code in the data; the error code of the parameters stays 0."""
+    """This server refuses with a return code in the data; the error code of the parameters stays 0."""
     client = connect(port)
     client.read_szl_list()
     client.get_order_code()
@@ -181,7 +181,7 @@ def clock(port: int) -> None:
 
 
 def transfer(port: int) -> None:
-    """Upload in one part and in two, download in one part and in two (there the server asks), and what is refused."""
+    """Upload in one part and in two, download in one part and in two (then the server asks), and the refused cases."""
     client = connect(port)
     assert len(client.upload(10)) == 64
     assert len(client.upload(1)) == 600
@@ -193,7 +193,7 @@ def transfer(port: int) -> None:
 
 
 def program(port: int) -> None:
-    """Load a program of our own, then one of its blocks with another time value; the client calls every block DB 1."""
+    """Load our own program, then one of its blocks with another time value; the client calls every block DB 1."""
     client = connect(port)
     for name in ("ob1-35s", "fc5", "fb7", "ob1-10s"):
         client.download(bytearray((BLOCKS / f"{name}.mc7").read_bytes()), 1)
