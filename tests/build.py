@@ -1,7 +1,7 @@
-"""TPKTs, TPDUs and S7 PDUs, octet by octet: what tests build messages with.
+"""TPKTs, TPDUs and S7 PDUs, octet by octet, as building blocks for the messages of tests.
 
-Nothing here comes from the package, so that what reads and builds messages there is held against something else. What is
-wrong on purpose is built by the test that needs it.
+Nothing here comes from the package, so that its readers and builders are compared with something independent. A test that needs
+a wrong message builds it itself.
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ def any_item(size: int, count: int, db: int, area: int, address: int) -> bytes:
 
 
 def data_item(code: int, size: int, content: bytes, length: int | None = None) -> bytes:
-    """Return a data item of transport size ``size``; ``length`` is what its size counts, one bit or the whole content."""
+    """Return a data item of transport size ``size``; ``length`` counts units of that size: one bit, or the whole content."""
     if length is None:
         length = 1 if size == _BIT else len(content) * 8 if size in _IN_BITS else len(content)
     return struct.pack(">BBH", code, size, length) + content
@@ -87,5 +87,5 @@ def userdata_head(
 
 
 def payload(content: bytes, code: int = 0xFF) -> bytes:
-    """Return the data of userdata around its payload; one without octets is said not to be there."""
+    """Return the data of userdata around its payload; without octets it states that there are none."""
     return data_item(code, 9, content) if content else _EMPTY

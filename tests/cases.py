@@ -1,4 +1,4 @@
-"""Many small cases in one test: what `pytest.mark.parametrize` says, without the cost of a test for each."""
+"""Many small cases in one test: like `pytest.mark.parametrize`, without the cost of a test for each."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ import os
 from collections.abc import Callable, Iterable
 from typing import Any, Final
 
-#: Before a release (`make release-tests`) tests whose size can be chosen take the large one, too long for every change.
+#: Before a release (`make release-tests`) tests of variable size use the large one, which takes too long for every change.
 RELEASE: Final = os.environ.get("S7DISSECT_EFFORT") == "release"
 
 Test = Callable[..., None]
 
 
 def each(names: str | tuple[str, ...], values: Iterable[Any]) -> Callable[[Test], Test]:
-    """Run the test with each of ``values`` as its argument ``names``, all of them even when some fail; failures name theirs.
+    """Run the test with each of ``values`` as its argument ``names``, even after failures, which name their value.
 
     With several names each of the values is a tuple of as many.
     """

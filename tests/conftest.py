@@ -19,7 +19,7 @@ import hypothesis
 import pytest
 
 ROOT: Final = Path(__file__).resolve().parent.parent
-#: The build that has to be under test. Nobody asked for one: this tree, so that a change is tested as it stands.
+#: The build that must be under test. By default it is this tree, so that a change is tested directly.
 EXPECTED: Final = os.environ.get("S7DISSECT_EXPECT")
 if EXPECTED is None:
     sys.path.insert(0, str(ROOT))
@@ -35,36 +35,36 @@ LOCATION: Final = Path(dissect.__file__).resolve().parent
 MODE: Final = "compiled" if COMPILED else "interpreted"
 
 # At the end of the path, after `dissect` is imported: tests may import `tests.…` and `benchmarks.…`, and still test the
-# package that is installed.
+# installed package.
 sys.path.append(str(ROOT))
 
-# Processes that tests start find the same package: never by the folder they happen to run in.
+# Processes that tests start find the same package, in whatever folder they run.
 os.environ["PYTHONSAFEPATH"] = "1"
-# Nor do runs of pytest that tests start load what happens to be installed.
+# Nor do pytest runs that tests start load plugins that happen to be installed.
 os.environ["PYTEST_DISABLE_PLUGIN_AUTOLOAD"] = "1"
 if LOCATION.parent == ROOT:
     os.environ["PYTHONPATH"] = str(ROOT)
 
 
-# What would wait on this machine for its next start waits in a folder of the run instead.
+# Files that would wait on this machine for the next start are put in a folder of the run instead.
 os.environ["XDG_STATE_HOME"] = tempfile.mkdtemp(prefix="s7dissect-state-")
 os.environ.pop("STATE_DIRECTORY", None)
-# Workers ask tshark the same: the folder of the process that starts them is theirs too (tests/tshark.py).
+# Workers ask tshark the same questions: they share the folder of the process that starts them (tests/tshark.py).
 os.environ.setdefault("S7DISSECT_TSHARK_ANSWERS", os.environ["XDG_STATE_HOME"])
-# The same of settings: those of whoever runs the tests are none of theirs.
+# The same for settings: those of the user who runs the tests must not be used.
 os.environ["XDG_CONFIG_HOME"] = os.environ["XDG_STATE_HOME"]
 os.environ["XDG_CACHE_HOME"] = os.environ["XDG_STATE_HOME"]
 atexit.register(shutil.rmtree, os.environ["XDG_STATE_HOME"], ignore_errors=True)
 
 
 def pytest_addoption(pluginmanager: pytest.PytestPluginManager) -> None:
-    """Load the plugins that are used, where they are installed and `-p no:NAME` does not forbid it."""
+    """Load the plugins that are used, if they are installed and `-p no:NAME` does not forbid it."""
     for name in OTHERS:
         pluginmanager.load_setuptools_entrypoints("pytest11", name)
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Refuse to test another build than the one asked for, or an installed package that is not this tree."""
+    """Refuse to test another build than the requested one, or an installed package that differs from this tree."""
     if EXPECTED is not None and EXPECTED != MODE:
         message = f"S7DISSECT_EXPECT={EXPECTED}, but the package in {LOCATION} runs {MODE}"
         raise pytest.UsageError(message)
@@ -90,7 +90,8 @@ def pytest_configure(config: pytest.Config) -> None:
     hypothesis.settings.load_profile("ci" if os.environ.get("CI") else "dev")
 
 
-#: What chance draws is drawn again with this number: in CI always the same, elsewhere another each time (the header names it).
+#: Random choices can be repeated with this number: in CI it is always the same, elsewhere a new one each time (the header shows
+#: it).
 SEED: Final = os.environ.setdefault("S7DISSECT_SEED", "0" if os.environ.get("CI") else str(random.randrange(1_000_000)))
 
 
@@ -102,9 +103,9 @@ def _dice(request: pytest.FixtureRequest) -> None:
 
 @pytest.hookimpl(wrapper=True)
 def pytest_collection() -> Generator[None, object, object]:
-    """Let Python's collector rest while tests are collected, never look at what was made then, and look at the rest seldom.
+    """Pause Python's collector while tests are collected, never scan the objects made then, and scan the rest seldom.
 
-    All that is imported and collected stays until the end. To look through it again and again took a seventh of the run.
+    Everything that is imported and collected stays until the end. Scanning it again and again took a seventh of the run.
     """
     gc.disable()
     try:
@@ -121,10 +122,10 @@ def pytest_report_header(config: pytest.Config) -> str:
 
 
 def _differing() -> list[str]:
-    """Return the modules that differ between this tree and the package under test (none when it is the tree)."""
+    """Return the modules that differ between this tree and the package under test (none if it is the tree)."""
     tree = {path.relative_to(ROOT / "dissect"): path for path in (ROOT / "dissect").rglob("*.py")}
     tested = {path.relative_to(LOCATION): path for path in LOCATION.rglob("*.py")}
-    # In one site-packages with another project's `dissect.…` there are more folders than ours.
+    # A site-packages shared with another project's `dissect.…` has more folders than ours.
     rooms = {name.parts[0] for name in tree}
     return sorted(
         name.as_posix()
@@ -134,7 +135,7 @@ def _differing() -> list[str]:
 
 
 def _output() -> TextIO:
-    """Return what can stand for standard output: a stream of text with a descriptor, into a file without a name."""
+    """Return a replacement for standard output: a text stream with a descriptor, into a file without a name."""
     return io.TextIOWrapper(tempfile.TemporaryFile(), encoding="utf-8", newline="")
 
 
@@ -145,7 +146,7 @@ def _written(stream: TextIO) -> bytes:
 
 
 class Command:
-    """The command line: in this process, and as one of its own where standard input or output is what matters."""
+    """The command line: in this process, or in its own if standard input or output matter."""
 
     def __call__(
         self, *arguments: str | Path, stdin: bytes = b"", stdout: int | None = None
@@ -172,7 +173,7 @@ class Command:
     def process(
         self, *arguments: str | Path, stdin: bytes = b"", stdout: int | None = None
     ) -> subprocess.CompletedProcess[bytes]:
-        """Run it as a process of its own."""
+        """Run it as a separate process."""
         from tests.forked import Forked
 
         with Forked(list(map(str, arguments)), stdout=subprocess.PIPE if stdout is None else stdout) as process:
@@ -199,7 +200,7 @@ def corpus() -> Path:
 
 @pytest.fixture(scope="session")
 def reference(corpus: Path) -> Path:
-    """The folder of the protocol reference, which stands beside the shared captures."""
+    """The folder of the protocol reference, beside the shared captures."""
     path = corpus.parent / "reference"
     if not path.is_dir():
         pytest.skip(f"no protocol reference in {path}")
@@ -208,7 +209,7 @@ def reference(corpus: Path) -> Path:
 
 @pytest.fixture(scope="session")
 def capture() -> Callable[[str], Path]:
-    """Give the path of one of our own captures by its file name."""
+    """Return the path of one of our own captures by its file name."""
 
     def path_of(name: str) -> Path:
         path = ROOT / "captures" / name

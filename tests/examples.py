@@ -1,7 +1,7 @@
-"""The 90 worked messages of the protocol reference (section 8), which Wireshark 4.0.17 decodes as they stand there.
+"""The 90 worked messages of the protocol reference (section 8), which Wireshark 4.0.17 decodes as stated there.
 
-Each is the octets from its TPKT header. The blanks between the octets are the reference's: every group has a line, and a
-meaning, of its own there. No two messages have the same title.
+Each is the octets from its TPKT header. The blanks between the octets are the reference's: there every group has its own line
+and meaning. No two messages have the same title.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from typing import Final
 
 
 class Example:
-    """A worked message: its section in the reference, who sends it, what it is, its octets as the reference groups them."""
+    """A worked message: its section in the reference, its sender, its meaning, its octets as grouped in the reference."""
 
     def __init__(self, section: str, from_client: bool, title: str, text: str) -> None:
         self.section = section
@@ -390,7 +390,7 @@ NAMED_TSAP: Final = (
     ),
 )  # fmt: skip
 
-#: The other refusal of the same CR, told why.
+#: The other refusal of the same CR, with a reason.
 UNKNOWN_ADDRESS: Final = (
     Example(
         "8.1", PLC, "DR refusing, with additional information",
@@ -398,7 +398,7 @@ UNKNOWN_ADDRESS: Final = (
     ),
 )  # fmt: skip
 
-#: What only classes above 0 send.
+#: TPDUs that only classes above 0 send.
 CLASS_2: Final = (
     Example(
         "8.1", CLIENT, "Class 2 CR with alternative class 0 (ITOT style)",

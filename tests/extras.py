@@ -1,4 +1,4 @@
-"""What a page says has to be installed: everything else that extras bring is hidden while its examples run."""
+"""The packages that a page requires: everything else from extras is hidden while its examples run."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ def _with_theirs(name: str) -> frozenset[str]:
 
 
 def hidden_modules(text: str) -> frozenset[str]:
-    """Return the modules that nobody has who installed only what ``text`` names: ``s7dissect[data]``, pandas."""
+    """Return the modules that are missing if only the packages named in ``text`` are installed: ``s7dissect[data]``, pandas."""
     named = {
         one.strip()
         for found in re.findall(r"s7dissect\[([\w, ]+)\]|extras? `?\[([\w, ]+)\]", text)
@@ -80,5 +80,5 @@ def hidden_modules(text: str) -> frozenset[str]:
 
 
 def hiding(text: str) -> str:
-    """Return the lines that hide what ``text`` names no extra for."""
+    """Return the lines that hide the modules for which ``text`` names no extra."""
     return _HIDE.format(hidden=set(hidden_modules(text)))

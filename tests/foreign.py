@@ -1,4 +1,4 @@
-"""Plugins of pytest that are installed beside ours for something else, as files in a folder."""
+"""Foreign pytest plugins that are installed beside ours, as files in a folder."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from pathlib import Path
 
 
 def install(folder: Path, **plugins: str) -> Path:
-    """Install plugins, each by its name and its source, as packages are that pytest finds by their entry points."""
+    """Install plugins, each by its name and its source, as packages that pytest finds by their entry points."""
     for name, source in plugins.items():
         module, about = f"foreign_{name}", folder / f"foreign_{name}-1.0.dist-info"
         about.mkdir(parents=True)

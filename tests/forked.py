@@ -1,8 +1,8 @@
-"""Processes that run the command line, made fast: one process has imported it, and each of them is a copy of that one.
+"""Fast processes that run the command line: one process has imported it, and each of them is a copy of that one.
 
-What `python -m dissect` takes is mostly imports, a sixth of a second. A copy has the standard streams, folder and environment
-it is given, runs the command as its main program, and ends as every Python process does. That `python -m dissect` itself works
-is tested where it matters (tests/test_package.py, tests/test_portable.py, tests/promises).
+Most of the time of `python -m dissect` is imports, a sixth of a second. A copy has the given standard streams, folder and
+environment, runs the command as its main program, and ends as every Python process does. That `python -m dissect` itself works
+is tested separately (tests/test_package.py, tests/test_portable.py, tests/promises).
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import IO, Final, Self
 
-#: Answers each message: one with streams by the number of the copy that was made, one that names a copy by how that ended.
+#: Answers each message: one with streams by the number of the new copy, one that names a copy by its exit status.
 _MOTHER: Final = """
 import gc, json, os, signal, socket, sys, time
 from dissect.cli.main import COMMANDS, group, main
@@ -111,7 +111,7 @@ class Forked:
     ) -> None:
         for stream in (self.stdout, self.stderr, self.stdin):
             if stream is not None:
-                with contextlib.suppress(BrokenPipeError):  # what it did not want to read any more
+                with contextlib.suppress(BrokenPipeError):  # data that it did not want to read any more
                     stream.close()
         self.wait()
 
@@ -123,7 +123,7 @@ class Forked:
             return None
 
     def wait(self, timeout: float | None = None) -> int:
-        """Return how it ended, a signal as less than 0. Raises `subprocess.TimeoutExpired`."""
+        """Return its exit status, less than 0 for a signal. Raises `subprocess.TimeoutExpired`."""
         if self.returncode is None:
             poll = select.poll()
             poll.register(self._ended, select.POLLIN)
@@ -134,7 +134,7 @@ class Forked:
         return self.returncode
 
     def communicate(self, given: bytes = b"", timeout: float = 300) -> tuple[bytes, bytes]:
-        """Write all there is, read until the end, and wait."""
+        """Write all data, read until the end, and wait."""
         with ThreadPoolExecutor(3) as pool:
             writing = pool.submit(self._write, given)
             reading = [
@@ -171,7 +171,7 @@ class Forked:
 
 @cache
 def _line() -> socket.socket:
-    """Start the process that has imported everything, and return the line to it. It ends with the line."""
+    """Start the process that has imported everything, and return the connection to it. It ends with the line."""
     ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
     with theirs:
         mother = subprocess.Popen(

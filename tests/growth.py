@@ -1,7 +1,7 @@
 """How some work grows with its size, judged by counted work: the lines of Python that run, never by a clock.
 
-Only interpreted code runs lines that can be counted; compiled, the same work is measured by `benchmarks.growth`. What a line
-costs is not seen, so that octets copied over and over have to be bounded by a test of their own.
+Only interpreted code runs lines that can be counted; the same work of the compiled build is measured by `benchmarks.growth`.
+The cost of a line is not measured, so repeated copies of octets need their own test.
 """
 
 from __future__ import annotations
@@ -15,12 +15,12 @@ import pytest
 
 from dissect.wire.build import COMPILED
 
-#: Why a test is skipped where nothing can be counted.
+#: Why a test is skipped if nothing can be counted.
 UNCOUNTED: Final = "lines of compiled code cannot be counted: the interpreted run of this test does"
 
 
 def lines(work: Callable[[], object]) -> int:
-    """Return how many lines of Python ``work`` runs, in all functions it calls."""
+    """Return how many lines of Python ``work`` runs, in all functions that it calls."""
     count = 0
 
     def trace(frame: FrameType, event: str, argument: Any) -> Any:
@@ -38,7 +38,7 @@ def lines(work: Callable[[], object]) -> int:
 
 
 def assert_growth(few: Callable[[], object], many: Callable[[], object], most: float) -> None:
-    """Assert that ``many`` runs at most ``most`` times the lines of ``few``; skips the test where nothing can be counted."""
+    """Assert that ``many`` runs at most ``most`` times the lines of ``few``; skip the test if nothing can be counted."""
     if COMPILED:
         pytest.skip(UNCOUNTED)
     less, more = lines(few), lines(many)

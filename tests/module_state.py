@@ -1,4 +1,4 @@
-"""Finds what functions of a module change although it belongs to the module: state that no object owns."""
+"""Finds the names of a module that its functions change: state that no object owns."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ _CHANGES: Final = frozenset((
 
 
 def changed_state(tree: ast.Module) -> list[tuple[int, str]]:
-    """Return (line, name) of each change of a name of the module, or of what it holds, within a function."""
+    """Return (line, name) of each change of a name of the module, or of its contents, within a function."""
     finder = _Finder(_names(tree))
     finder.visit(tree)
     return finder.found

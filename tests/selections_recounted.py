@@ -1,4 +1,4 @@
-"""Counts events again, from what `transactions -T jsonl` writes, to hold the counts of findings against them.
+"""Counts events again, from the output of `transactions -T jsonl`, for comparison with the counts of findings.
 
 It imports nothing of the package: `s7dissect transactions -T jsonl FILE… | python tests/selections_recounted.py` prints the
 numbers.
@@ -31,12 +31,12 @@ def nanoseconds(text: str) -> int:
 
 
 def answered_ns(line: Line) -> int:
-    """Return when the answer came."""
+    """Return the time of the answer."""
     return nanoseconds(line["request_time"]) + int(line["latency_ns"])
 
 
 def events(line: Line) -> Counter[str]:
-    """Return the events of a transaction, by the finding that is about them."""
+    """Return the events of a transaction, by the finding about them."""
     found: Counter[str] = Counter()
     if line["outcome"] != "answered":
         return found
@@ -49,7 +49,7 @@ def events(line: Line) -> Counter[str]:
 
 
 def recount(lines: Iterable[Line], wanted: Callable[[Line], bool] = bool) -> dict[str, dict[str, Any]]:
-    """Return for each finding its events, the connections on which they were, and the time of the first and last of them."""
+    """Return for each finding its events, their connections, and the time of the first and last of them."""
     told: dict[str, dict[str, Any]] = {}
     for line in lines:
         if not wanted(line):

@@ -1,7 +1,7 @@
-"""Which tests CI may skip: those that this build or the rights of the machine rule out, never one whose tool is missing there.
+"""The tests that CI may skip: only those that this build or the rights of the machine rule out.
 
-What tests need is installed before they run (`make test-environment`). So in CI a skip for any other reason than these is a
-failure: a tool that is gone would take its tests along, and nobody would see it.
+Tools for tests are installed before they run (`make test-environment`). So in CI a skip for any other reason, such as a
+missing tool, is a failure: otherwise the tests of that tool would silently disappear.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from typing import Any, Final
 
 import pytest
 
-#: Reasons that may hold in CI, by their beginning. The build has one of two forms; rights and kernels differ.
+#: Reasons that are possible in CI, by their beginning. The build has one of two forms; rights and kernels differ.
 REASONS: Final = (
     # the build under test
     "compiled functions cannot be traced",
@@ -22,9 +22,9 @@ REASONS: Final = (
     "instructions are counted of the compiled build",
     "no instructions are recorded for",
     "memory is promised for the compiled build",
-    # what takes too long for every change
+    # tests that take too long for every change
     "a size for a release",
-    # the rights of the user, and what the kernel gives
+    # the rights of the user, and the kernel
     "only root ",
     "root may (read|write) anywhere",
     "no device nodes in this folder",
@@ -36,11 +36,11 @@ REASONS: Final = (
     "ip (link|addr)",
     "there can be no line here",
     "no IPv6 ",
-    # what lies beside the repository, and is not part of it
+    # files beside the repository that are not part of it
     "no shared captures",
     "no protocol reference",
     "no capture of WinCC there",
-    # the versions that the distribution has
+    # the versions in the distribution
     r"what differs was counted with tshark 4\.0",
     "this systemd-analyze cannot judge",
 )
@@ -58,7 +58,7 @@ def refused(reason: str, environment: dict[str, str] | os._Environ[str] = os.env
 def pytest_runtest_makereport(
     item: pytest.Item, call: pytest.CallInfo[Any]
 ) -> Generator[None, pytest.TestReport, pytest.TestReport]:
-    """Let a test fail that is skipped for a reason that cannot hold."""
+    """Let a test fail if it is skipped for an impossible reason."""
     report = yield
     if report.skipped and not hasattr(report, "wasxfail") and isinstance(report.longrepr, tuple):
         complaint = refused(report.longrepr[2])

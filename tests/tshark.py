@@ -1,8 +1,8 @@
-"""What tshark shows of the captures here: asked once for each in a run of the tests, whichever tests and workers want it.
+"""tshark's view of the captures here: computed once per capture in a run of the tests, for all tests and workers.
 
-Most of what tshark takes for a small capture is its start, a third of a second. So those of the repository are joined and read
-in one go, each between hosts of its own, whose addresses are changed back in the answer. The answers stand in `FOLDER`, by
-everything they depend on: the capture's content, what was asked, and which tshark it was.
+Most of tshark's time for a small capture is its start, a third of a second. So those of the repository are joined and read in
+one go, each with different hosts, whose addresses are changed back in the answer. The answers are in `FOLDER`, under everything
+they depend on: the capture's content, the question, and the tshark version.
 """
 
 from __future__ import annotations
@@ -36,15 +36,15 @@ Address = ipaddress.IPv4Address | ipaddress.IPv6Address
 FOLDER: Final = "S7DISSECT_TSHARK_ANSWERS"
 #: Every layer that a test here reads.
 LAYERS: Final = "frame vlan ieee8021ad ip ipv6 tcp tpkt cotp s7comm"
-#: What the names of captures begin with that are not joined: mergecap takes no file that is cut off, and leaves out the blocks
-#: that Wireshark numbers as if they were packets.
+#: The beginnings of the names of captures that are not joined: mergecap accepts no file that is cut off, and leaves out the
+#: blocks that Wireshark numbers as if they were packets.
 ALONE: Final = ("cut-", "sections")
 #: Public captures of fewer octets are joined with the others.
 SMALL: Final = 150_000
 
 
 class Answer(NamedTuple):
-    """The layers of every packet, and how tshark ended: code 0, or another and what it said."""
+    """The layers of every packet, and tshark's exit code: 0, or another one with its message."""
 
     packets: list[Tree]
     code: int
@@ -60,7 +60,7 @@ class _Source(msgspec.Struct):
 
 
 def ask(path: Path, ports: Iterable[int] = (), reorder: bool = False) -> Answer:
-    """Return what tshark shows of a capture; ``ports`` are taken for TPKT besides 102."""
+    """Return tshark's view of a capture; ``ports`` are treated as TPKT besides 102."""
     asked = ["-T", "json", "-x", "-J", LAYERS, "--no-duplicate-keys"]
     settings = preferences(ports, reorder)
     for name, value in settings.items():
@@ -81,7 +81,7 @@ def ask(path: Path, ports: Iterable[int] = (), reorder: bool = False) -> Answer:
 
 @cache
 def joinable(ports: str) -> list[Path]:
-    """Return the captures that may be joined and for which just these ``ports`` are taken for TPKT; small public ones too."""
+    """Return the captures that may be joined and that treat exactly these ``ports`` as TPKT; small public ones too."""
     folder = ROOT / "captures"
     shared = Path(os.environ.get("S7DISSECT_CORPUS") or ROOT.parent / "shared" / "captures")
     found = [path for path in sorted(shared.glob("*.pcap*")) if ports == "102" and path.stat().st_size < SMALL]
@@ -95,7 +95,7 @@ def joinable(ports: str) -> list[Path]:
 
 
 def _locked(name: str) -> IO[bytes]:
-    """Open a file of `FOLDER` that no other worker has open like this meanwhile, at its beginning."""
+    """Open a file of `FOLDER` at its beginning; no other worker has it open in this way at the same time."""
     file = Path(os.environ[FOLDER], name).open("a+b")  # noqa: SIM115 - who asks for it closes it
     fcntl.flock(file, fcntl.LOCK_EX)
     file.seek(0)
@@ -117,7 +117,7 @@ def _kept(path: Path, asked: list[str]) -> bytes:
 
 
 def _keep(path: Path, asked: list[str], shown: bytes | None) -> bytes:
-    """Keep and return what is shown of a capture; with None ask for it, unless another worker did meanwhile."""
+    """Keep and return the view of a capture; with None run tshark, unless another worker did so meanwhile."""
     with _locked(_place(path, asked)) as file:
         kept = file.read()
         if not kept:
@@ -137,7 +137,7 @@ def _packets(shown: bytes) -> list[Tree]:
 
 
 def _asked_at_once(paths: list[Path], asked: list[str]) -> list[bytes]:
-    """Return what tshark shows of each of the captures, as JSON, joined into one and read in one go."""
+    """Return tshark's view of each of the captures, as JSON, joined into one and read in one go."""
     with tempfile.TemporaryDirectory() as folder:
         moved = [_Moved(path, number, Path(folder)) for number, path in enumerate(paths)]
         joined, counts = join([each.path for each in moved], Path(folder))
@@ -153,19 +153,19 @@ def _asked_at_once(paths: list[Path], asked: list[str]) -> list[bytes]:
             stream = tcp.get("tcp.stream") if isinstance(tcp := layers.get("tcp"), dict) else None
             if stream is not None:
                 assert streams.setdefault(stream, number) == number, f"{paths[number]}: not between hosts of its own"
-        # Packets named in others (`ip.fragment`) keep their number in the joined file: no test asks for them.
+        # Packets that are named in others (`ip.fragment`) keep their number in the joined file: no test needs them.
         answers.append(each.back(msgspec.json.encode([{"_source": {"layers": layers}} for layers in own])))
     assert packets == []
     return answers
 
 
 def ask_together(paths: list[Path], asked: list[str]) -> dict[Path, list[Tree]]:
-    """Return the layers of every packet of captures, asked for by JSON in another way than `ask` does, in one go."""
+    """Return the layers of every packet of captures, from JSON in another form than for `ask`, in one go."""
     return {path: _packets(shown) for path, shown in zip(paths, _asked_at_once(paths, asked), strict=True)}
 
 
 def join(paths: list[Path], folder: Path) -> tuple[Path, list[int]]:
-    """Join captures one behind the other, return that capture and the number of packets of each."""
+    """Join captures one after the other; return the joined capture and the number of packets of each."""
     joined = folder / "joined.pcapng"
     merged, complaint, _ = _run("mergecap", "-a", "-w", joined, *paths)
     assert merged == 0, complaint
@@ -175,7 +175,7 @@ def join(paths: list[Path], folder: Path) -> tuple[Path, list[int]]:
 
 
 class _Moved:
-    """A copy of a capture, number ``number`` of those to join, between hosts of its own."""
+    """A copy of a capture, number ``number`` of those to join, with different hosts."""
 
     def __init__(self, path: Path, number: int, folder: Path) -> None:
         content = unpacked(path)
@@ -196,21 +196,21 @@ class _Moved:
         ]
 
     def back(self, shown: bytes) -> bytes:
-        """Return what is shown, with the addresses of the capture itself."""
+        """Return tshark's view, with the addresses of the capture itself."""
         for there, here in self._back:
             shown = shown.replace(there, here)
         return shown
 
 
 def _other(address: Address, number: int, at: int) -> Address:
-    """Return the address that stands for another, number ``at`` of a capture; no text of one begins that of another."""
+    """Return the address that replaces another, number ``at`` of a capture; no address text is the beginning of another."""
     if address.version == 6:
         return ipaddress.IPv6Address(b"\xfd" + bytes((number, at)) + address.packed[3:])
     return ipaddress.IPv4Address(bytes((11, 100 + number, 100 + at // 100, 100 + at % 100)))
 
 
 def read_shared(path: str, ports: Iterable[int], reorder: bool) -> Iterator[Frame]:
-    """Read as `dissect.testing.oracle.tshark.read_tshark` does a capture that tshark reads to its end."""
+    """Read a capture that tshark reads to its end, as `dissect.testing.oracle.tshark.read_tshark` does."""
     answer = ask(Path(path), ports, reorder)
     assert answer.code == 0, answer.complaint
     for layers in answer.packets:

@@ -1,6 +1,6 @@
-"""Another, slow and simple way to count a made capture: whole file in memory, octet by octet, with nothing of the package.
+"""A second, slow and simple way to count a synthetic capture: whole file in memory, octet by octet, without the package.
 
-It takes what the traffic guarantees (Ethernet, IPv4 without options, one S7 PDU a DT) and nothing of how it was made.
+It relies on what the traffic guarantees (Ethernet, IPv4 without options, one S7 PDU per DT) and on nothing else.
 """
 
 from __future__ import annotations
@@ -9,12 +9,12 @@ from pathlib import Path
 
 from benchmarks.readers import read_capture
 
-#: An answer captured before its request is not further from it than this.
+#: An answer captured before its request is at most this far from it.
 _DISORDER_NS = 2_000_000
 
 
 def checksum(octets: bytes) -> int:
-    """The Internet checksum as RFC 1071 says it, in a loop."""
+    """The Internet checksum as defined in RFC 1071, in a loop."""
     if len(octets) % 2:
         octets += b"\x00"
     total = 0
@@ -25,7 +25,7 @@ def checksum(octets: bytes) -> int:
 
 
 def checksums_right(frame: bytes) -> bool:
-    """Whether the checksums of IP and TCP in an Ethernet frame are right (true for what is not TCP over IPv4)."""
+    """Whether the checksums of IP and TCP in an Ethernet frame are right (true for anything except TCP over IPv4)."""
     if frame[12:14] != b"\x08\x00" or frame[23] != 6:
         return True
     total = int.from_bytes(frame[16:18], "big")
@@ -35,14 +35,14 @@ def checksums_right(frame: bytes) -> bool:
 
 
 class Direction:
-    """What one side of a connection sent: (offset in the stream, octets, packet number, time) of each segment."""
+    """The data that one side of a connection sent: (offset in the stream, octets, packet number, time) of each segment."""
 
     def __init__(self, base: int) -> None:
         self.base = base
         self.segments: list[tuple[int, bytes, int, int]] = []
 
     def runs(self) -> list[tuple[bytes, list[int], set[int]]]:
-        """Stretches without a hole: octets, the packet that brought each octet first, where segments begin."""
+        """Stretches without a gap: octets, the packet that first brought each octet, where segments begin."""
         brought: dict[int, tuple[int, int]] = {}
         starts = {offset for offset, octets, _, _ in self.segments if len(octets) > 1}
         for offset, octets, number, _ in self.segments:
@@ -60,7 +60,7 @@ class Direction:
         return found
 
     def tpkts(self) -> list[tuple[int, bytes]]:
-        """Whole TPKTs with the packet that completed each. After a hole, frames begin again where a segment does."""
+        """Whole TPKTs with the packet that completed each. After a gap, frames begin again where a segment does."""
         found: list[tuple[int, bytes]] = []
         for octets, numbers, begins in self.runs():
             at = 0
@@ -78,7 +78,7 @@ class Direction:
                     continue
                 if at + size > len(octets):
                     break
-                # In order: nothing is complete before what stands before it.
+                # In order: nothing is complete before everything in front of it.
                 found.append((max(numbers[: at + size]), octets[at : at + size]))
                 at += size
         return found

@@ -48,7 +48,7 @@ def run(capfdbinary: pytest.CaptureFixture[bytes], *arguments: str | Path) -> Ra
 def on_terminal(
     *arguments: str | Path, columns: int = 80, environment: Mapping[str, str] | None = None, stdout: bool = True
 ) -> Ran:
-    """Run a command whose stderr, and ``stdout`` unless that is a pipe, is a terminal so many columns wide."""
+    """Run a command whose stderr, and ``stdout`` unless that is a pipe, is a terminal with this many columns."""
     ours, theirs = pty.openpty()
     fcntl.ioctl(theirs, termios.TIOCSWINSZ, struct.pack("HHHH", 24, columns, 0, 0))
     cleared = {key: value for key, value in os.environ.items() if key not in {"NO_COLOR", "COLUMNS", "LINES"}}
@@ -72,12 +72,12 @@ def on_terminal(
 
 
 def _drain(descriptor: int) -> bytes:
-    """Return what is written to a terminal until nobody holds it any more."""
+    """Return the output on a terminal until no process has it open any longer."""
     pieces = []
     while True:
         try:
             piece = os.read(descriptor, 65536)
-        except OSError:  # EIO: how Linux says that the other end is closed
+        except OSError:  # EIO: Linux's sign that the other end is closed
             break
         if not piece:
             break
@@ -94,20 +94,20 @@ def simple(path: Path, count: int = 3) -> Path:
 
 
 def halves(directory: Path) -> list[Path]:
-    """Write a capture in two files: a request is the last packet of the one, its answer the first of the other."""
+    """Write a capture in two files: a request is the last packet of the first, its answer the first packet of the second."""
     packets = read(read(begun(), 1), 2).send(0, dt(messages.read_job(3, [WORD]))).reset(1).packets()
     return [saved(directory / "first.pcapng", packets[:10]), saved(directory / "second.pcapng", packets[10:])]
 
 
 def large(path: Path, octets: int) -> Path:
-    """Write a capture of at least so many octets that is quick to read: large packets that are not TCP."""
+    """Write a capture of at least this many octets that is quick to read: large packets that are not TCP."""
     packet = Packet(1, Flow().wrap(0, 17, bytes(60000)), 60034)
     return saved(path, [packet] * (octets // 60034 + 1))
 
 
 @contextlib.contextmanager
 def started(*arguments: str | Path) -> Iterator[Forked]:
-    """Start a command that is given its input bit by bit, and make sure that it ends."""
+    """Start a command that gets its input bit by bit, and make sure that it ends."""
     with Forked(list(map(str, arguments))) as process:
         try:
             yield process

@@ -1,7 +1,7 @@
-"""What a row of the table of facts is made of: `Fact`, `Cell`, and readers that several cells need.
+"""The parts of a row of the table of facts: `Fact`, `Cell`, and readers that several cells need.
 
-A cell is the place of the fact in a record of the face (``ending.by``), or a `Cell` where it takes more than that: ``read``
-makes the value of what stands there and of the record, ``tells`` says whether what was told agrees where the face tells less.
+A cell is the place of the fact in a record of the face (``ending.by``), or a `Cell` if more is needed: ``read`` makes the value
+from that place and the record, ``tells`` checks the value if the face shows less.
 """
 
 from __future__ import annotations
@@ -15,12 +15,12 @@ from tests.faces.kinds import (
 )
 from tests.faces.records import Record, end
 
-#: Makes the value of what stands at the place of a cell, and of the whole record.
+#: Makes the value from the content of a cell's place and the whole record.
 Made = Callable[[Any, Record], Any]
 
 
 class Cell(NamedTuple):
-    """How a face tells a fact: where in its record, how that is read, and what of the fact it tells."""
+    """How a face shows a fact: its place in the record, the way to read it, and how much of the fact it shows."""
 
     path: str
     read: Made | None = None
@@ -36,7 +36,7 @@ class Fact(NamedTuple):
     cells: dict[str, Cell]
 
 
-#: Names of faces that are no names of arguments.
+#: Names of faces that cannot be names of arguments.
 _FACES: Final = {"where": "-Y"}
 
 
@@ -61,7 +61,7 @@ class Rows:
 
 
 def zero(path: str) -> Cell:
-    """Return a cell of a count that is left out where it is 0."""
+    """Return a cell of a count that is omitted if it is 0."""
     return Cell(path, lambda value, _: int(value or 0))
 
 
@@ -92,12 +92,12 @@ def mapped(path: str, names: dict[Any, Any]) -> Cell:
 
 
 def none(path: str, *nothing: Any) -> Cell:
-    """Return a cell in which some values stand for nothing."""
+    """Return a cell in which some values mean nothing."""
     return Cell(path, lambda value, _: None if value in nothing else value)
 
 
 def told(path: str) -> Cell:
-    """Return a cell of a face that leaves out what is not there, and says so in no other way."""
+    """Return a cell of a face that simply omits missing facts."""
     return Cell(path, lambda value, _: UNTOLD if value is None else value)
 
 

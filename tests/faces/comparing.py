@@ -1,4 +1,4 @@
-"""Compares what all faces say of a capture, fact by fact."""
+"""Compares what all faces show for a capture, fact by fact."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from tests.faces.facts import FACTS
 from tests.faces.kinds import TELLS, UNTOLD, read_as
 from tests.faces.records import FACES, Face, Record, Records
 
-#: By kind of record and name of face: what that said.
+#: By kind of record and name of face: its records.
 Cut = dict[tuple[str, str], Records]
 
 
 class Difference(NamedTuple):
-    """A face that tells a fact of a record otherwise than the first face does; ``fact`` is empty for a record that it lacks."""
+    """A face whose value of a fact differs from that of the first face; ``fact`` is empty for a missing record."""
 
     record: str
     fact: str
@@ -27,7 +27,7 @@ class Difference(NamedTuple):
 
 
 class Compared:
-    """What was compared: for each cell (kind of record, fact, face) how often, and how often there was something to tell."""
+    """What was compared: for each cell (kind of record, fact, face) how often, and how often there was a value."""
 
     def __init__(self) -> None:
         self.times: Counter[tuple[str, str, str]] = Counter()
@@ -44,19 +44,19 @@ class Compared:
         return len({(record, face) for record, _, face in self.times})
 
     def sentence(self) -> str:
-        """Say what was compared."""
+        """Return a sentence about what was compared."""
         return (
             f"{self.facts} facts in {self.faces} faces of records: {len(self.times)} cells, "
             f"{sum(self.times.values())} values compared with the first that tells them"
         )
 
 
-#: What is returned for a place that a record does not have.
+#: The result for a place that a record does not have.
 _NOTHING: Final = None
 
 
 def at(record: Record, path: str) -> Any:
-    """Return what stands at a place of a record; a name may have dots itself."""
+    """Return the content of a place in a record; names may contain dots."""
     if path in record:
         return record[path]
     name, _, rest = path.partition(".")
@@ -67,7 +67,7 @@ def at(record: Record, path: str) -> Any:
 
 
 def value(fact: Fact, face: Face, record: Record) -> Any:
-    """Return the value of a fact as a face tells it."""
+    """Return the value of a fact as a face shows it."""
     cell = fact.cells[face.name]
     found = at(record, cell.path)
     if cell.read is not None:
@@ -78,7 +78,7 @@ def value(fact: Fact, face: Face, record: Record) -> Any:
 
 
 def compare(cut: Cut, compared: Compared | None = None, facts: Iterable[Fact] = FACTS) -> Iterator[Difference]:
-    """Yield every difference between the faces of a capture; ``compared`` takes count."""
+    """Yield every difference between the faces of a capture; ``compared`` counts the comparisons."""
     compared = compared if compared is not None else Compared()
     for kind, faces in FACES.items():
         yield from _missing(kind, faces, cut)
@@ -108,7 +108,7 @@ def _agrees(cell: Cell, face: Face, kind: str, wanted: Any, told: Any) -> bool:
 
 
 def _missing(kind: str, faces: tuple[Face, ...], cut: Cut) -> Iterator[Difference]:
-    """Yield records that a face lacks, or has alone."""
+    """Yield records that a face lacks, or that only it has."""
     whole = [face for face in faces if face.whole]
     keys = cut[kind, whole[0].name].keys()
     for face in faces:

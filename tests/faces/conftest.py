@@ -11,6 +11,6 @@ from tests.faces.reading import CAPTURES
 
 @pytest.fixture(scope="session")
 def project(tmp_path_factory: pytest.TempPathFactory) -> Gathered:
-    """What all faces say of every capture of the project, and of a made one."""
+    """What all faces show for every capture of the project, and for a synthetic one."""
     folder = tmp_path_factory.mktemp("project")
     return gather([*captures_in(CAPTURES), made(tmp_path_factory.mktemp("made"))], folder)

@@ -20,7 +20,7 @@ def _role_of_hosts(value: Any, record: Record) -> Any:
 
 
 def _all_unanswered(value: Any, record: Record) -> int:
-    """Return how many requests have no answer: a table for a person divides them."""
+    """Return the number of requests without an answer, which the text table divides."""
     return int(value) + int(record.get("still open", 0)) + int(record.get("not captured", 0))
 
 
@@ -33,12 +33,12 @@ def _number(value: Any, _: Record) -> int:
 
 
 def _missed(value: Any, record: Record) -> int:
-    """Return how many answers are missing that were due."""
+    """Return the number of answers that were due and are missing."""
     return int(value - record["still_open"] - record.get("answers_not_captured", 0))
 
 
 def _of_state(value: Any, _: Record) -> Any:
-    """Return how a connection ended by the word of the screens, which a refusal takes the place of."""
+    """Return how a connection ended, in the word of the screens; a refusal replaces it."""
     return {"refused": UNTOLD, **{word: how for how, word in ENDED.items()}}.get(value, value)
 
 

@@ -1,4 +1,4 @@
-"""Which keys, columns and fields of a face the table of facts reads: what nobody reads is no shared fact, or was forgotten."""
+"""The keys, columns and fields of a face that the table of facts reads: others are not shared facts, or were forgotten."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ from typing import Any
 from tests.faces.comparing import Cut, compare
 from tests.faces.records import Record
 
-#: What was read: kind of record, face, and place in the record.
+#: A place that was read: kind of record, face, and place in the record.
 Place = tuple[str, str, str]
 
 
 class Watched(dict[str, Any]):
-    """A record that notes what is read of it; a list, or all of an object at once, is read with all that it holds."""
+    """A record that notes which parts are read; reading a list, or all of an object at once, counts for all its contents."""
 
     def __init__(self, record: Record, seen: set[str], before: str = "") -> None:
         super().__init__({
@@ -41,7 +41,7 @@ class Watched(dict[str, Any]):
 
 
 def places(record: Record, before: str = "") -> Iterator[str]:
-    """Yield each place of a record that holds something else than an object."""
+    """Yield each place of a record that contains something other than an object."""
     for name, value in record.items():
         if isinstance(value, dict):
             yield from places(value, f"{before}{name}.")
@@ -50,7 +50,7 @@ def places(record: Record, before: str = "") -> Iterator[str]:
 
 
 class Coverage:
-    """Which places of records were there, and which of them were read."""
+    """The places of records that occurred, and those of them that were read."""
 
     def __init__(self) -> None:
         self.there: set[Place] = set()
@@ -62,7 +62,7 @@ class Coverage:
         return self.there - self._read
 
     def add(self, cut: Cut) -> None:
-        """Compare those records of a capture that have a place which was not there before, and note what is read of them."""
+        """Compare the records of a capture that have a new place, and note which parts are read."""
         keys = self._new(cut)
         seen: dict[tuple[str, str], set[str]] = {face: set() for face in cut}
         watched: Cut = {
@@ -71,7 +71,7 @@ class Coverage:
         }
         for _ in compare(watched):
             pass
-        # The object `ending` of a connection is a view of its own, of the same record.
+        # The object `ending` of a connection is a separate view of the same record.
         seen["connection", "json"] |= seen["connection", "ending"]
         self._read |= {(*face, place) for face, found in seen.items() for place in found}
 

@@ -1,6 +1,6 @@
 """The table of facts that two faces or more share: a row for a fact, a cell for each face that has it.
 
-To add a fact, add a row; to add a face, add it to `tests.faces.records.FACES` and give its cells in the rows of what it tells.
+To add a fact, add a row; to add a face, add it to `tests.faces.records.FACES` and give its cells in the rows of its facts.
 """
 
 from __future__ import annotations

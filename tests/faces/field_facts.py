@@ -1,7 +1,7 @@
-"""The facts that `-e` and `-Y` tell beside those of the other tables: items as lists, both PDUs, the connection of a thing.
+"""The facts that `-e` and `-Y` show in addition to the other tables: items as lists, both PDUs, the connection of a thing.
 
-A list has a value for each item that has one, as JSON has it, with commas between. ``link`` is the row of the connection in the
-table of connections; what was agreed on later is not known yet when a transaction ends, so a field may have nothing.
+A list has a value for each item that has one, in the form of JSON, separated by commas. ``link`` is the row of the connection
+in the table of connections; later agreements are unknown when a transaction ends, so a field may be empty.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from tests.faces.records import Record
 
 
 def _all(one: Callable[[Record], Any]) -> Cell:
-    """Return a cell of the list of what every item has, those of SCD as well, with a place for each item."""
+    """Return a cell with a list over all items, including SCD, with a place for each item."""
 
     def made(value: Any, record: Record) -> Any:
         if record.get("protocol") == "s7comm_plus" and value is None:
@@ -71,7 +71,7 @@ def _of_type(item: Record) -> Any:
 
 
 def _content(item: Record) -> Any:
-    """Return the value of an item; a structure and no element of a list is none that can be compared."""
+    """Return the value of an item; a structure, or no element of a list, cannot be compared."""
     value = item["physical"] if "scd" in item else item["value"]
     if isinstance(value, list):
         return [one for one in value if one is not None]
@@ -79,7 +79,7 @@ def _content(item: Record) -> Any:
 
 
 def _values(record_value: Any, record: Record) -> Any:
-    """Return the values of all items; where a structure or text stands among them, they are written in other ways."""
+    """Return the values of all items; if a structure or text is among them, they are written in other ways."""
     cell = _all(_content)
     assert cell.read is not None
     plain = all([not isinstance(item["value"], (dict, str)) for item in record_value]) and "scd" not in record
@@ -87,13 +87,13 @@ def _values(record_value: Any, record: Record) -> Any:
 
 
 def _places(value: Any, record: Record) -> Any:
-    """Return how many places a list of the items of a read or write has to have: one for each."""
+    """Return the number of places that a list of the items of a read or write must have: one for each."""
     whole = record["function"]["code"] in {4, 5} and record.get("protocol") is None
     return len(value) if whole and value and "scd" not in record else UNTOLD
 
 
 def _counted(value: Any, _: Record) -> Any:
-    """Return how many places a list has; an empty one may be that of one item without a value."""
+    """Return the number of places of a list; an empty one may belong to one item without a value."""
     return len(value.split(",")) if value else UNTOLD
 
 
@@ -120,7 +120,7 @@ _transaction("words", WORD, fields="subject", text=Cell("rest", None, lambda val
 
 
 def _halves(name: str, show: Callable[[Any], Any] = str) -> Cell:
-    """Return a cell with what request and response of S7comm-plus have under a name."""
+    """Return a cell with the values of request and response of S7comm-plus under a name."""
 
     def made(value: Any, record: Record) -> Any:
         both = record.get("s7plus") or {}
@@ -131,7 +131,7 @@ def _halves(name: str, show: Callable[[Any], Any] = str) -> Cell:
 
 
 def _scd(name: str, show: Callable[[Any], Any] = str) -> Cell:
-    """Return a cell with what the SCD messages have under a name."""
+    """Return a cell with the values of the SCD messages under a name."""
 
     def made(value: Any, record: Record) -> Any:
         found = [half[name] for half in record.get("scd", [])]
@@ -195,7 +195,7 @@ def _if_known(value: Any, told: Any) -> bool:
 
 
 def _link(rows: Rows, *faces: str) -> None:
-    """Add the facts of the connection of a kind of record, which ``faces`` tell by the fields of `-e` and `-Y`."""
+    """Add the facts of the connection of a kind of record, which ``faces`` show in the fields of `-e` and `-Y`."""
     for name, kind, column in (
         ("calling_tsap", WORD, "tsap_calling"), ("called_tsap", WORD, "tsap_called"), ("rack", COUNT, "rack"),
         ("slot", COUNT, "slot"),

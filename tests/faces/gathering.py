@@ -1,4 +1,4 @@
-"""What all faces say of many captures: the differences, what was compared, what nobody reads, and the rows of all tables."""
+"""What all faces show for many captures: the differences, the comparisons, unread places, and the rows of all tables."""
 
 from __future__ import annotations
 
@@ -27,11 +27,11 @@ Shown = tuple[str, Difference]
 
 
 class Gathered(NamedTuple):
-    """What came out for many captures.
+    """The results for many captures.
 
-    ``coverage`` knows the places of records that no fact reads. ``forms`` is the folder into which each form of the tables was
-    written, with all rows of all captures, and ``rows`` are these. ``logs`` are those of Zeek, by capture, as JSON and as
-    tab-separated values.
+    ``coverage`` knows the places of records that no fact reads. ``forms`` is the folder for each form of the tables, with all
+    rows of all captures, and ``rows`` are these rows. ``logs`` are those of Zeek, by capture, as JSON and as tab-separated
+    values.
     """
 
     differences: list[Shown]
@@ -43,7 +43,7 @@ class Gathered(NamedTuple):
 
     @property
     def unread(self) -> list[Place]:
-        """The places that no fact reads and that are not known to be alone."""
+        """The places that no fact reads and that are not known to be in one face only."""
         return sorted([place for place in self.coverage.unread if not is_alone(place)])
 
 
@@ -53,7 +53,7 @@ def captures_in(folder: Path) -> list[Path]:
 
 
 def _sinks(folder: Path) -> list[Any]:
-    """Return a sink for each form of the tables for which there is a library."""
+    """Return a sink for each form of the tables whose library is installed."""
     tables = list(TABLES.values())
     about = {"version": "1"}
     for name in ("csv", "parquet", "arrow"):
@@ -76,9 +76,9 @@ _KEPT: Final = frozenset(("zeek", "zeek-json"))
 
 
 def gather(paths: Iterable[Path], forms: Path | None = None, before: Gathered | None = None) -> Gathered:
-    """Read captures, each once, and compare what all faces say of it.
+    """Read captures, each once, and compare what all faces show.
 
-    ``forms`` takes the tables in every form. What was read of the captures ``before`` is read.
+    ``forms`` takes the tables in every form. Places that were read in the captures ``before`` count as read.
     """
     coverage = before.coverage if before is not None else Coverage()
     found = Gathered([], Compared(), coverage, forms, {name: [] for name in TABLES}, {})
@@ -98,7 +98,7 @@ def gather(paths: Iterable[Path], forms: Path | None = None, before: Gathered | 
 
 
 def _write(folder: Path, rows: dict[str, list[dict[str, Any]]]) -> None:
-    """Write the rows of all captures in each form of the tables for which there is a library."""
+    """Write the rows of all captures in each form of the tables whose library is installed."""
     for sink in _sinks(folder):
         for name, table in TABLES.items():
             sink.take(table, [tuple(row.values()) for row in rows[name]])
@@ -112,7 +112,7 @@ def _new(folder: str) -> Path:
 
 
 def is_alone(place: Place) -> bool:
-    """Return whether a place of a record is known to be in one face only, or is asked for in another record."""
+    """Return whether a place of a record is known to be in one face only, or is checked in another record."""
     record, face, name = place
     if face in VIEWS or record in SUMS or (record, face) == ("function", "tables"):
         return True

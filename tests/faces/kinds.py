@@ -1,8 +1,8 @@
-"""How each face writes each kind of value: what is read back from it, and what of a value it can tell at all.
+"""How each face writes each kind of value: the value that can be read back, and how much of it the face can show.
 
 A fact is compared in one form: times and durations in nanoseconds, octets in hexadecimal digits, ends as `address:port`,
-nothing as None. `READ` has the readers of each family of faces; where a family tells less than all, `TELLS` says whether what
-it told agrees.
+nothing as None. `READ` has the readers of each family of faces; if a family shows less than all, `TELLS` checks whether its
+value agrees.
 """
 
 from __future__ import annotations
@@ -24,11 +24,11 @@ WORDS: Final = "words"
 COUNTS: Final = "counts"
 NUMBER: Final = "number"
 
-#: A face that does not say whether it has a fact: there is nothing to compare.
+#: A face that does not show whether it has a fact: there is nothing to compare.
 UNTOLD: Final = object()
 
 Reader = Callable[[Any], Any]
-#: Returns whether a face that told the second agrees with the first.
+#: Returns whether the second value, from a face, agrees with the first.
 Agrees = Callable[[Any, Any], bool]
 
 _EPOCH: Final = datetime.datetime(1970, 1, 1, tzinfo=datetime.UTC)
@@ -51,7 +51,7 @@ def iso_ns(text: str) -> int:
 
 
 def said_ns(text: str) -> tuple[Decimal, Decimal]:
-    """Return the least and the most nanoseconds that a duration for people may stand for: it is rounded, long ones are cut."""
+    """Return the minimum and maximum nanoseconds of a duration for people: it is rounded, and long ones are cut."""
     parts = _PART.findall(text)
     if not parts:
         raise ValueError(f"no duration: {text!r}")
@@ -84,7 +84,7 @@ def _seconds(value: Decimal) -> int:
 
 
 def _uncelled(text: str) -> str:
-    """Return a text without the quote that keeps a spreadsheet from taking it for a formula."""
+    """Return a text without the quote that keeps a spreadsheet from running it as a formula."""
     return re.sub(r"^'(?=[=+\-@])", "", text)
 
 
@@ -92,7 +92,7 @@ def _hexadecimal(value: bytes) -> str:
     return value.hex()
 
 
-#: By family of faces and kind: how a value is read that is there. An empty text of cells, and null, are nothing.
+#: By family of faces and kind: the reader of a present value. An empty cell, and null, mean nothing.
 READ: Final[dict[str, dict[str, Reader]]] = {
     "tables": {OCTETS: _hexadecimal},
     "json": {TIME: iso_ns},
@@ -119,7 +119,7 @@ def _to_microseconds(value: int | None, told: Any) -> bool:
     )
 
 
-#: By family and kind: whether what was told agrees with the value, where a family tells less than all of it.
+#: By family and kind: the check whether a shown value agrees, if a family shows less than all of it.
 TELLS: Final[dict[str, dict[str, Agrees]]] = {
     "zeek": {TIME: _to_microseconds, DURATION: _to_microseconds},
     "people": {TIME: _to_microseconds, DURATION: _within},

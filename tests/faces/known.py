@@ -1,6 +1,6 @@
 """Differences between faces that exist, each with its reason; and places that only one face has.
 
-A known difference has to be there still: when it is mended, the test asks to take its row away.
+A known difference must still exist: when it is mended, the test asks to remove its row.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from tests.faces.comparing import Difference
 
 
 class Known(NamedTuple):
-    """A known difference: what is wrong, or why it has to be; ``shared``: only captures of the shared corpus show it."""
+    """A known difference: what is wrong, or why it is necessary; ``shared``: only captures of the shared corpus show it."""
 
     why: str
     shared: bool = False
@@ -32,9 +32,9 @@ def is_known(difference: Difference) -> bool:
     return (difference.record, difference.fact, difference.face) in KNOWN
 
 
-#: Places that only one face has, as patterns, by kind of record and face. What two faces have is a fact and needs a row.
+#: Places that only one face has, as patterns, by kind of record and face. A fact that two faces have needs a row.
 _FRAME: Final = (
-    # what a document of ECS is, and its ends in other words
+    # the parts of an ECS document, and its ends in other words
     "*.address", "data_stream.*", "ecs.version", "event.action", "event.category", "event.dataset", "event.id", "event.kind",
     "event.module", "event.provider", "event.type", "network.iana_number", "network.type", "observer.*", "related.ip",
 )  # fmt: skip
@@ -44,7 +44,7 @@ ALONE: Final[dict[tuple[str, str], tuple[str, ...]]] = {
         "tls.*",
         "ibh.*", "scd*", "connections_without_data", "loss.*", "transactions.unanswered_reasons.*", "transactions.likely_*",
         "latency_ns.*",
-        # records of their own
+        # separate records
         "devices", "failed", "slowest", "finding_details", "functions", "findings.*", "finding_facts.*",
         "findings_explained.*", "operations.*",
     ),
@@ -56,7 +56,7 @@ ALONE: Final[dict[tuple[str, str], tuple[str, ...]]] = {
     ),
     ("connection", "tables"): ("missing_bytes",),
     ("connection", "pytest"): ("behind_malformed",),  # transactions, where others count PDUs
-    # rates, the latest answer and what is open now: the moment is that of the screen
+    # rates, the latest answer and the current open requests: they depend on the moment of the screen
     ("connection", "screens"): ("", "open", "per s", "10 s", "answer", "worst of each second"),
     ("act", "tables"): ("file",),
     ("device", "json"): (
@@ -100,7 +100,7 @@ ALONE: Final[dict[tuple[str, str], tuple[str, ...]]] = {
     ("value", "jsonl"): ("schema", "value.*", "previous.*"),
     ("value", "tables"): ("file",),
 }  # fmt: skip
-#: Faces whose records are those of another one, seen from elsewhere: what they have is asked for there.
+#: Faces whose records are those of another one, in another view: their facts are checked there.
 VIEWS: Final = frozenset(("text", "report", "link", "listed", "ending"))
 #: Kinds of records that are sums: each of their places is made for a row.
 SUMS: Final = frozenset(("slug", "detailed", "kind"))

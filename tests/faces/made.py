@@ -1,4 +1,4 @@
-"""A capture of what no capture of the project has: one more for the comparison, made when it runs."""
+"""A synthetic capture of cases that no capture of the project has: one more for the comparison."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def _begun(flow: Flow, called: bytes = b"\x01\x02") -> Talk:
 
 
 def _elsewhere() -> Talk:
-    """In a VLAN, to rack 1 slot 3: a station states where it is, and refuses an item."""
+    """In a VLAN, to rack 1 slot 3: a station states its place, and refuses an item."""
     talk = _begun(Flow("192.0.2.1", "192.0.2.2", vlans=(7,)), b"\x01\x23")
     names = {1: b"Station", 2: b"CPU", 3: b"Plant A", 5: b"S C-1234", 11: b"Hall 3"}
     records = [number.to_bytes(2, "big") + name.ljust(32, b"\0") for number, name in names.items()]

@@ -1,6 +1,6 @@
-"""What outputs for a person say, as records: lines of transactions, operations, values and PDUs, and the report of `analyze`.
+"""The text outputs as records: lines of transactions, operations, values and PDUs, and the report of `analyze`.
 
-Each pattern names what it takes; the names are those that `tests.faces.facts` asks for.
+Each pattern names its parts; the names are those used in `tests.faces.facts`.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ _REFUSED: Final = re.compile(r"(?:^|, |  )(?:PARTLY )?REFUSED (?:abort )?(?P<cod
 
 
 def transactions(lines: list[str]) -> Iterator[Record]:
-    """Yield what the lines of transactions say."""
+    """Yield the contents of the lines of transactions."""
     reasons = {said: reason for reason, said in REASONS.items()}
     for line in lines:
         record = _talk(line)
@@ -77,7 +77,7 @@ def _talk(line: str) -> Record:
     record: Record = found.groupdict()
     for name in ("first", "last"):
         record[name] = None if record[name] == "?" else record[name]
-    # An answer that was captured before its request, or the clock went backwards: the line says that the time is not known.
+    # An answer that was captured before its request, or a clock that went backwards: the line states that the time is unknown.
     record["took"] = {"-": None, "?": UNTOLD}.get(record["took"], record["took"])
     return record
 
@@ -88,7 +88,7 @@ _ITEM: Final = re.compile(
 
 
 def _items(parts: list[str], ended: bool) -> Iterator[Record]:
-    """Yield the items of a line of a read or write; those of other functions are told in words of their own."""
+    """Yield the items of a line of a read or write; other functions have their own wording."""
     if parts[0] not in {"Read Var", "Write Var"} or len(parts) <= 1 + ended:
         return
     for text in _commas(parts[1 + ended].partition("; SCD ")[0]):
@@ -97,7 +97,7 @@ def _items(parts: list[str], ended: bool) -> Iterator[Record]:
 
 
 def _commas(text: str) -> Iterator[str]:
-    """Yield the parts of a text between commas that stand in neither brackets nor quotes."""
+    """Yield the parts of a text between commas that are in neither brackets nor quotes."""
     begin, depth, quoted = 0, 0, False
     for at, character in enumerate(text):
         if character == "'" and text[at - 1 : at] != "\\":
@@ -119,7 +119,7 @@ _RESULTS: Final = {"outcome not captured": "not_captured", "ended with the conne
 
 
 def operations(lines: list[str]) -> Iterator[Record]:
-    """Yield what the lines of operations say."""
+    """Yield the contents of the lines of operations."""
     kinds = {said: kind for kind, said in NAMES.items()}
     for line in lines:
         record = _talk(line)
@@ -149,7 +149,7 @@ _VALUE: Final = re.compile(rf"{_MOMENT} +(?P<frame>\d+)  (?P<client>\S+) → (?P
 
 
 def values(lines: list[str]) -> Iterator[Record]:
-    """Yield what the lines of values say; ``rest`` is the variable with its type, value and remarks."""
+    """Yield the contents of the lines of values; ``rest`` is the variable with its type, value and remarks."""
     for line in lines:
         found = _VALUE.fullmatch(line)
         assert found is not None, f"no line of a value: {line!r}"
@@ -174,7 +174,7 @@ _COMMENT: Final = re.compile(r" *\d+  comment: ")
 
 
 def messages(lines: list[str]) -> Iterator[Record]:
-    """Yield what the lines of `show` say."""
+    """Yield the contents of the lines of `show`."""
     for line in lines:
         if _COMMENT.match(line):
             continue
@@ -233,7 +233,7 @@ _PENDING: Final = re.compile(r" with (\d+) requests? pending")
 
 
 def connections(report: dict[str, list[str]]) -> Iterator[Record]:
-    """Yield what the report says of each connection."""
+    """Yield the report's facts about each connection."""
     blocks: list[list[str]] = []
     for line in report.get("Connections", [])[1:]:
         if line.startswith("     "):
@@ -279,7 +279,7 @@ def _tsap(text: str) -> str | None:
 
 
 def _end(text: str) -> Record:
-    """Return how a connection ended, in the words of other faces: who, at which packet, with how many requests open."""
+    """Return how a connection ended, in the terms of other faces: the side, the packet, and the number of open requests."""
     pending = _PENDING.search(text)
     told: Record = {"pending": int(pending[1]) if pending else UNTOLD, "end_frame": None, "role": None}
     if found := _CLOSED.match(text):
@@ -307,7 +307,7 @@ _DETAIL: Final = re.compile(
 
 
 def findings(report: dict[str, list[str]]) -> Iterator[Record]:
-    """Yield what the report says of each slug; ``details`` are its findings in detail, as many as it shows."""
+    """Yield the report's facts about each slug; ``details`` are its findings in detail, as many as it shows."""
     record: Record = {}
     for line in report.get("Findings", [])[1:]:
         if rule := _RULE.fullmatch(line):
@@ -359,7 +359,7 @@ def listed(report: dict[str, list[str]]) -> Iterator[Record]:
 
 
 def kinds(report: dict[str, list[str]]) -> dict[str, dict[str, int]]:
-    """Return how many operations of each kind had which result; the report has no table of connection setups alone."""
+    """Return the number of operations of each kind and result; the report has no separate table of connection setups."""
     names = {said: kind for kind, said in NAMES.items()}
     found: dict[str, dict[str, int]] = {}
     for line in report.get("Operations", [])[1:]:
@@ -370,7 +370,7 @@ def kinds(report: dict[str, list[str]]) -> dict[str, dict[str, int]]:
 
 
 def totals(report: dict[str, list[str]]) -> Record:
-    """Return what the report says of the capture as a whole."""
+    """Return the report's facts about the capture as a whole."""
     record: Record = {
         "answered": 0,
         "unanswered": 0,

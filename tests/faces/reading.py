@@ -1,7 +1,7 @@
-"""One reading of a capture for all faces: each output writes what it writes, from the same pipeline.
+"""One reading of a capture for all faces: each output is written from the same pipeline.
 
 A face is an output: lines for a person, JSON, CSV, fields, tables, logs of Zeek, documents of ECS, a STIX bundle. `Told` has
-what each of them wrote; `tests.faces.records` cuts that into records.
+their results; `tests.faces.records` cuts these into records.
 """
 
 from __future__ import annotations
@@ -50,16 +50,16 @@ from dissect.testing.golden.model import GoldenError
 from dissect.testing.golden.reading import read_session
 
 CAPTURES: Final = Path(__file__).resolve().parents[2] / "captures"
-#: Forms of exports whose files are read again for each capture; those of the tables are tried with all rows at once.
+#: Forms of exports whose files are read for each capture; those of the tables are tested with all rows at once.
 DOCUMENTS: Final = ("ecs", "stix", "zeek-json", "zeek")
-#: So much of a long capture is read: those beyond it poll for hours.
+#: This many bytes of a long capture are read: longer ones poll for hours.
 MOST_BYTES: Final = 160_000
-#: Columns of a terminal in which every column of the screens has room.
+#: Width of a terminal in which all columns of the screens fit.
 _WIDE: Final = 200
 
 
 class Told(NamedTuple):
-    """What all faces say of a capture.
+    """What all faces show for a capture.
 
     ``lines`` are those of an output, by what they are of and format; ``rows`` those of the tables, by name of table and column;
     ``documents`` the objects of each file of an export, by form and name of the file; ``things`` are the fields that
@@ -88,7 +88,7 @@ class Kept(Sink):
 
 
 class _Witness(Observer):
-    """Keeps what ``-Y`` finds in things, asked when they are told, as a selection asks."""
+    """Keeps what ``-Y`` finds in things, evaluated when they are reported, as in a selection."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -108,7 +108,7 @@ class _Witness(Observer):
 
 
 def fields_of(kind: str, thing: object, context: Context) -> dict[str, str]:
-    """Return the fields of a thing as `-T fields` writes them; it takes only transactions, operations and messages."""
+    """Return the fields of a thing as `-T fields` writes them; it supports only transactions, operations and messages."""
     row: dict[str, str] = {}
     for name in names_of_fields(kind):
         field = FIELDS[name]
@@ -119,7 +119,7 @@ def fields_of(kind: str, thing: object, context: Context) -> dict[str, str]:
 
 
 def names_of_fields(kind: str) -> list[str]:
-    """Return the names of the fields that things of a kind have, in the order in which `-T fields` is asked for them."""
+    """Return the names of the fields that things of a kind have, in the order used for `-T fields`."""
     return [name for name, field in FIELDS.items() if kind in field.getters]
 
 
@@ -178,7 +178,7 @@ def _values(collector: Collector, places: Places) -> dict[tuple[str, str], list[
 
 
 def options_of(path: Path) -> Options:
-    """Return the options a capture is read with: those of SCD have a dictionary beside them."""
+    """Return the options with which a capture is read: SCD captures have a dictionary beside them."""
     dictionary, bindings = path.with_suffix(".toml"), path.with_suffix(".bind.toml")
     if bindings.exists():
         return Options(strict=True, decoder=load_carrier(dictionary, bindings))
@@ -190,7 +190,7 @@ def _failed(observer: Observer, error: Exception) -> None:
 
 
 def begun(path: Path, folder: Path) -> Path:
-    """Return a capture, or where it is long a file in ``folder`` with the beginning of it."""
+    """Return a capture or, if it is long, a file in ``folder`` with its beginning."""
     if path.stat().st_size <= MOST_BYTES:
         return path
     with path.open("rb") as file:
@@ -236,7 +236,7 @@ def read(path: Path, folder: Path) -> Told:
 
 
 def _goldens(path: Path) -> list[dict[str, Any]]:
-    """Return the connections that the pytest plugin compares: all, chosen by an expression."""
+    """Return the connections that the pytest plugin compares: all, selected by an expression."""
     try:
         session = read_session(path, decoder=options_of(path).decoder, where="connection >= 1")
     except GoldenError:  # too long for a golden

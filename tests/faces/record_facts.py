@@ -48,7 +48,7 @@ def _start(divided: bool) -> Any:
 
 
 def _value(value: Any, record: Record) -> values.Value:
-    """Return the value of an item with what it is made of; of SCD the physical value."""
+    """Return the value of an item with its origin; for SCD the physical value."""
     if "scd" in record:
         return record["physical"], None, False, record["text"]
     return value, record.get("data"), record.get("transport_size") == _BYTE, record.get("text")
@@ -59,7 +59,7 @@ _UNCHANGED: Final = 0xFE
 
 
 def _refused(value: Any, record: Record) -> bool:
-    """Return whether a code is a refusal: in S7comm-plus 0 is none, and of a push that a value did not change is none."""
+    """Return whether a code is a refusal: in S7comm-plus 0 is not, nor is an unchanged value in a push."""
     same = value == _UNCHANGED and record["of"]["outcome"] == "unsolicited"
     return value not in {None, SUCCESS} and not (value == 0 and "path" in record) and not same
 
@@ -71,12 +71,12 @@ def _refused_in_all(value: Any, record: Record) -> bool:
 
 
 def _in_octets(value: str | None, told: str | None) -> bool:
-    """A cell cannot say of no octets whether there were any."""
+    """A cell without octets cannot show whether there were any."""
     return (value or None) == told
 
 
 def _csv_result(value: Any, record: Record) -> Any:
-    """Return the name of a code; what is irregular about a value of SCD stands there as well."""
+    """Return the name of a code; irregularities of an SCD value are there as well."""
     return value if record["return_code"] else UNTOLD
 
 
@@ -199,12 +199,12 @@ def _techniques(version: str) -> Cell:
 
 
 def _known_techniques(value: list[str], told: list[str]) -> bool:
-    """STIX names those that it knows, once each, of findings about a connection."""
+    """STIX names the known ones, once each, for findings about a connection."""
     return told == [] or told == list(dict.fromkeys(value))
 
 
 def _techniques_said(value: list[str], told: list[str]) -> bool:
-    """A report names those of other versions of ATT&CK as well."""
+    """A report also names those of other versions of ATT&CK."""
     return [one for one in told if one in value] == value
 
 
@@ -268,7 +268,7 @@ _finding("file", WORD, tables="file", ecs="s7dissect.file")
 
 
 def _host(value: str) -> str | None:
-    """Return the host of an end, which may be all that is known of it."""
+    """Return the host of an end, which may be the only known part of it."""
     if value and not value.startswith("[") and value.count(":") != 1:
         return value
     return value.rpartition(":")[0].strip("[]") if value else None
@@ -280,25 +280,25 @@ _WITH_TYPE: Final = re.compile(r"(?:(?P<tag>.*) \()?(?P<address>[^ ()]+(?: [^ ()
 
 
 def _variable(value: Any, record: Record) -> tuple[Any, ...]:
-    """Return the value of a variable with what it is made of; a row says its type in words."""
+    """Return the value of a variable with its origin; a row gives its type in words."""
     kind = record.get("type") or ""
     return record["value"], record["octets"], kind.endswith("BYTE"), record.get("text")
 
 
 def _before(value: Any, record: Record) -> values.Value:
-    """Return the value before, with its octets where it is bytes."""
+    """Return the value before, with its octets if it is bytes."""
     is_bytes = (record["type"] or "").endswith("BYTE")
     octets = bytes(value).hex() if is_bytes and isinstance(value, list) else None
     return value, octets, is_bytes, None
 
 
 def _written(value: Any, record: Record) -> Any:
-    """Return whether the client gave a value; of SCD the way does not say it."""
+    """Return whether the client gave a value; for SCD the way does not show this."""
     return UNTOLD if value == "pdo" or record["address"].startswith("0x") else value in {"write", "modify", "force"}
 
 
 def _previous_number(value: values.Value, told: float | None) -> bool:
-    """Tables have the value before only where it is a number."""
+    """Tables have the value before only if it is a number."""
     number = value[0]
     return not isinstance(number, (bool, int, float)) or (told is not None and float(number) == told)
 
@@ -364,7 +364,7 @@ def _mac(value: Any, _: Record) -> Any:
 
 
 def _fact(key: str) -> Cell:
-    """Return the latest value of a fact, whichever module it is of, of the JSON: the first module that has it."""
+    """Return the latest value of a fact, of any module, from the JSON: the first module that has it."""
 
     def made(value: Any, record: Record) -> Any:
         for module in record["modules"]:
@@ -376,7 +376,7 @@ def _fact(key: str) -> Cell:
 
 
 def _card(title: str, pattern: str) -> Cell:
-    """Return what a row of a card says, by a pattern."""
+    """Return the content of a row of a card, by a pattern."""
 
     def made(value: Any, record: Record) -> Any:
         for row in record["rows"].get(title, []):

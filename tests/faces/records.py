@@ -1,4 +1,4 @@
-"""What each face says, cut into records: by kind of record and face, each record by the key that all faces have for it."""
+"""The output of each face as records: by kind of record and face, each record under the key that all faces have for it."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ Records = dict[Hashable, Record]
 class Face(NamedTuple):
     """A face of a kind of record: its name, the family by which its values are read, and how its records are cut.
 
-    ``whole``: it has a record for each that another face has; a report for a person shows some only.
+    ``whole``: it has a record for each one of another face; a text report shows only some.
     """
 
     name: str
@@ -44,7 +44,7 @@ def _fields(told: Told, kind: str, thing: str) -> list[Record]:
 
 
 def _by(records: Iterable[Record], *names: str) -> Iterable[tuple[Hashable, Record]]:
-    """Give records their keys: numbers, whichever form they are written in."""
+    """Give records their keys: numbers, in any notation."""
     for record in records:
         key = tuple([_at(record, name) for name in names])
         yield tuple([int(part) if str(part).isdecimal() else part for part in key]), record
@@ -132,9 +132,9 @@ def _csv_transactions(told: Told) -> Iterable[tuple[Hashable, Record]]:
 
 
 def _messages(records: Iterable[Record], protocol: str = "protocol") -> Iterable[tuple[Hashable, Record]]:
-    """Give messages their keys: protocol, packet, and which of those in the packet; those without a PDU are left out.
+    """Give messages their keys: protocol, packet, and position in the packet; those without a PDU are left out.
 
-    SCD that an item of S7 carries is a message of `show` only: those have no key here.
+    SCD inside an item of S7 is a message only in `show`: it has no key here.
     """
     seen: Counter[tuple[str, int]] = Counter()
     for record in records:
@@ -156,7 +156,7 @@ def _zeek_messages(told: Told) -> Iterable[tuple[Hashable, Record]]:
 
 
 def _stix(told: Told) -> Iterable[tuple[Hashable, Record]]:
-    """Give the notes their numbers: one for each finding, in the order of reports; with what is seen, and the techniques."""
+    """Give the notes their numbers: one for each finding, in the order of reports; with the observations and techniques."""
     objects = {one["id"]: one for one in told.documents["stix"]}
     sightings: dict[str, list[str]] = {}
     for one in objects.values():
@@ -226,7 +226,7 @@ def _slugs(rows: Iterable[str]) -> Iterable[tuple[Hashable, Record]]:
 
 
 def _added(told: Told) -> Iterable[tuple[Hashable, Record]]:
-    """Add up what the tables have of a capture."""
+    """Add up what the tables have for a capture."""
     rows, links = told.rows["transactions"], told.rows["connections"]
     outcomes = Counter([row["outcome"] for row in rows])
     found: Record = {"total": len(rows), "with_errors": sum([bool(row["errors"]) for row in rows])}
@@ -242,7 +242,7 @@ def _added(told: Told) -> Iterable[tuple[Hashable, Record]]:
 
 
 def _functions_of_tables(told: Told) -> Iterable[tuple[Hashable, Record]]:
-    """Add up the table of transactions by function; a push of userdata is a function of its own in no face."""
+    """Add up the table of transactions by function; no face has pushes of userdata as a separate function."""
     groups: dict[str, list[Record]] = {}
     for row in told.rows["transactions"]:
         groups.setdefault(row["function_name"] or "no function", []).append(row)
@@ -328,7 +328,7 @@ def _listed_connections(told: Told) -> Iterable[tuple[Hashable, Record]]:
 
 
 _COUNTS: Final = "zeek-json.s7comm_finding_count"
-#: By kind of record its faces; where several have a fact, the first is the one that the others are compared with.
+#: By kind of record its faces; if several have a fact, the others are compared with the first.
 FACES: Final[dict[str, tuple[Face, ...]]] = {
     "capture": (
         Face("json", "json", lambda told: [((), _analysis(told))]),

@@ -15,7 +15,7 @@ _ROSCTR: Final = {name: number for number, name in ROSCTR.names().items()}
 
 
 def _json_time(value: Any, record: Record) -> Any:
-    """Return the time of the request, of the answer where there is no request."""
+    """Return the time of the request, or of the answer if there is no request."""
     return value if value is not None else record["response_time"]
 
 
@@ -29,7 +29,7 @@ def _errors(value: Any, _: Record) -> list[str]:
 
 
 def _without_addresses(value: list[str], told: list[str]) -> bool:
-    """The tables name the address of an S7comm-plus item behind its number, which other faces give with the item."""
+    """The tables name the address of an S7comm-plus item after its number, which other faces give with the item."""
     return [re.sub(r"^(item \d+|alarm \S+) [^:]+(?=: )", r"\1", one) for one in value] == [*told]
 
 
@@ -63,13 +63,13 @@ def _function_name(value: Any, record: Record) -> Any:
 
 
 def _full_name(value: Any, record: Record) -> Any:
-    """Return the name of a function behind that of its protocol."""
+    """Return the name of a function after that of its protocol."""
     before = {"s7comm_plus": "S7comm-plus "}.get(record["protocol"], "")
     return f"{before}{value}" if value else value
 
 
 def _json_protocol(value: Any, record: Record) -> str:
-    """S7comm is what a line does not name."""
+    """A line does not name S7comm."""
     return str(value or "s7comm")
 
 
@@ -78,7 +78,7 @@ def _both_frames(value: Any, record: Record) -> list[int]:
 
 
 def _failed(value: Any, record: Record) -> Any:
-    """Return whether a document is of a failure; of a pair that is only likely it does not say."""
+    """Return whether a document is about a failure; for a pair that is only likely it does not say so."""
     return UNTOLD if record["s7dissect"].get("doubt") else value == "failure"
 
 
@@ -100,7 +100,7 @@ _transaction("server", END, tables=ends("server_host", "server_port"), fields="s
 
 
 def _sent(value: Any, record: Record) -> Any:
-    """Return who sent the first message of a transaction: who asked, but what has no request comes from the other side."""
+    """Return the sender of the first message of a transaction: the asking side, or the other side if there is no request."""
     return sender("client", "server")(bool(value) == (record["request_frame"] is not None), record)
 
 
@@ -151,7 +151,7 @@ _transaction("reason", WORD, tables="reason", jsonl="reason", csv="reason", fiel
 
 
 def _json_certainty(value: Any, record: Record) -> Any:
-    """Return the certainty of a line, which names only what is not sure."""
+    """Return the certainty in a line, which names only uncertain ones."""
     certain = record["outcome"] == "answered" or (record["outcome"] == "unanswered" and record["reason"] == "hole")
     return value or ("sure" if certain else None)
 
@@ -205,7 +205,7 @@ _transaction("item_count", COUNT, tables="item_count", zeek="items", ecs=zero("s
 
 
 def _csv_subject(value: Any, record: Record) -> Any:
-    """Return the subject of a transaction without items; a setup has one here alone."""
+    """Return the subject of a transaction without items; only here a setup has one."""
     return UNTOLD if value[0]["item"] or record["function"] == "240" else value[0]["subject"]
 
 

@@ -1,7 +1,7 @@
-"""How the faces write the value of an item or variable: the forms it has in each, compared with the value of JSON.
+"""How the faces write the value of an item or variable: the forms in each, compared with the value in JSON.
 
-JSON has the value itself. Tables have a number, or a text; CSV a cell; lines for a person cut long ones, and show octets in
-place of the bytes that a list of numbers would be.
+JSON has the value itself. Tables have a number, or a text; CSV a cell; text lines cut long values, and show octets in place of
+a list of bytes.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ import math
 import re
 from typing import Any, Final
 
-#: The value of an item, and what it is made of: octets in hexadecimal digits, whether they are bytes, the text they spell.
+#: The value of an item and its origin: octets in hexadecimal digits, whether they are bytes, the text they spell.
 Value = tuple[Any, str | None, bool, str | None]
 
 _LISTED: Final = re.compile(r"\[(?P<some>.*?)(?:, … (?P<count>\d+) in all)?\]")
@@ -20,7 +20,7 @@ _SOME_TEXT: Final = re.compile(r"'(?P<some>.*)'(?:… \((?P<count>\d+) character
 
 
 def in_tables(value: Value, told: tuple[float | None, str | None]) -> bool:
-    """Tell whether a number and a text in columns of their own are a value: a number, a text, several numbers as JSON."""
+    """Return whether a number and a text in separate columns are a value: a number, a text, several numbers as JSON."""
     content, _, is_bytes, _ = value
     number, text = told
     if is_bytes and isinstance(content, list):
@@ -47,7 +47,7 @@ _ODD: Final = {"nan": "NaN", "inf": "Infinity", "-inf": "-Infinity"}
 
 
 def in_cell(value: Value, told: str | None) -> bool:
-    """Tell whether a cell of CSV is a value: bytes in hexadecimal digits, texts without quotes, the rest as JSON."""
+    """Return whether a cell of CSV is a value: bytes in hexadecimal digits, texts without quotes, the rest as JSON."""
     content, octets, is_bytes, _ = value
     if is_bytes and isinstance(content, list):
         return told is not None and told.replace(" ", "") == octets
@@ -56,7 +56,7 @@ def in_cell(value: Value, told: str | None) -> bool:
     if told is None:
         return bool(content == "")
     if isinstance(content, str):
-        # A spreadsheet would take what begins so for a formula: a quote stands in front of it.
+        # A spreadsheet would run a text with this beginning as a formula, so a quote comes first.
         shown = _CONTROL.sub(lambda found: f"\\x{ord(found[0]):02x}", content)
         return told in {shown, f"'{shown}"} or told == _ODD.get(content)
     try:
@@ -66,7 +66,7 @@ def in_cell(value: Value, told: str | None) -> bool:
 
 
 def in_line(value: Value, told: str | None) -> bool:
-    """Tell whether a line for a person shows a value, or the beginning of it."""
+    """Return whether a text line shows a value, or the beginning of it."""
     content, octets, is_bytes, _ = value
     if told is None:
         return content is None and octets is None
@@ -80,7 +80,7 @@ def in_line(value: Value, told: str | None) -> bool:
         return _begins_text(content, told) or _begins_octets(content, told)
     if isinstance(content, list):
         return _begins_list(content, told, octets or "") or (octets is not None and _begins_octets(octets, told))
-    return True  # a structure has words of its own
+    return True  # a structure has its own wording
 
 
 def _begins_octets(octets: str, told: str) -> bool:
@@ -112,7 +112,7 @@ def _begins_text(content: str, told: str) -> bool:
 
 
 def _begins_list(content: list[Any], told: str, octets: str) -> bool:
-    """Tell whether a text is a list, or its beginning; an element that does not fit its type is shown as its octets."""
+    """Return whether a text is a list, or its beginning; an element that does not fit its type is shown as its octets."""
     found = _LISTED.match(told)
     if found is None:
         return False

@@ -1,6 +1,6 @@
 """Fuzz with atheris: ``python -m tests.fuzz TARGET --seconds 60`` (docs/fuzzing.md).
 
-libFuzzer ends its process as it likes, so it runs in a child, and the parent tells in one line what came of it.
+libFuzzer ends its process as it likes, so it runs in a child, and the parent reports the result in one line.
 """
 
 from __future__ import annotations
@@ -26,17 +26,18 @@ if TYPE_CHECKING:
 
 #: Promise G2.
 RSS_MB: Final = 512
-#: libFuzzer gives up when one input takes this long.
+#: libFuzzer stops when one input takes this long.
 HANG_SECONDS: Final = 20
 NAMES: Final = ("container", "frames", "segments", "streams", "pdus", "plus", "blocks", "tls", "files", "inputs")
 #: Every target, one after the other.
 ALL: Final = "all"
-#: Parts of a long run by executions: more of the targets that take less of the processor for one.
+#: Parts of a long run by executions: more for the targets that need less processor time.
 SHARES: Final = {
     "container": 15, "frames": 10, "segments": 3, "streams": 15, "pdus": 20, "plus": 15, "blocks": 2, "tls": 10,
     "files": 1, "inputs": 9,
 }  # fmt: skip
-#: Rooms not imported as a whole, which takes long or needs what is not there: targets import what they reach of them.
+#: Rooms that are not imported as a whole, because that takes long or needs missing packages: targets import the parts that they
+#: reach.
 _LEFT_OUT: Final = (
     "cli",
     "layers",
@@ -69,7 +70,7 @@ def load_targets() -> None:
 
 
 def targets() -> dict[str, TargetRow]:
-    """Return the targets; late, as they come with everything that is to be instrumented."""
+    """Return the targets; imported late, because everything that must be instrumented is imported with them."""
     from tests.fuzz.targets import TARGETS
 
     return TARGETS
@@ -100,7 +101,7 @@ def run_child(options: argparse.Namespace) -> None:
 
 
 class Account:
-    """What libFuzzer said, as figures; ``failed`` are the lines that tell of failures."""
+    """libFuzzer's output as figures; ``failed`` are the lines about failures."""
 
     def __init__(self) -> None:
         self.failed: list[str] = []
@@ -109,7 +110,7 @@ class Account:
         self._figures: dict[str, int] = {}
 
     def read(self, lines: Iterable[str]) -> None:
-        """Follow what is said."""
+        """Follow the output."""
         for line in lines:
             self.last = [*self.last[-14:], line.rstrip()]
             status = _STATUS.search(line)
@@ -123,7 +124,7 @@ class Account:
                 print(line.rstrip(), file=sys.stderr, flush=True)
 
     def summary(self, name: str, seconds: int) -> str:
-        """Return one line with what came of it."""
+        """Return one line with the result."""
         runs = self._figures.get("number_of_executed_units", 0)
         first, last = (self.coverage[0], self.coverage[-1]) if self.coverage else (0, 0)
         return (
@@ -134,7 +135,7 @@ class Account:
 
 
 def fuzz(options: argparse.Namespace) -> int:
-    """Run the child and say in one line what came of it; 1 when anything failed."""
+    """Run the child and report the result in one line; return 1 if anything failed."""
     arguments = [sys.executable, "-m", "tests.fuzz", options.target, "--seconds", str(options.seconds)]
     arguments += ["--artifacts", str(options.artifacts)]
     if options.corpus:
@@ -152,7 +153,7 @@ def fuzz(options: argparse.Namespace) -> int:
 
 
 def dice(options: argparse.Namespace) -> int:
-    """Run a target, or each for its share, on the installed package, without a fuzzer; 1 when anything failed."""
+    """Run a target, or each for its share, on the installed package, without a fuzzer; return 1 if anything failed."""
     names = NAMES if options.target == ALL else (options.target,)
     return max([_dice(options, name) for name in names])
 
@@ -173,7 +174,7 @@ def _dice(options: argparse.Namespace, name: str) -> int:
 
 
 def again(options: argparse.Namespace) -> int:
-    """Run single inputs without a fuzzer, or make one of them smaller; 1 when any fails."""
+    """Run single inputs without a fuzzer, or make one of them smaller; return 1 if any fails."""
     target = targets()[options.target][0]
     failed = 0
     for path in options.run:

@@ -1,7 +1,8 @@
-"""Fuzz target ``blocks``: a block of S7-300/400, the last octet of an input saying how it is put together.
+"""Fuzz target ``blocks``: a block of S7-300/400; the last octet of an input determines how it is composed.
 
-Bit 0: the input is a whole block, as it is transferred; else its first octets are cut into code, interface and additional
-information, so that a fuzzer does not have to find its way through the lengths of a header. Bits 1 to 3 are the type of such.
+Bit 0: the input is a whole block, as it is transferred; otherwise its first octets are divided into code, interface and
+additional information, so that a fuzzer does not have to find the right lengths of a header. Bits 1 to 3 are the type of such a
+block.
 """
 
 from __future__ import annotations
@@ -31,7 +32,7 @@ def of_parts(code: bytes, interface: bytes, additional: bytes, kind: str) -> byt
 
 
 def block_of(octets: bytes) -> Block:
-    """Return the block that an input stands for."""
+    """Return the block that an input describes."""
     if not octets or octets[-1] & WHOLE:
         return parse_block(octets[:-1])
     body = octets[:-1]
@@ -68,7 +69,7 @@ def blocks(octets: bytes) -> None:
 
 
 def _check_versions(block: Block) -> None:
-    """A block has not changed from itself; from one with other code there are lines that can be shown."""
+    """A block has no changes from itself; for other code there are lines that can be shown."""
     assert compare_blocks(block, block) == []
     assert older_than(block, block) == ""
     assert new_output_writes(block, block) == []
@@ -82,7 +83,7 @@ def _check_versions(block: Block) -> None:
 
 
 def block_seeds() -> list[bytes]:
-    """Return the inputs a fuzzer begins with: our own blocks whole and in parts, and code of every instruction."""
+    """Return the inputs with which a fuzzer begins: our own blocks whole and in parts, and code of every instruction."""
     from dissect.protocols.mc7.instruction_tables import INSTRUCTIONS
     from tests.protocols.mc7.samples import fb7, fc5, ob1
 

@@ -1,4 +1,4 @@
-"""What has to hold of everything that is told, whatever came in."""
+"""Conditions for all output, whatever the input was."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from tests.meaning.report.support import UNSAFE
 
 
 def check_line(line: str) -> None:
-    """A line of output: it can be written as UTF-8, and nothing in it steers a terminal or an eye."""
+    """A line of output: it can be written as UTF-8, and contains nothing that controls a terminal or misleads a reader."""
     assert not UNSAFE.search(line), ascii(line)
     line.encode("utf-8")
 
 
 def check_lines(lines: Iterable[str]) -> int:
-    """Check every line; return how many there are. All at once, which is much faster, and each only where one fails."""
+    """Check every line; return their number. All at once, which is much faster; each one separately only if one fails."""
     given = list(lines)
     text = " ".join(given)
     if UNSAFE.search(text):
@@ -30,7 +30,7 @@ def _only_numbers(name: str) -> float:
 
 
 def check_json(text: str) -> object:
-    """A JSON text (RFC 8259, without NaN and Infinity) that is safe to show, apart from its line ends; return what it says."""
+    """A JSON text (RFC 8259, without NaN and Infinity) that is safe to show, apart from its line ends; return its value."""
     check_lines(text.split("\n"))
     found: object = json.loads(text, parse_constant=_only_numbers)
     return found

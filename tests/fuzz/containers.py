@@ -9,7 +9,7 @@ from dissect.packets.source.packet import CaptureError, PacketSink
 from tests.fuzz.checks import check_line
 from tests.properties.captures import Memory
 
-#: A compressed file may hold very much more than its size: of one that does, the beginning is read.
+#: A compressed file may contain very much more than its size: only the beginning of such a file is read.
 MOST_STEPS: Final = 24
 
 
@@ -25,7 +25,7 @@ class Trickle(Memory):
 
 
 class Packets(PacketSink):
-    """Holds what a reader delivers to the rules, and keeps it."""
+    """Checks what a reader delivers against the rules, and keeps it."""
 
     def __init__(self) -> None:
         self.told: list[tuple[int, bytes, int, int]] = []
@@ -43,7 +43,7 @@ class Packets(PacketSink):
 
 
 def read(source: Memory, steps: int = MOST_STEPS) -> tuple[Packets, list[str], bool]:
-    """Return what is read of a source, what is said about it, and whether it was read to its end."""
+    """Return the packets of a source, the remarks about it, and whether it was read to its end."""
     packets = Packets()
     try:
         reader = find_reader(source, "fuzz")
@@ -66,7 +66,7 @@ def read(source: Memory, steps: int = MOST_STEPS) -> tuple[Packets, list[str], b
 
 
 def container(octets: bytes) -> None:
-    """A capture file; however it comes in pieces, the packets are the same."""
+    """A capture file; in whatever pieces it comes, the packets are the same."""
     whole, said, ended = read(Memory(octets))
     piece = 1 + len(octets) % 61
     again, said_again, ended_again = read(Trickle(octets, piece), MOST_STEPS + len(octets) // piece + 2)

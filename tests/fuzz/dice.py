@@ -1,10 +1,10 @@
-"""A target fed by the throw of dice, without a fuzzer: as fast as the build of the package that is there (docs/fuzzing.md).
+"""A target with random inputs, without a fuzzer: as fast as the installed build of the package (docs/fuzzing.md).
 
-What a fuzzer learned of interpreted code, its corpus, is damaged and run again by the compiled package, which does in the same
-time several times as many inputs.
+The corpus that a fuzzer learned from interpreted code is damaged and run again by the compiled package, which tries several
+times as many inputs in the same time.
 
-A long run consists of rounds. Each begins anew with dice of its own, so rounds go side by side, and a run that was stopped goes
-on after those that are noted in its file.
+A long run consists of rounds. Each begins with its own random numbers, so rounds run in parallel, and a stopped run continues
+after those noted in its file.
 """
 
 from __future__ import annotations
@@ -28,16 +28,16 @@ from tests.fuzz.turns import TURNS
 
 #: Inputs between two looks at the clock.
 _LOOK: Final = 50
-#: Places of a corpus kept on the way: inputs that are as good as seeds, so that damage goes on from damage.
+#: Number of corpus entries kept during a run: they are as good as seeds, so that damage continues from damage.
 _KEPT: Final = 4096
-#: One of so many inputs becomes one that others are made of.
+#: One of this many inputs becomes a source for others.
 _ONE_IN: Final = 64
 #: Inputs of a round.
 ROUND: Final = 10_000
 
 
 class Thrown(NamedTuple):
-    """What came of a run: inputs, the CPU seconds they took, the longest of them in seconds, kinds of failure, memory in MB."""
+    """The result of a run: inputs, their CPU seconds, the longest one in seconds, kinds of failure, memory in MB."""
 
     executions: int
     cpu_s: float
@@ -53,7 +53,7 @@ class Thrown(NamedTuple):
         )
 
     def joined(self, other: Thrown) -> Thrown:
-        """Return what came of both."""
+        """Return the sum of both."""
         return Thrown(
             self.executions + other.executions,
             self.cpu_s + other.cpu_s,
@@ -67,7 +67,7 @@ NOTHING: Final = Thrown(0, 0.0, 0.0, (), 0)
 
 
 def damaged(begun: Sequence[bytes], most: int, dice: random.Random) -> Iterator[bytes]:
-    """Yield damaged ones of ``begun`` of at most ``most`` bytes, and damaged ones of these, without end."""
+    """Yield damaged versions of ``begun`` of at most ``most`` bytes, and damaged versions of these, without end."""
     pool = list(begun)
     fixed = len(pool)
     done = 0
@@ -95,8 +95,8 @@ def throw(
 ) -> Thrown:
     """Run ``begun``, then damaged ones of them of at most ``most`` bytes, until ``cpu_s`` CPU seconds are over.
 
-    With ``number`` it is that round of a long run: ``size`` inputs, ``begun`` themselves only in round 0.
-    What fails is kept in ``artifacts``, the first of each kind. The same ``begun``, ``seed`` and ``number`` do the same.
+    With ``number`` it is that round of a long run: ``size`` inputs, ``begun`` themselves only in round 0. Failing inputs are
+    kept in ``artifacts``, the first of each kind. The same ``begun``, ``seed`` and ``number`` give the same run.
     """
     fitting = [octets for octets in begun if len(octets) <= most] or [b""]
     inputs = damaged(fitting, most, random.Random(seed if number is None else f"{seed} {number}"))
@@ -120,21 +120,21 @@ def throw(
 
 
 def corpus_of(folder: Path | None) -> list[bytes]:
-    """Return the inputs that a fuzzer kept in ``folder``, in the order of their names; none where there is no such folder."""
+    """Return the inputs that a fuzzer kept in ``folder``, in the order of their names; empty if there is no such folder."""
     if folder is None or not folder.is_dir():
         return []
     return [path.read_bytes() for path in sorted(folder.iterdir()) if path.is_file()]
 
 
 class Notes:
-    """The file in which the rounds of a run are noted that are done, a JSON line each; without a path nothing is kept."""
+    """The file with the finished rounds of a run, one JSON line each; without a path nothing is kept."""
 
     def __init__(self, path: Path | None, name: str, seed: int) -> None:
         self._path = path
         self._run = {"target": name, "seed": seed}
 
     def done(self) -> dict[int, Thrown]:
-        """Return the rounds of this target and seed that are done; not a line that was cut off when the run was stopped."""
+        """Return the finished rounds of this target and seed; ignore a line that was cut off when the run was stopped."""
         found = {}
         for line in self._path.read_text(encoding="utf-8").splitlines() if self._path and self._path.exists() else ():
             try:
@@ -157,7 +157,7 @@ class Notes:
 def rounds(
     name: str, count: int, seed: int, artifacts: Path, corpus: Path | None, jobs: int, notes: Notes, size: int = ROUND
 ) -> Thrown:
-    """Run the rounds 0 to ``count`` that are not noted, ``jobs`` side by side; return what came of all, noted ones too."""
+    """Run the rounds 0 to ``count`` that are not noted, ``jobs`` in parallel; return the sum of all, including noted ones."""
     done = notes.done()
     left = [number for number in range(count) if number not in done]
     made = partial(_run, name, 0.0, seed, artifacts, corpus, size)
@@ -192,7 +192,7 @@ def _run(
 
 
 def main(arguments: Sequence[str]) -> int:
-    """Run in a process of its own, where the installed package is found first."""
+    """Run in a separate process, in which the installed package is found first."""
     parser = argparse.ArgumentParser()
     parser.add_argument("target")
     parser.add_argument("--seconds", type=float, default=math.inf)

@@ -1,4 +1,4 @@
-"""What went wrong, kept once for each kind: the input, where it was raised, and a smaller input that does the same."""
+"""Failures, kept once for each kind: the input, where it was raised, and a smaller input with the same failure."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from typing import Final
 
 from tests.growth import lines
 
-#: An input that takes the processor longer than this is looked at again: its work is counted.
+#: An input that needs more processor time than this is run again, and its work is counted.
 SUSPECT_SECONDS: Final = 1.0
-#: Lines of Python that an input may run, for each octet of it and at all, before it is a failure as well (promise G2).
+#: Maximum number of Python lines that an input may run, per octet and in all; more is a failure as well (promise G2).
 MOST_LINES: Final = 2_000
 LINES_AT_ALL: Final = 500_000
 
@@ -24,7 +24,7 @@ Target = Callable[[bytes], None]
 
 
 def kind_of(error: Exception) -> str:
-    """Return what tells failures apart: the type of the exception, and the place of ours that raised it."""
+    """Return a key that distinguishes failures: the type of the exception, and the place of ours that raised it."""
     frames = [
         frame
         for frame in traceback.extract_tb(error.__traceback__)
@@ -35,9 +35,10 @@ def kind_of(error: Exception) -> str:
 
 
 def failure_of(target: Target, octets: bytes, suspect_s: float = math.inf) -> tuple[str, str]:
-    """Run one input; return the kind of failure and a report of it, or twice nothing.
+    """Run one input; return the kind of failure and a report, or two empty texts.
 
-    What takes longer than ``suspect_s`` is run again with its work counted; how fast the machine is decides nothing.
+    An input that takes longer than ``suspect_s`` is run again with its work counted, so that the speed of the machine does not
+    matter.
     """
     begun = time.process_time()
     try:
@@ -53,7 +54,7 @@ def failure_of(target: Target, octets: bytes, suspect_s: float = math.inf) -> tu
 
 
 class Failures:
-    """Takes inputs from a fuzzer and keeps the first of each kind that fails in ``folder``; the fuzzer goes on."""
+    """Takes inputs from a fuzzer and keeps the first failing one of each kind in ``folder``; the fuzzer continues."""
 
     def __init__(self, name: str, target: Target, folder: Path) -> None:
         self.counts: Counter[str] = Counter()
@@ -76,7 +77,7 @@ class Failures:
 
 
 def minimised(target: Target, octets: bytes) -> bytes:
-    """Return the shortest input found that fails in the same way: pieces are left out, then octets made zero."""
+    """Return the shortest input found that fails in the same way: pieces are removed, then octets made zero."""
     kind, _ = failure_of(target, octets)
     if not kind:
         raise ValueError("this input does not fail")

@@ -1,7 +1,7 @@
-"""Fuzz target ``files``: a whole capture through the whole program, to everything that can be made of it.
+"""Fuzz target ``files``: a whole capture through the whole program, to every possible output.
 
-The last octet chooses what is made (`FACES`) and whether the octets before it are a capture file or a script of TCP events
-(`tests.fuzz.scripts`), which is made a capture file.
+The last octet chooses the output (`FACES`) and whether the octets before it are a capture file or a script of TCP events
+(`tests.fuzz.scripts`), which is converted to a capture file.
 """
 
 from __future__ import annotations
@@ -63,14 +63,14 @@ from tests.properties.captures import Memory
 from tests.properties.packets import Packet
 
 SCRIPT: Final = 0x80
-#: The other way of a face: with checksums verified, packets of other protocols dropped, one connection cut out.
+#: The other variant of a face: with checksums verified, packets of other protocols dropped, one connection cut out.
 OTHER: Final = 0x40
 #: With the dictionary and the bindings of captures/scd.
 SCD: Final = 0x20
 
 
 class Way:
-    """How a capture is read: ``other`` is the other way of a face, ``scd`` whether SCD is looked for."""
+    """How a capture is read: ``other`` is the other variant of a face, ``scd`` whether SCD is looked for."""
 
     def __init__(self, other: bool, scd: bool) -> None:
         self.other = other
@@ -97,7 +97,7 @@ def as_pcap(packets: Iterable[Packet]) -> bytes:
 def drive(
     octets: bytes, observer: Observer, carrier: ScdCarrier | None, checksums: bool = False
 ) -> tuple[Pipeline, list[SourceFile]] | None:
-    """Give a file to a pipeline in which a bug of ours raises, and check its books; None for what is no capture."""
+    """Give a file to a pipeline in which our bugs raise, and check its accounts; None if it is not a capture."""
     try:
         reader = find_reader(Memory(octets), "fuzz.pcap")
     except CaptureError as error:
@@ -191,7 +191,7 @@ def _golden(octets: bytes, way: Way) -> None:
 
 
 def _renewed(octets: bytes, make: Callable[[Path, Path], object]) -> tuple[Packets, Packets] | None:
-    """Return the packets of a file, and of the file that ``make`` writes of it; None for what is no capture."""
+    """Return the packets of a file, and of the file that ``make`` writes from it; None if it is not a capture."""
     with tempfile.TemporaryDirectory(prefix="s7dissect-fuzz-") as folder:
         source, out = Path(folder, "in"), Path(folder, "out")
         source.write_bytes(octets)
@@ -208,12 +208,12 @@ def _renewed(octets: bytes, make: Callable[[Path, Path], object]) -> tuple[Packe
         return before, after
 
 
-#: Where any of these is found the octets contradict themselves, and what is made zeros may change what the rest is taken for.
+#: With any of these findings the octets contradict themselves, and zeros may change the interpretation of the rest.
 _DAMAGE: Final = ("tpkt.", "cotp.", "ibh.", "s7.", "stream.", "ip.", "capture.", "session.foreign", "transaction.size")
 
 
 def _outcomes(path: Path) -> list[tuple[object, ...]]:
-    """Return what became of each transaction, without the texts and the values that are made others."""
+    """Return the outcome of each transaction, without the texts and values that are replaced."""
     return [
         (
             int(one.connection.number),
@@ -301,19 +301,20 @@ _MEAN: Final = re.compile(r"mean = [^,]*")
 
 
 def _learned(octets: bytes, way: Way) -> None:
-    """What was learned of a capture is written, read back the same, and finds nothing new in that capture."""
+    """A baseline learned from a capture is written, read back the same, and finds nothing new in that capture."""
     learner = Learner()
     if drive(octets, learner, way.carrier()) is None:
         return
     baseline = learner.baseline(("fuzz.pcap",))
-    for norm in baseline.pairs.values():  # what is never learned, as a user allows it who takes the comment marks away
+    # Entries that are never learned, as allowed by a user who removes the comment marks
+    for norm in baseline.pairs.values():
         norm.acts = frozenset(norm.acts_seen)
         if norm.functions is not None:
             norm.functions |= norm.functions_seen
     text = baseline_toml(baseline)
     check_lines(text.split("\n"))
     parsed = parse_baseline(text)
-    # The mean is for a person, and made of the seconds, which the file rounds.
+    # The mean is for people, and is computed from the seconds, which the file rounds.
     assert _MEAN.sub("", baseline_toml(parsed)) == _MEAN.sub("", text)
     told: list[Alert] = []
     # Silence is learned between transactions; that of the end may be longer.
@@ -343,7 +344,7 @@ FACES: Final = (
 
 
 def files(octets: bytes) -> None:
-    """Any capture: whatever is made of it is whole and safe, and can be read back."""
+    """Any capture: all outputs are complete and safe, and can be read back."""
     if not octets:
         return
     mode = octets[-1]

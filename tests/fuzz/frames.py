@@ -22,7 +22,7 @@ _LATE: Final = 0x40  # some seconds after the packet before
 
 
 def written(packets: Iterable[Packet]) -> bytes:
-    """Return packets in the form of this target; what has another link type is left out."""
+    """Return packets in the form of this target; packets of another link type are left out."""
     octets = bytearray(b"\0")
     for packet in packets:
         if packet.link_type in LINKS and len(packet.octets) < 0x10000:
@@ -48,7 +48,7 @@ def packets_of(octets: bytes) -> tuple[list[Packet], bool]:
 
 
 def frames(octets: bytes) -> None:
-    """Any packets: each is told of once, a payload is never longer than its packets."""
+    """Any packets: each is reported once, a payload is never longer than its packets."""
     packets, checksums = packets_of(octets)
     result = Result(packets, Options(strict=True, checksums=checksums))
     check_books(result.pipeline, result.record)
@@ -56,7 +56,7 @@ def frames(octets: bytes) -> None:
     room = 0
     for packet in packets:
         room += len(packet.octets)
-        # Before and behind a packet stand others in the same buffer: they must not be looked at.
+        # There are other octets before and after a packet in the same buffer: they must not be read.
         buf = b"\x03\x00\x00" + packet.octets + b"\x45\x00\x00\x28"
         found = find_segment(buf, 3, 3 + len(packet.octets), packet.link_type, store, packet.time_ns, True, checksums)
         alone = find_segment(

@@ -1,7 +1,7 @@
-"""Fuzz target ``inputs``: what a person writes or keeps: goldens, dictionaries, bindings, rules, baselines, filters, times.
+"""Fuzz target ``inputs``: files and texts of users: goldens, dictionaries, bindings, rules, baselines, filters, times.
 
-The first octet chooses what the others are (`KINDS`). Only the errors that are documented may come out, and each says
-something; what is accepted can be written and read again.
+The first octet chooses the kind of the others (`KINDS`). Only the documented errors may be raised, each with a text; accepted
+input can be written and read again.
 """
 
 from __future__ import annotations
@@ -76,7 +76,7 @@ def _golden(octets: bytes) -> None:
     for one, other in ((session, usual()), (usual(), session)):
         for difference in diff_sessions(one, other):
             check_line(difference.text)
-    if given.replace("\n", "").isprintable():  # what is not is written escaped, which is another text
+    if given.replace("\n", "").isprintable():  # others are written escaped, which is another text
         assert not diff_sessions(session, again)
     check_replayed(session)
     check_served(recording_of(session), [], b"")
@@ -140,7 +140,7 @@ def _words(octets: bytes) -> None:
 
 
 def _received(octets: bytes) -> None:
-    """What comes from the wire in the envelope of a dictionary: nothing is raised at all."""
+    """Data from the wire in the envelope of a dictionary: nothing is raised at all."""
     codec = _codec()
     for message in codec.parse_messages(octets):
         assert message.size > 0 or message.error is not None
@@ -153,7 +153,7 @@ def _codec() -> Codec:
 
 
 def _decoded(octets: bytes) -> None:
-    """The payload of a PDO or of an object: what comes out goes in again."""
+    """The payload of a PDO or of an object: the decoded values can be encoded again."""
     codec = _codec()
     pdos = [f"{pdo.direction}{pdo.number}" for pdo in (*plant().tpdo.values(), *plant().rpdo.values())]
     chosen = octets[0] if octets else 0
@@ -174,20 +174,20 @@ def _both_ways(octets: bytes, decode: Callable[[bytes], Decoded], encode: Callab
 
 
 def _refused_or_used(use: Callable[[T], object], given: T, documented: tuple[type[Exception], ...]) -> None:
-    """Only a documented error may come out, and it says something."""
+    """Only a documented error may be raised, with a text."""
     said = "used"
     try:
         use(given)
-    except NotBuiltInError:  # says to its caller alone that somebody else is to be asked
+    except NotBuiltInError:  # only informs its caller that another program must be asked
         assert NotBuiltInError in documented
     except documented as error:
         said = str(error)
     assert said
 
 
-#: What the octets are, and what may be raised about them.
+#: The kind of the octets, and the errors that may be raised for them.
 KINDS: Final[tuple[tuple[str, Callable[[bytes], None], tuple[type[Exception], ...]], ...]] = (
-    ("golden", _golden, (GoldenError, CaptureError)),  # the latter where nothing in it can be played
+    ("golden", _golden, (GoldenError, CaptureError)),  # the latter if nothing in it can be played
     ("compiled", _compiled, (DictionaryError,)),
     ("raw", _raw, (DictionaryError,)),
     ("toml", _toml, (DictionaryError,)),
@@ -210,7 +210,7 @@ def written(kind: str, octets: bytes) -> bytes:
 
 
 def inputs(octets: bytes) -> None:
-    """Any file of a person: it is used, or refused with an error that says why."""
+    """Any file of a user: it is used, or refused with an error that gives the reason."""
     if not octets:
         return
     _, use, documented = KINDS[octets[0] % len(KINDS)]

@@ -1,4 +1,4 @@
-"""Damage by the throw of dice, for the runs without a fuzzer: the same seed always does the same."""
+"""Random damage, for runs without a fuzzer: the same seed always gives the same."""
 
 from __future__ import annotations
 

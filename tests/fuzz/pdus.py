@@ -1,6 +1,6 @@
-"""Fuzz target ``pdus``: one PDU of S7comm, S7comm-plus or IBH-NetLink, read, cut into parts, decoded and shown.
+"""Fuzz target ``pdus``: one PDU of S7comm, S7comm-plus or IBH-NetLink, read, divided into parts, decoded and shown.
 
-The first octet chooses whether the capture cut the PDU; what follows is the PDU, whose own first octet says what it is.
+The first octet chooses whether the capture cut the PDU; the PDU follows, and its own first octet gives its protocol.
 """
 
 from __future__ import annotations
@@ -44,9 +44,9 @@ from tests.properties.messages import dt
 
 CUT: Final = 1
 PLUS: Final = 0x72
-#: What is made of a PDU in turns (`tests.fuzz.turns`): its tree, its line and values, its JSON, what else is read of it.
+#: The outputs for a PDU, in turn (`tests.fuzz.turns`): its tree, its line and values, its JSON, its other properties.
 TREE, LINE, JSON, MORE, THINGS = range(5)
-#: Transport sizes whose values are tried on the first octets of a data item, beside the one that was asked for.
+#: Transport sizes whose values are tried on the first octets of a data item, besides the requested one.
 _SIZES: Final = (0x01, 0x02, 0x03, 0x04, 0x05, 0x06, 0x07, 0x08, 0x09, 0x0A, 0x0B, 0x0C, 0x0F, 0x13, 0x1C, 0x1D, 0x30)
 
 
@@ -56,7 +56,7 @@ def _connection() -> Connection:
 
 
 def _check_cover(parts: list[Part], start: int, end: int) -> None:
-    """Parts stand one behind the other, without gaps, from ``start`` to ``end``."""
+    """Parts follow one another, without gaps, from ``start`` to ``end``."""
     at = start
     for part in parts:
         assert part.offset == at, (part.layout.name, part.offset, at)
@@ -122,7 +122,7 @@ def _plus(octets: bytes, cut: bool) -> None:
         _check_cover(found.parts, found.parts[0].offset, len(pdu.data))
     _check_malformed(found.malformed, len(pdu.data))
     assert [value for _, value in parse_contents(pdu, shown=False).items] == [value for _, value in found.items]
-    if not cut and pdu.opcode not in {REQUEST, -1}:  # nobody asks this of a request, or of what has no opcode
+    if not cut and pdu.opcode not in {REQUEST, -1}:  # this is never called for a request, or without an opcode
         checked = check(octets)
         assert check_response(checked) == (pdu.return_code, refuses(pdu.return_code) or refuses_items(pdu))
         notifies_refusal(checked)
@@ -146,7 +146,7 @@ def _netlink(octets: bytes) -> None:
 
 
 def pdus(octets: bytes) -> None:
-    """Any PDU: it is read without an exception, its parts have no gaps, whatever is shown of it is safe."""
+    """Any PDU: it is read without an exception, its parts have no gaps, all outputs for it are safe."""
     cut = bool(octets[:1] and octets[0] & CUT)
     pdu = octets[1:]
     first = pdu[0] if pdu else -1

@@ -1,4 +1,4 @@
-"""A capture as a server and as a client: what a recording answers to its own client, and what a replay of it would send."""
+"""A capture as a server and as a client: its answers to its own client, and what a replay would send."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from dissect.testing.playback.server.session import ClientSession
 from tests.fuzz.checks import check_line, check_lines
 from tests.properties.messages import connect, dt
 
-#: Jobs that change nothing, and types of userdata that ask: written here again, so that a change there is seen.
+#: Jobs that change nothing, and types of userdata that are requests: repeated here, so that a change there is noticed.
 _READS: Final = frozenset((0xF0, 0x04, 0x1D, 0x1E, 0x1F))
 
 
@@ -27,7 +27,7 @@ _LONGEST: Final = 60_000
 
 
 class ServedReader(SessionReader):
-    """Keeps what the clients sent as well: the TPKTs of each."""
+    """Also keeps what the clients sent: the TPKTs of each."""
 
     def __init__(self, name: str) -> None:
         super().__init__(name, messages=True)
@@ -39,7 +39,7 @@ class ServedReader(SessionReader):
 
 
 def check_served(recording: Recording, streams: list[list[bytes]], garbage: bytes) -> None:
-    """Ask a server made of a recording what was asked in it, then say what either end once said, and end with anything."""
+    """Send the recorded requests to a server made from the recording, then all messages of either end, and finally garbage."""
     asked = [
         [connect(), *[dt(step.request) for step in script.steps if 0 < len(step.request) < _LONGEST]]
         for script in recording.scripts
@@ -64,7 +64,7 @@ def check_served(recording: Recording, streams: list[list[bytes]], garbage: byte
 
 
 def check_replayed(session: Session) -> None:
-    """A replay that may only read sends nothing else, and says what it does."""
+    """A replay that may only read sends nothing else, and reports its actions."""
     plan = make_plan(session)
     for permissions in (Permissions(), Permissions(True, True)):
         check_lines(plan_lines(plan, permissions))

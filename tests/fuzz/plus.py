@@ -1,7 +1,7 @@
 """Fuzz target ``plus``: the contents of an S7comm-plus PDU, with the head and the frames made around them.
 
-The first octet chooses the function, the second opcode and version; what follows is the body. So that a fuzzer does not have to
-find its way through lengths, digests and sequence numbers before it comes to values and objects.
+The first octet chooses the function, the second opcode and version; what follows is the body. So a fuzzer does not have to find
+the right lengths, digests and sequence numbers before it reaches values and objects.
 """
 
 from __future__ import annotations
@@ -32,14 +32,14 @@ from tests.fuzz.turns import TURNS
 _FUNCTIONS: Final = [row.number for row in FUNCTIONS] + [0x1234]
 _OPCODES: Final = [row.number for row in OPCODES]
 _VERSIONS: Final = (1, 2, 3, SYSTEM_EVENT)
-#: What is made of contents in turns (`tests.fuzz.turns`): their tree, the items of a session, the proof of their structure.
+#: The outputs for contents, in turn (`tests.fuzz.turns`): their tree, the items of a session, the proof of their structure.
 TREE, ITEMS, PROOF, THINGS = range(4)
 #: Octets of a frame, so that long bodies come in several.
 _FRAME: Final = 700
 
 
 def framed(octets: bytes) -> bytes:
-    """Return the PDU that an input stands for."""
+    """Return the PDU that an input describes."""
     if len(octets) < 2:
         return b"\x72\x02\0\0"
     function, kind, body = _FUNCTIONS[octets[0] % len(_FUNCTIONS)], octets[1], octets[2:]
@@ -87,7 +87,7 @@ def written(function: int, opcode: int, version: int, body: bytes) -> bytes:
 
 
 def _check_built_again(found: Contents, data: bytes) -> None:
-    """What was read is built and read again the same; values from their own octets, objects with all they hold."""
+    """Parts are built and read again with the same result; values from their own octets, objects with all their contents."""
     for one in found.objects:
         octets = build_elements([one])
         assert build_elements(read_elements(_walk(octets, data))) == octets
@@ -100,7 +100,7 @@ def _check_built_again(found: Contents, data: bytes) -> None:
 
 
 def _walk(octets: bytes, data: bytes) -> Walk:
-    """Return a walk that may cost what the one through ``data`` may: an array of Null has more elements than octets."""
+    """Return a walk with the budget of the one through ``data``: an array of Null has more elements than octets."""
     walk = Walk(octets, 0, len(octets), False)
     walk.budget = max(walk.budget, Walk(data, 0, len(data), False).budget)
     return walk
@@ -114,7 +114,7 @@ def _read(octets: bytes, data: bytes) -> Value:
 
 
 def plus(octets: bytes) -> None:
-    """Any contents: read without an exception, cut without gaps, bounded in depth, built again the same, shown safely."""
+    """Any contents: read without an exception, divided without gaps, limited in depth, built again the same, shown safely."""
     whole = framed(octets)
     pdu = parse_plus(whole)
     found = parse_contents(pdu)
@@ -143,7 +143,7 @@ def plus(octets: bytes) -> None:
 
 
 def _check_shown(pdu: PlusPdu, whole: bytes) -> None:
-    """What a session says of it is safe."""
+    """The texts of a session about it are safe."""
     session = PlusSession(Program(), Identity())
     take(session, pdu.function, whole, whole)
     half = shown_half(pdu)

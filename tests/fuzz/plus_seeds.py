@@ -1,4 +1,4 @@
-"""What a fuzzer of S7comm-plus contents begins with: bodies of captures, and made ones of each function and type of value."""
+"""The seeds for S7comm-plus contents: bodies of captures, and synthetic ones of each function and type of value."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ from tests.protocols.s7plus import bodies
 
 _LEVEL: Final = Address(7, 0x8A0E0003, 2550, [14])
 _WORD: Final = Address(0, 82, 3736, [3, 0, 2])
-#: Values of every type and form of S7comm-plus, and a block with all that an object may hold.
+#: Values of every type and form of S7comm-plus, and a block with everything that an object may contain.
 VALUES: Final[tuple[tuple[int, int, object], ...]] = (
     (0, 0, None), (0, 1, True), (0x10, 2, [1, 2, 3]), (0, 3, 7), (0x20, 4, [1, 300]), (0, 5, 1 << 60), (0, 6, -1), (0, 7, -2),
     (0, 8, -70000), (0, 9, -1 << 40), (0, 10, 1), (0, 11, 2), (0, 12, 3), (0, 13, 4), (0, 14, 1.5),
@@ -52,7 +52,7 @@ BLOCK: Final = PlusObject(0x8A0E0003, 2574, 0, 0, 0, [
 
 
 def plus_seeds(pdus: Iterable[bytes]) -> list[bytes]:
-    """Return the inputs: of PDUs of captures one of each kind, and made ones."""
+    """Return the inputs: one of each kind from PDUs of captures, and synthetic ones."""
     made = [body for octets in pdus if (body := _plus_body(octets))]
     kinds = {(body[:2], len(body) // 32): body for body in made}
     asked = [

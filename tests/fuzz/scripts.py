@@ -1,4 +1,4 @@
-"""TCP connections and datagrams as a fuzzer can write them: events of a few octets each, made packets with right headers.
+"""TCP connections and datagrams as a fuzzer can write them: events of a few octets each, turned into packets with headers.
 
 An event is an octet (bit 7: the side; bits 6-5: which connection of `FLOWS`; bits 4-0: what happens, `EVENTS`) and what that
 needs: two octets of size and the payload, an offset in the stream, flags, a step of time.
@@ -16,14 +16,14 @@ from tests.fuzz.taking import Taker
 from tests.properties.packets import ACK, EPOCH_NS, MASK, MS, Flow, Packet, Talk
 
 DATA: Final = 0  # the next octets
-AWAY: Final = 1  # octets somewhere else: an offset of two octets with a sign comes before
+AWAY: Final = 1  # octets at another place: an offset of two octets with a sign comes before
 FLAGS: Final = 2  # flags, and octets
-AGAIN: Final = 3  # the packet of so many packets ago
+AGAIN: Final = 3  # the packet this many packets ago
 WAIT: Final = 4  # time passes, or runs backwards
-FRAGMENTS: Final = 5  # octets, in IP fragments of so many times eight octets
-CUT: Final = 6  # octets, of which the capture misses so many of the last
+FRAGMENTS: Final = 5  # octets, in IP fragments of this many times eight octets
+CUT: Final = 6  # octets, the last of which (this many) are missing from the capture
 LOST: Final = 7  # octets that are not in the capture
-BARE: Final = 8  # an acknowledgement: of all, or of so much less or more
+BARE: Final = 8  # an acknowledgement: of all, or of this much less or more
 DATAGRAM: Final = 9  # octets over UDP
 EVENTS: Final = 10
 
@@ -33,7 +33,7 @@ FLOWS: Final = (
     Flow("10.0.0.1", "10.0.0.4", (49153, 1099)),
     Flow("fe80::1", "fe80::2", (49152, 102)),
 )
-#: The same with the ports of captures/scd, where the first octet says so.
+#: The same with the ports of captures/scd, if the first octet says so.
 SCD_FLOWS: Final = (
     Flow("10.0.0.1", "10.0.0.2", (49152, 102)),
     Flow("10.0.0.3", "10.0.0.2", (49152, 5601)),
@@ -42,7 +42,7 @@ SCD_FLOWS: Final = (
 )
 _SCD: Final = 2
 _STEPS_NS: Final = (0, MS, 40 * MS, 500 * MS, 1_500 * MS, 30_000 * MS, 400_000 * MS, -2_000 * MS)
-#: One script makes no more packets than this.
+#: Maximum number of packets of one script.
 MOST_PACKETS: Final = 200
 
 
@@ -51,7 +51,7 @@ def _signed(number: int) -> int:
 
 
 class Script:
-    """Plays events; ``packets`` are what the capture shows of them."""
+    """Plays events; ``packets`` are the captured ones."""
 
     def __init__(self, octets: bytes) -> None:
         self.packets: list[Packet] = []
@@ -97,7 +97,7 @@ class Script:
         if event == AWAY:
             talk.skip(side, _signed(number) & MASK)
         segment = talk.put(side, ACK, payload)
-        if event == AWAY:  # what comes next is where it was
+        if event == AWAY:  # the next event continues at the old place
             talk.next[side] = before
         if event == FRAGMENTS:
             talk.segments.clear()
@@ -130,7 +130,7 @@ _FLOW_OF: Final = {1099: 2, 5601: 1, 5600: 2, 5602: 3}
 
 
 def written(packets: Iterable[Packet]) -> bytes:
-    """Return a script that does what packets of TCP and UDP do; of connections with like addresses one script has four."""
+    """Return a script that does the same as packets of TCP and UDP; a script has four connections with similar addresses."""
     script = bytearray(b"\0")
     store = FragmentStore()
     flows: dict[bytes, int] = {}

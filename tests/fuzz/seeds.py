@@ -1,4 +1,4 @@
-"""What a fuzzer begins with: our own captures, and the shared ones where they are there, in the form of each target."""
+"""The seeds of a fuzzer: our own captures, and the shared ones if they exist, in the form of each target."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from tests.testing.golden.support import WRITTEN
 
 #: Longer captures make a fuzzer slow and show it nothing more.
 LARGEST: Final = 12 * 1024
-#: Packets of a capture that a seed takes over.
+#: Number of packets of a capture that a seed uses.
 MOST_PACKETS: Final = 50
 
 EDS: Final = """[FileInfo]
@@ -123,7 +123,7 @@ class Seeds:
         ]
 
     def pdus(self) -> list[bytes]:
-        """One PDU of each kind: by its first octets and its size, which tell most of what it is."""
+        """One PDU of each kind: by its first octets and its size, which largely determine its type."""
         kinds = {
             (pdu[:2], pdu[10:13], pdu[17:24] if pdu[1:2] == b"\x07" else pdu[17:19], len(pdu) // 64): pdu
             for parts in self._parts
@@ -190,7 +190,7 @@ def _parts(packets: Iterable[Packet]) -> _Parts:
 
 
 def _payloads(path: Path) -> list[bytes]:
-    """Return what UDP datagrams of a capture carry, one of each size."""
+    """Return the payloads of UDP datagrams of a capture, one of each size."""
     sizes = {len(packet.octets): packet.octets[42:] for packet in _packets(path.read_bytes())
              if packet.octets[23:24] == b"\x11"}  # fmt: skip
     return list(sizes.values())
@@ -203,6 +203,6 @@ def own() -> Seeds:
 
 
 def every() -> Seeds:
-    """Return the seeds of the shared captures as well, where they are there."""
+    """Return the seeds, including those of the shared captures if they exist."""
     shared: Sequence[Path] = sorted(SHARED.glob("*.pcap*"))
     return Seeds([*sorted(path for path in (ROOT / "captures").rglob("*.pcap*") if path.is_file()), *shared])

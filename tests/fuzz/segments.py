@@ -7,7 +7,7 @@ from tests.fuzz.scripts import Script
 from tests.fuzz.turns import TURNS
 from tests.properties.books import Record, Result, check_books, facts
 
-#: What stands around a packet in the buffer it is given in: more of what could be taken for a part of it.
+#: The octets around a packet in its buffer: more of what could be taken for a part of it.
 _BEFORE = b"\x03\x00\x00\x07\x02\xf0\x80"
 _BEHIND = b"\x03\x00\x00\x07\x02\xf0\x00" * 3
 
@@ -15,7 +15,7 @@ _BEHIND = b"\x03\x00\x00\x07\x02\xf0\x00" * 3
 def segments(octets: bytes) -> None:
     """Any sequence of segments: packets, octets, PDUs and connections are accounted for.
 
-    What is told does not depend on what else stands in the buffer of a packet.
+    The results do not depend on the other contents of the buffer of a packet.
     """
     packets = Script(octets).packets
     result = Result(packets)

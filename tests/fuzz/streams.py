@@ -1,7 +1,7 @@
 """Fuzz target ``streams``: the octets of one direction, cut anywhere, with holes: TPKTs, TPDUs, TSDUs, IBH-NetLink packets.
 
-The input is pieces: an octet that says what comes, two octets of size, and the octets of the piece unless it is a hole. The
-very first octet chooses whether the streams begin in step.
+The input is pieces: an octet for the kind of the next piece, two octets of size, and the octets of the piece unless it is a
+gap. The very first octet chooses whether the streams begin in step.
 """
 
 from __future__ import annotations
@@ -24,9 +24,9 @@ SYNCED: Final = 1
 HOLE: Final = 1
 CUT: Final = 2  # a hole because the capture cut the packet
 
-#: What is made of a stream in turns (`tests.fuzz.turns`): the trees of its packets; the same again, octet by octet.
+#: The outputs for a stream, in turn (`tests.fuzz.turns`): the trees of its packets; the same again, octet by octet.
 TREES, STREWN, THINGS = range(3)
-#: A piece, or None and how large a hole is, and whether it is one of the capture's making.
+#: A piece, or None and the size of a gap, and whether the gap is due to the capture.
 Piece = tuple[bytes | None, int, bool]
 
 
@@ -82,7 +82,7 @@ def _tpdus(packets: Iterable[bytes], shown: bool) -> None:
     assembler = Assembler()
     given = taken = 0
     for packet in packets:
-        assert int.from_bytes(packet[2:4], "big") >= len(packet)  # less: it covered a sound one, and ends before it
+        assert int.from_bytes(packet[2:4], "big") >= len(packet)  # if fewer, it covered a sound one, and ends before it
         tpdu = parse_tpdu(packet[4:])
         if shown:
             check_lines(tpdu_tree_lines(packet))

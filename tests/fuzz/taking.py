@@ -1,4 +1,4 @@
-"""Octets that a fuzzer made, taken piece by piece: whatever there is makes a valid input of some kind."""
+"""Octets from a fuzzer, taken piece by piece: any octets make a valid input of some kind."""
 
 from __future__ import annotations
 

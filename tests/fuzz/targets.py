@@ -1,4 +1,4 @@
-"""The fuzz targets: each takes any octets and fails where something does not hold that always should (docs/fuzzing.md)."""
+"""The fuzz targets: each takes any octets and fails if a condition is false that should always be true (docs/fuzzing.md)."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from tests.fuzz.segments import segments
 from tests.fuzz.streams import streams
 from tests.fuzz.tls import tls
 
-#: A target, how it is seeded, and the longest input a fuzzer makes.
+#: A target, its seeds, and the longest input that a fuzzer makes.
 TargetRow = tuple[Callable[[bytes], None], Callable[[Seeds], list[bytes]], int]
 
 TARGETS: Final[dict[str, TargetRow]] = {

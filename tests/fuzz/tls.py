@@ -1,9 +1,8 @@
-"""Fuzz target ``tls``: what the two sides of a TLS session send, as records, handshake messages and certificates.
+"""Fuzz target ``tls``: the data of the two sides of a TLS session, as records, handshake messages and certificates.
 
 The first octet chooses the key log: none, or one whose secrets belong to the suites of `tests.protocols.tls.sealing` and to the
-session
-of ``captures/s7plus/s7commplus-tls.pcapng``. Pieces follow: the side, whether octets are missing before it, its length, its
-octets.
+session of ``captures/s7plus/s7commplus-tls.pcapng``. Pieces follow: the side, whether octets are missing before it, its length,
+its octets.
 """
 
 from __future__ import annotations
@@ -25,7 +24,7 @@ from tests.protocols.tls.sealing import ALERT, FINISHED, HANDSHAKE, KEY_UPDATE, 
 
 CAPTURE: Final = Path(__file__).resolve().parents[2] / "captures" / "s7plus" / "s7commplus-tls.pcapng"
 SUITES: Final = (0x1301, 0x1302, 0x1303, 0x1304, 0x1305)
-#: What an unfinished record and an unfinished message of either side, and records that wait, may take.
+#: Maximum size of an unfinished record and an unfinished message of either side, and of waiting records.
 MOST_HELD: Final = MAX_WAITING + 2 * (HEADER + MAX_BODY + 2 * MAX_MESSAGE)
 _LOST: Final = 1000
 _IN_FRONT: Final = 7  # TPKT and COTP header
@@ -35,7 +34,7 @@ Flights = list[tuple[int, bytes]]
 
 
 class _Film(Observer):
-    """Collects what the COTP messages of a capture carry, in their order."""
+    """Collects the contents of the COTP messages of a capture, in order."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -48,7 +47,7 @@ class _Film(Observer):
 
 @cache
 def recorded() -> tuple[Flights, bytes]:
-    """Return what was said in our recording, and its key log."""
+    """Return the messages of our recording, and its key log."""
     film = _Film()
     run = Run([CAPTURE], film)
     while run.step():
@@ -67,7 +66,7 @@ def _ring(suite: int) -> KeyRing:
 
 
 def written(flights: Iterable[tuple[int, bytes]], kind: int, lost: int = -1) -> bytes:
-    """Return the input that says this; octets are missing before piece ``lost``."""
+    """Return the input for these messages; octets are missing before piece ``lost``."""
     pieces = [
         bytes((side | (2 if number == lost else 0),)) + len(octets).to_bytes(2, "big") + octets
         for number, (side, octets) in enumerate(flights)
@@ -84,7 +83,7 @@ def _pieces(octets: bytes) -> Iterator[tuple[int, bool, bytes]]:
 
 
 def _held(octets: bytes) -> tuple[TlsSession, Flights]:
-    """Hold the session; return it and what was opened."""
+    """Run the session; return it and the decrypted contents."""
     kind = octets[0] if octets else 0
     keys = _ring(SUITES[(kind >> 1) % len(SUITES)]) if kind & _WITH_KEYS else KeyRing()
     session = TlsSession(keys)
@@ -99,7 +98,7 @@ def _held(octets: bytes) -> tuple[TlsSession, Flights]:
 
 
 def tls(octets: bytes) -> None:
-    """Anything two sides may send: accounted for, bounded, the same each time, opened by keys only, shown safely."""
+    """Any data from two sides: accounted for, limited, the same each time, decrypted only by keys, shown safely."""
     session, found = _held(octets)
     for direction in session.directions:
         assert direction.opened + direction.shut <= direction.records

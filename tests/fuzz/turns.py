@@ -1,7 +1,7 @@
-"""What is made of an input: everything, or in long runs one thing each time, chosen by the input itself.
+"""The outputs for an input: everything, or in long runs one thing each time, chosen by the input itself.
 
-Most of an execution's time goes into what is shown of an input: a tree, a line, JSON, all of which is read back. A run that
-makes one of them each time checks less of each input, and reads up to twice as many in the same time.
+Most of an execution's time goes into its outputs: a tree, a line, JSON, all of which are read back. A run with one output each
+time checks less of each input, but reads up to twice as many in the same time.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from zlib import crc32
 
 
 class Turns:
-    """``one``: only one of the things that can be made of an input is made, the same one whenever it comes again."""
+    """``one``: only one of the possible outputs is made, always the same one for an input."""
 
     def __init__(self) -> None:
         self.one = False

@@ -1,4 +1,4 @@
-"""What those see who watch a line: plain lines, JSON lines, the rows and details of the screens, the metrics."""
+"""The outputs of a live run: plain lines, JSON lines, the rows and details of the screens, the metrics."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from tests.fuzz.checks import check_json, check_line, check_lines
 
 
 def new_watcher() -> Collector:
-    """Return what keeps every event."""
+    """Return an object that keeps every event."""
     places = Places([], False)
     return Collector(lambda connection: connection_as_dict(connection, places))
 
@@ -35,7 +35,7 @@ def check_events(events: Iterable[Event]) -> None:
 
 
 def check_screens(events: Iterable[Event], pipeline: Pipeline) -> None:
-    """Rows are as wide as they should be and safe, and so are the details of everything that is shown."""
+    """Rows have the right width and are safe, and so are the details of everything that is shown."""
     model = Model()
     model.take(events)
     clock = Clock()

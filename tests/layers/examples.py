@@ -1,6 +1,6 @@
-"""The worked examples of the protocol reference (section 8): octets, who sends them, and the line a person must see.
+"""The worked examples of the protocol reference (section 8): octets, sender, and the summary line.
 
-The octets are the reference's, whole TPKTs; tshark 4.0.17 decodes every one of them as the reference says.
+The octets are the reference's, whole TPKTs; tshark 4.0.17 decodes every one of them as in the reference.
 """
 
 # ruff: noqa: E501  # a line that a person must see stands as it is

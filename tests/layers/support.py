@@ -13,14 +13,14 @@ from scapy.utils import RawPcapReader
 from dissect.layers import S7_Part
 from tests.layers.examples import EXAMPLES
 
-#: Fields that building fills in when they are left out; of parts it is all that have no default.
+#: Fields that building fills in if they are missing; for parts these are all fields without a default.
 FILLED: Final = frozenset(("li", "length", "param_length", "data_length", "item_count", "fill"))
 
 
 def survives(dissect: Callable[[bytes], Packet], octets: bytes) -> Packet:
     """Dissect, show, copy and build again: with Scapy's cache of the original octets, and from the fields alone.
 
-    No octets are nothing to dissect: Scapy makes a packet of the defaults then, as if the class was called without any.
+    Empty octets cannot be dissected: Scapy then makes a packet of the defaults, as if the class was called without arguments.
     """
     packet = dissect(octets)
     if not octets:
@@ -64,7 +64,7 @@ def _forget(layer: Packet) -> None:
 
 
 def mutated() -> st.SearchStrategy[bytes]:
-    """Octets of the examples with some changed, cut off, or another example behind."""
+    """Octets of the examples with some changed, cut off, or followed by another example."""
     octets = st.sampled_from([example.octets for example in EXAMPLES])
     changes = st.lists(st.tuples(st.integers(0, 120), st.integers(0, 255)), max_size=4)
     return st.builds(_mutate, octets, changes, st.integers(0, 130), st.one_of(st.just(b""), octets))

@@ -1,4 +1,4 @@
-"""What the tests of the promises share."""
+"""Shared by the tests of the promises."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A capture in which each of 200 naughty strings stands wherever a device, a client or who wrote the file may say something."""
+"""A capture with each of 200 naughty strings in all places where a device, a client or the writer of the file puts text."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _BASIS: Final = (
     "\u0130\u0131iI", "\u00df\ufb01", "\u041d\u0430\u0441\u043e\u0441", "\u0634\u0643",
     "long" * 40, " ", "", "\u3000", "\u2800", "0" * 60,
 )  # fmt: skip
-#: Octets that are no UTF-8, which a TSAP, a comment or a name may hold all the same.
+#: Octets that are not UTF-8, which a TSAP, a comment or a name may contain nevertheless.
 _RAW: Final = (
     b"\xff\xfe\x80",
     b"\xc3\x28",
@@ -36,7 +36,7 @@ _RAW: Final = (
 
 
 def strings() -> list[bytes]:
-    """Return the strings: as UTF-8, as Latin-1 where there is that, and in the middle of other text."""
+    """Return the strings: as UTF-8, as Latin-1 if possible, and in the middle of other text."""
     said = [text.encode() for text in _BASIS] + list(_RAW)
     said += [text.encode("latin-1") for text in _BASIS if not text.isascii() and max(text) < "\u0100"]
     said += [b"ab" + one + b"cd" for one in said]
@@ -70,9 +70,9 @@ def _talk(number: int, said: bytes) -> Talk:
 
 
 def write(path: Path, chosen: list[bytes] | None = None) -> Path:
-    """Write the capture; the file itself says the strings in its section, interfaces, names of addresses and comments.
+    """Write the capture; the file itself has the strings in its section, interfaces, names of addresses and comments.
 
-    ``chosen`` are at least five strings to say instead of all.
+    ``chosen`` are at least five strings to use instead of all.
     """
     said = chosen or strings()
     file = Pcapng(begin=False)

@@ -1,4 +1,4 @@
-"""Processes that run a command and may be ended at any moment, made fast: one process imports everything, and is copied."""
+"""Fast processes that run a command and may be ended at any moment: one process imports everything, and is copied."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from typing import IO, Final
 
 import pytest
 
-#: Reads requests, a JSON object a line, and answers each with a line: the number of a process made, or an exit code.
+#: Reads requests, one JSON object per line, and answers each with a line: the number of a new process, or an exit code.
 _MOTHER: Final = """
 import importlib, json, os, signal, sys
 for name in ("engine", "files.anonymize.rewriter", "files.anonymize.survey", "files.recording.cutter",
@@ -85,9 +85,9 @@ class Nursery:
         again: bool = False,
         trip: tuple[Path, int] | None = None,
     ) -> int:
-        """Start a process and return its number; ``again`` and it begins anew whenever it is done.
+        """Start a process and return its number; with ``again`` it begins again whenever it is done.
 
-        ``trip`` is a file and a number: SIGINT comes when it opens that file so many times.
+        ``trip`` is a file and a number: SIGINT is sent when it opens that file for this time.
         """
         words = [str(word) for word in call]
         return self._ask(
@@ -102,7 +102,7 @@ class Nursery:
         )
 
     def wait(self, process: int) -> int:
-        """Return the exit code of a process, less than 0 where a signal ended it."""
+        """Return the exit code of a process, less than 0 for a signal."""
         return self._ask({"wait": process})
 
     def _ask(self, request: dict[str, object]) -> int:

@@ -1,4 +1,4 @@
-"""What the engine makes of packets, as plain values to compare, and the books it has to keep."""
+"""The engine's results for packets, as plain values to compare, and the accounts that it must keep."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from dissect.engine.transactions.transaction import Transaction
 from tests.properties.packets import Packet
 from tests.properties.traffic import Conversation
 
-#: A transaction by content: who asked, function, reference, octets of both PDUs, outcome, items with codes and values, errors.
+#: A transaction by content: side, function, reference, octets of both PDUs, outcome, items with codes and values, errors.
 Facts = tuple[object, ...]
 
 
 class Record(Observer):
-    """Remembers everything it is told."""
+    """Remembers everything that is reported."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -40,7 +40,7 @@ class Record(Observer):
 
 
 class Result:
-    """A pipeline after some packets, with the record of what it told."""
+    """A pipeline after some packets, with the record of its reports."""
 
     def __init__(
         self,
@@ -64,7 +64,7 @@ class Result:
 
     @property
     def transactions(self) -> list[Transaction]:
-        """Every transaction told, in order."""
+        """Every reported transaction, in order."""
         return self.record.transactions
 
     @property
@@ -74,7 +74,7 @@ class Result:
 
     @property
     def packets(self) -> dict[str, int]:
-        """What became of the packets, without the categories that are empty."""
+        """The treatment of the packets, without the empty categories."""
         return {name: count for name, count in self.pipeline.counters.packet_counts().items() if count}
 
     @property
@@ -88,9 +88,9 @@ class Result:
 
 
 def check_books(pipeline: Pipeline, record: Record | None = None) -> None:
-    """Hold a finished pipeline to its accounts: every packet, octet, PDU and connection is told of exactly once.
+    """Check the accounts of a finished pipeline: every packet, octet, PDU and connection is reported exactly once.
 
-    Without ``record`` bugs of ours may have struck; then their octets are accounted for as such.
+    Without ``record`` our bugs may have occurred; then their octets are accounted for as such.
     """
     counts = pipeline.counters.packet_counts()
     assert sum(counts.values()) == pipeline.frames, counts
@@ -143,7 +143,7 @@ def facts(transaction: Transaction) -> Facts:
 
 
 def by_connection(transactions: Iterable[Transaction]) -> dict[str, list[Facts]]:
-    """Return the facts of transactions in order, apart for each connection."""
+    """Return the facts of transactions in order, separately for each connection."""
     found: dict[str, list[Facts]] = {}
     for transaction in transactions:
         first, second = transaction.connection.tcp.ends
@@ -152,11 +152,11 @@ def by_connection(transactions: Iterable[Transaction]) -> dict[str, list[Facts]]
 
 
 def sorted_by_connection(transactions: Iterable[Transaction]) -> dict[str, list[Facts]]:
-    """Return the facts of transactions in an order that depends on nothing but themselves."""
+    """Return the facts of transactions in an order that depends only on themselves."""
     return {name: sorted(told, key=repr) for name, told in by_connection(transactions).items()}
 
 
-#: A transaction as its conversation knows it: who asked, reference, octets of both PDUs, outcome.
+#: A transaction as its conversation knows it: side, reference, octets of both PDUs, outcome.
 Known = tuple[str, int, bytes, bytes, str]
 
 

@@ -1,4 +1,4 @@
-"""Captures for the property tests: the shared public ones when they are there, and our own."""
+"""Captures for the property tests: the shared public ones if they exist, and our own."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from tests.properties.books import Record, check_books
 ROOT: Final = Path(__file__).resolve().parents[2]
 SHARED: Final = Path(os.environ.get("S7DISSECT_CORPUS") or ROOT.parent / "shared" / "captures")
 
-#: Every capture that is there, the shared ones first. (A test over none of the shared ones skips by the fixture `corpus`.)
+#: Every existing capture, the shared ones first. (A test over none of the shared ones skips by the fixture `corpus`.)
 PATHS: Final = sorted(SHARED.glob("*.pcap*")) + sorted((ROOT / "captures").rglob("*.pcap*"))
 PLAIN: Final = [path for path in PATHS if path.suffix in {".pcap", ".pcapng"}]
 
@@ -44,7 +44,7 @@ class Memory:
 
 
 def reader_of(octets: bytes) -> Reader | None:
-    """Return the reader of a plain capture in memory, None when it is none."""
+    """Return the reader of a plain capture in memory, None if it is not one."""
     source = Memory(octets)
     head = source.read(256 * 1024)
     if head[:4] in PCAP_MAGICS:
@@ -53,7 +53,7 @@ def reader_of(octets: bytes) -> Reader | None:
 
 
 def analyze(octets: bytes) -> Pipeline | None:
-    """Run a capture in memory through a strict pipeline and hold it to its books; None when it is no capture."""
+    """Run a capture in memory through a strict pipeline and check its accounts; None if it is not a capture."""
     reader = reader_of(octets)
     if reader is None:
         return None

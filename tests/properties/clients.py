@@ -1,8 +1,8 @@
-"""Made clients and servers that keep several requests under way, event by event, and the truth about each answer.
+"""Simulated clients and servers with several open requests, event by event, and the truth about each answer.
 
 A `Conversation` has a client of one or several threads, which share a TCP connection, a server that answers in order, and a
-place between them where packets are captured: what an end acknowledges is what it got by then. `shaken` puts segments together,
-cuts them and sends them again. Independent of the package.
+place between them where packets are captured: an end acknowledges what it had received by then. `shaken` joins segments, cuts
+them and sends them again. Independent of the package.
 """
 
 from __future__ import annotations
@@ -42,10 +42,10 @@ NEVER: Final = 1 << 60
 
 
 class Deal:
-    """A request and what the server makes of it: it takes ``service_ns``, or never answers where that is `NEVER`.
+    """A request and its treatment by the server: it takes ``service_ns``, or never answers if that is `NEVER`.
 
-    ``again`` is the request that this one repeats, octet by octet: nothing tells the two apart, so that an answer to one is as
-    good as one to the other.
+    ``again`` is the request that this one repeats, octet by octet: they cannot be told apart, so an answer to one is as good as
+    one to the other.
     """
 
     def __init__(
@@ -59,14 +59,14 @@ class Deal:
 
 
 class Mark(NamedTuple):
-    """A message that a packet carries, or a part of it: the request or the answer of a deal."""
+    """A message in a packet, or a part of it: the request or the answer of a deal."""
 
     deal: Deal
     answers: bool
 
 
 class Captured(NamedTuple):
-    """A packet where it is captured, and the messages that it carries."""
+    """A packet at the place of capture, and the messages in it."""
 
     time_ns: int
     segment: Segment
@@ -74,11 +74,11 @@ class Captured(NamedTuple):
 
 
 class Manners(NamedTuple):
-    """How the ends of a conversation behave.
+    """The behaviour of the ends of a conversation.
 
     ``threads`` wait for an answer each; ``timeout_ns`` is how long, ``pause_ns`` how long they rest before the next request.
-    ``retries``: what got no answer in time is asked once more. ``naive``: the client takes any answer for that of the request
-    that waits longest, and the sockets keep what comes too late for the next one. ``early``: ends acknowledge by empty DTs.
+    ``retries``: a request without an answer in time is sent once more. ``naive``: the client takes any answer as that of the
+    request that waits longest, and the sockets keep late ones for the next request. ``early``: ends acknowledge by empty DTs.
     ``delays_ns`` are those from the client to the place of the capture and from there to the server, ``ack_ns`` how long an end
     waits for something to send with an acknowledgement.
     """
@@ -98,7 +98,7 @@ class Manners(NamedTuple):
 
 
 class Conversation:
-    """What is captured of ``deals``, asked in their order by a client with those ``manners``."""
+    """The captured packets of ``deals``, requested in their order by a client with those ``manners``."""
 
     def __init__(self, rng: Random, deals: Sequence[Deal], manners: Manners) -> None:
         self.packets: list[Captured] = []
@@ -110,11 +110,11 @@ class Conversation:
         self._numbers = count()
         start = [rng.randrange(MASK), rng.randrange(MASK)]
         self._seq = list(start)
-        self._got = list(start)  # what the other end has of what each end sent
-        self._acked = list(start)  # what the other end acknowledged of it
+        self._got = list(start)  # the octets that the other end has from each end
+        self._acked = list(start)  # the octets of these that the other end acknowledged
         self._next = list(reversed(deals))
         self._waiting: list[Deal] = []  # the oldest first
-        self._kept = 0  # answers in the socket that nobody waited for
+        self._kept = 0  # unexpected answers in the socket
         self._busy_ns = 0
         self._under_way = 0
         self._ended = False
@@ -135,7 +135,7 @@ class Conversation:
         return sum(self._manners.delays_ns)
 
     def _send(self, side: int, payload: bytes, flags: int = ACKED, marks: tuple[Mark, ...] = ()) -> None:
-        """Send a segment, with an acknowledgement of what its sender has by now."""
+        """Send a segment, with an acknowledgement of everything that its sender has received by now."""
         seq = self._seq[side]
         end = self._seq[side] = seq + len(payload) + bool(flags & SYN) + bool(flags & FIN)
         acked = self._got[1 - side] if flags & ACKED else 0
@@ -148,7 +148,7 @@ class Conversation:
             self._after(self._way_ns, partial(self._arrives, side, end))
 
     def _arrives(self, side: int, end: int) -> None:
-        """The other end has what ``side`` sent; it acknowledges that by itself after a while."""
+        """The other end receives what ``side`` sent; it acknowledges it after a while."""
         self._got[side] = end
         self._after(self._manners.ack_ns, partial(self._acknowledges, side, end))
 
@@ -179,7 +179,7 @@ class Conversation:
             self._after(start + number * MS // 5, self._asks_next)
 
     def _asks_next(self) -> None:
-        """A thread of the client asks the next request; where there is none, it ends, and the last one hangs up."""
+        """A thread of the client sends the next request; if there is none, it ends, and the last one closes the connection."""
         if self._next:
             self._under_way += 1
             self._ask(self._next.pop())
@@ -212,7 +212,7 @@ class Conversation:
         self._after(self._manners.pause_ns, self._asks_next)
 
     def _serves(self, deal: Deal) -> None:
-        """The server has a request. It does one after the other."""
+        """The server has a request. It handles one after the other."""
         if self._rng.random() < self._manners.pushes:
             self._send(SERVER, dt(userdata(0, 0, 4, 3, self._rng.randbytes(20))))
         if deal.service_ns >= NEVER:
@@ -242,7 +242,7 @@ class Conversation:
             self._kept += 1
 
     def _takes_any(self) -> None:
-        """The request that waits longest takes the answer that is there."""
+        """The request that waits longest takes the available answer."""
         if self._waiting:
             del self._waiting[0]
             self._rests()
@@ -254,7 +254,7 @@ class Conversation:
             self._after(self._way_ns, partial(self._hangs_up, ending))
 
     def _hangs_up(self, ending: str) -> None:
-        """The server hears that the client is gone: it answers nothing more."""
+        """The server notices that the client is gone, and answers nothing more."""
         self._hung_up = True
         if ending == "fin":
             self._send(SERVER, b"", FIN | ACKED)
@@ -264,7 +264,7 @@ class Conversation:
 
 
 def shaken(rng: Random, packets: Sequence[Captured], joined: float, cut: float, copied: float) -> list[Captured]:
-    """Put neighbouring segments of a side together, cut some in two, and send some again 200 ms later; each is a share."""
+    """Join neighbouring segments of a side, cut some in two, and send some again 200 ms later; each argument is a share."""
     together: list[Captured] = []
     for packet in packets:
         last = together[-1].segment if together else None
@@ -290,14 +290,14 @@ def shaken(rng: Random, packets: Sequence[Captured], joined: float, cut: float, 
 
 
 def _again(packet: Captured, sent: Sequence[Captured]) -> Captured:
-    """Return a packet that is sent once more after 200 ms, with what its side acknowledges by then."""
+    """Return a packet that is sent once more after 200 ms, with the acknowledgement of its side at that time."""
     time_ns = packet.time_ns + 200 * MS
     before = [other.segment for other in sent if other.time_ns <= time_ns and other.segment.side == packet.segment.side]
     return Captured(time_ns, packet.segment._replace(ack=before[-1].ack), packet.marks)
 
 
 def _pieces(rng: Random, packet: Captured) -> list[Captured]:
-    """Cut a segment in two, behind the header of its TPKT; which of them comes last and completes its message is open."""
+    """Cut a segment in two, after the header of its TPKT; either of the two may come last and complete its message."""
     segment = packet.segment
     if len(segment.payload) < 20 or len(packet.marks) > 1:
         return [packet]
@@ -311,7 +311,7 @@ def _pieces(rng: Random, packet: Captured) -> list[Captured]:
 
 
 def references(rng: Random) -> Iterator[int]:
-    """Count references the way a client does: up by one, with the octets swapped, at random; all wrap, and none comes twice."""
+    """Count references as clients do: up by one, with the octets swapped, at random; all wrap, and none occurs twice."""
     start = rng.choice((0, 1, 0xFFF0, rng.randrange(0x10000)))
     manner = rng.choice(("up", "swapped", "random"))
     if manner == "random":
@@ -351,6 +351,6 @@ def anything(rng: Random, ref: int, number: int) -> tuple[bytes, bytes]:
 
 
 def at_once(rng: Random) -> tuple[int, int]:
-    """Return the threads of a client and the jobs that were agreed, mostly enough of them."""
+    """Return the threads of a client and the agreed number of jobs, which is mostly sufficient."""
     threads = rng.choice((1, 1, 2, 3, 8))
     return threads, rng.choice((1, 3, 8)) if rng.random() < 0.1 else max(threads, rng.choice((1, 3, 8)))

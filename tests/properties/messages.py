@@ -42,7 +42,7 @@ SIZES: Final = {
 }
 
 
-#: What Siemens stacks send to acknowledge an answer (reference 2.5).
+#: The acknowledgement of an answer by Siemens stacks (reference 2.5).
 EMPTY_DT: Final = dt(b"", eot=False)
 
 
@@ -88,7 +88,7 @@ class Item(NamedTuple):
         return any_item(self.size, self.length, self.db, self.area, self.address)
 
     def data(self, content: bytes, code: int = 0xFF) -> bytes:
-        """Return the data item that carries ``content``; with another ``code`` than success it carries nothing."""
+        """Return the data item with ``content``; with a ``code`` other than success it is empty."""
         if code not in {0xFF, 0x00}:
             return refused_item(code)
         return data_item(code, SIZES[self.size][1], content, self.length if self.size == 0x01 else None)
@@ -100,7 +100,7 @@ def read_job(ref: int, items: Sequence[Item]) -> bytes:
 
 
 def read_answer(ref: int, items: Sequence[Item], contents: Sequence[bytes | int]) -> bytes:
-    """Return the answer to a Read Var: for each item its content, or the return code that refuses it."""
+    """Return the answer to a Read Var: for each item its content, or the return code of its refusal."""
     pieces = [
         item.data(b"", content) if isinstance(content, int) else item.data(content)
         for item, content in zip(items, contents, strict=True)

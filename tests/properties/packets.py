@@ -26,7 +26,7 @@ EPOCH_NS: Final = 1_709_528_767 * 1_000_000_000
 
 
 class Packet(NamedTuple):
-    """One packet the way a source delivers it."""
+    """One packet as a source delivers it."""
 
     time_ns: int
     octets: bytes
@@ -56,7 +56,7 @@ class Segment(NamedTuple):
 
 
 class Flow:
-    """The addresses of one TCP connection, side 0 first, and what its packets are wrapped in."""
+    """The addresses of one TCP connection, side 0 first, and the layers around its packets."""
 
     def __init__(
         self,
@@ -146,7 +146,7 @@ def cut_to(packet: Packet, size: int) -> Packet:
 
 
 class Talk:
-    """A TCP connection being written down, segment by segment; each side acknowledges all it was sent."""
+    """A TCP connection, recorded segment by segment; each side acknowledges everything that it got."""
 
     def __init__(self, flow: Flow | None = None, isns: tuple[int, int] = (1000, 500_000)) -> None:
         self.flow = flow if flow is not None else Flow()
@@ -161,7 +161,7 @@ class Talk:
         return segment
 
     def handshake(self) -> Talk:
-        """Open the connection: side 0 asks."""
+        """Open the connection: side 0 begins."""
         self.put(0, SYN)
         self.put(1, SYN | ACK)
         self.put(0, ACK)
@@ -174,7 +174,7 @@ class Talk:
         return self
 
     def skip(self, side: int, size: int) -> Talk:
-        """Let ``size`` octets of ``side`` be missing from the capture."""
+        """Omit ``size`` octets of ``side`` from the capture."""
         self.next[side] = (self.next[side] + size) & MASK
         return self
 

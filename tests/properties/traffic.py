@@ -1,8 +1,7 @@
-"""Made S7 conversations and the truth about them, independent of the package.
+"""Synthetic S7 conversations and the truth about them, independent of the package.
 
-A `Conversation` is what two ends say to each other, message by message in order of time, together with its `Deal`s: what was
-asked, what was answered, and where in the octets of each side it stands. `segments` turns it into TCP segments; `reordered`
-and `merged` make what a capture shows of them.
+A `Conversation` has the messages of two ends in order of time, together with its `Deal`s: the requests, the answers, and their
+positions in the octets of each side. `segments` turns it into TCP segments; `reordered` and `merged` produce the captured form.
 """
 
 from __future__ import annotations
@@ -36,20 +35,20 @@ class Deal:
 
     @property
     def outcome(self) -> str:
-        """Return what a report has to call it."""
+        """Return the outcome that a report must state."""
         if self.request:
             return "answered" if self.response else "unanswered"
         pushed = self.response[1] == messages.USERDATA and self.response[15] >> 6 == 0
         return "unsolicited" if pushed else "orphan_answer"
 
     def touched(self, side: int, span: Span) -> bool:
-        """Tell whether octets ``span`` of what ``side`` sent belong to it."""
+        """Return whether octets ``span`` that ``side`` sent belong to it."""
         start, end = self.request_span if side == self.asked_by else self.response_span
         return start < span[1] and span[0] < end
 
 
 class Message(NamedTuple):
-    """What one side hands to its TCP at once."""
+    """Data that one side gives to its TCP at once."""
 
     side: int
     octets: bytes
@@ -67,7 +66,7 @@ class Conversation:
         self._said = [0, 0]
 
     def say(self, side: int, *pieces: bytes) -> Span:
-        """Let ``side`` send octets in one message; return where they stand in all it sent."""
+        """Let ``side`` send octets in one message; return their position in its stream."""
         octets = b"".join(pieces)
         start = self._said[side]
         self._said[side] += len(octets)
@@ -106,10 +105,10 @@ class Conversation:
 
 
 class _End:
-    """How one end numbers its requests.
+    """The way in which one end numbers its requests.
 
-    Where several may be open, one that nobody answers stays open for as long as a conversation takes: its reference is not
-    used again, because nothing would tell which of the two an answer is meant for.
+    If several may be open, an unanswered one stays open to the end of the conversation: its reference is not reused, because it
+    would be unclear to which of the two an answer belongs.
     """
 
     def __init__(self, rng: Random) -> None:
@@ -203,7 +202,7 @@ def _round(rng: Random, conversation: Conversation, ends: Sequence[_End], most: 
 def conversation(
     rng: Random, flow: Flow, rounds: int, *, midstream: bool = False, silent: float = 0.03
 ) -> Conversation:
-    """Return a conversation of many kinds. ``silent`` is the share of requests that nobody answers."""
+    """Return a conversation of many kinds. ``silent`` is the share of unanswered requests."""
     made = Conversation(flow, handshake=not midstream, ending=rng.choice(("", "fin", "reset")))
     most = rng.choice((1, 1, 2, 3))
     if midstream:
@@ -220,7 +219,7 @@ def conversation(
 
 
 def conversations(rng: Random, count: int, rounds: int, *, silent: float = 0.03) -> list[Conversation]:
-    """Return several conversations, each with a client of its own; one in five is met in its midst."""
+    """Return several conversations, each with its own client; one in five is captured from the middle on."""
     return [
         conversation(rng, Flow(f"10.0.1.{number + 1}"), rounds, midstream=rng.random() < 0.2, silent=silent)
         for number in range(count)
@@ -238,16 +237,16 @@ def segments(
 ) -> list[Segment]:
     """Return a conversation as TCP segments in order of time.
 
-    ``cut`` is the share of messages sent in several segments, ``join`` that of messages of one side which travel with
-    the next, ``acks`` that of messages acknowledged by an empty segment. Without ``rng`` each message is a segment. What
-    a side says first in a conversation met in its midst is never cut: nobody could know it from the middle of a TPKT.
+    ``cut`` is the share of messages sent in several segments, ``join`` that of messages of one side which travel with the next,
+    ``acks`` that of messages acknowledged by an empty segment. Without ``rng`` each message is a segment. The first message of
+    a side in a conversation captured from the middle on is never cut: it could not be recognised from the middle of a TPKT.
     """
     rng = rng if rng is not None else Random(0)
     talk = Talk(made.flow, isns)
     if made.handshake:
         talk.handshake()
     waiting = b""
-    known = {0, 1} if made.handshake else set()  # sides of which the capture knows where they begin
+    known = {0, 1} if made.handshake else set()  # sides whose beginning the capture shows
     for at, (side, octets) in enumerate(made.messages):
         waiting += octets
         followed = at + 1 < len(made.messages) and made.messages[at + 1].side == side
@@ -269,14 +268,14 @@ def _cut(rng: Random, octets: bytes, share: float) -> list[bytes]:
     if rng.random() >= share or len(octets) < 2:
         return [octets]
     places = {rng.randrange(1, len(octets)) for _ in range(rng.choice((1, 1, 2, 5)))}
-    # After a loss, a segment that begins with these two octets is taken for the beginning of a TPKT, by anybody.
+    # After a loss, every reader takes a segment that begins with these two octets for the beginning of a TPKT.
     cuts = [place for place in sorted(places) if octets[place : place + 2] != b"\x03\x00"]
     edges = [0, *cuts, len(octets)]
     return [octets[start:end] for start, end in pairwise(edges)]
 
 
 def merged(rng: Random, streams: Sequence[Sequence[Segment]]) -> list[Segment]:
-    """Return segments of several connections in one order that keeps that of each connection."""
+    """Return segments of several connections in one order that keeps the order of each connection."""
     order = [number for number, stream in enumerate(streams) for _ in stream]
     rng.shuffle(order)
     sources = [iter(stream) for stream in streams]
@@ -284,7 +283,7 @@ def merged(rng: Random, streams: Sequence[Sequence[Segment]]) -> list[Segment]:
 
 
 def _fixed(sent: Sequence[Segment]) -> int:
-    """Return how many segments have to keep their place, so that the capture knows where each direction begins."""
+    """Return how many segments must keep their place, so that the capture shows where each direction begins."""
     if sent and not sent[0].payload:
         return 3  # the handshake
     begun: set[int] = set()
@@ -297,7 +296,7 @@ def _fixed(sent: Sequence[Segment]) -> int:
 
 
 def reordered(rng: Random, sent: Sequence[Segment], reach: float, copies: float = 0.0) -> list[Segment]:
-    """Return the segments of one connection the way a capture shows them that moves packets up to ``reach`` places.
+    """Return the segments of one connection as in a capture that moves packets by up to ``reach`` places.
 
     A share ``copies`` is there a second time, after the first.
     """

@@ -9,5 +9,5 @@ from tests.recount.gathering import CAPTURES, Recounted, captures_in, recounted
 
 @pytest.fixture(scope="session")
 def project() -> list[Recounted]:
-    """What is said of every capture of the project, recounted."""
+    """The statements about every capture of the project, recounted."""
     return [recounted(path) for path in captures_in(CAPTURES)]

@@ -1,4 +1,4 @@
-"""What is counted of each rule that transactions show by themselves."""
+"""Counts for each rule that transactions show directly."""
 
 from __future__ import annotations
 
@@ -8,27 +8,28 @@ from typing import Final
 from tests.recount.recount import Json, item_errors
 
 _WRITE: Final = 5
-#: What writes variables in S7comm-plus, and what may do so in contents that its row does not show as items.
+#: The function that writes variables in S7comm-plus, and those that may do so in contents that their row does not show as
+#: items.
 _PLUS_WRITE: Final = "SetMultiVariables"
 _PLUS_ALSO: Final = frozenset(("SetVariable", "SetVarSubStreamed"))
 _OUTPUTS: Final = frozenset((0x80, 0x82))
-#: Kinds of messages of S7comm with functions: others are judged by what they carry.
+#: Kinds of messages of S7comm with functions: others are judged by their contents.
 _JOB: Final = 1
-#: Where an error stands that refuses a request as a whole.
+#: Places of an error that refuses a request as a whole.
 WHOLE: Final = frozenset(("header", "parameter", "data"))
 
 Rule = Callable[[list[Json]], list[Json] | None]
 
 
 def _refused(rows: list[Json]) -> list[Json] | None:
-    """Requests that were refused as a whole; None where S7comm-plus has refusals of its own."""
+    """Requests that were refused as a whole; None if S7comm-plus has its own refusals."""
     if any([one.get("s7plus") or one.get("protocol") for one in rows]):
         return None
     return [one for one in rows if any([error["where"] in WHOLE for error in one["errors"]])]
 
 
 def _writes(rows: list[Json]) -> list[Json] | None:
-    """Writes to areas, of S7comm and S7comm-plus; None where other functions write as well."""
+    """Writes to areas, of S7comm and S7comm-plus; None if other functions write as well."""
     if any([one["userdata"]["group"] == 1 for one in rows if one.get("userdata")]):
         return None
     if any([one["function"]["name"] in _PLUS_ALSO for one in rows if one.get("s7plus")]):
@@ -45,7 +46,7 @@ def _is_write(one: Json) -> bool:
 
 
 def _accepted(outputs: bool) -> Rule:
-    """Return what finds writes with an accepted item of outputs, or of other areas."""
+    """Return a function that finds writes with an accepted item of outputs, or of other areas."""
 
     def found(rows: list[Json]) -> list[Json] | None:
         writes = _writes(rows)
@@ -70,11 +71,11 @@ def _writes_refused(rows: list[Json]) -> list[Json] | None:
 
 
 def _has_codes(one: Json) -> bool:
-    """Return whether anything of a write was refused: without a return code it is not known."""
+    """Return whether a write was refused in part: without a return code this is unknown."""
     return any([error["code"] is not None for error in one["errors"]])
 
 
-#: The transactions that show a rule, one for each time it applied; None where they do not tell.
+#: The transactions that show a rule, one for each time it applied; None if they do not show it.
 RULES: Final[Mapping[str, Rule]] = {
     "transaction.item_error": item_errors,
     "transaction.unanswered": lambda rows: [one for one in rows if one["missed"]],
@@ -83,7 +84,7 @@ RULES: Final[Mapping[str, Rule]] = {
     "security.write_outputs": _accepted(True),
     "security.write_refused": _writes_refused,
 }
-#: Those that report each event. The others report the first of a connection, and count the rest.
+#: Rules that report each event. The others report the first event of a connection, and count the rest.
 EACH: Final = frozenset(("transaction.item_error", "transaction.unanswered", "transaction.refused"))
 
 

@@ -21,7 +21,7 @@ _SIZES: Final = re.compile(
 
 
 def negotiated(capture: Capture, reader: Reader) -> Iterator[Claim]:
-    """TSAPs and sizes of connections, as connect requests and setups have them."""
+    """TSAPs and sizes of connections, from connect requests and setups."""
     for block in _BLOCK.finditer(reader.text):
         number = int(block[1])
         cotp = [one["cotp"] for one in capture.pdus if one["connection"] == number and one.get("cotp")]
@@ -45,7 +45,7 @@ def negotiated(capture: Capture, reader: Reader) -> Iterator[Claim]:
 
 
 def endings(capture: Capture, reader: Reader) -> Iterator[Claim]:
-    """Who closed or reset a connection, and in which packet; what was pending then."""
+    """The side that closed or reset a connection, and the packet; the requests pending then."""
     segments = _segments(capture)
     for block in _BLOCK.finditer(reader.text):
         pattern = re.compile(r"(closed|reset) by the (client|server) at packet (\d+)")
@@ -100,7 +100,7 @@ def names(capture: Capture, reader: Reader) -> Iterator[Claim]:
 
 
 def brief_head(capture: Capture, reader: Reader) -> Iterator[Claim]:
-    """The second line of `--brief`: from when to when, and what became of the transactions."""
+    """The second line of `--brief`: the time span, and the outcomes of the transactions."""
     found = re.search(
         r"^  from (\S+ \S+ UTC) to (\S+ \S+ UTC); (\d+) transactions?(?:, (\d+) with errors)?(?:, (\d+) unanswered)?",
         reader.text,
@@ -123,7 +123,7 @@ _CARD: Final = re.compile(r"^(\S+)  (?:CPU|S7 server|engineering|panel|OPC|unkno
 
 
 def cards(capture: Capture, reader: Reader) -> Iterator[Claim]:
-    """When a device was seen, which packet shows that it answers, and how often it was read and written."""
+    """When a device was seen, the packet that shows its answers, and the numbers of reads and writes."""
     if capture.in_vlans:
         return
     for card in _CARD.finditer(reader.text):
@@ -169,14 +169,14 @@ def _uses(capture: Capture, reader: Reader, card: re.Match[str]) -> Iterator[Cla
 
 
 def page_findings(capture: Capture, reader: Reader) -> Iterator[Claim]:
-    """How often rules applied, as the headings of findings on the page say."""
+    """How often rules applied, according to the headings of findings on the page."""
     for found in re.finditer(r'<span class="quiet">([a-z_0-9]+\.[a-z_0-9]+), ([\d,]+) times', reader.text):
         events = capture.events(RULES, found[1])
         if events is not None:
             yield reader.number("page: times it happened", found, 2, len(events))
 
 
-#: Who finds what in which output.
+#: The functions for each output.
 DETAILS: Final[Mapping[str, tuple[Kind, ...]]] = {
     "analyze.txt": (negotiated, endings, names),
     "brief.txt": (brief_head,),

@@ -1,4 +1,4 @@
-"""The outputs of all captures of the project, and of the shared ones, with the claims that are recounted in them."""
+"""The outputs for all captures of the project and for the shared ones, with the claims in them that are recounted."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from tests.recount.outputs import outputs_of
 from tests.recount.recount import Claim, recount, table
 
 CAPTURES: Final = Path(__file__).resolve().parents[2] / "captures"
-#: Shared captures up to this size are recounted: those beyond poll for hours.
+#: Shared captures up to this size are recounted: larger ones poll for hours.
 MOST_BYTES: Final = 3_000_000
 
 
 class Recounted(NamedTuple):
-    """A capture, what is said of it, and what was recounted."""
+    """A capture, the statements about it, and the recounted numbers."""
 
     path: Path
     outputs: dict[str, str]
@@ -36,14 +36,14 @@ def captures_in(folder: Path, most: int = MOST_BYTES) -> list[Path]:
 
 
 def recounted(path: Path) -> Recounted:
-    """Read a capture, and recount what is said of it."""
+    """Read a capture, and recount the statements about it."""
     with TemporaryDirectory() as folder:
         outputs = outputs_of(path, Path(folder))
     return Recounted(path, outputs, recount(outputs, path, KINDS))
 
 
 def differences(found: Iterable[Recounted]) -> str:
-    """Return what differs, a line each."""
+    """Return the differences, one per line."""
     return "\n".join(
         f"{one.path.name}, {claim.face}: {claim.kind}: says {claim.said!r}, counted {claim.counted}"
         for one in found

@@ -1,4 +1,4 @@
-"""Where numbers stand in what `analyze`, `--brief`, `devices`, `operations` and `transactions` write, and what each counts.
+"""The places of numbers in the output of `analyze`, `--brief`, `devices`, `operations` and `transactions`, each with its count.
 
 A function finds the sentences of some kinds in one output and yields a `Claim` for every number, name or time in them.
 `tests.recount.pages` does the same for the report page, the screens, alerts and exports.
@@ -39,7 +39,7 @@ from tests.recount.recount import (
 
 Count = Callable[[Iterable[Json]], int]
 
-#: What is said of transactions in a list behind a number: in the headline, of a connection, of a host.
+#: Counts of transactions in a list after a number: in the headline, of a connection, of a host.
 SAID: Final[tuple[tuple[str, str, Count], ...]] = (
     ("answered", r"(\d+) answered", answered),
     ("only likely", r"(\d+) only likely", likely),
@@ -54,7 +54,7 @@ SAID: Final[tuple[tuple[str, str, Count], ...]] = (
 
 
 def said_of(reader: Reader, kind: str, begin: int, end: int, rows: list[Json]) -> Iterator[Claim]:
-    """Yield the claims of `SAID` in a part of a text; what is not said has to be none."""
+    """Yield the claims of `SAID` in a part of a text; counts that are not mentioned must be 0."""
     for name, pattern, count in SAID:
         found = re.compile(pattern).search(reader.text, begin, end)
         if found is not None:
@@ -103,7 +103,7 @@ _CONNECTION: Final = re.compile(
 
 
 def connections(capture: Capture, reader: Reader) -> Iterator[Claim]:
-    """The connections: their ends, PDUs, and what became of their requests."""
+    """The connections: their ends, PDUs, and the results of their requests."""
     for found in _CONNECTION.finditer(reader.text):
         number = int(found[1])
         rows = capture.by_connection.get(number, [])
@@ -131,7 +131,7 @@ _COLUMNS: Final[Mapping[str, Count]] = {
 
 
 def functions(capture: Capture, reader: Reader) -> Iterator[Claim]:
-    """The table of functions: how many, and how long their answers took."""
+    """The table of functions: number of transactions and answer times."""
     table = _TABLE.search(reader.text)
     if table is None:
         return
@@ -186,7 +186,7 @@ def rows_of(capture: Capture, reader: Reader, kind: str, begin: int, end: int) -
 
 
 def failed(capture: Capture, reader: Reader) -> Iterator[Claim]:
-    """Failed transactions: how many there are, and which packets and answer times they have."""
+    """Failed transactions: their number, packets and answer times."""
     begin, end = _part(reader, "Failed transactions")
     rows = [one for one in capture.transactions if one["errors"] or one["missed"]]
     found = re.compile(r"first (\d+) of (\d+)").search(reader.text, begin, end)
@@ -219,7 +219,7 @@ _FINDING: Final = re.compile(
 
 
 def findings(capture: Capture, reader: Reader) -> Iterator[Claim]:
-    """How often rules applied, since when and until when, on how many connections, and what is shown of it."""
+    """How often rules applied, since when and until when, on how many connections, and the findings that are shown."""
     for found in _FINDING.finditer(reader.text):
         yield from _explained_too(capture, reader, found)
         events = capture.events(RULES, found[1])
@@ -234,7 +234,7 @@ def findings(capture: Capture, reader: Reader) -> Iterator[Claim]:
 
 
 def _explained_too(capture: Capture, reader: Reader, found: re.Match[str]) -> Iterator[Claim]:
-    """Of a rule that other findings explain at times, both together are all events."""
+    """For a rule that other findings sometimes explain, both together are all events."""
     because = capture.explained.get(found[1], 0)
     if because and found[1] in EACH and found[2]:
         events = RULES[found[1]](capture.transactions)
@@ -261,7 +261,7 @@ def _facts(reader: Reader, finding: re.Match[str], events: list[Json]) -> Iterat
 
 
 def _shown(reader: Reader, finding: re.Match[str], events: list[Json], each: bool) -> Iterator[Claim]:
-    """Check the packets of the findings that are shown, and how many more there are."""
+    """Check the packets of the findings that are shown, and the number of the others."""
     begin, end = finding.span(3)
     shown = 0
     frames = [{one["request_frame"], one["response_frame"]} - {None} for one in events]
@@ -288,7 +288,7 @@ def _shown(reader: Reader, finding: re.Match[str], events: list[Json], each: boo
 
 
 def gaps(capture: Capture, reader: Reader) -> Iterator[Claim]:
-    """Bytes missing from the capture, where they can be counted in the plain way."""
+    """Bytes missing from the capture, if they can be counted in the simple way."""
     found = re.search(r"^  \d+ gaps? in the TCP streams, (\d+) bytes? missing", reader.text, re.MULTILINE)
     if found is not None and capture.missing is not None and capture.missing[0]:
         yield reader.number("completeness: bytes missing", found, 1, capture.missing[0])
@@ -326,7 +326,7 @@ def brief(capture: Capture, reader: Reader) -> Iterator[Claim]:
 
 
 def servers_of(capture: Capture) -> dict[int, str]:
-    """Return the host of the server of each connection: who answers setups and connect requests."""
+    """Return the host of the server of each connection: the end that answers setups and connect requests."""
     found: dict[int, str] = {}
     for one in capture.pdus:
         cotp = one.get("cotp") or {}
@@ -350,7 +350,7 @@ _CARD: Final = re.compile(r"^(\S+)  (?:CPU|S7 server|engineering|panel|OPC|unkno
 
 
 def devices(capture: Capture, reader: Reader) -> Iterator[Claim]:
-    """The card of each device: what it answered and how fast, and what each client asked of it."""
+    """The card of each device: its answers and their times, and the requests of each client."""
     if capture.in_vlans:
         return
     servers = servers_of(capture)
@@ -422,7 +422,7 @@ _LINE: Final = re.compile(
 
 
 def transactions(capture: Capture, reader: Reader) -> Iterator[Claim]:
-    """The lines of `transactions`: when, which packets, and how long it took."""
+    """The lines of `transactions`: time, packets, and duration."""
     for found in _LINE.finditer(reader.text):
         one = capture.by_number[int(found[2])]
         at = one["request_time"] or one["response_time"]
@@ -436,7 +436,7 @@ def transactions(capture: Capture, reader: Reader) -> Iterator[Claim]:
 
 
 def operations(capture: Capture, reader: Reader) -> Iterator[Claim]:
-    """The lines of `operations`: when they began and how long they took, by the times of their packets."""
+    """The lines of `operations`: begin and duration, by the times of their packets."""
     for found in _LINE.finditer(reader.text):
         first, last = capture.time_ns(int(found[3])), capture.time_ns(int(found[4])) if found[4] != "?" else None
         if first is not None:
@@ -452,7 +452,7 @@ _OWN: Final[Mapping[str, tuple[Kind, ...]]] = {
     "transactions.txt": (transactions,),
     "operations.txt": (operations,),
 }
-#: Who finds what in which output.
+#: The functions for each output.
 KINDS: Final[Mapping[str, tuple[Kind, ...]]] = {
     face: (*_OWN.get(face, ()), *PAGES.get(face, ()), *DETAILS.get(face, ())) for face in (*_OWN, *PAGES)
 }

@@ -1,4 +1,4 @@
-"""What every face says of one capture, from one reading: the texts that `tests.recount.recount` reads."""
+"""The output of every face for one capture, from one reading: the texts that `tests.recount.recount` reads."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ from dissect.wire.text import Clock
 from tests.faces.reading import options_of
 from tests.online.monitor.support import ended, events_of
 
-#: Reports every finding once, and counts what comes after it.
+#: Reports every finding once, and counts the later ones.
 RULES: Final = '[[rule]]\nname = "all"\nwhen = "finding"\nfinding = "note"\ncooldown = "10d"\nburst = 10000\n'
 #: Tables of an export whose cells are recounted.
 EXPORTED: Final = ("connections", "findings", "finding_counts")
@@ -94,7 +94,7 @@ class _Written:
 
 
 def outputs_of(path: Path, folder: Path) -> dict[str, str]:
-    """Return what the faces say of a capture, by the name of the face; ``folder`` takes the file of an export."""
+    """Return the output of the faces for a capture, by the name of the face; ``folder`` takes the file of an export."""
     gathered = Gathered(Rows([path.name], Clock(), {}))
     written, tables, alerts = _Written(), _Rows(), list[Alert]()
     engine = AlertEngine(parse_rules(RULES), None, alerts.append)

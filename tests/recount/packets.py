@@ -1,6 +1,6 @@
-"""Packets of a capture file, read in the plainest way: times, lengths, and the payload of TCP over IPv4 on Ethernet.
+"""Packets of a capture file, read in the simplest way: times, lengths, and the payload of TCP over IPv4 on Ethernet.
 
-Nothing of the package is imported: what it says of packets is compared with this.
+Nothing of the package is imported: its statements about packets are compared with this.
 """
 
 from __future__ import annotations
@@ -18,12 +18,12 @@ _FIN: Final = 1
 _SYN: Final = 2
 _RST: Final = 4
 _HALF: Final = 0x7FFFFFFF
-#: Fewer bytes than these behind the last captured ones are no message.
+#: Fewer bytes than these after the last captured ones are not a message.
 _LEAST: Final = 4
 
 
 class Packet(NamedTuple):
-    """A packet: when, of which link, and what was captured of how many bytes."""
+    """A packet: its time, its link, the captured bytes, and its size."""
 
     time_ns: int
     link: int
@@ -32,7 +32,7 @@ class Packet(NamedTuple):
 
 
 class Segment(NamedTuple):
-    """A TCP segment: who sends to whom, its numbers, its flags and how many bytes it carries."""
+    """A TCP segment: sender and receiver, its numbers, its flags and its payload size."""
 
     flow: tuple[bytes, bytes]
     seq: int
@@ -42,7 +42,7 @@ class Segment(NamedTuple):
 
 
 def packets_of(path: Path) -> list[Packet] | None:
-    """Return the packets of a file; None for a form that this does not read, or where the file is cut off or compressed."""
+    """Return the packets of a file; None for a format that this does not read, or if the file is cut off or compressed."""
     data = path.read_bytes()
     try:
         if data[:4] in _PCAP:
@@ -103,7 +103,7 @@ def _resolution(options: bytes, order: str) -> int:
 
 
 def segments_of(packets: list[Packet]) -> list[Segment] | None:
-    """Return the TCP segments of a capture; None where some of it is not plain TCP over IPv4 over Ethernet."""
+    """Return the TCP segments of a capture; None if some of it is not plain TCP over IPv4 over Ethernet."""
     found = []
     for packet in packets:
         octets = packet.octets
@@ -124,8 +124,8 @@ def segments_of(packets: list[Packet]) -> list[Segment] | None:
 def missing_of(segments: list[Segment]) -> tuple[int, int] | None:
     """Return how many bytes of both directions of connections are missing, and how many were captured.
 
-    What the other side acknowledged was sent, whether it was captured or not. None where one connection follows another with
-    the same addresses.
+    Bytes that the other side acknowledged were sent, whether captured or not. Return None if one connection follows another
+    with the same addresses.
     """
     starts: dict[tuple[bytes, bytes], int] = {}
     acked: dict[tuple[bytes, bytes], int] = {}

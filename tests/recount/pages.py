@@ -1,4 +1,4 @@
-"""Where numbers stand in the report page, on the screens, in alerts and in exports (see `tests.recount.kinds`)."""
+"""The places of numbers in the report page, on the screens, in alerts and in exports (see `tests.recount.kinds`)."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ from tests.recount.recount import (
 
 
 def page_head(capture: Capture, reader: Reader) -> Iterator[Claim]:
-    """The line under the title: from when to when, packets, connections, transactions."""
+    """The line under the title: time span, packets, connections, transactions."""
     found = re.search(
         r'<p class="quiet">from (\S+ \S+ UTC) to (\S+ \S+ UTC), ([\d,]+) packets?, ([\d,]+) connections?,'
         r" ([\d,]+) transactions?",
@@ -50,7 +50,7 @@ def page_head(capture: Capture, reader: Reader) -> Iterator[Claim]:
 
 
 def verdict(capture: Capture, reader: Reader) -> Iterator[Claim]:
-    """The verdict: how often, since when, until when, who, how fast, and what is missing from the capture."""
+    """The verdict: how often, since when, until when, the hosts, the answer times, and what is missing from the capture."""
     section = re.search(r'<div class="verdict[^"]*">(.*?)</div>', reader.text, re.DOTALL)
     if section is None:
         return
@@ -86,7 +86,7 @@ def verdict(capture: Capture, reader: Reader) -> Iterator[Claim]:
 
 
 def _sound(capture: Capture, reader: Reader, section: re.Match[str]) -> Iterator[Claim]:
-    """Check the sentences of a verdict on a capture in which nothing failed."""
+    """Check the sentences of a verdict on a capture without failures."""
     for pattern in (r"No request failed; ([\d,]+) answers? arrived", r"Nothing broke: ([\d,]+) requests? answered"):
         found = re.compile(pattern).search(reader.text, *section.span())
         if found is not None:
@@ -133,14 +133,14 @@ def spreads(capture: Capture, reader: Reader) -> Iterator[Claim]:
         times = latencies(rows)
         yield reader.number("page: answers of a function of a device", found, 3, len(times))
         if found[6] and times:
-            # what is drawn begins at 0, also where an answer was captured before its request
+            # plots begin at 0, even if an answer was captured before its request
             values = (max(0, times[0]), median(times), quantile(times, 0.95), times[-1])
             for group, name, ns in zip((6, 7, 8, 9), ("fastest", "median", "95 %", "slowest"), values, strict=True):
                 yield reader.number(f"page: {name} of a function of a device", found, group, ns)
 
 
 def pairs(capture: Capture, reader: Reader) -> Iterator[Claim]:
-    """Who talked to whom."""
+    """The table of who talked to whom."""
     if capture.in_vlans:
         return
     for found in _PAIR.finditer(reader.text):
@@ -233,7 +233,7 @@ def _alert(capture: Capture, reader: Reader, alert: Json, begin: int, end: int) 
 
 
 def tables(capture: Capture, reader: Reader) -> Iterator[Claim]:
-    """Rows of exports: what each connection had, and each finding."""
+    """Rows of exports: the facts of each connection, and each finding."""
     at = 0
     findings: Counter[str] = Counter()
     place: dict[str, re.Match[str]] = {}
@@ -270,7 +270,7 @@ def _connection(capture: Capture, reader: Reader, row: Json, begin: int, end: in
 
 
 def bundle(capture: Capture, reader: Reader) -> Iterator[Claim]:
-    """Notes of a STIX bundle name packets of what they are about."""
+    """Notes of a STIX bundle name packets of their subject."""
     for slug in RULES:
         events = capture.events(RULES, slug)
         if events is None:
@@ -286,7 +286,7 @@ def bundle(capture: Capture, reader: Reader) -> Iterator[Claim]:
             yield reader.claim("bundle: packets", found, 1, "packets of such transactions", numbers <= frames)
 
 
-#: Who finds what in which output.
+#: The functions for each output.
 PAGES: Final[Mapping[str, tuple[Kind, ...]]] = {
     "page.html": (page_head, verdict, spreads, pairs, points),
     "screens.txt": (screens,),

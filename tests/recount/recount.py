@@ -1,12 +1,12 @@
-"""Recounts every sentence with a number, a name or a time that s7dissect says of a capture.
+"""Recounts every number, name and time in the statements of s7dissect about a capture.
 
-It knows the outputs as a reader does and imports nothing of the package: what is said is compared with what is counted in the
-lines of `transactions -T jsonl` and `show -T jsonl`, and in the packets of the file. A `Claim` is one number at one place of
-one output; `tests.recount.kinds` says where they stand and what is to be counted for each.
+It knows the outputs only as a reader does and imports nothing of the package: the statements are compared with counts from the
+lines of `transactions -T jsonl` and `show -T jsonl`, and from the packets of the file. A `Claim` is one number at one place of
+one output; `tests.recount.kinds` knows the places and the count for each.
 
     python -m tests.recount.recount FOLDER CAPTURE
 
-reads outputs that lie in a folder, as files named ``analyze.txt``, ``page.html`` and so on, and writes the differences.
+It reads outputs from a folder, as files named ``analyze.txt``, ``page.html`` and so on, and writes the differences.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from tests.recount.packets import Packet, missing_of, packets_of, segments_of
 
 Json = dict[str, Any]
 
-#: Reasons of requests without an answer that is nobody's fault: it was not captured, or not due yet.
+#: Reasons of requests without an answer that is no one's fault: it was not captured, or not due yet.
 UNSEEN: Final = frozenset(("hole", "one_sided"))
 OPEN: Final = "capture_ended"
 #: A request that is younger when the capture ends may still be answered.
@@ -32,9 +32,9 @@ DUE_NS: Final = 10**9
 
 
 class Claim(NamedTuple):
-    """What an output says at one place: ``said`` stands from ``begin`` to ``end``; ``right`` is whether that was counted.
+    """A statement of an output: ``said`` is its text from ``begin`` to ``end``; ``right`` is whether it agrees with the count.
 
-    ``counted`` is what was counted, as text for a person.
+    ``counted`` is the count, as text.
     """
 
     kind: str
@@ -47,7 +47,7 @@ class Claim(NamedTuple):
 
 
 class Capture:
-    """What the lines of transactions and of PDUs say, and the packets of the file (None where they cannot be read)."""
+    """The contents of the lines of transactions and of PDUs, and the packets of the file (None if they cannot be read)."""
 
     def __init__(self, outputs: Mapping[str, str], path: Path) -> None:
         self.transactions = _lines(outputs["transactions.jsonl"])
@@ -57,7 +57,7 @@ class Capture:
         self._mark()
 
     def _mark(self) -> None:
-        """Write the full name of its function, and what became of its request, into each transaction."""
+        """Add the full name of its function, and the outcome of its request, to each transaction."""
         packets = self.packets
         end_ns = packets[-1].time_ns if packets else max([iso_ns(one["time"]) for one in self.pdus], default=0)
         for one in self.transactions:
@@ -74,12 +74,12 @@ class Capture:
 
     @cached_property
     def missing(self) -> tuple[int, int] | None:
-        """Bytes missing between captured ones, and captured bytes; None where they cannot be counted in the plain way."""
+        """Bytes missing between captured ones, and captured bytes; None if they cannot be counted in the simple way."""
         segments = segments_of(self.packets) if self.packets else None
         return missing_of(segments) if segments else None
 
     def events(self, rules: Mapping[str, Callable[[list[Json]], list[Json] | None]], slug: str) -> list[Json] | None:
-        """Return the transactions that show a rule; None where they do not tell, or where other findings explain some."""
+        """Return the transactions that show a rule; None if they do not show it, or if other findings explain some."""
         if slug not in rules or self.explained.get(slug):
             return None
         return rules[slug](self.transactions)
@@ -101,7 +101,7 @@ class Capture:
 
     @cached_property
     def s7_pdus(self) -> list[Json]:
-        """PDUs of S7comm and S7comm-plus, also those that the capture cut off, and messages of SCD that are in none of them."""
+        """PDUs of S7comm and S7comm-plus, including those that the capture cut off, and separate messages of SCD."""
         return [
             one
             for one in self.pdus
@@ -115,7 +115,7 @@ class Capture:
 
     @cached_property
     def in_vlans(self) -> bool:
-        """Whether one address may be of several stations, which the lines do not tell apart."""
+        """Whether one address may belong to several stations, which the lines do not tell apart."""
         return bool(self.packets) and any([octets_are_tagged(packet) for packet in self.packets or []])
 
     @cached_property
@@ -156,7 +156,7 @@ _BECAUSE: Final = re.compile(r"^ +because of it: (.*)$", re.MULTILINE)
 
 
 def explained_in(text: str) -> Counter[str]:
-    """Return how often each rule applied because of another one, as `analyze` says: transactions do not tell why."""
+    """Return how often each rule applied because of another one, according to `analyze`: transactions do not show why."""
     found: Counter[str] = Counter()
     for line in _BECAUSE.findall(text):
         for slug, times in re.findall(r"([a-z_0-9]+\.[a-z_0-9]+)(?: \((\d+) times\))?", line):
@@ -165,7 +165,7 @@ def explained_in(text: str) -> Counter[str]:
 
 
 def octets_are_tagged(packet: Packet) -> bool:
-    """Return whether a packet has a VLAN tag; of other links than Ethernet it is not known."""
+    """Return whether a packet has a VLAN tag; unknown for other links than Ethernet."""
     return packet.link != 1 or packet.octets[12:14] in {b"\x81\x00", b"\x88\xa8", b"\x91\x00", b"\x92\x00"}
 
 
@@ -203,17 +203,17 @@ def orphans(rows: Iterable[Json]) -> int:
 
 
 def unsolicited(rows: Iterable[Json]) -> int:
-    """Messages that stand alone: pushes, and requests that want no answer."""
+    """Messages without a partner: pushes, and requests that need no answer."""
     return sum([one["outcome"] == "unsolicited" for one in rows])
 
 
 def pushes(rows: Iterable[Json]) -> int:
-    """Messages that nobody asked for."""
+    """Unsolicited messages."""
     return sum([one["outcome"] == "unsolicited" and one["request_frame"] is None for one in rows])
 
 
 def one_way(rows: Iterable[Json]) -> int:
-    """Requests that want no answer."""
+    """Requests that need no answer."""
     return sum([one["outcome"] == "unsolicited" and one["request_frame"] is not None for one in rows])
 
 
@@ -238,7 +238,7 @@ def quantile(times: list[int], share: float) -> int:
 
 
 def median(times: list[int]) -> int:
-    """Return the median; of an even number the mean of both in the middle."""
+    """Return the median; for an even number the mean of the two in the middle."""
     middle = len(times) // 2
     return times[middle] if len(times) % 2 else (times[middle - 1] + times[middle]) // 2
 
@@ -254,7 +254,7 @@ def item_errors(rows: Iterable[Json]) -> list[Json]:
 
 
 def ended_ns(one: Json) -> int:
-    """Return when a transaction was complete, or asked if it never was."""
+    """Return when a transaction was complete, or requested if it never was."""
     asked = iso_ns(one["request_time"]) if one["request_time"] else iso_ns(one["response_time"])
     return asked + (one["latency_ns"] or 0)
 
@@ -278,7 +278,7 @@ DURATION: Final = r"-?\d+(?:\.\d+)? (?:µs|ms|s|min|h|d)(?: \d+ (?:h|min|s))*"
 
 
 def is_duration(said: str, ns: int | None) -> bool:
-    """Return whether a text is a duration: rounded to the last digit that it has, or cut off where it has several units."""
+    """Return whether a text is a duration: rounded to its last digit, or cut off if it has several units."""
     parts = _PART.findall(said)
     if not parts or ns is None:
         return False
@@ -289,12 +289,12 @@ def is_duration(said: str, ns: int | None) -> bool:
 
 
 def is_moment(said: str, ns: int) -> bool:
-    """Return whether ``2026-11-21 01:31:05.693204 UTC`` is a time, whose last digits are cut off."""
+    """Return whether ``2026-11-21 01:31:05.693204 UTC`` is a time; further digits are cut off."""
     return iso_ns(said.removesuffix(" UTC").replace(" ", "T")) == ns // 1000 * 1000
 
 
 def is_time_of_day(said: str, ns: int) -> bool:
-    """Return whether ``01:31:05.693`` is a time of its day, whose last digits are cut off."""
+    """Return whether ``01:31:05.693`` is a time of its day; further digits are cut off."""
     clock, _, digits = said.partition(".")
     hours, minutes, seconds = map(int, clock.split(":"))
     told = ((hours * 60 + minutes) * 60 + seconds) * 10**9 + int(digits.ljust(9, "0") or 0)
@@ -310,14 +310,14 @@ def is_size(said: str, octets: int) -> bool:
 
 
 class Reader:
-    """One output, in which claims are found: ``text`` from ``begin`` to ``end`` of what the output says."""
+    """One output, in which claims are found: ``text`` is the output from ``begin`` to ``end``."""
 
     def __init__(self, face: str, text: str) -> None:
         self.face = face
         self.text = text
 
     def number(self, kind: str, found: re.Match[str], group: str | int, counted: int) -> Claim:
-        """Return the claim that a group says so many; ``.`` and ``-`` are none, ``once`` and ``twice`` are numbers."""
+        """Return the claim that a group states this number; ``.`` and ``-`` mean none, ``once`` and ``twice`` are numbers."""
         said = found[group]
         value = {"once": 1, "twice": 2, ".": 0, "-": 0, "no": 0}.get(said)
         if value is None:
@@ -329,15 +329,15 @@ class Reader:
         return Claim(kind, self.face, *found.span(group), found[group], str(counted), right)
 
     def duration(self, kind: str, found: re.Match[str], group: str | int, ns: int | None) -> Claim:
-        """Return the claim that a group says so long."""
+        """Return the claim that a group states this duration."""
         return self.claim(kind, found, group, f"{ns} ns", is_duration(found[group], ns))
 
     def moment(self, kind: str, found: re.Match[str], group: str | int, ns: int) -> Claim:
-        """Return the claim that a group says when."""
+        """Return the claim that a group states this time."""
         return self.claim(kind, found, group, f"{ns} ns", is_moment(found[group], ns))
 
     def word(self, kind: str, found: re.Match[str], group: str | int, counted: str) -> Claim:
-        """Return the claim that a group says who or which."""
+        """Return the claim that a group states this name."""
         return self.claim(kind, found, group, counted, found[group] == counted)
 
 

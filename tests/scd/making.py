@@ -1,4 +1,4 @@
-"""Dictionaries for tests of the codec, made from records: nothing has to be read or compiled for them."""
+"""Dictionaries for tests of the codec, made from records, so that nothing must be read or compiled."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ TYPES: Final = [
 ]
 _WIDTHS: Final = {**{code: row.bits for code, row in STANDARD.items()}, **{row.index: row.bits for row in TYPES}}
 
-#: A variable of a PDO: its type and, for strings and blocks, its bits; type 0 is a gap of so many bits.
+#: A variable of a PDO: its type and, for strings and blocks, its bits; type 0 is a gap of this many bits.
 Part = int | tuple[int, int]
 
 
@@ -56,7 +56,7 @@ def mapping(index: int, name: str, parts: Sequence[Entry]) -> ObjectRecord:
 
 
 def entries(parts: Sequence[Part], first: int = 0x6000) -> tuple[list[ObjectRecord], list[Entry]]:
-    """A VAR for each part that is no gap, and the entries that map them one after the other."""
+    """Return a VAR for each part that is not a gap, and the entries that map them one after the other."""
     objects: list[ObjectRecord] = []
     mapped: list[Entry] = []
     at = 0
@@ -133,7 +133,7 @@ def plant(envelope: EnvelopeRecord | None = None, *, access: str = "rw") -> Code
     return Codec(dictionary(objects, envelope=envelope))
 
 
-#: Reference §3.3, to the octet. What is on 6000h:01 needs a RECORD there, which `plant` does not have.
+#: Reference §3.3, to the octet. Parts on 6000h:01 need a RECORD there, which `plant` does not have.
 WIRE: list[tuple[str, str, dict[str, Any]]] = [
     ("DC 02 07 00 41 60 00 00 00 00 D5 D2", "read request", {"tid": 7, "index": 0x6041}),
     ("DC 82 07 00 41 60 00 00 02 00 37 02 1F 30", "read response",

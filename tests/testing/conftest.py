@@ -13,7 +13,7 @@ from tests.testing.projects import ROOT, Project
 
 @pytest.fixture(scope="session", autouse=True)
 def everything_is_imported() -> None:
-    """Inner runs forget what they import, and compiled modules are not to be loaded twice in one process."""
+    """Inner runs forget their imports, and compiled modules must not be loaded twice in one process."""
     path = str(ROOT / "captures" / "multi-items-python.pcapng")
     session = read_session(path)
     assert not diff_sessions(session, parse_golden(golden_text(session)))

@@ -1,4 +1,4 @@
-"""A project of somebody who uses the plugin: its folder, its tests, its runs."""
+"""A project of a user of the plugin: its folder, its tests, its runs."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from typing import Final
 import pytest
 
 ROOT: Final = Path(__file__).resolve().parents[2]
-#: Where the package is installed, pytest finds the plugin by the name of its entry point.
+#: If the package is installed, pytest finds the plugin by the name of its entry point.
 INSTALLED: Final = any(entry.name == "s7dissect" for entry in importlib.metadata.entry_points(group="pytest11"))
 PLUGIN: Final = ["-p", "s7dissect" if INSTALLED else "dissect.testing.plugin"]
 #: The beginning of a module of tests: a client that disconnects.
@@ -68,7 +68,7 @@ class Project:
         return sorted([one.relative_to(self.goldens).as_posix() for one in self.goldens.rglob("*") if one.is_file()])
 
     def change(self, was: str, is_: str, name: str = "test_pump/test_pump") -> str:
-        """Change a golden where it says ``was`` first; return its text before."""
+        """Change a golden at the first ``was``; return its text before."""
         text = self.golden(name).read_text()
         assert was in text
         self.golden(name).write_text(text.replace(was, is_, 1))

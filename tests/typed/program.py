@@ -54,7 +54,7 @@ except dissect.Error as error:
 
 
 def numbers(transaction: dissect.Transaction) -> dict[str, int]:
-    """Attributes are numbers of Python, whatever the compiler makes of them."""
+    """Attributes are Python numbers, whatever the compiler makes of them."""
     latency: int = transaction.latency_ns or 0
     return {transaction.function_name: transaction.number + transaction.request_frame + latency}
 

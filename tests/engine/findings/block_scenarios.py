@@ -16,7 +16,7 @@ OLDER = code_block(0x08, 1, [], "", changed=(DAY - 60, DAY - 60))
 
 
 def pieces(talk: Talk, function: int, octets: bytes, asks: bool) -> None:
-    """Carry a block in pieces of 60 octets, each asked for by the PLC (``asks``) or by the client."""
+    """Carry a block in pieces of 60 octets, each requested by the PLC (``asks``) or by the client."""
     for number, at in enumerate(range(0, len(octets), 60), 100):
         piece = octets[at : at + 60]
         more = int(at + 60 < len(octets))
@@ -55,7 +55,7 @@ def read_out(talk: Talk, octets: bytes, name: str = "_0800001A") -> None:
     "block.output_write", "block.skipped_call",
 )  # fmt: skip
 def the_same_program(talk: Talk) -> None:
-    """What is loaded is what was read out but for its time and author, and is read out again with other values."""
+    """The loaded program equals the one read out before except for time and author, and a later read-out has other values."""
     talk.open()
     read_out(talk, OB1)
     load(talk, OB1[:20] + b"\x38\xa5" + OB1[22:-36] + b"huber\0\0\0" + OB1[-28:])
@@ -98,7 +98,7 @@ def an_old_backup_is_loaded(talk: Talk) -> None:
 
 @speaks("block.inconsistent")
 def code_was_injected(talk: Talk) -> None:
-    """A call in front of the code, lengths of block and code corrected, tables left as they were."""
+    """A call before the code; lengths of block and code are corrected, tables left unchanged."""
     injected = bytes.fromhex("FB70 0063 700B 0002")
     size, code = len(OB1) + len(injected), 30 + len(injected)
     talk.open()

@@ -1,4 +1,4 @@
-"""Conversations in which a finding explains another one, and beside each of them one in which the same stands for itself."""
+"""Conversations in which a finding explains another one, each with a counterpart in which the same finding has no cause."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ from tests.engine.transactions.talk import (
 
 Pair = tuple[str, str]
 
-#: By cause and consequence: the conversation in which the cause is to blame, and the one in which it is not.
+#: By cause and consequence: the conversation in which the cause applies, and the one in which it does not.
 EXPLAINED: Final[dict[Pair, Scenario]] = {}
 UNEXPLAINED: Final[dict[Pair, Scenario]] = {}
 
@@ -89,7 +89,7 @@ def begin(talk: Talk, size: int = 240, tpdu: int = 10, jobs: int = 3) -> None:
 
 # ---- requests with a fault ------------------------------------------------------------------------------------------
 
-#: By cause: how the conversation begins, and the request at fault, whose reference is 1; a read, or a write.
+#: By cause: the beginning of the conversation, and the faulty request, whose reference is 1; a read, or a write.
 FAULTS: Final[dict[str, tuple[Callable[[Talk], None], bytes]]] = {
     "s7.malformed": (begin, write(1, [MB0, MB2], written(4, b"\1") + written(4, b"\2"))),
     "transaction.write_size": (begin, write(1, [dbw(1, 0)], written(4, b"\1"))),
@@ -114,7 +114,7 @@ def refuse(talk: Talk, request: bytes, reference: int) -> None:
 
 
 def refuse_items(talk: Talk, request: bytes, reference: int) -> None:
-    """Refuse its items; of a write the last one."""
+    """Refuse its items; for a write the last one."""
     talk.ask(request)
     function, count = request[10], request[11]
     code = b"\6" if request[15] == 1 else b"\7"
@@ -123,13 +123,13 @@ def refuse_items(talk: Talk, request: bytes, reference: int) -> None:
 
 
 def reset(talk: Talk, request: bytes, reference: int) -> None:
-    """Reset the connection while it is open, and another one."""
+    """Reset the connection while it is open together with another one."""
     talk.ask(request)
     talk.ask(read(20, dbw(3, 0)))
     talk.packet(SERVER, flags=RST, after_ns=5 * SECOND)
 
 
-#: What a server does with a request, by what that leads to.
+#: What a server does with a request, by the consequence.
 DEEDS: Final[dict[str, Callable[[Talk, bytes, int], None]]] = {
     "transaction.refused": refuse,
     "security.protected": refuse,
@@ -155,7 +155,7 @@ def at_fault(cause: str, slug: str) -> Scenario:
 
 
 def another(cause: str, slug: str) -> Scenario:
-    """The request at fault was refused and is over; then the same happens to one that is sound."""
+    """The faulty request was refused and is over; then the same happens to a sound one."""
 
     def scenario(talk: Talk) -> None:
         opened, request = FAULTS[cause]
@@ -186,7 +186,7 @@ def several_bits(talk: Talk) -> None:
 
 @silent("transaction.bit_count")
 def one_bit(talk: Talk) -> None:
-    """A single bit that is refused, several that are refused for another reason, and several that are not refused."""
+    """A single bit that is refused, several bits refused for another reason, and several bits that are accepted."""
     begin(talk)
     refuse_items(talk, read(1, item(0x84, 200, 16 * 8, 1)), 1)
     bits = item(0x84, 200, 16 * 8, 1, 4)
@@ -239,7 +239,7 @@ def never_joined(talk: Talk) -> None:
 @silent("cotp.fragments_unanswered")
 @explains_not("cotp.fragments_unanswered", "transaction.unanswered", "session.cut", "session.too_many_jobs")
 def joined(talk: Talk) -> None:
-    """The first was answered: the server can join them."""
+    """The first one was answered: the server can join them."""
     begin(talk, jobs=1)
     in_fragments(talk, read(1, dbw(1, 0)))
     talk.tell(words(1, 1))
@@ -274,7 +274,7 @@ def others_too(talk: Talk) -> None:
 
 # ---- a confirm without TSAPs ----------------------------------------------------------------------------------------
 
-#: A confirm of 14 bytes, and one that repeats only what was called.
+#: A confirm of 14 bytes, and one that repeats only the called TSAP.
 BARE: Final = tpkt(bytes.fromhex("09d00001000200c0010a"))
 HALF: Final = tpkt(bytes.fromhex("0dd00001000200c0010ac2020102"))
 
@@ -293,7 +293,7 @@ def short_confirm(talk: Talk) -> None:
 
 @silent("cotp.bare_confirm")
 def other_confirms(talk: Talk) -> None:
-    """The client goes on, the server ends it, the confirm has a TSAP or both, or the capture lost what came after it."""
+    """The client continues, the server ends it, the confirm has a TSAP or both, or the capture lost the rest."""
     for port, confirm, then in (
         (50000, BARE, [(CLIENT, dt(setup(0)), ACK), (CLIENT, b"", RST)]),
         (50001, BARE, [(SERVER, b"", RST)]),

@@ -1,4 +1,4 @@
-"""PDUs of what is more than reading and writing: control, transfers, userdata. Octets as the reference states them."""
+"""PDUs of functions other than reading and writing: control, transfers, userdata. Octets as the reference states them."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def texts(*arguments: str) -> bytes:
 
 
 def answered(pdu_ref: int, function: int, code: int = 0) -> bytes:
-    """An answer with the function alone."""
+    """An answer that only has the function."""
     return ack_data(pdu_ref, bytes((function,)), code=code)
 
 
@@ -46,7 +46,7 @@ def request_download(pdu_ref: int, name: str = "_0A00001P", size: int = 500) -> 
 
 
 def download_block(pdu_ref: int, name: str = "_0A00001P") -> bytes:
-    """The PLC asks for a piece."""
+    """The PLC requests a piece."""
     return job(pdu_ref, b"\x1b\0\0\0\0\0\0\0\x09" + name.encode("ascii"))
 
 
@@ -57,12 +57,12 @@ def piece(pdu_ref: int, function: int, size: int, more: bool) -> bytes:
 
 
 def download_ended(pdu_ref: int, name: str = "_0A00001P", code: int = 0) -> bytes:
-    """The PLC says that it has everything, or why not."""
+    """The PLC reports that it has everything, or why not."""
     return job(pdu_ref, b"\x1c\0" + code.to_bytes(2, "big") + b"\0\0\0\0\x09" + name.encode("ascii"))
 
 
 def start_upload(pdu_ref: int, name: str = "_0A00001A") -> bytes:
-    """The client asks for a block."""
+    """The client requests a block."""
     return job(pdu_ref, b"\x1d\0\0\0\0\0\0\0\x09" + name.encode("ascii"))
 
 
@@ -73,7 +73,7 @@ def upload_started(pdu_ref: int, upload_id: int = 7, size: int = 300) -> bytes:
 
 
 def upload(pdu_ref: int, upload_id: int = 7) -> bytes:
-    """The client asks for a piece."""
+    """The client requests a piece."""
     return job(pdu_ref, b"\x1e\0\0\0" + upload_id.to_bytes(4, "big"))
 
 
@@ -114,7 +114,7 @@ def bsend(pdu_ref: int, octets: bytes, announced: int = -1, sequence: int = 0, p
 
 
 def pushes(group: int, subfunction: int, octets: bytes, sequence: int = 0) -> bytes:
-    """Userdata that nobody asked for."""
+    """Unsolicited userdata."""
     code = 0 if group in {1, 2} else None
     return userdata(0, head(PUSH, group, subfunction, sequence, code), payload(octets))
 
@@ -130,7 +130,7 @@ def szl(pdu_ref: int, szl_id: int, index: int = 0) -> bytes:
 
 
 def no_szl(pdu_ref: int, code: int = 0xD401) -> bytes:
-    """The answer that there is no such SZL."""
+    """The answer that this SZL does not exist."""
     return tells(pdu_ref, 4, 1, code=code)
 
 

@@ -10,7 +10,7 @@ from tests.engine.transactions.talk import CLIENT, FIN, RST, SERVER, Talk
 def load(
     talk: Talk, *, sizes: tuple[int, ...] = (222, 222, 56), announced: int = 500, last: int = -1, code: int = 0
 ) -> None:
-    """Load DB 1: the PLC asks for each piece, the last of which says so, unless ``last`` names another."""
+    """Load DB 1: the PLC requests each piece, the last of which is marked as such, unless ``last`` names another."""
     talk.ask(events.request_download(1, size=announced))
     talk.tell(events.answered(1, 0x1A))
     for number, size in enumerate(sizes):

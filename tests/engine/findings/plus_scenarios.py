@@ -1,4 +1,7 @@
-"""Scenarios of the rules about S7comm-plus sessions. A silent one is the nearest harmless neighbour of a speaking one."""
+"""Scenarios of the rules about S7comm-plus sessions.
+
+A silent scenario is the nearest harmless neighbour of one that triggers the rule.
+"""
 
 from __future__ import annotations
 
@@ -34,7 +37,7 @@ def begun(talk: Talk) -> None:
 
 
 def opened(talk: Talk, session: int = 0x386, version: str = LEGACY, challenge: bool = True) -> None:
-    """A client opens a session; the CPU says which it is, and may offer authentication by a challenge."""
+    """A client opens a session; the CPU identifies itself, and may offer authentication by a challenge."""
     client = PlusObject(211, 287, 0, 0, 0, [Attribute(298, Value(0, WSTRING, "PANEL"))])
     talk.ask(framed(asked(1, CREATE_OBJECT, 288, 0x36, bodies.create_object(285, Value(0, UDINT, 0), client)), 1))
     about = [Attribute(306, Value(0, STRUCT, Struct(314, [(319, Value(0, WSTRING, version))])))]
@@ -45,7 +48,7 @@ def opened(talk: Talk, session: int = 0x386, version: str = LEGACY, challenge: b
 
 
 def set_up(talk: Talk, session: int = 0x386, *, key: bool) -> None:
-    """The client writes what it knows of the CPU back and, if it authenticates itself, an encrypted key."""
+    """The client writes back what it knows of the CPU and, if it authenticates itself, an encrypted key."""
     ids = [306, 1830] if key else [306]
     values = b"".join([bodies.number(at) + b"\0\4\0" for at in range(1, len(ids) + 1)])
     numbers = bodies.number(len(ids)) * 2 + b"".join([bodies.number(id_) for id_ in ids])
@@ -84,7 +87,7 @@ def without_a_key(talk: Talk) -> None:
 
 @silent("security.unauthenticated")
 def with_a_key_or_nothing_to_take_it(talk: Talk) -> None:
-    """One client authenticates itself, another reads from a CPU that offers nothing; a third is refused, a fourth leaves."""
+    """One client authenticates itself, another reads from a CPU without authentication; a third is refused, a fourth leaves."""
     begun(talk)
     opened(talk)
     set_up(talk, key=True)
@@ -117,7 +120,7 @@ def a_modern_cpu_in_clear_text(talk: Talk) -> None:
 
 @silent("security.clear_text")
 def an_older_cpu_or_tls(talk: Talk) -> None:
-    """Firmware without TLS, product numbers nobody knows, and a client that asked for TLS before it opened the session."""
+    """Firmware without TLS, unknown product numbers, and a client that requested TLS before it opened the session."""
     texts = (
         LEGACY,
         "1;6ES7 511-1AK00-0AB0;V2.8",
@@ -158,7 +161,7 @@ def a_session_of_someone_else(talk: Talk) -> None:
 
 @silent("security.session_reused")
 def a_session_that_is_given_again(talk: Talk) -> None:
-    """The CPU gives the number of a closed session to the next client; and a capture begins in the midst of a connection."""
+    """The CPU gives the number of a closed session to the next client; and a capture begins in the middle of a connection."""
     begun(talk)
     opened(talk, challenge=False)
     read(talk, 2)
@@ -185,7 +188,7 @@ def a_request_comes_again(talk: Talk) -> None:
 
 @silent("security.replay")
 def numbers_that_count_up(talk: Talk) -> None:
-    """Up to the largest and from 0 again, with a request that was lost in between; then a session begins anew."""
+    """Up to the largest and from 0 again, with a lost request in between; then a new session begins."""
     begun(talk)
     opened(talk, challenge=False)
     for number in (2, 3, 5, 30000, 60000, 65535, 0, 1):
@@ -203,7 +206,7 @@ def numbers_that_count_up(talk: Talk) -> None:
 
 @speaks("security.protection")
 def a_password_of_the_cpu_is_written(talk: Talk) -> None:
-    """One attribute, or among several, also behind writes of variables that were reported."""
+    """One attribute, or among several, also after reported writes of variables."""
     begun(talk)
     variable = Address(0, 82, 3736, [3, 1, 1])
     for number, pairs in enumerate(

@@ -1,4 +1,4 @@
-"""Where scenarios are entered: the conversations that make a rule speak, and those in which it keeps silent."""
+"""The register of scenarios: the conversations that trigger a rule, and those that do not."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Scenarios of the rules about devices. A silent one is the nearest harmless neighbour of a speaking one."""
+"""Scenarios of the rules about devices. A silent scenario is the nearest harmless neighbour of one that triggers the rule."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def an_update(talk: Talk) -> None:
 
 @silent("device.order_number_changed", "device.serial_changed", "device.firmware_changed")
 def the_same_again(talk: Talk) -> None:
-    """The same is stated twice, with blanks, and by a source that says less."""
+    """The same is stated twice, with blanks, and by a less exact source."""
     talk.open()
     szl(talk, 1, identification(ORDER, (4, 3, 1)))
     szl(talk, 2, identification(f"{ORDER} ", (4, 3, 1)))

@@ -1,4 +1,4 @@
-"""Transfers as their PDUs, in the order in which both ends send them: an upload, a download either end asks for."""
+"""Transfers as their PDUs, in the order in which both ends send them: an upload, and downloads in both forms."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def upload(octets: bytes, name: str, upload_id: int, size: int = 100, ref: int =
 
 
 def download(octets: bytes, name: str, size: int = 100, ref: int = 1, asks: int = SERVER) -> list[Said]:
-    """A block goes to the PLC, which asks for the pieces, or as python-snap7 does, in jobs of the client."""
+    """A block goes to the PLC, which requests the pieces, or, as with python-snap7, in jobs of the client."""
     other = 1 - asks
     said = [(CLIENT, events.request_download(ref, name, len(octets))), (SERVER, events.answered(ref, 0x1A))]
     for number, (piece, more) in enumerate(pieces(octets, size), ref + 1):

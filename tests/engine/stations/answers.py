@@ -1,4 +1,4 @@
-"""Answers in which a station says what it is, octet by octet (reference sections 4.5, 4.6 and 4.12), and who asks for them."""
+"""Answers in which a station identifies itself, octet by octet (reference sections 4.5, 4.6 and 4.12), and the requests."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def identification(order: str, firmware: tuple[int, int, int], hardware: int = 1
 
 
 def components(serial: str = "", station: str = "", module: str = "", plant: str = "") -> bytes:
-    """List 0x001C: names and serial number; only what is given."""
+    """List 0x001C: names and serial number; only those that are given."""
     texts = {1: station, 2: module, 3: plant, 5: serial}
     records = [struct.pack(">H32s", index, text.encode("latin-1")) for index, text in texts.items() if text]
     return listed(0x001C, 0, *records)

@@ -1,4 +1,4 @@
-"""Two ends that talk to each other, packet by packet, into the pipeline: what a test says is what was captured.
+"""Two ends that talk to each other, packet by packet, into the pipeline: the messages of a test are what was captured.
 
     talk = Talk()
     talk.open()
@@ -6,7 +6,7 @@
     talk.tell(ack_data(1, b"\\x04\\x01", good(4, b"\\x00\\x2a")))
     talk.close()
 
-The client is side 0 and asks by `ask`, the server is side 1 and answers by `tell`; either may do both.
+The client is side 0 and sends requests by `ask`, the server is side 1 and answers by `tell`; either may do both.
 """
 
 from __future__ import annotations
@@ -124,7 +124,7 @@ CONFIRM: Final = tpkt(bytes.fromhex("11d00001000200c1020100c2020102c0010a"))
 
 
 class Talk(Observer):
-    """Two ends; everything the pipeline tells is collected."""
+    """Two ends; all results of the pipeline are collected."""
 
     def __init__(
         self,
@@ -142,7 +142,7 @@ class Talk(Observer):
         self.acts: list[Act] = []
         self.messages: list[ScdMessage] = []
         self.now_ns = START_NS
-        #: Who is told, and whose clock counts: another talk may be captured in the same run.
+        #: The observer and the clock to use: another talk may be captured in the same run.
         self.first = self if beside is None else beside
         self.pipeline: Pipeline = Pipeline(self, Options(slow_ns, strict)) if beside is None else beside.pipeline
         self.ports = [client_port, server_port]
@@ -150,31 +150,31 @@ class Talk(Observer):
         self.macs = [bytes(6), bytes(6)]
         self.vlan = 0
         self.seq = [1000, 90000]
-        #: What each end acknowledges; None is the normal course: everything the other end sent.
+        #: The acknowledgement of each end; None is the normal case: everything that the other end sent.
         self.acked: list[int | None] = [None, None]
         self.sums = False
 
     def carry(self, carrier: PayloadDecoder) -> None:
-        """Begin anew, with somebody who looks for another protocol in what passes."""
+        """Begin again, with a carrier that looks for another protocol in the payloads."""
         self.pipeline = Pipeline(self, Options(strict=True, decoder=carrier))
 
     def unlock(self, key_log: bytes) -> KeyLog:
-        """Begin anew, with the TLS keys of a key log, which may be added to."""
+        """Begin again, with the TLS keys of a key log, which may be extended."""
         keys = KeyLog()
         keys.add(key_log)
         self.pipeline = Pipeline(self, Options(strict=True, tls_keys=keys))
         return keys
 
     def watch(self, overdue_ns: int = 2 * SECOND) -> None:
-        """Begin anew, on a line where requests are told that wait longer than this."""
+        """Begin again, in live mode: requests that wait longer than this are reported."""
         self.pipeline = Pipeline(self, Options(strict=True, overdue_ns=overdue_ns))
 
     def verify(self) -> None:
-        """Begin anew, with packets left out whose checksum is wrong; those of `packet` are right from here on."""
+        """Begin again, and leave out packets with a wrong checksum; those of `packet` are right from here on."""
         self.pipeline = Pipeline(self, Options(strict=True, checksums=True))
         self.sums = True
 
-    # What the pipeline tells.
+    # The results of the pipeline.
 
     def scd(self, frame: int, time_ns: int, side: Side, found: ScdMessage) -> None:
         self.messages.append(found)
@@ -194,7 +194,7 @@ class Talk(Observer):
     def connection_closed(self, connection: Connection) -> None:
         self.connections.append(connection)
 
-    # What the ends do.
+    # The actions of the ends.
 
     def packet(
         self,
@@ -205,7 +205,7 @@ class Talk(Observer):
         after_ns: int = MS,
         cut: int = 0,
     ) -> int:
-        """Capture one packet of ``side`` and return its number; ``seq`` says that it comes out of its turn."""
+        """Capture one packet of ``side`` and return its number; a ``seq`` makes it come out of order."""
         self.first.now_ns += after_ns
         acked = self.acked[side]
         acknowledged = self.seq[1 - side] if acked is None else acked
@@ -264,7 +264,7 @@ class Talk(Observer):
         self.packet(SERVER, CONFIRM)
 
     def open(self, calling: int = 1, called: int = 1, size: int = 480) -> None:
-        """Everything up to the setup, which is granted as asked; forgets what was told of it."""
+        """Everything up to the setup, which is granted as requested; forgets the results so far."""
         self.hello()
         self.connect()
         self.ask(setup(0, calling, called, size))
@@ -276,7 +276,7 @@ class Talk(Observer):
         return self.packet(CLIENT, dt(*pdus), after_ns=after_ns)
 
     def flood(self, count: int) -> None:
-        """The client asks ``count`` times without waiting for an answer, each time with the next reference."""
+        """The client sends ``count`` requests without waiting for an answer, each with the next reference."""
         for number in range(0, count, 200):
             self.ask(*(read(more & 0xFFFF, dbw(1, more & 0xFF)) for more in range(number, min(count, number + 200))))
 
@@ -285,7 +285,7 @@ class Talk(Observer):
         return self.packet(SERVER, dt(*pdus), after_ns=after_ns)
 
     def lose(self, side: int, *pdus: bytes) -> None:
-        """PDUs that were sent and not captured."""
+        """PDUs that were sent but not captured."""
         self.seq[side] += len(dt(*pdus))
 
     def wait(self, duration_ns: int) -> None:
@@ -293,7 +293,7 @@ class Talk(Observer):
         self.first.now_ns += duration_ns
 
     def silence(self, duration_ns: int) -> None:
-        """Let time pass on a silent line, and tell the pipeline so."""
+        """Let time pass on a silent line, and tell the pipeline."""
         self.wait(duration_ns)
         self.pipeline.tick(self.first.now_ns)
 
@@ -308,7 +308,7 @@ class Talk(Observer):
         """The capture ends."""
         self.pipeline.finish()
 
-    # What came out.
+    # Results.
 
     def slugs(self) -> list[str]:
         return [finding.slug for finding in self.findings]

@@ -1,4 +1,4 @@
-"""What these tests share: a capture made anonymous in this process, and what it says of itself."""
+"""Shared by these tests: a capture made anonymous in this process, and the summary of that."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def anonymized(
     carrier: ScdCarrier | None = None,
     largest: int = MAX_PDU,
 ) -> Account:
-    """Write what becomes of ``source`` to ``out``, and give the account of it. A bug of ours raises."""
+    """Anonymize ``source`` to ``out``, and return its account. A bug of ours raises."""
     choices = choices if choices is not None else Choices()
     account = Account()
     addresses = AddressMap(key)
@@ -61,7 +61,7 @@ def anonymized(
 
 
 def told(path: Path) -> list[tuple[object, ...]]:
-    """Return what each transaction of a capture is: all that has to be the same before and after."""
+    """Return the facts of each transaction of a capture that must be the same before and after."""
     return [
         (
             int(event.connection.number),

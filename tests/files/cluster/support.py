@@ -14,14 +14,14 @@ from typing import Final
 
 from tests.packets.source.servers import LOOPBACK, free_port, running
 
-#: What programs of Dask do beside their work, many times a second: sample their own stacks, look whether their loop is late,
-#: and measure the machine. Nothing here asks for it, and it takes most of their time.
+#: Work that programs of Dask do in the background, many times a second: sample their own stacks, check whether their loop is
+#: late, and measure the machine. It is not needed here, and takes most of their time.
 QUIET: Final = {
     "DASK_DISTRIBUTED__WORKER__PROFILE__ENABLED": "False",
     "DASK_DISTRIBUTED__ADMIN__TICK__INTERVAL": "5s",
     "DASK_DISTRIBUTED__ADMIN__SYSTEM_MONITOR__INTERVAL": "30s",
 }
-#: Seconds that a test waits for what has to happen, and a cluster has to come up.
+#: Seconds that a test waits for an event, and for the start of a cluster.
 PATIENCE_S: Final = 120
 
 
@@ -38,10 +38,10 @@ class Cluster:
         self.workers: dict[str, subprocess.Popen[bytes]] = {}
 
     def begin(self, name: str, *before: str, **environment: str) -> None:
-        """Start a worker with one thread; ``before`` is a command that runs it as its own arguments say."""
+        """Start a worker with one thread; ``before`` is a command that runs it."""
         work = self.folder / name
         work.mkdir(exist_ok=True)
-        # Without a nanny, which would start a worker that was killed anew.
+        # Without a nanny, which would restart a killed worker.
         options = ["--nthreads", "1", "--no-nanny", "--no-dashboard", "--host", LOOPBACK, "--name", name]
         command = [*before, *_dask("worker"), self.address, *options, "--local-directory", os.fspath(work)]
         with (work / "log").open("wb") as said:
@@ -68,7 +68,7 @@ class Cluster:
             time.sleep(0.05)
 
     def end(self, name: str, kill: bool = False) -> None:
-        """End a worker and wait for it; ``kill`` gives it no chance to say so."""
+        """End a worker and wait for it; ``kill`` gives it no chance to report."""
         process = self.workers.pop(name)
         process.kill() if kill else process.terminate()
         process.wait(PATIENCE_S)
@@ -76,7 +76,7 @@ class Cluster:
 
 @contextmanager
 def cluster(folder: Path, scheme: str = "tcp", **environment: str) -> Iterator[Cluster]:
-    """Run a scheduler until the block is over, and end the workers that were started then."""
+    """Run a scheduler until the block is over, and then end the workers that were started."""
     environment = QUIET | environment
     port = free_port()
     place = ["--protocol", scheme, "--host", LOOPBACK, "--port", str(port)]
@@ -97,7 +97,7 @@ def _dask(what: str) -> list[str]:
 
 
 class Pipes:
-    """Captures that are read when it suits the test: named pipes, which keep their readers waiting."""
+    """Captures that are read when the test wants it: named pipes, which keep their readers waiting."""
 
     def __init__(self, *paths: Path) -> None:
         self.paths = paths
@@ -106,7 +106,7 @@ class Pipes:
         self._writers: dict[Path, int] = {}
 
     def await_readers(self) -> None:
-        """Wait until somebody reads each of them."""
+        """Wait until each of them has a reader."""
         for path in self.paths:
             if path not in self._writers:
                 self._writers[path] = _opened(path)
@@ -124,7 +124,7 @@ class Pipes:
         return path
 
     def feed(self, path: Path, capture: Path) -> None:
-        """Give a reader what it waits for."""
+        """Give a reader the awaited data."""
         number = self._writers.pop(path, None)
         number = _opened(path) if number is None else number
         os.set_blocking(number, True)

@@ -1,4 +1,4 @@
-"""The pumping station of captures/scd: its dictionary, what it says, and carriers that listen to it."""
+"""The pumping station of captures/scd: its dictionary, its messages, and carriers for it."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def bindings() -> Bindings:
 
 
 def carrier() -> ScdCarrier:
-    """What listens where plant.bind.toml says."""
+    """Return a carrier with the bindings of plant.bind.toml."""
     return ScdCarrier(dictionary(), bindings())
 
 

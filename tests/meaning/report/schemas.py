@@ -1,4 +1,4 @@
-"""The published schemas: loaded, made strict, and told as the rows that docs/json.md has."""
+"""The published schemas: loaded, made strict, and as the rows of docs/json.md."""
 
 from __future__ import annotations
 
@@ -62,10 +62,10 @@ def strict(schema: Schema) -> Schema:
     made = copy.deepcopy(schema)
     for part in _parts(made):
         if "properties" in part:
-            # `additionalProperties` does not see the properties that stand behind a `$ref`.
+            # `additionalProperties` does not see properties behind a `$ref`.
             part.pop("additionalProperties", None)
             part["unevaluatedProperties"] = False
-    # Its uses add properties; where they do not, the reference itself is made strict.
+    # Its uses add properties; otherwise the reference itself is made strict.
     for name in ("latency", "facts"):
         made.get("$defs", {}).get(name, {}).pop("unevaluatedProperties", None)
         for part in _parts(made):
@@ -78,7 +78,7 @@ def _parts(value: object) -> Iterator[Schema]:
     if isinstance(value, dict):
         yield value
         for key, inner in value.items():
-            if key != "if":  # a condition names only what it asks for
+            if key != "if":  # a condition only names the keys that it tests
                 yield from _parts(inner)
     elif isinstance(value, list):
         for inner in value:
@@ -92,7 +92,7 @@ def _schemas(*, exact: bool) -> dict[str, Schema]:
 
 @cache
 def validator(name: str, *, exact: bool) -> Draft202012Validator:
-    """Return what holds output to a schema; an ``exact`` one knows no other keys than those it names."""
+    """Return a validator of output against a schema; an ``exact`` one accepts no keys that are not named."""
     schemas = _schemas(exact=exact)
     registry: Registry[Any] = Registry()
     for schema in schemas.values():
@@ -102,14 +102,14 @@ def validator(name: str, *, exact: bool) -> Draft202012Validator:
 
 @cache
 def quick_validator(name: str, *, exact: bool) -> jsonschema_rs.Draft202012Validator:
-    """Return another library's for the same, a hundred times faster: tests hold whole captures to the schemas."""
+    """Return a validator of another library, a hundred times faster: tests validate whole captures."""
     schemas = _schemas(exact=exact)
     registry = jsonschema_rs.Registry([(schema["$id"], schema) for schema in schemas.values()])
     return jsonschema_rs.Draft202012Validator(schemas[name], registry=registry)
 
 
 def complaints(name: str, told: Any, *, exact: bool) -> list[str]:
-    """Return what is wrong with an output, by the schema."""
+    """Return the faults of an output, by the schema."""
     quick = quick_validator(name, exact=exact)
     if quick.is_valid(told):
         return []
@@ -141,7 +141,7 @@ def _keys(part: Schema, home: Schema, prefix: str) -> Iterator[tuple[str, Schema
 
 
 def _resolved(part: Schema, home: Schema) -> tuple[Schema, Schema]:
-    """Return a part with what it refers to put in, and the schema that part stands in."""
+    """Return a part with its references resolved, and the schema that contains it."""
     reference = part.get("$ref")
     if reference is None:
         return part, home
@@ -160,11 +160,11 @@ def _resolved(part: Schema, home: Schema) -> tuple[Schema, Schema]:
 
 
 def _object(part: Schema, home: Schema) -> tuple[Schema | None, Schema, str]:
-    """Return the object whose keys stand below a part, and how its path goes on; None when there is none."""
+    """Return the object whose keys are below a part, and the continuation of its path; None if there is none."""
     if part.get("type") == "array":
         inner, base = _resolved(part["items"], home)
         if inner.get("$name") == "whole":
-            return None, base, ""  # documented in a table of its own
+            return None, base, ""  # documented in a separate table
         return (inner, base, "[]") if "properties" in inner else (None, base, "")
     for choice in part.get("oneOf", []):
         inner, base = _resolved(choice, home)
@@ -213,7 +213,7 @@ def _plural(part: Schema, home: Schema) -> str:
 
 
 def names_of_anonymization() -> list[str]:
-    """Return the table of what the counts of an anonymization are named by."""
+    """Return the table of the names in the counts of an anonymization."""
     lines = ["| in | name | is |", "|---|---|---|"]
     for keys, names in (
         ("`replaced`, `masked`, `kept`", account.KINDS),
@@ -225,7 +225,7 @@ def names_of_anonymization() -> list[str]:
 
 
 def parts() -> Iterator[tuple[str, str, list[str]]]:
-    """Yield what of docs/json.md is made: what stands before it, what behind it, its lines."""
+    """Yield the generated parts of docs/json.md: the text before, the text after, the lines."""
     for name in NAMES:
         yield f"<!-- keys of {name} -->\n", "<!-- end -->", table(name)
     yield "<!-- names of anonymization -->\n", "<!-- end of names -->", names_of_anonymization()

@@ -1,4 +1,4 @@
-"""What the tests of the faces share: made captures, analyses of them, and what must never reach a terminal."""
+"""Shared by the tests of the faces: synthetic captures, analyses of them, and characters that must never reach a terminal."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ OWN: Final = sorted(path for path in (ROOT / "captures").rglob("*.pcap*") if pat
 #: Control characters (C0, DEL, C1), marks that change the direction of text, line and paragraph separators.
 UNSAFE: Final = re.compile("[\x00-\x1f\x7f-\x9f\u061c\u200e\u200f\u202a-\u202e\u2028\u2029\u2066-\u2069]")
 
-#: What every line of a tree begins with.
+#: The beginning of every line of a tree.
 _INDENTED: Final = "    "
 
 WORD: Final = Item(0x04, 1, 10, 0x84, 4 * 8)  # DB10.DBW4
@@ -66,7 +66,7 @@ def saved(path: Path, packets: Iterable[Packet], comments: Mapping[int, str | by
 
 
 def observed(observer: Observer, packets: Iterable[Packet]) -> Pipeline:
-    """Drive packets through a pipeline in which a bug of ours raises."""
+    """Drive packets through a pipeline in which our bugs raise."""
     pipeline = Pipeline(observer, Options(strict=True))
     for packet in packets:
         pipeline.frame(packet.time_ns, packet.octets, 0, len(packet.octets), packet.wire_length, packet.link_type)
@@ -75,7 +75,7 @@ def observed(observer: Observer, packets: Iterable[Packet]) -> Pipeline:
 
 
 def analysed(packets: Sequence[Packet], *more: Sequence[Packet]) -> Analysis:
-    """Return the analysis of packets; each further sequence is a file of its own."""
+    """Return the analysis of packets; each further sequence is a separate file."""
     analysis = Analysis()
     pipeline = Pipeline(analysis, Options(strict=True))
     files = []
@@ -92,7 +92,7 @@ def analysed(packets: Sequence[Packet], *more: Sequence[Packet]) -> Analysis:
 
 
 def of_files(*paths: Path, slow_ns: int = 1_000_000_000) -> Analysis:
-    """Return the analysis of files; a bug of ours raises."""
+    """Return the analysis of files; our bugs raise."""
     analysis = Analysis()
     run = Run([str(path) for path in paths], analysis, Options(slow_ns, strict=True))
     while run.step():
@@ -133,14 +133,14 @@ def transactions(packets: Iterable[Packet]) -> list[Transaction]:
 
 
 def first_transaction(talk: Talk) -> Transaction:
-    """Return the first transaction behind the setup of a talk that `begun` made."""
+    """Return the first transaction after the setup of a talk that `begun` made."""
     return transactions(talk.packets())[1]
 
 
 def tree_lines(texts: list[str]) -> list[str]:
-    """Return the lines of what `show -V` writes: a tree is one text of several.
+    """Return the lines that `show -V` writes: a tree is one text with several lines.
 
-    Each of those is indented, so that one broken off by a line feed of the wire would show.
+    Each line is indented, so that a line broken by a line feed from the wire would be noticed.
     """
     lines: list[str] = []
     for text in texts:

@@ -1,4 +1,4 @@
-"""Things to select from: what a few captures of the repository hold, read once."""
+"""Things for selections: the contents of a few captures of the repository, read once."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ NAMES: Final = (
 
 
 class Gathered(Observer):
-    """All that a run tells, by kind."""
+    """All results of a run, by kind."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -87,7 +87,7 @@ class Gathered(Observer):
 
 @cache
 def gathered(*names: str) -> Gathered:
-    """Return what these captures hold."""
+    """Return the contents of these captures."""
     found = Gathered()
     for name in names:
         decoder = None

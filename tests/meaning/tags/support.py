@@ -1,4 +1,4 @@
-"""What the tests of tags share: a conversation about a tank, and files that name what is in it."""
+"""Shared by the tests of tags: a conversation about a tank, and files that name its variables."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def tank_file(folder: Path, text: str = TANK, name: str = "tank.csv") -> Path:
 
 
 def tank_capture(folder: Path) -> Path:
-    """Write a capture in which the tank is read: whole, its pump, and a block that is not there."""
+    """Write a capture in which the tank is read: whole, its pump, and a missing block."""
     talk = begun()
     read(talk, 2, Item(2, 10, 1, 0x84, 0), struct.pack(">fBxhh", 3.5, 1, 215, 7))
     read(talk, 3, Item(1, 1, 1, 0x84, 32), b"\x01")
@@ -61,7 +61,7 @@ _OFFICE: Final = "http://schemas.openxmlformats.org/officeDocument/2006/relation
 
 
 def asc_line(symbol: str, operand: str, number: str, type_: str, comment: str = "") -> str:
-    """Return a line of an ASC symbol table; ``number`` is right-justified, a bit in the columns behind it."""
+    """Return a line of an ASC symbol table; ``number`` is right-justified, a bit in the columns after it."""
     whole, dot, bit = number.partition(".")
     address = f"{operand:<4}{whole:>5}{f'.{bit}' if dot else '':<2}"
     return f"126,{symbol:<24}{address} {type_:<9} {comment:<80}"
@@ -73,9 +73,9 @@ def sdf_line(name: str, address: str, type_: str, comment: str = "", value: str 
 
 
 def workbook(path: Path, rows: list[list[str]], sheet: str = "PLC Tags", more: str = "") -> Path:
-    """Write a workbook the way the TIA portal does: a prefix on every name, one part called sheet.xml, shared strings.
+    """Write a workbook as the TIA portal does: a prefix on every name, one part called sheet.xml, shared strings.
 
-    ``more`` is XML behind the last row.
+    ``more`` is XML after the last row.
     """
     texts = sorted({cell for row in rows for cell in row})
     cells = "".join(
@@ -124,7 +124,7 @@ def tia_row(name: str, type_: str, address: str, comment: str = "") -> list[str]
 
 
 def example_files(folder: Path) -> None:
-    """Write the files that the examples of help texts name."""
+    """Write the files that are named in the examples of help texts."""
     workbook(
         folder / "plc_tags.xlsx", [TIA_HEAD, tia_row("Start", "Bool", "%I0.0"), tia_row("Speed", "Real", "%MD4", "rpm")]
     )
@@ -136,7 +136,7 @@ def example_files(folder: Path) -> None:
 
 
 def write_captures(folder: Path) -> tuple[Path, Path]:
-    """Write two captures of one session: the level that is read differs, the bytes behind it, and the setpoint written."""
+    """Write two captures of one session; they differ in the level read, the bytes after it, and the written setpoint."""
     paths = []
     for name, level, setpoint, rest in (("a", 3.5, 80, 7), ("b", 4.0, 95, 9)):
         talk = begun()

@@ -1,4 +1,4 @@
-"""Rules from a few lines of TOML, and an engine that keeps what it tells."""
+"""Rules from a few lines of TOML, and an engine that keeps its alerts."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from tests.output.baseline.wire import Wire, at_ns
 
 
 class Kept(AlertEngine):
-    """An engine with the alerts it told."""
+    """An engine with its alerts."""
 
     def __init__(self, toml: str, baseline: Baseline | None = None) -> None:
         self.alerts: list[Alert] = []

@@ -1,4 +1,4 @@
-"""A small disk of a test's own: a tmpfs in a mount namespace, in a child process."""
+"""A small disk for a test: a tmpfs in a mount namespace, in a child process."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from tests.conftest import ROOT
 
 _APART: Final = [shutil.which("unshare") or "unshare", "--user", "--map-root-user", "--mount", "sh", "-c"]
 
-#: What every script begins with: FOLDER is the small disk, `fill` leaves so many octets free, `free` gives all back.
+#: The beginning of every script: FOLDER is the small disk, `fill` leaves this many octets free, `free` gives all back.
 _BEGIN: Final = """
 import json, os, sys
 sys.path.append(os.getcwd())  # for the tests; the package is that of the run
@@ -60,7 +60,7 @@ def octets(number):
 
 
 def on_a_small_disk(folder: Path, kib: int, script: str) -> Any:
-    """Run a script where ``folder`` is a tmpfs of so many KiB; return what it gives to ``print(json.dumps(…))``."""
+    """Run a script in which ``folder`` is a tmpfs of this many KiB; return what it passes to ``print(json.dumps(…))``."""
     mount = f'mount -t tmpfs -o size={kib}k none "$1" && shift && exec "$@"'
     if subprocess.run([*_APART, mount, "sh", folder, "true"], check=False, capture_output=True).returncode:
         pytest.skip("no small disk: mounting is not allowed here")

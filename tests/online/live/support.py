@@ -1,4 +1,4 @@
-"""What the tests of a live line share: a line that is made up, a clock that is told, a real PLC on loopback."""
+"""Shared by the tests of live lines: a simulated line, a controlled clock, a real PLC on loopback."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class Clock:
 
 
 class Line(LiveReader):
-    """A live source that gives what a test puts on it; each step takes ``step_ns`` of the clock, which is 50 ms."""
+    """A live source that gives the packets that a test puts on it; each step takes ``step_ns`` of the clock, which is 50 ms."""
 
     def __init__(self, clock: Clock, batches: Sequence[Sequence[Packet]] = (), ends: bool = False) -> None:
         super().__init__("fake0", "fake", 50)
@@ -70,7 +70,7 @@ class Line(LiveReader):
 
 
 def taken(session: Session, until: Callable[[list[Event]], bool], seconds: float = 60) -> list[Event]:
-    """Poll until what was taken suits, or the session is over; fails when neither comes in time."""
+    """Poll until the taken events suit, or the session is over; fail if neither comes in time."""
     events: list[Event] = []
     end = time.monotonic() + seconds
     while not until(events):
@@ -130,7 +130,7 @@ time.sleep(60)
 
 @contextlib.contextmanager
 def program() -> Iterator[tuple[int, subprocess.Popen[str]]]:
-    """A PLC in a process of its own, that a test may kill: (its port, the process)."""
+    """A PLC in a separate process, which a test may kill: (its port, the process)."""
     arguments = [sys.executable, "-c", _PROGRAM]
     with subprocess.Popen(arguments, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True) as process:
         assert process.stdout is not None

@@ -1,7 +1,7 @@
 """Runs a command as the unit would: its user without rights, its capability, its system calls, by libseccomp. Not a test.
 
-Called as a program with a JSON object (``calls``, ``errno``, ``families``, ``no_new_code``, ``uid``) and the command. What
-systemd makes of them stands in systemd.exec(5); the calls of its groups are those that `systemd-analyze syscall-filter` lists.
+Called as a program with a JSON object (``calls``, ``errno``, ``families``, ``no_new_code``, ``uid``) and the command. Their
+meaning for systemd is in systemd.exec(5); the calls of its groups are those listed by `systemd-analyze syscall-filter`.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ class _Condition(ctypes.Structure):
 
 
 def library() -> str | None:
-    """Return libseccomp, None when it is not installed."""
+    """Return libseccomp, None if it is not installed."""
     return ctypes.util.find_library("seccomp")
 
 
@@ -60,7 +60,7 @@ def group(name: str) -> set[str]:
 
 
 def allowed(lines: list[str]) -> set[str]:
-    """Return the system calls that lines ``SystemCallFilter=`` of a unit allow, the first of them a list of what is allowed."""
+    """Return the system calls that the lines ``SystemCallFilter=`` of a unit allow; the first line lists allowed ones."""
     calls = group("@default")  # always allowed
     for line in lines:
         named: set[str] = set()
@@ -71,7 +71,7 @@ def allowed(lines: list[str]) -> set[str]:
 
 
 def _filter(default: int, rules: list[tuple[int, str, list[tuple[int, int, int, int]]]]) -> None:
-    """Load a filter: what a rule does not catch gets the default."""
+    """Load a filter: calls that no rule matches get the default."""
     seccomp = ctypes.CDLL(library())
     seccomp.seccomp_init.restype = ctypes.c_void_p
     context = ctypes.c_void_p(seccomp.seccomp_init(ctypes.c_uint32(default)))
@@ -90,7 +90,7 @@ def _filter(default: int, rules: list[tuple[int, str, list[tuple[int, int, int, 
 
 
 def _open_the_way() -> None:
-    """Let the unit's user reach this interpreter where that lies in a closed folder: in a mount namespace of its own."""
+    """Let the unit's user reach this interpreter if it is in a closed folder: in a separate mount namespace."""
     base = Path(sys.base_prefix).resolve()
     closed = next((one for one in reversed(base.parents) if not one.stat().st_mode & 0o001), None)
     if closed is None:

@@ -1,4 +1,4 @@
-"""What the tests of the screens share: sessions over our own captures and made-up talks, run to their end, and what is seen."""
+"""Shared by the tests of the screens: finished sessions over our own captures and simulated talks, and what is visible."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ CAPTURES: Final = Path(__file__).resolve().parents[3] / "captures"
 
 SIZES: Final = ((80, 24), (200, 60))
 
-#: What a device may say to an eye, a terminal or a library of terminals.
+#: Text from a device that could mislead a reader, a terminal or a terminal library.
 HOSTILE: Final = "[red]X[/] \x1b[2J\x07\u202e"
 
 
 def ended(session: Session) -> Session:
-    """Return a session that was started, and has read everything; nothing of what happened was taken."""
+    """Return a session that was started and has read everything; none of its events was taken."""
     session.start()
     end = time.monotonic() + 60
     while session.running:
@@ -50,7 +50,7 @@ def of_packets(packets: Iterable[Packet]) -> Session:
 
 
 class Waiting(Line):
-    """A line that takes its time, as real ones do, so that whoever shows it has some too."""
+    """A line that takes its time, as real ones do, so that the screen has time as well."""
 
     def step(self, sink: PacketSink) -> bool:
         time.sleep(0.01)
@@ -58,7 +58,7 @@ class Waiting(Line):
 
 
 def live(*batches: Iterable[Packet]) -> tuple[Session, Line]:
-    """Return a session that was started and goes on, silent after ``batches``, and its line."""
+    """Return a session that was started and continues, silent after ``batches``, and its line."""
     line = Waiting(Clock(), [list(batch) for batch in batches])
     session = Session(lambda: line, Options(strict=True), name="fake0")
     session.start()
@@ -87,7 +87,7 @@ def model_of(session: Session, **options: Any) -> Model:
 
 
 def screen(app: MonitorApp) -> list[str]:
-    """Return what is on the screen, line by line."""
+    """Return the content of the screen, line by line."""
     width, height = app.size
     strips = app.screen._compositor.render_strips()
     assert len(strips) == height

@@ -1,4 +1,4 @@
-"""What the tests of the proxy share: a relay in a thread, plain sockets at both ends, and patience."""
+"""Shared by the tests of the proxy: a relay in a thread, plain sockets at both ends, and patience."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ PATIENCE_S: Final = 60.0
 
 
 def eventually(true: Callable[[], bool]) -> None:
-    """Wait until something is so; fail when it is not in time."""
+    """Wait until a condition is true; fail if it is not in time."""
     end = time.monotonic() + PATIENCE_S
     while not true():
         assert time.monotonic() < end
@@ -127,7 +127,7 @@ class Frames(PacketSink):
 
 
 def frames_of(tap: Tap) -> list[bytes]:
-    """Return what passed as frames."""
+    """Return the relayed data as frames."""
     reader, sink = RelayReader(tap), Frames()
     reader.stop()
     while reader.step(sink):
@@ -136,7 +136,7 @@ def frames_of(tap: Tap) -> list[bytes]:
 
 
 def tshark(path: Path, wanted: str = "", *fields: str, port: int = 102) -> list[list[str]]:
-    """Return fields that tshark shows of the packets that match ``wanted``; checksums are looked at, S7 is at ``port``."""
+    """Return fields that tshark shows for the packets that match ``wanted``; checksums are verified, S7 is at ``port``."""
     checks = [part for name in ("ip", "tcp") for part in ("-o", f"{name}.check_checksum:TRUE")]
     chosen = ["-Y", wanted] if wanted else []
     checks += ["-d", f"tcp.port=={port},tpkt"]
@@ -147,5 +147,5 @@ def tshark(path: Path, wanted: str = "", *fields: str, port: int = 102) -> list[
     return [line.split("\t") for line in told.stdout.splitlines()]
 
 
-#: What Wireshark would show in red: nothing of it may be in what the proxy writes.
+#: What Wireshark would show in red: the proxy's output must have none of it.
 WRONG: Final = "tcp.analysis.flags || _ws.malformed || tcp.checksum.status != 1 || ip.checksum.status != 1"

@@ -1,4 +1,4 @@
-"""A line with clients and servers whose packets pass at times that a test says, in seconds from the beginning."""
+"""A line with clients and servers whose packets pass at times set by a test, in seconds from the beginning."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ def at_ns(seconds: float) -> int:
 
 
 class Wire:
-    """What passes is told to an observer."""
+    """The packets are passed to an observer."""
 
     def __init__(self, observer: Observer) -> None:
         self.pipeline = Pipeline(observer, Options(strict=True))
@@ -30,7 +30,7 @@ class Wire:
 
 
 class Client:
-    """A client with one connection to a server, set up at a time."""
+    """A client with one connection to a server, set up at a given time."""
 
     def __init__(
         self,
@@ -59,7 +59,7 @@ class Client:
     def read(
         self, at: float, item: Item = WORD, content: bytes | int = b"\x04\xd2", answer: float | None = 0.001
     ) -> None:
-        """Ask at a time and answer so many seconds later, or never."""
+        """Ask at a time and answer this many seconds later, or never."""
         self._ref += 1
         self.talk.send(0, dt(messages.read_job(self._ref, [item])))
         self.pass_on(at)

@@ -1,4 +1,4 @@
-"""Firefox, driven by WebDriver BiDi, which it speaks by itself: there is no geckodriver in the distribution."""
+"""Firefox, driven by WebDriver BiDi, which it supports itself: the distribution has no geckodriver."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from websocket import create_connection
 
 #: Seconds that Firefox may take to start, and for one answer.
 PATIENCE: Final = 120
-#: It asks nobody anything by itself, and every name of a host leads nowhere.
+#: It connects nowhere by itself, and every host name leads nowhere.
 _PREFERENCES: Final = """
 user_pref("app.normandy.enabled", false);
 user_pref("app.update.auto", false);
@@ -87,7 +87,7 @@ class Firefox:
         self._ask("browsingContext.navigate", context=self._context, url=page.as_uri(), wait="complete")
 
     def script(self, expression: str) -> str:
-        """Return the text that an expression gives, a promise of one as well."""
+        """Return the text value of an expression, or of its promise."""
         told = self._ask("script.evaluate", expression=expression, target={"context": self._context}, awaitPromise=True)
         assert told["type"] == "success", told
         return str(told["result"].get("value", ""))
@@ -111,7 +111,7 @@ class Firefox:
         self._ask("input.setFiles", context=self._context, element=element, files=[str(path) for path in files])
 
     def picture(self, path: Path) -> None:
-        """Keep a picture of what is shown."""
+        """Save a picture of the page."""
         import base64
 
         told = self._ask("browsingContext.captureScreenshot", context=self._context)

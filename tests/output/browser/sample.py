@@ -11,7 +11,7 @@ from tests.output.browser.support import NOWHERE, Opened, make_page
 from tests.output.browser.test_page import here
 from tests.output.page.browser import start_chromium
 
-#: What is compared of each capture, and how many captures the page holds at a time.
+#: The outputs that are compared for each capture, and the number of captures in the page at a time.
 FORMS: Final = (
     ["analyze", "-T", "json"],
     ["transactions", "-T", "jsonl"],
@@ -24,7 +24,7 @@ LARGEST: Final = 20_000_000
 
 
 def main(folder: Path) -> int:
-    """Print what differs; return how many command lines did."""
+    """Print the differences; return the number of command lines with differences."""
     sys.modules["cryptography"] = None  # type: ignore[assignment]  # the page has none
     found = {
         path.name: path for path in sorted(folder.rglob("*")) if path.suffix in {".pcap", ".pcapng", ".cap", ".gz"}

@@ -1,4 +1,4 @@
-"""What the tests of the browser edition share: the page, made once, and a browser that has opened it."""
+"""Shared by the tests of the browser edition: the page, made once, and a browser that has opened it."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 OWN: Final = ROOT / "captures"
 #: Where the packages of npm and PyPI are kept: beside the environment, so that they are fetched once.
 PACKAGES: Final = Path(os.environ.get("S7DISSECT_BROWSER_PACKAGES", Path(sys.prefix) / "browser"))
-#: Seconds that a page may take for one step on a machine that does much else.
+#: Seconds that a page may take for one step on a busy machine.
 PATIENCE: Final = 120
 #: An argument for Chromium: every name of a host leads nowhere.
 NOWHERE: Final = "--host-resolver-rules=MAP * ~NOTFOUND"
@@ -49,7 +49,7 @@ def captures() -> list[Path]:
 
 
 def make_page(folder: Path) -> Path:
-    """Write the page. Without the packages and without their registries the tests are skipped."""
+    """Write the page. Without the packages and their registries the tests are skipped."""
     parts = Parts(PACKAGES)
     try:
         parts.fetch()
@@ -84,14 +84,14 @@ class Opened(Driven):
             time.sleep(0.05)
 
     def choose(self, *files: Path) -> None:
-        """Choose files as a person does, in the place of those before."""
+        """Choose files as a person does, in place of the earlier ones."""
         self.script("held = []; select('files', '', ''); changed()")
         field = self.driver.find_element("id", "choose")
         field.send_keys("\n".join(map(str, files)))
         self.until(f"document.documentElement.dataset.files === '{len(files)}'")
 
     def select(self, tab: str, row: str = "", where: str = "") -> None:
-        """Go to a tab and wait until all that it asks is there."""
+        """Go to a tab and wait until all its data are there."""
         self.script("select(arguments[0], arguments[1], arguments[2])", tab, row, where)
         self.drawn()
 

@@ -1,4 +1,4 @@
-"""What the tests of exports share: rows of captures, made and our own."""
+"""Shared by the tests of exports: rows of synthetic captures and of our own."""
 
 from __future__ import annotations
 

@@ -16,17 +16,17 @@ if TYPE_CHECKING:
 
 
 class Driven:
-    """Chromium, with what tests of any page ask of it."""
+    """Chromium, with the functions that tests of any page need."""
 
     def __init__(self, driver: WebDriver) -> None:
         self.driver = driver
 
     def script(self, script: str, *arguments: object) -> Any:
-        """Return what a script returns."""
+        """Return the result of a script."""
         return self.driver.execute_script(script, *arguments)
 
     def count(self, selector: str) -> int:
-        """Return how many elements there are."""
+        """Return the number of elements."""
         return int(self.script("return document.querySelectorAll(arguments[0]).length", selector))
 
     def texts(self, selector: str) -> list[str]:
@@ -37,7 +37,7 @@ class Driven:
         return found
 
     def console(self) -> list[str]:
-        """Return what the console holds: errors of scripts, violations of the policy."""
+        """Return the messages in the console: errors of scripts, violations of the policy."""
         return [str(entry["message"]) for entry in self.driver.get_log("browser")]
 
     def requests(self) -> list[str]:
@@ -47,7 +47,7 @@ class Driven:
 
 
 class Browser(Driven):
-    """Chromium, with what a test of a report asks of it."""
+    """Chromium, with the functions that a test of a report needs."""
 
     def open(self, page: Path, width: int = 1280, fragment: str = "") -> None:
         """Open a page from the disk, in a window of this width."""
@@ -62,7 +62,7 @@ class Browser(Driven):
         assert self.script("return document.documentElement.dataset.ready") == "yes", self.console()
 
     def run(self, script: str, *arguments: object) -> Any:
-        """Return what a script returns."""
+        """Return the result of a script."""
         return self.script(script, *arguments)
 
     def click(self, selector: str) -> None:
@@ -72,12 +72,12 @@ class Browser(Driven):
         )
 
     def overflow(self) -> int:
-        """Return by how much the page is wider than its window."""
+        """Return how much wider the page is than its window."""
         return int(self.script("return document.documentElement.scrollWidth - innerWidth"))
 
 
 def start_chromium(*more: str) -> WebDriver:
-    """Start Chromium with ``more`` arguments; the test is skipped where it is not installed."""
+    """Start Chromium with ``more`` arguments; the test is skipped if it is not installed."""
     chromium, driver = shutil.which("chromium"), shutil.which("chromedriver")
     if chromium is None or driver is None:
         pytest.skip("chromium or its driver is not installed (scripts/install-tools.sh)")

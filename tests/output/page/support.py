@@ -1,4 +1,4 @@
-"""What the tests of the report share: pages made of packets, their data, and a capture whose every name is hostile."""
+"""Shared by the tests of the report: pages made from packets, their data, and a capture whose names are all hostile."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from tests.properties import messages
 from tests.properties.messages import Item, dt
 from tests.properties.packets import Flow, Packet, Talk
 
-#: What has broken pages, shells, spreadsheets and terminals before.
+#: Texts that have broken pages, shells, spreadsheets and terminals before.
 NAUGHTY: Final = (
     "</script><script>window.hacked=1</script>",
     "<script>window.hacked=1</script>",
@@ -55,7 +55,7 @@ def gathered_of(
     hosts: Mapping[str, str] = MappingProxyType({}),
     local: bool = False,
 ) -> Gathered:
-    """Return what a report gathers of captures; ``hosts`` are names by address, ``local`` times are those of this machine."""
+    """Return what a report collects from captures; ``hosts`` maps addresses to names, ``local`` writes local times."""
     rows = Rows([path.name for path in paths], Clock(local), hosts)
     gathered = Gathered(rows, choose(tags, Known(None)) if tags else None)
     run = Run(paths, gathered, options or Options(strict=True))
@@ -68,7 +68,7 @@ def gathered_of(
 
 
 def page_of(*paths: Path, tags: Sequence[str] = ()) -> str:
-    """Return the page of a capture; of two with no differences between them."""
+    """Return the page of a capture; or of two with no differences between them."""
     sides = [Side(gathered_of([path], tags), [path.name]) for path in paths]
     return render(sides, "0", None if len(sides) == 1 else ["one difference"])
 
@@ -89,7 +89,7 @@ def session_of(page: str) -> dict[str, Any]:
 
 
 def naughty_packets() -> list[Packet]:
-    """Return a capture in which each of `NAUGHTY` stands wherever a name can: as TSAP, as name of a block, as a value."""
+    """Return a capture that has each of `NAUGHTY` in every place for a name: as TSAP, as name of a block, as a value."""
     packets: list[Packet] = []
     for number, text in enumerate(NAUGHTY):
         octets = text.encode()[:120]
@@ -109,7 +109,7 @@ def naughty_packets() -> list[Packet]:
 
 
 def command_of(session: dict[str, Any], how: dict[str, Any]) -> str:
-    """Return the command that shows a row, as the script of the page puts it together; empty for none."""
+    """Return the command that shows a row, as the script of the page composes it; empty for none."""
     parts = session["command"]
     if not how["show"]:
         return ""

@@ -1,4 +1,4 @@
-"""What the tests of values share: rows of made conversations."""
+"""Shared by the tests of values: rows of synthetic conversations."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def writes(talk: Talk, ref: int, *triples: tuple[Item, bytes, int]) -> Talk:
 
 
 def collected(collector: Collector, packets: Iterable[Packet], options: Options | None = None) -> Collector:
-    """Drive packets through a pipeline into a collector; a bug of ours raises."""
+    """Drive packets through a pipeline into a collector; our bugs raise."""
     pipeline = Pipeline(collector, options or Options(strict=True))
     for packet in packets:
         pipeline.frame(packet.time_ns, packet.octets, 0, len(packet.octets), packet.wire_length, packet.link_type)
@@ -55,7 +55,7 @@ def collected(collector: Collector, packets: Iterable[Packet], options: Options 
 def rows_of(
     talk: Talk, *names: str, changes: bool = False, every_ns: int = 0, naming: Naming | None = None
 ) -> list[ValueRow]:
-    """Return the rows of a talk, of the variables that are named or of all."""
+    """Return the rows of a talk, for the named variables or for all."""
     wanted = choose(names, Known(naming)) if names else None
     options = Options(strict=True, naming=naming)
     return collected(Collector(wanted, changes, every_ns), talk.packets(), options).take()

@@ -1,4 +1,4 @@
-"""What the tests of the readers share: captures crafted octet by octet, a source in memory, a sink that remembers."""
+"""Shared by the tests of the readers: captures crafted octet by octet, a source in memory, a sink that remembers."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ class Recorder(PacketSink):
 
 
 class MemorySource:
-    """Octets in memory, given in pieces of at most ``piece``; counts what was taken."""
+    """Octets in memory, given in pieces of at most ``piece``; counts the octets taken."""
 
     def __init__(self, octets: bytes, piece: int = UNRESTRICTED) -> None:
         self.damage = ""
@@ -67,7 +67,7 @@ class MemorySource:
 
 
 def reader_of(octets: bytes, piece: int = UNRESTRICTED) -> Reader:
-    """Give the reader that the first four octets call for, over a source in memory."""
+    """Return the reader for the first four octets, over a source in memory."""
     source = MemorySource(octets, piece)
     head = b""
     while len(head) < 4:
@@ -95,9 +95,10 @@ def drain(reader: Reader) -> Recorder:
 
 
 class Sample:
-    """A capture being crafted, the frames it must give, and where it may be cut without being damaged.
+    """A capture under construction, the frames that it must give, and the places where it may be cut without damage.
 
-    ``ends`` holds, for each frame, the offset at which its record is complete; ``boundaries`` every offset between two records.
+    ``ends`` has, for each frame, the offset at which its record is complete; ``boundaries`` has every offset between two
+    records.
     """
 
     def __init__(self, octets: bytes = b"") -> None:
@@ -108,7 +109,7 @@ class Sample:
 
     @property
     def octets(self) -> bytes:
-        """What is there up to now."""
+        """The octets so far."""
         return bytes(self._written)
 
     @octets.setter
@@ -116,7 +117,7 @@ class Sample:
         self._written = bytearray(octets)
 
     def add(self, octets: bytes, frame: Frame | None = None) -> None:
-        """Add a record or block, with the frame that comes of it."""
+        """Add a record or block, with the resulting frame."""
         self._written += octets
         self.boundaries.add(len(self._written))
         if frame is not None:
@@ -124,7 +125,7 @@ class Sample:
             self.ends.append(len(self._written))
 
     def frames_before(self, size: int) -> list[Frame]:
-        """Give the frames whose records stand wholly in the first ``size`` octets."""
+        """Return the frames whose records are completely in the first ``size`` octets."""
         return [frame for frame, end in zip(self.frames, self.ends, strict=True) if end <= size]
 
 
@@ -149,12 +150,12 @@ class Pcap(Sample):
         self.add(struct.pack(f"{self.order}IHHiIII", magic, *version, 0, 0, snaplen, link_type))
 
     def record(self, seconds: int, fraction: int, captured: int, wire: int, octets: bytes) -> bytes:
-        """Give a record with every field as told."""
+        """Return a record with every field as given."""
         header = struct.pack(f"{self.order}IIII", seconds, fraction, captured, wire)
         return header + (struct.pack(f"{self.order}IHBx", 2, 0x0800, 0) if self.modified else b"") + octets
 
     def packet(self, time_ns: int, octets: bytes, wire: int | None = None) -> None:
-        """Add a packet that is right in every way; ``time_ns`` must be a whole number of the file's units."""
+        """Add a valid packet; ``time_ns`` must be a whole number of the file's units."""
         wire = len(octets) if wire is None else wire
         record = self.record(time_ns // NS, time_ns % NS // self.unit, len(octets), wire, octets)
         self.add(record, Frame(time_ns, octets, wire, self.link_type & 0xFFFF))
@@ -171,11 +172,11 @@ class Pcapng(Sample):
             self.section(big)
 
     def block(self, kind: int, body: bytes, frame: Frame | None = None) -> None:
-        """Add a block that frames ``body`` rightly."""
+        """Add a block with a right frame around ``body``."""
         self.add(self.framed(kind, body), frame)
 
     def framed(self, kind: int, body: bytes, front: int | None = None, back: int | None = None) -> bytes:
-        """Give a block; ``front`` and ``back`` are its two lengths where they are to lie."""
+        """Return a block; ``front`` and ``back`` are its two lengths if they are to be false."""
         body += bytes(-len(body) % 4)
         total = 12 + len(body)
         return (
@@ -237,9 +238,9 @@ class Pcapng(Sample):
 
 @contextmanager
 def small_disk(most: int) -> Iterator[None]:
-    """No file of this process may grow beyond so many octets: the write that would is cut short, as on a full disk.
+    """No file of this process may grow beyond this many octets: the write that would exceed it is cut short, as on a full disk.
 
-    As short as can be: what pytest says may go to a file.
+    Keep it short: pytest's output may go to a file.
     """
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (most, hard))

@@ -1,4 +1,4 @@
-"""What the tests of the live sources share: who may capture here, a network of their own, frames, the filter machine."""
+"""Shared by the tests of the live sources: who may capture here, a separate network, frames, the filter machine."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ class Sink(PacketSink):
 
 
 def until(reader: LiveReader, sink: Sink, count: int, seconds: float = 60) -> list[bytes]:
-    """Read until there are so many packets, or so long; return their octets."""
+    """Read until there are this many packets, or for this long; return their octets."""
     end = time.monotonic() + seconds
     while len(sink.got) < count and time.monotonic() < end and reader.step(sink):
         pass
@@ -59,7 +59,7 @@ def until(reader: LiveReader, sink: Sink, count: int, seconds: float = 60) -> li
 
 
 def drained(reader: LiveReader, sink: Sink, seconds: float = 60) -> bool:
-    """Read to the end; False when none comes in time."""
+    """Read to the end; return False if it does not come in time."""
     end = time.monotonic() + seconds
     while reader.step(sink):
         if time.monotonic() > end:
@@ -68,7 +68,7 @@ def drained(reader: LiveReader, sink: Sink, seconds: float = 60) -> bool:
 
 
 def in_namespace(task: Callable[[], None]) -> None:
-    """Run ``task`` in a thread that has a network of its own: a veth pair, ``va`` to ``vb``, both up."""
+    """Run ``task`` in a thread with its own network: a veth pair, ``va`` to ``vb``, both up."""
     if shutil.which("ip") is None:
         pytest.skip("no ip (iproute2) to make interfaces with")
 
@@ -93,7 +93,7 @@ def sender(interface: str) -> socket.socket:
 
 
 def ip_packet(source: str, target: str, protocol: int, payload: bytes, fragment: int = 0) -> bytes:
-    """Return an IP packet; checksums are left out, no filter looks at them."""
+    """Return an IP packet; checksums are left out, because filters ignore them."""
     a, b = ipaddress.ip_address(source).packed, ipaddress.ip_address(target).packed
     if len(a) == 4:
         return struct.pack(">BBHHHBBH", 0x45, 0, 20 + len(payload), 1, fragment, 64, protocol, 0) + a + b + payload

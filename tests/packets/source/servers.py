@@ -1,4 +1,4 @@
-"""Servers of others that captures are fetched from: OpenSSH, nginx, an object store, each on a free port of loopback."""
+"""Servers for fetching captures: OpenSSH, nginx, an object store, each on a free port of loopback."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from typing import Final
 
 import pytest
 
-#: Seconds until a server that does not come up fails the test.
+#: Seconds until a server that does not start fails the test.
 _PATIENCE_S: Final = 60
 LOOPBACK: Final = "127.0.0.1"
 
@@ -64,9 +64,9 @@ def running(
 
 @contextmanager
 def sftp_server(folder: Path) -> Iterator[int]:
-    """Run OpenSSH's server with keys and configuration of its own in ``folder``, and let the user's SSH there know it.
+    """Run OpenSSH's server with its own keys and configuration in ``folder``, and make it known to the user's SSH.
 
-    ``folder/home`` is a home whose ``.ssh`` has the key that may log in and the host as a known one.
+    ``folder/home`` is a home whose ``.ssh`` has the key for the login and the host as a known one.
     """
     sshd, keygen = _program("sshd"), _program("ssh-keygen")
     port = free_port()
@@ -91,7 +91,7 @@ def sftp_server(folder: Path) -> Iterator[int]:
 
 @contextmanager
 def web_server(folder: Path, root: Path) -> Iterator[int]:
-    """Run nginx on the files under ``root``; below ``/closed`` it refuses, below ``/asks`` all but the user made, word up."""
+    """Run nginx on the files under ``root``; it refuses ``/closed``, and ``/asks`` requires user made with password up."""
     nginx = _program("nginx")
     port = free_port()
     work = folder / "nginx"
@@ -113,7 +113,7 @@ def web_server(folder: Path, root: Path) -> Iterator[int]:
 
 @contextmanager
 def object_store(folder: Path, **environment: str) -> Iterator[int]:
-    """Run moto's S3 server; its contents go with it, and so do clients of it that fsspec keeps for the next who asks."""
+    """Run moto's S3 server; its contents end with it, and so do clients of it that fsspec keeps for reuse."""
     pytest.importorskip("moto.server", reason="no moto: pip install 's7dissect[test]'")
     s3fs = pytest.importorskip("s3fs", reason="no s3fs: pip install 's7dissect[test]'")
     port = free_port()

@@ -1,4 +1,4 @@
-"""A stream fed by positions, and the simple model of what has to come out of it."""
+"""A stream fed by positions, and the simple model of its expected output."""
 
 from __future__ import annotations
 
@@ -6,19 +6,19 @@ from dissect.packets.tcp import stream
 from dissect.packets.tcp.stream import BEFORE_START, NEW, OLD, HalfStream
 from dissect.packets.tcp.stretches import Chunk
 
-#: An octet of the output, or None for one in a hole; the packet that made it available.
+#: An octet of the output, or None for one in a gap; and the packet that made it available.
 Octet = tuple[int | None, int]
 
 
 class Model:
-    """What has to come out when nothing is given up before the end: of each octet the first copy, elsewhere holes."""
+    """The expected output if nothing is dropped before the end: the first copy of each octet, and gaps elsewhere."""
 
     def __init__(self) -> None:
         self.octets: dict[int, int] = {}
         self.frames: dict[int, int] = {}
 
     def add(self, at: int, octets: bytes, frame: int) -> int:
-        """Take a segment (positions from the start on; what lies before is not known) and say what becomes of it."""
+        """Take a segment (positions from the start on; earlier ones are unknown) and return its treatment."""
         fresh = [place for place in range(max(at, 0), at + len(octets)) if place not in self.octets]
         for place in fresh:
             self.octets[place] = octets[place - at]
@@ -28,7 +28,7 @@ class Model:
         return NEW if fresh else OLD
 
     def output(self) -> list[Octet]:
-        """An octet is available when all before it are, back to the hole before it; holes have no packet here."""
+        """An octet is available when all before it are, back to the previous gap; gaps have no packet here."""
         out: list[Octet] = []
         latest = 0
         for place in range(max(self.octets, default=-1) + 1):
@@ -80,7 +80,7 @@ class Feed:
         assert self.half.held is None
 
     def check(self) -> None:
-        """Nothing is lost or counted twice, and nothing held touches what was passed on or is held already."""
+        """Nothing is lost or counted twice, and no held octets touch those passed on or held already."""
         half = self.half
         self.chunks += half.ready
         half.ready = []

@@ -1,4 +1,4 @@
-"""Octets of IBH-NetLink packets, put together without the package; `SEEN` are those libnodave is known to send and expect."""
+"""Octets of IBH-NetLink packets, composed without the package; `SEEN` are those known from libnodave."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ ASK: Final = short(0xF1, read(1, dbw(1, 0)))
 TELL: Final = long(0xF1, words(1, 42))
 ACK: Final = short(0xB0, b"\x07")
 
-#: Octets on the wire, kind, function, what it does.
+#: Octets on the wire, kind, function, meaning.
 SEEN: Final[list[tuple[str, str, int, str]]] = [
     ("00ff03000000040003 0702", "service", -1, "bus parameters asked"),
     ("07ff080100009600 0000000000000a01", "service", -1, "stations asked"),

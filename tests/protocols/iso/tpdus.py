@@ -12,8 +12,8 @@ ALL_PARAMETERS: Final = (
     "63ef12345678438504aabbccdd86030102038702000188080001000200030004890c0000010000020000030000048a020001"
     "8b02000a8c08000000010002000308040102030409020102c302abcdc40101c50155c60100c7021020f00101f204000003e8"
 )
-#: TPDUs of every type and form: what they are, octets, fixed part, parameters (code, value, offset), user data. Those of
-#: reference section 8 are marked with the number of their frame there.
+#: TPDUs of every type and form: type, octets, fixed part, parameters (code, value, offset), user data. Those of reference
+#: section 8 are marked with the number of their frame there.
 TPDUS: Final[list[tuple[str, str, Fields, Parameters, str]]] = [
     (
         "CR",  # frame 13: two-octet TSAPs
@@ -172,7 +172,7 @@ TPDUS: Final[list[tuple[str, str, Fields, Parameters, str]]] = [
         "cafe",
     ),
     (
-        "CR",  # all that X.224 knows of parameters
+        "CR",  # everything that X.224 defines for parameters
         ALL_PARAMETERS,
         {"li": 99, "type": CR, "credit": 15, "dst_ref": 0x1234, "src_ref": 0x5678, "class_": 4, "options": 3},
         [

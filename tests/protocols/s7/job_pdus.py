@@ -1,4 +1,4 @@
-"""Jobs and their answers from their blocks, and what every parser of a block must stand (reference section 3.1)."""
+"""Jobs and their answers from their blocks, and the conditions for every parser of a block (reference section 3.1)."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def answer(parameters: str, data: str = "") -> bytes:
 
 
 def stands_cuts(parameters: str, data: str = "", rosctr: int = JOB) -> None:
-    """See that a PDU is cut in order when it ends after each octet, and when each of its blocks does."""
+    """Check that a PDU is parsed correctly when it ends after each octet, and when each of its blocks does."""
     whole = job(parameters, data, rosctr)
     for size in range(len(whole)):
         body(whole[:size])
@@ -31,7 +31,7 @@ def stands_cuts(parameters: str, data: str = "", rosctr: int = JOB) -> None:
 
 
 def said(octets: bytes) -> Rows:
-    """Return what each field of a body says: a name, and the meaning where there is one, else the number or the octets."""
+    """Return the content of each field of a body: a name, and the meaning if there is one, else the number or the octets."""
     rows: Rows = []
     for part in body(octets).parts:
         for value in part.values:

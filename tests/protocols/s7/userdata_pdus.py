@@ -1,4 +1,4 @@
-"""Userdata PDUs from their payloads, and what every parser of a payload must stand (reference sections 4.1 and 4.2)."""
+"""Userdata PDUs from their payloads, and the conditions for every parser of a payload (reference sections 4.1 and 4.2)."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ AHEAD = 10 + 12 + 4
 def userdata(
     kind: int, group: int, subfunction: int, payload: str, sequence: int = 0, unit: int = 0, last: int = 0
 ) -> bytes:
-    """Return a userdata PDU with this payload (hexadecimal digits, blanks do not matter) and an extended head."""
+    """Return a userdata PDU with this payload (hexadecimal digits, blanks are ignored) and an extended head."""
     octets = bytes.fromhex(payload)
     return pdu(USERDATA, 1, userdata_head(kind, group, subfunction, sequence, unit, last), data_item(0xFF, 9, octets))
 
 
 def body(octets: bytes) -> Body:
-    """Return the body of a PDU, having seen that its parts cover it without gaps."""
+    """Return the body of a PDU, after checking that its parts cover it without gaps."""
     pdu = parse_pdu(octets)
     found = parse_body(pdu)
     at = min(pdu.header_size, len(octets))
@@ -51,7 +51,7 @@ def names(found: Body) -> list[str]:
 
 
 def stands_cuts(octets: bytes) -> None:
-    """See that a PDU is cut in order when it ends after each octet, and when its payload does."""
+    """Check that a PDU is parsed correctly when it ends after each octet, and when its payload does."""
     for size in range(len(octets)):
         body(octets[:size])
     kind, group, subfunction = octets[15] >> 6, octets[15] & 0x3F, octets[16]
@@ -67,7 +67,7 @@ def trailing(octets: bytes) -> Body:
 
 
 def has_surplus(found: Body) -> bool:
-    """Tell whether octets were left over, which must then be told."""
+    """Return whether octets were left over, which must be reported."""
     surplus = [part for part in found.parts if part.layout is SURPLUS]
     assert not surplus or any(fault.reason == "trailing_octets" for fault in found.malformed)
     return bool(surplus)

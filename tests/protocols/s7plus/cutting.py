@@ -1,4 +1,4 @@
-"""PDUs of captures sent again, cut into frames, TSDUs and segments anywhere, and everything that is told of them."""
+"""PDUs of captures sent again, cut into frames, TSDUs and segments anywhere, and all the results for them."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ def may_be_cut(octets: bytes) -> bool:
 def frames_of(octets: bytes, *places: int, empty: bool = False) -> list[bytes]:
     """Return a PDU in frames, cut at places within its data; the last one has the trailer.
 
-    ``empty``: between them stand frames without data.
+    ``empty``: there are frames without data between them.
     """
     pdu = parse_plus(octets)
     size = len(pdu.data)
@@ -116,7 +116,7 @@ def _as_sent(octets: bytes) -> list[bytes]:
 
 
 def in_frames(place: int, empty: bool = False) -> Cutter:
-    """Cut the data of each PDU behind ``place`` bytes, or behind what is left of that number in a shorter one."""
+    """Cut the data of each PDU after ``place`` bytes, or after the remainder of that number in a shorter one."""
 
     def cut(octets: bytes) -> list[bytes]:
         if not may_be_cut(octets):
@@ -144,7 +144,7 @@ def in_small_frames(size: int) -> Cutter:
 
 
 def in_tpdus(place: int, empty: bool = False) -> Cutter:
-    """Cut each TSDU into two DTs behind ``place`` bytes; ``empty``: one without data stands between."""
+    """Cut each TSDU into two DTs after ``place`` bytes; ``empty``: with one without data between them."""
 
     def cut(octets: bytes) -> list[bytes]:
         found = b""
@@ -157,7 +157,7 @@ def in_tpdus(place: int, empty: bool = False) -> Cutter:
 
 
 def in_segments(place: int) -> Cutter:
-    """Cut what carries each PDU into two segments behind ``place`` bytes."""
+    """Cut the carrier of each PDU into two segments after ``place`` bytes."""
 
     def cut(octets: bytes) -> list[bytes]:
         whole = b"".join(uncut(octets))
@@ -168,7 +168,7 @@ def in_segments(place: int) -> Cutter:
 
 
 class Told(Talk):
-    """What is told of PDUs, without the numbers of packets where a PDU takes several."""
+    """The results for PDUs, without the numbers of packets if a PDU takes several."""
 
     def __init__(self, port: int, beside: Told | None = None, packets: bool = True) -> None:
         super().__init__(port, beside=beside)
@@ -194,7 +194,7 @@ class Told(Talk):
 
 
 def told_of(messages: list[Sent], cut: Cutter, packets: bool = True) -> list[str]:
-    """Send PDUs again, each cut, and return what is told; ``packets``: each must be one segment."""
+    """Send PDUs again, each cut, and return the results; ``packets``: each must be one segment."""
     talks: dict[int, Told] = {}
     first: Told | None = None
     for one in messages:

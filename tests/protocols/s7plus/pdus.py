@@ -11,7 +11,7 @@ GET_MULTI: Final = 0x054C
 INIT_SSL: Final = 0x05B3
 ERROR: Final = 0x04B1
 
-#: A response of version 3, and a notification; the digests are as they were.
+#: A response of version 3, and a notification; the digests are the original ones.
 RESPONSE_V3: Final = bytes.fromhex(
     "72030043203dcac8ee113108f0defe64eff4faf6106fe1fa3d75064cde9b8314d9f1e276a3320000054c0000831d3400010004010200088372030008"
     "be04000083a1100000000072030000"

@@ -1,4 +1,4 @@
-"""Values, objects and addresses as Hypothesis draws them: everything that the format can hold."""
+"""Values, objects and addresses for Hypothesis: everything that the format can represent."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ from dissect.wire.varint import SIGNED, SIGNED64, VLQ, VLQ64
 
 U32: Final = st.integers(0, 2**32 - 1)
 IDS: Final = st.integers(1, 2**32 - 1)
-#: Ids of structures whose members stand one by one.
+#: Ids of structures whose members are sent one by one.
 PLAIN_IDS: Final = U32.filter(lambda id_: not (0x90000000 < id_ < 0x9FFFFFFF or 0x02000000 < id_ < 0x02FFFFFF))
 PACKED_IDS: Final = st.integers(0x90000001, 0x9FFFFFFE) | st.integers(0x02000001, 0x02FFFFFE)
 _RANGES: Final = {
@@ -44,7 +44,7 @@ _RANGES: Final = {
 
 
 def elements(type_: int, members: st.SearchStrategy[list[tuple[int, Value]]]) -> st.SearchStrategy[object]:
-    """One content of a type that is no structure."""
+    """One content of a type that is not a structure."""
     if type_ == BOOL:
         return st.booleans()
     if type_ == REAL:

@@ -12,7 +12,7 @@ from tests.protocols.tls.talks import Wire
 
 
 class Film:
-    """Takes the packets of a talk in the place of a pipeline, and writes them to a file."""
+    """Takes the packets of a talk in place of a pipeline, and writes them to a file."""
 
     def __init__(self, path: Path, secrets: bytes = b"") -> None:
         self.frames = 0

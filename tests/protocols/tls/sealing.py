@@ -1,6 +1,6 @@
-"""TLS 1.3 made by hand, for what Python's `ssl` cannot be told to do: any suite, key updates, early data, damage.
+"""TLS 1.3 built by hand, for cases that Python's `ssl` cannot produce: any suite, key updates, early data, damage.
 
-The keys are worked out with `cryptography`, apart from the product.
+The keys are derived with `cryptography`, independently of the product.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ def server_hello(suite: int = 0x1301, random: bytes = bytes(32)) -> bytes:
 
 
 class Sealer:
-    """Seals what one side says, stage after stage: 0 early data, 1 handshake, 2 traffic."""
+    """Encrypts the data of one side, stage after stage: 0 early data, 1 handshake, 2 traffic."""
 
     def __init__(self, side: int, suite: int = 0x1301, stage: int = 1) -> None:
         self.side = side
@@ -110,7 +110,7 @@ def key_log(*sealers: Sealer, without: tuple[str, ...] = ()) -> bytes:
 
 
 class Pair:
-    """Both sides after their handshake; ``begun`` is what they said for it, pairs of side and octets."""
+    """Both sides after their handshake; ``begun`` is the handshake data, pairs of side and octets."""
 
     def __init__(self, suite: int = 0x1301) -> None:
         self.ends = (Sealer(0, suite), Sealer(1, suite))

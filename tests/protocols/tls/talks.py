@@ -1,4 +1,4 @@
-"""TLS made by OpenSSL in memory: both ends of Python's `ssl`, what passed between them, and the key log they wrote."""
+"""TLS made by OpenSSL in memory: both ends of Python's `ssl`, the exchanged data, and their key log."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ def der(made: x509.Certificate) -> bytes:
 
 @dataclass
 class Wire:
-    """What passed: (side, octets) in order; ``key_log`` is what the client wrote."""
+    """The exchanged data: (side, octets) in order; ``key_log`` is what the client wrote."""
 
     flights: list[tuple[int, bytes]] = field(default_factory=list)
     key_log: bytes = b""
@@ -83,7 +83,7 @@ def wire(
     made: x509.Certificate | None = None,
     name: str | None = "plc.local",
 ) -> Wire:
-    """Hold a handshake, then say ``said``, pairs of side and octets, each in a record of its own."""
+    """Perform a handshake, then send ``said``, pairs of side and octets, each in its own record."""
     key = key or rsa_key()
     found = Wire()
     with tempfile.TemporaryDirectory() as folder:
@@ -124,7 +124,7 @@ def in_tls(talk: Talk, found: Wire) -> None:
 
 
 class _Tap:
-    """Stands between two ends: takes what one wrote, and gives it to the other."""
+    """Connects two ends: takes what one wrote, and gives it to the other."""
 
     def __init__(
         self, found: Wire, into: tuple[ssl.MemoryBIO, ssl.MemoryBIO], out: tuple[ssl.MemoryBIO, ssl.MemoryBIO]

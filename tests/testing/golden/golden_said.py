@@ -1,4 +1,4 @@
-"""What a golden says, read from its text by nothing but patterns, with those of its remarks that tshark has fields for."""
+"""The contents of a golden, read from its text only by patterns, with those of its remarks for which tshark has fields."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Final
 
 _FORMS: Final = {"READ", "WRITE", "SETUP"}
 _REMARK: Final = re.compile(r" {4}# (.*)")
-#: What a remark says that tshark has fields for, by what the function begins with.
+#: Facts in remarks for which tshark has fields, by the beginning of the function.
 _FACTS: Final = [
     (re.compile(function), re.compile(remark), said)
     for function, remark, said in [
@@ -27,7 +27,7 @@ _FACTS: Final = [
         ("PBC.*BSEND", r"(R_ID 0x[0-9a-f]{8})", "{0}"),
     ]
 ]  # fmt: skip
-#: Indexes of system status lists that a remark gives a name instead of the number.
+#: Indexes of system status lists for which a remark has a name instead of the number.
 _INDEXES: Final = {
     ("SZL 0x0111", "basic hardware"): "0x0006",
     ("SZL 0x0131", "general"): "0x0001",
@@ -51,7 +51,7 @@ class Said:
 
 
 class SaidLink:
-    """A connection: its number, what is said of it, and the transactions on it."""
+    """A connection: its number, its facts, and the transactions on it."""
 
     def __init__(self, number: int) -> None:
         self.number = number
@@ -60,14 +60,14 @@ class SaidLink:
 
 
 def read_said(text: str) -> list[SaidLink]:
-    """Return what a golden says."""
+    """Return the contents of a golden."""
     links: list[SaidLink] = []
     for block in text.split("\n\n")[1:]:
         first, *rest = re.sub(r"\n {8}(?=\S)", " ", block.rstrip("\n")).split("\n")
         if found := re.fullmatch(r"connection ([0-9]+)", first):
             link = SaidLink(int(found[1]))
             for line in [re.sub(r"  # .*", "", line).strip() for line in rest]:
-                # Other protocols, and what carries them, tshark has no dissector for.
+                # tshark has no dissector for other protocols and their carriers.
                 if line == "protocol s7comm" or not line.startswith(("protocol ", "carrier ")):
                     link.lines.append(line)
             links.append(link)
@@ -85,7 +85,7 @@ def _lines(head: str, rest: list[str]) -> list[str]:
             lines += [f"# {fact}"] if fact else []
         elif re.match(r"  (?:  )?[^ #]", line) and not line.startswith(
             ("  scd ", "  job of ", "  likely: ")
-        ):  # which tshark does not say
+        ):  # tshark does not show this
             said = re.sub(r"  # .*", "", line).strip().removesuffix(", perhaps")
             said = re.sub(r'= (".*")$', _text, re.sub(r'= (".*") (?=refused|as )', _text, said))
             lines.append(re.sub(r"(L?REAL)( x[0-9]+)? = (\[.*\]|[^\s<]\S*)", _octets, said))
@@ -107,7 +107,7 @@ def _text(found: re.Match[str]) -> str:
 
 
 def _octets(found: re.Match[str]) -> str:
-    """Return numbers of floating point as octets, because there is more than one way to write them."""
+    """Return floating-point numbers as octets, because there is more than one way to write them."""
     form = ">d" if found[1] == "LREAL" else ">f"
     numbers = [float(text) for text in found[3].strip("[]").split(", ")]
     return f"{found[1]}{found[2] or ''} = {b''.join([struct.pack(form, number) for number in numbers]).hex()}"

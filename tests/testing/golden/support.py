@@ -1,4 +1,4 @@
-"""What the tests of goldens share: sessions of made packets, and texts of goldens with one thing changed."""
+"""Shared by the tests of goldens: sessions of synthetic packets, and goldens with one change."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def place(at: int, db: int = 10) -> Item:
 
 
 def reads(*places: int, flow: Flow | None = None, db: int = 10) -> Talk:
-    """Return a connection on which words are read one after another; each holds its own offset."""
+    """Return a connection on which words are read one after another; each contains its own offset."""
     talk = begun(flow)
     for ref, at in enumerate(places, 1):
         read(talk, ref, place(at, db), at.to_bytes(2, "big"))
@@ -66,7 +66,7 @@ def reads(*places: int, flow: Flow | None = None, db: int = 10) -> Talk:
 
 
 def session(packets: Iterable[Packet]) -> Session:
-    """Return the session of packets; a bug of ours raises."""
+    """Return the session of packets; our bugs raise."""
     reader = SessionReader("made")
     observed(reader, packets)
     return reader.finish()
@@ -78,6 +78,6 @@ def told(a: Session, b: Session, *ignore: str, latency: str | None = None) -> li
 
 
 def edited(text: str, old: str, new: str) -> Session:
-    """Return the session of a golden in which ``old``, which stands in it once, was replaced."""
+    """Return the session of a golden in which ``old``, which occurs once, was replaced."""
     assert text.count(old) == 1, f"{old!r} stands there {text.count(old)} times"
     return parse_golden(text.replace(old, new), "edited")

@@ -1,7 +1,7 @@
-"""Where a golden says something else than tshark, and who is right: the one place where that is excused.
+"""Differences between a golden and tshark, and which one is right: the only place where these are excused.
 
-A row is used up by exactly the differences it names; one that no longer excuses anything fails the test, and so does a cause
-that no row has. Of a cause there are the page that tells it, what stands there, and why the golden is right.
+A row must match exactly its differences; one that excuses nothing fails the test, and so does a cause without a row. For a
+cause it names the page that describes it, the text there, and why the golden is right.
 """
 
 from __future__ import annotations
@@ -90,7 +90,7 @@ class Row(NamedTuple):
     cause: str
 
     def numbers(self) -> set[str]:
-        """Return every place by itself."""
+        """Return every single place."""
         found = set()
         for place in self.places.split(", ") if self.places else []:
             first, _, last = place.partition("-")

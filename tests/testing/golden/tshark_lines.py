@@ -1,4 +1,4 @@
-"""What tshark shows of a request and its answer, written line by line as a golden writes it, by nothing but tables."""
+"""tshark's view of a request and its answer, written line by line like a golden, only by tables."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ _DATA: Final = "s7comm.data.item"
 
 
 def link_lines(shown: Shown) -> list[str]:
-    """Return what is said of a connection."""
+    """Return the facts of a connection."""
     lines = ["protocol s7comm"] if shown.deals else []
     lines += [f"{role} TSAP <{shown.tsaps[role]}>" for role in ("client", "server") if role in shown.tsaps]
     if any(shown.sizes):
@@ -54,8 +54,8 @@ def link_lines(shown: Shown) -> list[str]:
 def deal_lines(deal: Deal, by_form: bool, plain: bool, whole: frozenset[str]) -> list[str]:
     """Return the block of a request and its answer.
 
-    A golden decides how it is said, and everything it says is then here too: ``by_form`` with items or sizes, ``plain`` with
-    the answer in them, ``whole`` the halves that stand as octets of the whole PDU.
+    The form is that of a golden, and everything it contains must then be here, too: ``by_form`` with items or sizes, ``plain``
+    with the answer in them, ``whole`` names the halves written as octets of the whole PDU.
     """
     asked, told = deal.asked, deal.told
     first = deal.first
@@ -75,7 +75,7 @@ def deal_lines(deal: Deal, by_form: bool, plain: bool, whole: frozenset[str]) ->
     if told is not None and not (by_form and plain):
         name = "says" if told.pushes else "answer"
         lines += _half(name, told, name in whole)
-        # A remark on an answer that is none to the request has no form that the request would tell.
+        # A remark on an answer that does not belong to the request has no form.
         lines += [f"# {fact}" for fact in facts(told)] if told.name == first.name else []
     return lines
 
@@ -97,7 +97,7 @@ def _half(name: str, pdu: Pdu, whole: bool) -> Iterator[str]:
 
 
 def facts(pdu: Pdu) -> Iterator[str]:
-    """Yield what a remark says of a PDU, as `tests.testing.golden.golden_said` finds it there."""
+    """Yield the facts of a remark on a PDU, as `tests.testing.golden.golden_said` finds them there."""
     parameters, data = pdu.parameters, pdu.data
     if "s7comm.data.userdata.szl_id" in data:
         szl = number(data, "s7comm.data.userdata.szl_id"), number(data, "s7comm.data.userdata.szl_index")
@@ -191,14 +191,14 @@ def _item_lines(asked: Pdu, told: Pdu | None) -> Iterator[str]:
             text += f" as {SIZES.get(came, hex(came))}" if came != size else ""
         if code not in {-1, GOOD}:
             text += f" refused 0x{code:02x}"
-            # tshark does not read what stands behind the code, but it gives the octets (docs/oracle.md, kept-from-before).
+            # tshark does not read the part after the code, but gives its octets (docs/oracle.md, kept-from-before).
             head = heads[index][1:4] if asked.function == READ and index < len(heads) else b""
             text += f" head <{head.hex(' ')}>" if any(head) else ""
         yield text
 
 
 def _item(item: Tree, octets: bytes) -> tuple[str, int]:
-    """Return the name of a request item, and the data transport size that goes with its type."""
+    """Return the name of a request item, and the data transport size for its type."""
     if (
         number(item, "s7comm.param.item.syntaxid") != S7ANY
         or number(item, "s7comm.param.item.transp_size") not in TYPES
@@ -231,7 +231,7 @@ def _item(item: Tree, octets: bytes) -> tuple[str, int]:
 
 
 def _value(item: Tree, data: bytes) -> str:
-    """Return the value of an item from its octets; numbers of floating point and texts as their octets."""
+    """Return the value of an item from its octets; floating-point numbers and texts as their octets."""
     if number(item, "s7comm.param.item.transp_size", -1) not in TYPES:
         return f"<{data.hex(' ')}>"
     kind, count = number(item, "s7comm.param.item.transp_size"), number(item, "s7comm.param.item.length")

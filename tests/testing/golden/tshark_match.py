@@ -11,10 +11,10 @@ from tests.testing.golden.tshark_view import Deal, Shown
 
 
 class Difference(NamedTuple):
-    """Something said that tshark does not show so, or shown and not said.
+    """A statement that tshark does not confirm, or a fact that only tshark shows.
 
-    ``place`` is the number of a transaction, ``connection N``, or empty for what the golden does not say; ``shown`` is in
-    short what tshark shows there, of what both have only the lines that differ. ``said`` and ``theirs`` are all lines.
+    ``place`` is the number of a transaction, ``connection N``, or empty if the golden has nothing; ``shown`` is a short form of
+    tshark's view, if both have it only the lines that differ. ``said`` and ``theirs`` are all lines.
     """
 
     place: str
@@ -24,7 +24,7 @@ class Difference(NamedTuple):
 
 
 def differences(links: list[SaidLink], shown: list[Shown]) -> list[Difference]:
-    """Return the differences between what is said and what is shown; connections are found by what is on them."""
+    """Return the differences between golden and tshark; connections are matched by their contents."""
     found: list[Difference] = []
     pairs = sorted(
         ((_likeness(link, each), -link.number, -at, link, each) for link in links for at, each in enumerate(shown)),
@@ -48,13 +48,13 @@ def differences(links: list[SaidLink], shown: list[Shown]) -> list[Difference]:
 
 
 def _likeness(link: SaidLink, shown: Shown) -> tuple[float, int]:
-    """Return how much of a connection is the same: the share of the deals, and lines of the connection itself."""
+    """Return how similar two connections are: the share of equal deals, and equal lines of the connection itself."""
     common, deals = len(_common(link.deals, shown.deals)), len(link.deals) + len(shown.deals)
     return common / max(deals, 1), len(set(link.lines) & set(link_lines(shown)))
 
 
 def _like(deal: Deal, said: Said | None) -> list[str]:
-    """Return the lines of what is shown, said in the way in which ``said`` is."""
+    """Return the lines of tshark's view in the form of ``said``."""
     if said is None:
         return deal_lines(deal, True, True, frozenset())
     return deal_lines(deal, said.by_form, said.plain, said.whole)

@@ -1,4 +1,4 @@
-"""Numbers of tshark's fields in the words of a golden. Written down by hand: nothing here comes from the package."""
+"""Numbers of tshark's fields in the words of a golden. Written by hand: nothing here comes from the package."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ REJECTIONS: Final = {1: "invalid parameter code", 3: "invalid parameter value"}
 ROSCTRS: Final = {1: "Job", 2: "Ack", 3: "Ack_Data", 7: "Userdata"}
 JOB, ACK, ACK_DATA, USERDATA = ROSCTRS
 READ, WRITE, SETUP = 0x04, 0x05, 0xF0
-#: Functions whose requests have a form of their own.
+#: Functions whose requests have their own form.
 FORMS: Final = {READ: "READ", WRITE: "WRITE", SETUP: "SETUP"}
 
 FUNCTIONS: Final = {
@@ -118,6 +118,6 @@ TYPES: Final = {
 SIZES: Final = {3: "BIT", 4: "BYTE/WORD/DWORD", 5: "INTEGER", 6: "DINTEGER", 7: "REAL", 9: "OCTET_STRING"}
 RECORD_AREA, DB_AREA, DI_AREA = 0x01, 0x84, 0x85
 LETTERS: Final = {0x80: "P", 0x81: "I", 0x82: "Q", 0x83: "M", 0x86: "L", 0x87: "V"}
-#: Areas of numbers, and areas that no letter names.
+#: Areas of numbers, and areas without a letter.
 NUMBERED: Final = {0x1C: "C", 0x1D: "T", 0x1E: "C200:", 0x1F: "T200:"}
 NAMED: Final = {0x00: "RAW", 0x03: "SI200", 0x05: "SF200", 0x06: "AI200", 0x07: "AO200"}

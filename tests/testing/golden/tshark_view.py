@@ -1,7 +1,7 @@
-"""What tshark says of a capture: connections, and on each the requests with their answers. Nothing here asks the package.
+"""tshark's view of a capture: connections, and on each the requests with their answers. Nothing here uses the package.
 
-tshark pairs no requests with answers, so that is done here in the most literal way, from its fields: an answer belongs to the
-oldest open request of its connection with the same PDU reference from the other side, a Job and a Userdata kept apart.
+tshark pairs no requests with answers, so this is done here in the simplest way, from its fields: an answer belongs to the
+oldest open request of its connection with the same PDU reference from the other side, Job and Userdata separately.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ _USEND: Final = 0x13
 
 
 def listed(value: Any) -> list[Any]:
-    """Return a value as a list: tshark gives one only where a name occurs more than once."""
+    """Return a value as a list: tshark gives one only if a name occurs more than once."""
     if value is None:
         return []
     return value if isinstance(value, list) else [value]
@@ -51,7 +51,7 @@ def raws(tree: Tree, name: str) -> list[tuple[bytes, int]]:
 
 
 def number(tree: Tree, name: str, missing: int = 0) -> int:
-    """Return a field of either notation; the first where there are several."""
+    """Return a field in either notation; the first one if there are several."""
     found = listed(tree.get(name))
     return int(found[0], 0) if found else missing
 
@@ -63,7 +63,7 @@ def inner(tree: Tree, name: str) -> Tree:
 
 
 class Pdu:
-    """An S7 PDU as tshark shows it, without what a golden leaves out (docs/golden.md)."""
+    """An S7 PDU as tshark shows it, without the parts that a golden leaves out (docs/golden.md)."""
 
     def __init__(self, tree: Tree, octets: bytes, at: int, sender: str) -> None:
         self.sender = sender
@@ -98,7 +98,7 @@ class Pdu:
         names = ("s7comm.param.userdata.subfunc", "s7comm.param.modetrans.subfunc")
         self.subfunction = next((number(head, name) for name in names if name in head), 0)
         self.function = number(head, "s7comm.param.userdata.head") >> 16
-        # docs/oracle.md, usend-as-head: the syntax id stands where other userdata says what follows.
+        # docs/oracle.md, usend-as-head: the syntax id is where other userdata state what follows.
         self.usend = number(head, "s7comm.param.userdata.reqres1") == _USEND
         if self.usend:
             self.kind, self.group = PUSH, PBC
@@ -110,7 +110,7 @@ class Pdu:
         return b""
 
     def _mask(self) -> None:
-        """Put zeros where a golden has them, by the positions that tshark gives."""
+        """Put zeros at the same places as in a golden, by the positions that tshark gives."""
         head = self.parameters
         if not self.usend and number(head, "s7comm.param.userdata.head") >> 16 == 0:
             goes_on = self.group == PBC and self.kind != RESPONSE and number(head, "s7comm.param.userdata.seq_num")
@@ -133,12 +133,12 @@ class Pdu:
 
     @property
     def asks(self) -> bool:
-        """Tell whether it is a request."""
+        """Return whether it is a request."""
         return self.rosctr == JOB or (self.rosctr == USERDATA and self.kind == REQUEST)
 
     @property
     def pushes(self) -> bool:
-        """Tell whether nobody asked for it."""
+        """Return whether it is unsolicited."""
         return self.rosctr == USERDATA and self.kind == PUSH
 
     @property
@@ -162,7 +162,7 @@ class Deal:
 
     @property
     def first(self) -> Pdu:
-        """What it is known by."""
+        """The PDU by which it is identified."""
         pdu = self.asked or self.told
         assert pdu is not None
         return pdu
@@ -187,24 +187,24 @@ class Shown:
         self._waiting: dict[tuple[str, bool, int], list[Deal]] = defaultdict(list)
 
     def lose(self, sender: str) -> None:
-        """Take it that octets of ``sender`` are missing here, by which its answers may be."""
+        """Note that octets of ``sender`` are missing here; they may contain its answers."""
         self._lost.add(sender)
         for deal in self.deals:
             if deal.told is None and deal.first.sender != sender:
                 deal.reason = deal.reason or "hole"
 
     def take_tcp(self, sender: str, flags: int) -> None:
-        """Look at how a connection begins and ends, and who was captured at all."""
+        """Note how a connection begins and ends, and which sides were captured."""
         self._heard.add(sender)
         if flags & _SYN:
             self.begun = True
             if not flags & _ACKNOWLEDGES:
                 self.client = sender
-        if flags & (_FIN | _RESET) and not self.ended:  # what came first: S7-1200 and S7-1500 answer a FIN by a RST
+        if flags & (_FIN | _RESET) and not self.ended:  # the first one: S7-1200 and S7-1500 answer a FIN by a RST
             self.ended = f"{'reset' if flags & _RESET else 'fin'} {sender}"
 
     def take_tpdu(self, sender: str, tpdu: Tree) -> None:
-        """Look at what is agreed on, and at a DR or ER."""
+        """Note the negotiated values, and a DR or ER."""
         self.iso = True
         kind = number(tpdu, "cotp.type")
         if kind == _CR:
@@ -224,7 +224,7 @@ class Shown:
             self.farewell = causes[number(tpdu, "cotp.cause" if kind == _DR else "cotp.reject_cause")]
 
     def take(self, pdu: Pdu) -> None:
-        """Put a PDU where it belongs."""
+        """Put a PDU in its place."""
         if pdu.asks:
             deal = Deal(pdu, None)
             self.deals.append(deal)
@@ -246,7 +246,7 @@ class Shown:
             self.deals.append(orphan)
 
     def finish(self, servers: frozenset[str]) -> None:
-        """Tell client and server apart, by ports where the beginning is missing, and say who began each deal."""
+        """Determine client and server, by ports if the beginning is missing, and the side that began each deal."""
         senders = [deal.first.sender for deal in self.deals]
         if not self.client:
             self.client = next((sender for sender in senders if sender.rpartition(" ")[2] not in servers), "")
@@ -268,7 +268,7 @@ class Shown:
 
 
 def ports_of(path: Path) -> list[int]:
-    """Return the ports that are to be taken for TPKT: the file beside a capture names them."""
+    """Return the ports that are treated as TPKT: the file beside a capture names them."""
     table = path.parent / f"{path.name.partition('.')[0]}.toml"
     told = tomllib.loads(table.read_text(encoding="utf-8")) if table.exists() else {}
     return sorted({102, *told.get("ports", []), *listed(told.get("port"))})
@@ -282,7 +282,7 @@ def read_frames(path: Path) -> list[Tree]:
 
 
 def _ends(layers: Tree) -> tuple[str, str, str]:
-    """Return who sends, who the two are, and the connection: Wireshark knows no VLANs, so they are told apart here."""
+    """Return the sender, the two ends, and the connection: Wireshark ignores VLANs, so they are told apart here."""
     tcp = inner(layers, "tcp")
     network = inner(layers, "ip") or inner(layers, "ipv6")
     source, target = (
@@ -294,7 +294,7 @@ def _ends(layers: Tree) -> tuple[str, str, str]:
 
 
 def read_shown(path: Path) -> list[Shown]:
-    """Return the connections that tshark shows, those that it shows anything of S7 or below it on."""
+    """Return the connections with S7 or a protocol below it, as tshark shows them."""
     connections: list[Shown] = []
     streams: dict[str, Shown] = {}
     latest: dict[str, Shown] = {}
@@ -304,7 +304,7 @@ def read_shown(path: Path) -> list[Shown]:
         sender, pair, stream = _ends(layers)
         tpdus = [tpdu for tpdu in listed(layers.get("cotp")) if isinstance(tpdu, dict)]
         known = streams.get(stream)
-        # A stream is one connection of TCP, in which a CR begins another one of ISO.
+        # A stream is one TCP connection, in which a CR begins another ISO connection.
         anew = known is not None and known.deals and any(number(tpdu, "cotp.type") == _CR for tpdu in tpdus)
         if known is None or anew:
             before = latest.get(pair)
@@ -327,7 +327,7 @@ def read_shown(path: Path) -> list[Shown]:
 
 
 def _lost(tree: Any) -> bool:
-    """Tell whether tshark misses octets before a segment; it says so somewhere among its remarks."""
+    """Return whether tshark misses octets before a segment, according to its remarks."""
     if isinstance(tree, dict):
         return "tcp.analysis.lost_segment" in tree or any(_lost(value) for value in tree.values())
     return isinstance(tree, list) and any(_lost(value) for value in tree)

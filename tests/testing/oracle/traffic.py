@@ -1,8 +1,8 @@
 """Conversations made up at random, octet by octet, for both sides of the comparison to read.
 
-Nothing here comes from the package: not a layout, not a table, not a layer; what has a structure of its own inside is a
-worked example of the reference. What is made is legal or what devices do; lengths
-never lie. `conversation` gives the packets of one TCP connection, `write_capture` a file of several.
+Nothing here comes from the package: not a layout, not a table, not a layer; parts with an inner structure are worked examples
+of the reference. All traffic is legal or as real devices send it; lengths are always right. `conversation` gives the packets of
+one TCP connection, `write_capture` a file of several.
 """
 
 from __future__ import annotations
@@ -78,7 +78,7 @@ def connect(rng: Random, code: int, reference: int) -> bytes:
 
 
 def other_tpdu(rng: Random) -> bytes:
-    """Return one of the TPDUs that hardly anybody sends, in a form Wireshark knows."""
+    """Return one of the rare TPDUs, in a form that Wireshark knows."""
     reference = rng.randrange(65536)
     number = rng.randrange(128)
     wide = rng.randrange(1 << 31)
@@ -111,7 +111,7 @@ def setup(rng: Random, rosctr: int, reference: int) -> bytes:
 
 
 class Item:
-    """A variable of a request, and what the answer to it looks like."""
+    """A variable of a request, and the form of its answer."""
 
     def __init__(self, rng: Random) -> None:
         self.size = rng.choice((*SIZES, *SIZES, 0x09, 0x13, 0x7E))
@@ -166,24 +166,24 @@ def write_pair(rng: Random, reference: int) -> tuple[bytes, bytes]:
     parameters = bytes([5, len(items)]) + joined([item.request for item in items])
     data = joined([item.data(rng, 0) for item in items])
     if len(data) & 1 and rng.random() < 0.3:
-        data += b"\x00"  # one client fills up the last item too
+        data += b"\x00"  # one client pads the last item, too
     codes = bytes([rng.choice(CODES) for _ in items])
     return pdu(1, reference, parameters, data), pdu(3, reference, bytes([5, len(items)]), codes)
 
 
-#: Functions of Userdata (group and subfunction) that Wireshark knows nothing of, so that it cannot find their payload wrong.
+#: Userdata functions (group and subfunction) unknown to Wireshark, so that it cannot call their payload wrong.
 UNREAD: Final = (0x0209, 0x0309, 0x0560, 0x3F01, 0x2003)
 SZL: Final = 0x0401
 CLOCK: Final = 0x0701
 TIME: Final = b"\x00\x19\x24\x03\x04\x05\x06\x07\x00\x02"
-#: S7 PDUs with a structure of their own: the worked examples of the reference that are alone what they are.
+#: S7 PDUs with an inner structure: the worked examples of the reference that are unique.
 WORKED: Final = [
     example.octets[7:] for example in S7 if example.octets[5:8] == b"\xf0\x80\x32" and "part" not in example.title
 ]
 
 
 def payload(rng: Random, kind: int, function: int) -> bytes:
-    """Return what a Userdata request (kind 1), answer (2) or push (0) may carry."""
+    """Return a possible payload of a Userdata request (kind 1), answer (2) or push (0)."""
     if function == SZL:
         wanted = struct.pack(">HH", rng.choice((0x0011, 0x001C, 0x0424, 0x0F00)), rng.randrange(256))
         return wanted if kind == 1 else wanted + struct.pack(">HH", 0, 0)
@@ -211,7 +211,7 @@ def userdata_pair(rng: Random, reference: int) -> tuple[bytes, bytes]:
 
 
 def worked_pair(rng: Random, reference: int) -> tuple[bytes, bytes]:
-    """Return two of the worked examples; they need not have to do with each other."""
+    """Return two of the worked examples, which need not be related."""
     request, answer = rng.choice(WORKED), rng.choice(WORKED)
     number = struct.pack(">H", reference)
     return request[:4] + number + request[6:], answer[:4] + number + answer[6:]
@@ -233,7 +233,7 @@ def control_pair(rng: Random, reference: int) -> tuple[bytes, bytes]:
 
 
 class Connection:
-    """One TCP connection over IPv4 and Ethernet; ``packets`` are whole frames. Side 0 asks for the connection."""
+    """One TCP connection over IPv4 and Ethernet; ``packets`` are whole frames. Side 0 opens the connection."""
 
     def __init__(self, rng: Random, number: int, port: int = 102) -> None:
         self.addresses = (struct.pack(">BBH", 10, 1, number), struct.pack(">BBH", 10, 2, number))
@@ -306,9 +306,9 @@ PAIRS: Final = (
 
 
 def sent_again(rng: Random, number: int) -> list[bytes]:
-    """Return the packets of a connection whose answers are lost in part, and sent again cut otherwise, behind later ones.
+    """Return the packets of a connection whose answers are partly lost, and sent again cut otherwise, after later ones.
 
-    The client acknowledges what it has without a gap, several times, as a receiver does that misses something.
+    The client acknowledges the data without a gap several times, like a receiver that misses something.
     """
     connection = Connection(rng, number)
     connection.open()
@@ -394,7 +394,7 @@ def interleaved(rng: Random, flows: Iterable[list[bytes]]) -> list[bytes]:
 
 
 def write_capture(path: Path, packets: Iterable[bytes], most: int = 65535) -> Path:
-    """Write a classic pcap, a packet each millisecond, of each up to ``most`` octets."""
+    """Write a classic pcap, one packet per millisecond, with up to ``most`` octets of each."""
     out = [struct.pack("<IHHiIII", 0xA1B2C3D4, 2, 4, 0, 0, 65535, 1)]
     for index, packet in enumerate(packets):
         kept = packet[:most]

@@ -1,4 +1,4 @@
-"""Sessions of S7comm-plus without digests, made here: what a client asks and what a server says, as a capture."""
+"""Sessions of S7comm-plus without digests, made here: a client's requests and a server's answers, as a capture."""
 
 from __future__ import annotations
 

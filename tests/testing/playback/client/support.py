@@ -1,4 +1,4 @@
-"""What the tests of the replay share: a session that a fake PLC serves and that is played to it."""
+"""Shared by the tests of the replay: a session that a fake PLC serves and that is played to it."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ NAMES: Final = sorted(
     ]
 )
 ALL: Final = Permissions(write=True, control=True)
-#: For recordings that lost answers: the fake PLC does not have them either.
+#: For recordings with lost answers: the fake PLC does not have them either.
 HASTY: Final = Settings(lost_s=0.001)
 
 
@@ -60,12 +60,12 @@ def play(
 
 
 def texts(outcome: Outcome) -> list[str]:
-    """Return what changed, a line each."""
+    """Return the changes, one per line."""
     return [difference.text for difference in outcome.differences()]
 
 
 def changed(path: Path, connection: int, step: int, was: bytes, is_: bytes) -> Recording:
-    """Return a recording to be served in which one answer says something else."""
+    """Return a recording to be served in which one answer is changed."""
     recording = load_recording(path)
     answer = recording.scripts[connection].steps[step].answer
     assert answer.count(was) == 1
@@ -89,7 +89,7 @@ def real_server() -> Iterator[Address]:
     command = [sys.executable, str(CAPTURES / "record" / "serve.py"), str(port)]
     found = {
         name: value for name, value in os.environ.items() if name != "PYTHONSAFEPATH"
-    }  # it imports what is beside it
+    }  # it imports the modules beside it
     quiet = subprocess.DEVNULL
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=quiet, env=found) as process:
         assert process.stdout is not None

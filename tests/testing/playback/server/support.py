@@ -1,4 +1,4 @@
-"""What the tests of the fake PLC share: a client of plain octets, and recorded connections to be played again."""
+"""Shared by the tests of the fake PLC: a client of plain octets, and recorded connections to be played again."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def small() -> Recording:
 
 
 class Plain:
-    """A client that says what it is told to, and gives TPKTs as they come."""
+    """A client that sends what the test gives, and returns TPKTs as they come."""
 
     def __init__(self, server: Server, connect: bytes = CONNECT) -> None:
         self.socket = socket.create_connection((server.host, server.port), PATIENCE_S)
@@ -63,7 +63,7 @@ class Plain:
         self.socket.close()
 
     def tpkt(self) -> bytes:
-        """Return the next TPKT, what there is at the end of the connection."""
+        """Return the next TPKT, or the remaining octets at the end of the connection."""
         while len(self._held) < 4 or len(self._held) < int.from_bytes(self._held[2:4], "big"):
             octets = self.socket.recv(65536)
             if not octets:
@@ -84,7 +84,7 @@ class Plain:
         return self._reference if reference is None else reference
 
     def send_together(self, *asks: Ask) -> list[int]:
-        """Send requests in one segment, so that none is later than the others; return their references."""
+        """Send requests in one segment, so that all arrive together; return their references."""
         self.socket.sendall(b"".join([dt(self._numbered(ask)) for ask in asks]))
         return list(range(self._reference - len(asks) + 1, self._reference + 1))
 
@@ -113,7 +113,7 @@ class Plain:
         ]
 
     def silent(self, for_s: float = 0.2) -> bool:
-        """Tell whether nothing comes for a while."""
+        """Return whether nothing comes for a while."""
         self.socket.settimeout(for_s)
         try:
             return not self.socket.recv(1, socket.MSG_PEEK)
@@ -158,7 +158,7 @@ Packets = list[tuple[bool, bytes]]
 
 
 def messages(octets: bytes) -> list[bytes]:
-    """Return the TSDUs of a side, without how they are cut into TPDUs."""
+    """Return the TSDUs of a side, independent of the division into TPDUs."""
     framer, assembler = Framer(), Assembler()
     framer.synced = True
     framer.push(octets, 0, True)
@@ -171,7 +171,7 @@ def messages(octets: bytes) -> list[bytes]:
 
 
 def _about(octets: bytes) -> tuple[bytes, bool]:
-    """Return which request a TPKT is about, empty for none, and whether it answers it."""
+    """Return the request to which a TPKT belongs, empty for none, and whether it answers it."""
     pdu = parse_pdu(octets[7:])
     if octets[5] >> 4 != DT or octets[7:8] != b"\x32" or len(pdu.octets) < 10:
         return b"", False
@@ -181,11 +181,11 @@ def _about(octets: bytes) -> tuple[bytes, bool]:
 
 
 def play(server: Server, packets: Packets, whole: bool = False, lost: bool = False) -> tuple[bytes, bytes]:
-    """Send what the client sent, each time after what the server had said by then: what was recorded, what came.
+    """Send the client's messages, each after the server's messages so far: return the recorded and the received ones.
 
-    A request that the capture shows behind its answer is sent before it. A recording that begins in the middle is given a
-    connection first; its first answer, to a request nobody saw, is left out, and with ``lost`` all such answers are. With
-    ``whole`` the messages are waited for, whatever the TPDUs they are cut into. A reset that was not recorded is raised.
+    A request that the capture shows after its answer is sent before it. A recording that begins in the middle gets a connection
+    first; its first answer, to an uncaptured request, is left out, and with ``lost`` all such answers are. With ``whole`` it
+    waits for the messages, in whatever TPDUs they come. A reset that was not recorded is raised.
     """
     begun = packets[0][1][5] >> 4 == 0xE
     ahead = [octets for of_client, octets in packets if of_client]
@@ -214,7 +214,7 @@ def play(server: Server, packets: Packets, whole: bool = False, lost: bool = Fal
                     return wanted, got
                 got += piece
         with contextlib.suppress(OSError):
-            client.socket.shutdown(socket.SHUT_WR)  # all that was sent is looked at before the server says its end
+            client.socket.shutdown(socket.SHUT_WR)  # the server processes everything that was sent before its own end
         try:
             while client.socket.recv(65536):
                 pass
