@@ -9,7 +9,9 @@ from typing import Final
 
 import pytest
 
+from dissect.meaning.report.analysis import MAX_CONNECTIONS
 from tests.meaning.report.support import WORD, begun, read, saved
+from tests.meaning.report.test_many_pairs import stops
 from tests.recount.gathering import Recounted, captures_in, differences, recounted, rows
 from tests.recount.kinds import KINDS
 from tests.recount.recount import is_duration, is_moment, is_size, is_time_of_day, main, quantile
@@ -54,6 +56,14 @@ def test_a_read_refused_again_and_again_is_counted_alike_everywhere(tmp_path: Pa
     said = {claim.kind: claim.said for claim in found.claims if "times it happened" in claim.kind}
     assert {said[kind] for kind in ("finding: times it happened", "brief: times it happened")} == {str(count)}
     assert len([claim for claim in found.claims if claim.kind.startswith("per function")]) >= 7
+
+
+def test_more_connections_than_are_kept_are_counted_alike_everywhere(tmp_path: Path) -> None:
+    """A thousand PLC stops of one PLC, in a connection each, then one of another PLC."""
+    found = recounted(saved(tmp_path / "a.pcapng", stops(["10.0.0.2"] * (MAX_CONNECTIONS + 3) + ["10.0.0.3"])))
+    assert differences([found]) == ""
+    plcs = [claim.said for claim in found.claims if claim.kind == "brief: answered of a PLC"]
+    assert plcs == [str(2 * (MAX_CONNECTIONS + 3)), "2"]
 
 
 def test_the_outputs_in_a_folder_are_recounted(
