@@ -94,6 +94,20 @@ def test_a_transaction_is_its_request_and_its_answer() -> None:
     assert of(tape, 3, 6) == [15, 16, 21, 22]
 
 
+@pytest.mark.parametrize("first", [0, 1, 0xFFFFFFFF, 0xFFFFFF80, 0x7FFFFFFF, 0x80000000])
+def test_wherever_the_sequence_numbers_begin(first: int) -> None:
+    """Those of the data of both ends begin at ``first``; the last number is followed by 0."""
+    talk, tape = taped()
+    talk.seq = [first - 1, first - 1]
+    talk.open()
+    asked, told = line.dt(read(1, dbw(1, 0))), line.dt(words(1, 1))
+    for side, octets in ((CLIENT, asked), (SERVER, told)):
+        talk.packet(side, octets[:5])
+        talk.packet(side, octets[5:])
+    assert of(tape, 1) == [6, 7]
+    assert of(tape, 2) == [8, 9, 10, 11]
+
+
 def test_every_segment_of_a_pdu_and_every_retransmission_is_taken() -> None:
     talk, tape = taped()
     talk.open()

@@ -154,6 +154,29 @@ def test_a_list_of_another_form_changes_nothing(value: Value) -> None:
     assert len(one.subscriptions[1]) == 2
 
 
+@pytest.mark.parametrize(("objects", "ids"), [(1, 2), (2, 1), (2, 2), (3, 3), (0, 1)])
+def test_each_subscription_has_the_id_at_its_place(objects: int, ids: int) -> None:
+    """An answer may have more ids than there are subscriptions, or fewer: what has no counterpart is left alone."""
+    one = session()
+    kinds = [
+        PlusObject(number, 1001, 0, 0, 0, [Attribute(1048, Value(ADDRESS_ARRAY, UDINT, LIST))])
+        for number in range(objects)
+    ]
+    kinds = kinds or [PlusObject(1, 287, 0, 0, 0, [])]
+    first, *others = kinds
+    body = bodies.create_object(285, Value(0, UDINT, 0), first)
+    end = body.index(build_object(first)) + len(build_object(first))
+    body = body[:end] + b"".join([build_object(other) for other in others]) + body[end:]
+    answer = (
+        b"\0" + bytes((ids,)) + b"".join([bodies.number(0x70400001 + number) for number in range(ids)]) + bodies.FILL
+    )
+    wanted = parse_contents(parse_plus(framed(asked(1, CREATE_OBJECT, body=body), 1)))
+    heard = parse_contents(parse_plus(framed(told(1, CREATE_OBJECT, answer), 1)))
+    assert (len(wanted.every), len(heard.ids)) == (len(kinds), ids)
+    one.subscribe(wanted, heard, reference_lists_of(wanted.every))
+    assert list(one.subscriptions) == [0x70400001 + number for number in range(min(objects, ids))]
+
+
 def test_subscriptions_are_bounded() -> None:
     one = session()
     for number in range(MAX_SUBSCRIPTIONS + 10):
