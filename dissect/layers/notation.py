@@ -16,7 +16,7 @@ _NOUNS: Final = {"B": "byte", "W": "word", "D": "double word", "L": "long word"}
 _MAX_WORD: Final = 65535
 #: A count, as summaries write it: ``DB10.DBW4 x3``.
 _COUNT: Final = re.compile(r"\s+X([0-9]{1,5})")
-#: A pointer of STEP 7: ``P#DB10.DBX4.0 BYTE 10``; its type and number may be missing.
+#: A pointer of STEP 7: ``P#DB10.DBX4.0 BYTE 10``, ``P#M 10.0 BYTE 4``; its type and number may be missing.
 _POINTER: Final = re.compile(r"P#\s*(.*?[0-9]\.[0-7])(?:\s+([A-Z_]+)(?:\s+([0-9]{1,5}))?)?")
 #: Peripheral inputs and outputs, which are one area: ``PIW256``, ``PQB0``, in German ``PEW256``, ``PAB0``.
 _PERIPHERAL: Final = re.compile(r"P[IQEA]([BWD][0-9]{1,8})")
@@ -40,7 +40,9 @@ def at(address: str, count: int | None = None, transport_size: str | int | None 
     an invalid address.
     """
     text = address.strip().upper()
-    if (pointer := _POINTER.fullmatch(text)) and (parsed := parse_address(_written(pointer[1]))) is not None:
+    if (pointer := _POINTER.fullmatch(text)) and (
+        parsed := parse_address(_written("".join(pointer[1].split())))
+    ) is not None:
         kind = transport_size if transport_size is not None else pointer[2] or BIT
         return _placed(address, parsed, int(pointer[3] or 1) if count is None else count, kind, parsed.bit)
     if counted := _COUNT.search(text):

@@ -43,6 +43,9 @@ CAPTURES: Final = Path(__file__).parents[2] / "captures"
         ("PED4", 0x80, 0, 32, 6),
         ("P#DB10.DBX4.1", 0x84, 10, 33, 1),
         ("P#M2.0", 0x83, 0, 16, 1),
+        ("P#M 2.0 BYTE 4", 0x83, 0, 16, 2),
+        ("P#E 0.7", 0x81, 0, 7, 1),
+        ("p#db10.dbx 4.1", 0x84, 10, 33, 1),
     ],
 )
 def test_addresses(address: str, area: int, db: int, place: int, size: int) -> None:
