@@ -90,5 +90,6 @@ def test_what_sniff_took_from_loopback_is_a_capture(port: int, tmp_path: Path) -
     ask(port)
     threading.Event().wait(0.5)
     packets = sniffer.stop()
+    assert packets is not None
     wrpcap(str(path), packets)
     assert reads(list(dissect.open(path, pdus=False))) == READS
