@@ -8,6 +8,7 @@ import pytest
 
 from dissect.engine.findings.catalogue import SEVERITIES
 from dissect.engine.pipeline import Options, Pipeline
+from dissect.engine.transactions.transaction import Transaction
 from dissect.meaning.select import selection as selecting
 from dissect.meaning.select.places import packet_key, parsed
 from dissect.meaning.select.selection import Choice, ContextBook, Selection, Wanted
@@ -106,6 +107,43 @@ def test_wherever_the_sequence_numbers_begin(first: int) -> None:
         talk.packet(side, octets[5:])
     assert of(tape, 1) == [6, 7]
     assert of(tape, 2) == [8, 9, 10, 11]
+
+
+@pytest.mark.parametrize("noise", [b"", b"noise", bytes(40)])
+def test_behind_lost_and_stray_octets_the_place_is_still_right(noise: bytes) -> None:
+    talk, tape = taped()
+    talk.open()  # 1 to 7
+    for side in (CLIENT, SERVER):
+        talk.lose(side, read(9, dbw(9, 9)), read(8, dbw(9, 9)))
+    talk.packet(CLIENT)
+    talk.packet(SERVER)
+    talk.ask(read(1, dbw(1, 0)))  # 10
+    talk.tell(words(1, 1))
+    if noise:
+        talk.packet(CLIENT, noise)
+    at = len(tape.packets)
+    for ref in (2, 3):
+        asked, told = line.dt(read(ref, dbw(1, 0))), line.dt(words(ref, 1))
+        for side, octets in ((CLIENT, asked), (SERVER, told)):
+            talk.packet(side, octets[:20])
+            talk.packet(side, octets[20:])
+    talk.close()
+    numbers = [int(one.number) for one in told_of(tape) if one.pdu_ref in {2, 3} and one.outcome == "answered"]
+    assert len(numbers) == 2
+    first, second = [of(tape, number) for number in numbers]
+    assert set(first) >= {at + 1, at + 2, at + 3, at + 4}
+    assert second == [at + 5, at + 6, at + 7, at + 8]
+    if not noise:
+        assert first == [at + 1, at + 2, at + 3, at + 4]
+
+
+def told_of(tape: Tape) -> list[Transaction]:
+    """Return the transactions of a tape."""
+    kept = line.Talk()
+    for time_ns, octets in tape.packets:
+        kept.pipeline.frame(time_ns, octets, 0, len(octets), len(octets), ETHERNET)
+    kept.finish()
+    return kept.transactions
 
 
 def test_every_segment_of_a_pdu_and_every_retransmission_is_taken() -> None:

@@ -324,3 +324,17 @@ def test_the_facts_of_an_item_are_made_once() -> None:
     first = found.context.reader.items(one)
     assert found.context.reader.items(one) is first
     assert all(isinstance(item, ItemFacts) for item in first)
+
+
+@each(
+    ("literal", "wanted"),
+    [("true", True), ("TRUE", True), ("1", True), ("false", False), ("False", False), ("0", False)],
+)
+def test_true_and_false_in_every_spelling(literal: str, wanted: bool) -> None:
+    found = gathered(*NAMES)
+    things = found.things[TRANSACTION]
+    failed = [one for one in things if Where("failed").predicate(TRANSACTION)(one)]
+    assert 0 < len(failed) < len(things)
+    for operator, expected in (("==", wanted), ("!=", not wanted)):
+        chosen = [one for one in things if Where(f"failed {operator} {literal}").predicate(TRANSACTION)(one)]
+        assert chosen == (failed if expected else [one for one in things if one not in failed])

@@ -13,6 +13,7 @@ from dissect.output.variables.wanted import Wanted
 from tests.cases import each
 from tests.meaning.report.support import begun
 from tests.output.variables.support import BYTE, db, reads, rows_of, said
+from tests.properties.messages import Item
 
 _TAGS: Final = """address,type,name
 DB1.DBW0,"Array[1..3] of INT",Tank.Levels
@@ -76,6 +77,22 @@ def test_an_element_has_its_own_values(tmp_path: Path) -> None:
         False,
         False,
     ]
+
+
+def test_an_address_that_is_exactly_a_tag_or_an_element_has_its_name(tmp_path: Path) -> None:
+    path = tmp_path / "tags.csv"
+    path.write_text(_TAGS, encoding="utf-8")
+    naming = load_tags([path]).naming()
+    talk = begun()
+    reads(talk, 1, (Item(0x1D, 3, 0, 0x1D, 4), b"\0\x05\x12\x50\0\x07"))
+    reads(talk, 2, (db(BYTE, 0, 12), bytes((0, 1, 0, 2, 0, 3, 0, 0, 0, 0, 0x08, 0x40))))
+    for text, name, type_, value in (
+        ("T5", "Delay", "TIMER", "S5T#25s"), ("DB1.DBW2", "Tank.Levels[2]", "INT", 2), 
+        ("DB1.DBX11.6", "Bits[1,3]", "BOOL", True), ("DB1.DBX11.5", "Bits[1,2]", "BOOL", False),
+        ("DB1.DBW1", "DB1.DBW1", "WORD", 0x100), ("DB1.DBB0", "DB1.DBB0", "BYTE", 0),
+    ):  # fmt: skip
+        rows = rows_of(talk, text, naming=naming)
+        assert [(row.name, row.type, row.value) for row in rows] == [(name, type_, value)], text
 
 
 @each(

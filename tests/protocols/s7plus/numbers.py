@@ -1,7 +1,7 @@
-"""The numbers of S7comm-plus and their names, one a line, beside the tables that make them.
+"""The numbers of S7comm-plus and their names, and the sizes of fields, one a line, beside the tables that make them.
 
-A number on the wire never changes: whoever changes one in a table changes it in `numbers.txt` too, and says why. After rows
-were added: ``PYTHONPATH=. python -m tests.protocols.s7plus.numbers``.
+A number or a size on the wire never changes: whoever changes one in a table changes it in `numbers.txt` too, and says why.
+After rows were added: ``PYTHONPATH=. python -m tests.protocols.s7plus.numbers``.
 """
 
 from __future__ import annotations
@@ -10,8 +10,9 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Final
 
-from dissect.protocols.s7plus import id_tables, program_tables, return_tables, tables, value_tables
+from dissect.protocols.s7plus import id_tables, layouts, program_tables, return_tables, tables, value_tables
 from dissect.wire.codes import CodeTable
+from dissect.wire.layout import Field, Layout
 
 NUMBERS: Final = Path(__file__).with_name("numbers.txt")
 
@@ -33,7 +34,18 @@ def lines() -> list[str]:
     for table in every_table():
         made.append(f"{table.title}, {table.digits} digits")
         made += [f"  {row.number:#x} {row.name}" for row in table]
+    for layout in vars(layouts).values():
+        if isinstance(layout, Layout):
+            made.append(f"layout {layout.name}")
+            made += [f"  {field.name} {sized(field)}" for field in layout.fields]
     return made
+
+
+def sized(field: Field) -> str:
+    """Return the size of a field (below 0: one of the kinds without a fixed size), its bits, and what it counts."""
+    bits = f" bits {field.bits[0]:#x} >> {field.bits[1]}" if field.bits is not None else ""
+    counted = f" counts {field.counts}" if field.counts else ""
+    return f"{field.size}{bits}{' of the same bytes' if field.shares else ''}{counted}"
 
 
 if __name__ == "__main__":

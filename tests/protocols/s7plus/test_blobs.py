@@ -134,11 +134,15 @@ def one(blob: bytes) -> Value:
 
 def test_sound_blobs_are_noted_where_they_stand() -> None:
     blob = VERSION + compressed(TEXT, DICTIONARY)
-    comments = Value(SPARSE_ARRAY, BLOB, [(1, Blob(0, blob)), (0x80000001, Blob(0, blob)), (2, Blob(0, b"plain"))])
-    pdu = parse_plus(download((INTERFACE, one(blob)), (COMMENTS, comments), (233, one(blob)), (INTERFACE, one(b""))))
-    found = parse_contents(pdu)
-    assert [pdu.data[begin:end] for begin, end in found.blobs] == [blob, blob]
-    assert found.malformed == []
+    rows = [(1, Blob(0, blob)), (0x80000001, Blob(0, blob)), (2, Blob(0, b"plain"))]
+    for order in (rows, rows[::-1], rows[1:] + rows[:1]):  # what is none hides none behind it
+        comments = Value(SPARSE_ARRAY, BLOB, order)
+        pdu = parse_plus(
+            download((INTERFACE, one(blob)), (COMMENTS, comments), (233, one(blob)), (INTERFACE, one(b"")))
+        )
+        found = parse_contents(pdu)
+        assert [pdu.data[begin:end] for begin, end in found.blobs] == [blob, blob]
+        assert found.malformed == []
 
 
 @pytest.mark.parametrize(

@@ -45,7 +45,7 @@ def test_every_row_has_a_name(table: CodeTable) -> None:
 
 
 def test_numbers_stay_as_they_are_written_down() -> None:
-    """Each number and name once more, beside the tables: neither changes by mistake."""
+    """Each number, name and size of a field once more, beside the tables: none changes by mistake."""
     assert lines() == NUMBERS.read_text(encoding="utf-8").splitlines()
     assert len(list(every_table())) > 15
 
