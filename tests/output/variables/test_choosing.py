@@ -87,7 +87,7 @@ def test_an_address_that_is_exactly_a_tag_or_an_element_has_its_name(tmp_path: P
     reads(talk, 1, (Item(0x1D, 3, 0, 0x1D, 4), b"\0\x05\x12\x50\0\x07"))
     reads(talk, 2, (db(BYTE, 0, 12), bytes((0, 1, 0, 2, 0, 3, 0, 0, 0, 0, 0x08, 0x40))))
     for text, name, type_, value in (
-        ("T5", "Delay", "TIMER", "S5T#25s"), ("DB1.DBW2", "Tank.Levels[2]", "INT", 2), 
+        ("T5", "Delay", "TIMER", "S5T#25s"), ("DB1.DBW2", "Tank.Levels[2]", "INT", 2),
         ("DB1.DBX11.6", "Bits[1,3]", "BOOL", True), ("DB1.DBX11.5", "Bits[1,2]", "BOOL", False),
         ("DB1.DBW1", "DB1.DBW1", "WORD", 0x100), ("DB1.DBB0", "DB1.DBB0", "BYTE", 0),
     ):  # fmt: skip
