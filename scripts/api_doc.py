@@ -239,6 +239,9 @@ except ImportError as error:
 print(next(iter(dissect.values("captures/item-errors.pcapng"))))
 """
 
+ABOUT_GIVEN: Final = """Objects that the functions return and that attributes hold. Your program reads them and does not make
+them; their public members keep their meaning, too."""
+
 
 def text_of(node: ast.AST) -> str:
     """Return a docstring as Markdown."""
@@ -261,9 +264,25 @@ def first(text: str) -> str:
     return " ".join(text.split("\n\n", maxsplit=1)[0].split()).replace("|", "\\|")
 
 
+#: Classes of what public functions and attributes give. They are reached through these only.
+GIVEN: Final = {
+    "Live": "dissect.online.live.iterating",
+    "Stream": "dissect.online.proxy.stream",
+    "Frames": "dissect.output.export.frames",
+    "Endpoint": "dissect.packets.tcp.stream",
+    "Ending": "dissect.engine.transactions.ending",
+    "Latencies": "dissect.meaning.report.latencies",
+    "SourceFile": "dissect.packets.source.packet",
+    "ItemResult": "dissect.protocols.s7.items",
+    "PlusItem": "dissect.protocols.s7plus.items",
+    "Body": "dissect.protocols.s7.body",
+    "Part": "dissect.wire.part",
+}
+
+
 def definition(name: str) -> ast.ClassDef | ast.FunctionDef:
     """Return the definition of a public name in the source, because compiled classes have no signatures with types."""
-    home = getattr(dissect, name).__module__ if name != "live" else "dissect.online.live.iterating"
+    home = "dissect.online.live.iterating" if name == "live" else GIVEN.get(name) or getattr(dissect, name).__module__
     path = ROOT.joinpath(*home.split(".")[1:]).with_suffix(".py")
     for node in ast.parse(path.read_text(encoding="utf-8")).body:
         if isinstance(node, (ast.ClassDef, ast.FunctionDef)) and node.name == name:
@@ -294,7 +313,7 @@ def section(name: str) -> list[str]:
     rows = members(node) if isinstance(node, ast.ClassDef) else []
     if rows:
         lines += ["| member | |", "|---|---|", *rows, ""]
-    return [*lines, "```python", examples()[name], "```", ""]
+    return [*lines, "```python", examples()[name], "```", ""] if name in examples() else lines
 
 
 @cache
@@ -314,7 +333,8 @@ def public() -> list[str]:
 def document() -> str:
     """Return the page."""
     lines = [line for name in public() for line in section(name)]
-    return INTRO + "\n" + "\n".join(lines)
+    given = [line for name in GIVEN for line in section(name)]
+    return INTRO + "\n" + "\n".join([*lines, "## What these give", "", ABOUT_GIVEN, "", *given])
 
 
 if __name__ == "__main__":
