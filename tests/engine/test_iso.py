@@ -8,7 +8,9 @@ from typing import Final
 
 from dissect.engine.pipeline import Options
 from dissect.engine.transactions.side import Side
+from tests import build
 from tests.cases import each
+from tests.engine.transactions import talk as line
 from tests.properties.books import Record, Result, check_books, facts
 from tests.properties.messages import JOB, Item, connect, dt, read_answer, read_job, setup, write_answer, write_job
 from tests.properties.packets import Packet, Segment, Talk, captured
@@ -140,3 +142,19 @@ def test_empty_dts_and_numbered_ones_are_counted() -> None:
     assert sum(result.pipeline.iso.tpdus.counts()) == 2 + 2 + 3 * 8
     assert len(result.transactions) == 9
     assert result.pipeline.finding_counts["cotp.tpdu_nr"] == 1
+
+
+def test_a_numbered_request_of_either_kind_may_be_the_reason_of_a_silence() -> None:
+    """A job shows that it asks in its second octet, userdata in its sixteenth; what answers or tells something asks nothing."""
+    szl = line.userdata(1, line.head(1, 4, 1))
+    for pdu, asks in (
+        (line.read(1, line.dbw(1, 0)), True), (szl, True), (line.userdata(1, line.head(0, 4, 1)), False),
+        (line.words(1, 1), False),
+    ):  # fmt: skip
+        talk = line.Talk()
+        talk.open(1, 1)
+        for number in (1, 2, 3):
+            talk.packet(line.CLIENT, build.dt(pdu[:4] + bytes((0, number)) + pdu[6:], number=number))
+            talk.wait(line.SECOND)
+        talk.close()
+        assert ("cotp.number_unanswered" in talk.pipeline.finding_counts) is asks, pdu
