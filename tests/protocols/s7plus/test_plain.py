@@ -8,6 +8,9 @@ from hypothesis import strategies as st
 from dissect.protocols.s7plus.message import parse_plus
 from dissect.protocols.s7plus.plain import Head
 from dissect.protocols.s7plus.tables import EXPLORE, GET_MULTI_VARIABLES
+from dissect.wire.varint import VLQ64, build_varint
+from tests.cases import each
+from tests.protocols.s7plus.bodies import number
 from tests.protocols.s7plus.pdus import KEEP_ALIVE, asked, event, framed, notified, told
 
 SMALL = st.binary(max_size=12)
@@ -65,3 +68,20 @@ def test_plain_pdus_are_read_in_place() -> None:
             assert Head().read_plain(framed(data, version)), data.hex()
     for octets in (b"", b"\x72", KEEP_ALIVE, event(5), framed(asked(1), trailer=False), framed(b"")):
         assert not Head().read_plain(octets), octets.hex()
+
+
+@each("value", [0, 1, 127, 128, 129, 255, 16_383, 16_384, 16_511, 2_097_151, 2_097_152, 2**28, 2**32 - 1])
+def test_numbers_of_notifications_and_return_values_of_any_length(value: int) -> None:
+    """Whole, cut off behind each of their octets, and with anything behind them: in place as in the PDU that is parsed."""
+    long = notified()[:-3]
+    for written in (number(value), number(value) + b"\x01\0", number(value) + b"\xff"):
+        for cut in range(len(number(value)) + 1):
+            for data in (long + written, long + written[:cut]):
+                found, parsed = facts(framed(data, 2))
+                assert found == parsed, (value, cut)
+    head = Head()
+    assert head.read_plain(framed(long + number(value) + b"\x01\0", 2))
+    assert head.sequence == value
+    for written in (build_varint(value, VLQ64), build_varint(value, VLQ64)[:-1], build_varint(value, VLQ64) + b"\x80"):
+        found, parsed = facts(framed(told(1, body=written), 2))
+        assert found == parsed, value
