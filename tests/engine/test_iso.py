@@ -158,3 +158,17 @@ def test_a_numbered_request_of_either_kind_may_be_the_reason_of_a_silence() -> N
             talk.wait(line.SECOND)
         talk.close()
         assert ("cotp.number_unanswered" in talk.pipeline.finding_counts) is asks, pdu
+
+
+@each("number", [0, 1, 127])
+def test_numbered_data_of_any_length_is_taken(number: int) -> None:
+    """Also of none and of one octet, at the end of what was captured: the next message is read as ever."""
+    for data in (b"", b"\x32", b"\x00", b"\x32\x01", b"\x32\x03"):
+        talk = line.Talk()
+        talk.open()
+        talk.packet(line.CLIENT, build.dt(data, number=number))
+        talk.ask(line.read(1, line.dbw(1, 0)))
+        talk.tell(line.words(1, 1))
+        talk.close()
+        assert "answered" in talk.outcomes(), (data, number)
+        assert talk.pipeline.counters.octets.failed == 0

@@ -288,6 +288,32 @@ def test_messages_that_are_asked_for_again(talk: Talk) -> None:
     assert (told.subject, told.parts) == ("events: mode transitions, alarms, ALARM initiate", 3)
 
 
+@pytest.mark.parametrize(
+    ("alarm_type", "ends"),
+    [
+        (0, True),
+        (1, False),
+        (2, False),
+        (3, False),
+        (4, True),
+        (5, False),
+        (6, True),
+        (7, False),
+        (8, True),
+        (9, False),
+    ],
+)
+def test_alarm_types_that_abort_end_the_messages(alarm_type: int, ends: bool, talk: Talk) -> None:
+    alarms = bytes.fromhex("8100") + b"ABCDEFGH" + bytes((5, 0))
+    talk.ask(events.asks(1, 4, 2, alarms))
+    talk.tell(events.tells(1, 4, 2, b"\x02\x00\x05\x01\x00"))
+    talk.ask(events.asks(2, 4, 2, alarms[:-2] + bytes((alarm_type, 0))))
+    talk.tell(events.tells(2, 4, 2, b"\x02\x00"))
+    talk.finish()
+    told = only(talk)
+    assert (told.kind, told.result == "done", told.parts) == ("messages", ends, 2)
+
+
 def test_cancelling_what_was_not_subscribed_to_is_no_operation(talk: Talk) -> None:
     talk.ask(events.asks(2, 4, 2, events.UNSUBSCRIBE))
     talk.tell(events.tells(2, 4, 2, b"\x02\x00", sequence=1))

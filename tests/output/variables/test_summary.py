@@ -11,6 +11,7 @@ from typing import Final
 import pytest
 
 from dissect.engine.pipeline import Options, Pipeline
+from dissect.meaning.report.styled import DIM, HEADING, PLAIN
 from dissect.meaning.report.words import Places
 from dissect.output.variables.collector import Collector
 from dissect.output.variables.statistics import MAX_CLIENTS, MAX_DISTINCT, POINTS, Pace, Statistics
@@ -126,6 +127,13 @@ def test_sparklines_are_columns_of_their_own() -> None:
     assert "trend" not in plain[1].text
     assert lines[2].text.split()[-1] == "▁▁▂▂▂▂▄█"
     assert lines[3].text.split()[-1] == "▅▅▅▅▅▅▅"
+    assert lines[6].text.endswith("10.0.0.1 (1)")  # of one number there is nothing to draw
+
+
+def test_a_table_has_a_heading_and_lines_that_hang() -> None:
+    heading, columns, *rows = text_lines(summary_of(plant()), Clock(), Places([], False))
+    assert (heading.style, columns.style, {row.style for row in rows}) == (HEADING, DIM, {PLAIN})
+    assert (heading.hang, columns.hang, {row.hang for row in rows}) == (0, 6, {6})
 
 
 def test_each_plc_has_a_table_of_its_own() -> None:
