@@ -24,21 +24,28 @@ def test_rights():
     pytest.skip("no network namespace: Operation not permitted")
 def test_passes():
     pass
+def test_a_program_that_is_not_there():
+    import subprocess
+    subprocess.run(["tshark"])
+def test_something_else_that_is_not_there():
+    open("tshark.txt")
 """
 
 
 @pytest.mark.parametrize(
-    ("ci", "expected"), [("1", "1 failed, 1 passed, 1 skipped, 1 error"), ("", "1 passed, 3 skipped")]
+    ("ci", "expected"), [("1", "3 failed, 1 passed, 1 skipped, 1 error"), ("", "1 failed, 1 passed, 4 skipped")]
 )
 def test_a_skip_for_a_missing_tool_fails_in_ci(tmp_path: Path, ci: str, expected: str) -> None:
     path = tmp_path / "test_some.py"
     path.write_text(TESTS)
-    environment = {**os.environ, "PYTHONPATH": str(ROOT), "CI": ci}
+    environment = {**os.environ, "PYTHONPATH": str(ROOT), "CI": ci, "PATH": str(tmp_path)}
     command = [sys.executable, "-m", "pytest", "-q", "-p", "tests.skips", "-p", "no:cacheprovider", str(path)]
     done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
     assert expected in done.stdout
     if ci:
-        assert "(tests/skips.py): tshark is not installed" in done.stdout
+        assert done.stdout.count("(tests/skips.py): tshark is not installed") == 4  # each also in the summary
+    else:
+        assert "FileNotFoundError" in done.stdout
 
 
 def test_the_reasons_are_those_of_tests() -> None:

@@ -7,6 +7,7 @@ they depend on: the capture's content, the question, and the tshark version.
 
 from __future__ import annotations
 
+import errno
 import fcntl
 import hashlib
 import ipaddress
@@ -105,7 +106,8 @@ def _locked(name: str) -> IO[bytes]:
 def _place(path: Path, asked: list[str]) -> str:
     """Return the name under which an answer is kept."""
     program = shutil.which("tshark")
-    assert program, "tshark is missing: install it (Debian: apt install tshark)"
+    if program is None:
+        raise FileNotFoundError(errno.ENOENT, "not installed (Debian: apt install tshark)", "tshark")
     status = Path(program).stat()
     told = (program, status.st_size, status.st_mtime_ns, asked, path.suffix)
     return hashlib.sha256(repr(told).encode() + path.read_bytes()).hexdigest()

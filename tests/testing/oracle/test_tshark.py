@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+import shutil
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -74,6 +75,7 @@ def test_without_tshark(monkeypatch: pytest.MonkeyPatch) -> None:
         list(read_tshark("any.pcap"))
 
 
+@pytest.mark.skipif(shutil.which("tshark") is None, reason="tshark is not installed")
 @pytest.mark.parametrize("read", [read_tshark, read_segments])
 def test_a_file_that_is_none(tmp_path: Path, read: Callable[[str], object]) -> None:
     with pytest.raises(OracleError, match=r"reading .*nothing.pcap: it failed with code \d+: .*doesn't exist"):
