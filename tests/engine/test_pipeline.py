@@ -971,3 +971,20 @@ def test_what_is_far_ahead_and_acknowledged_counts() -> None:
     talk.close()
     assert 5 in {transaction.function for transaction in talk.transactions}
     assert "stream.outside_window" not in talk.slugs()
+
+
+@pytest.mark.parametrize(("empty", "reason", "slugs"), [(False, "capture_ended", []), (True, "hole", ["stream.hole"])])
+def test_an_empty_packet_shows_that_octets_before_it_were_sent(empty: bool, reason: str, slugs: list[str]) -> None:
+    """The answer was not captured, and the client acknowledges nothing of it: only the next packet of the server tells."""
+    talk = lines.Talk()
+    talk.open()
+    talk.ask(lines.read(1, lines.dbw(1, 0)))
+    talk.acked = [talk.seq[lines.SERVER], None]
+    talk.lose(lines.SERVER, lines.words(1, 1))
+    if empty:
+        talk.packet(lines.SERVER)
+    talk.packet(lines.CLIENT)
+    talk.finish()
+    (transaction,) = talk.transactions
+    assert (transaction.outcome, transaction.reason, transaction.unseen) == ("unanswered", reason, empty)
+    assert talk.slugs() == slugs

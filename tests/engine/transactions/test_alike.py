@@ -6,7 +6,8 @@ import struct
 
 import pytest
 
-from dissect.engine.transactions.alike import HELD_NS, MAX_HELD, REST_NS
+from dissect.engine.transactions.alike import HELD_NS, MAX_HELD, REST_NS, possible
+from dissect.engine.transactions.open_requests import Row
 from dissect.engine.transactions.transaction import LIKELY, REFERENCE_REUSED, SURE
 from tests.engine.transactions.talk import (
     CLIENT,
@@ -247,3 +248,34 @@ def test_one_segment_with_both_answers() -> None:
     talk.close()
     assert talk.pairs() == [(asked, answered)] * 2
     assert truth(talk) == right(range(2), SURE)
+
+
+@pytest.mark.parametrize(
+    ("acks", "gap_end", "lost", "left"),
+    [
+        ([100, 100, 100], -1, [0], [0, 1, 2]),  # there is no gap
+        ([100, 100, 100], 200, [], [0, 1, 2]),
+        ([100, 100, 100], 200, [0], [1, 2]),  # answered in the gap
+        ([100, 100, 200], 200, [], [2]),  # what follows acknowledges the octets that are missing
+        ([100, 100, 200], 200, [2], [0, 1, 2]),  # none would be left
+        ([100, 200, 250], 200, [1], [2]),
+        ([100, 200, 250], 200, [2], [1]),
+        ([100, 150, 199], 200, [0], [1, 2]),  # not all of them
+        ([100, 100, -1], 200, [0], [0, 1, 2]),  # it is not known what the latest acknowledges
+        ([100], 200, [0], [0]),
+    ],
+)
+def test_requests_to_which_an_answer_may_belong_by_its_place(
+    acks: list[int], gap_end: int, lost: list[int], left: list[int]
+) -> None:
+    """Those answered in a gap are left out, and those before one that acknowledges the missing octets; never all of them."""
+    talk = begun(8)
+    for number in range(len(acks)):
+        talk.ask(read(number + 1, dbw(1, 0)))
+        talk.tell(words(number + 1, 1))
+    requests = talk.transactions
+    for request, ack in zip(requests, acks, strict=True):
+        request._request_ack, request._request_seq = ack, 1000
+    row = Row(0, requests[0])
+    row.requests = list(requests)
+    assert possible(row, 300, 1100, gap_end, [requests[at] for at in lost]) == [requests[at] for at in left]

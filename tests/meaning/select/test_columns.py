@@ -133,3 +133,16 @@ def test_each_item_has_what_the_list_of_its_transaction_has() -> None:
                 assert [field.kind.shown(one) for one in as_list(get(thing, found.context))] == flat, field.name
                 seen += len(flat)
     assert seen > 100
+
+
+def test_values_of_scd_have_their_names_and_units() -> None:
+    found = gathered(*NAMES)
+    seen = []
+    for message in found.things[MESSAGE]:
+        if message.scd is None:
+            continue
+        rows, facts = message.scd.values, list(items(message, found.context))
+        assert [(fact.name, fact.unit) for fact in facts] == [(row.name or None, row.unit or None) for row in rows]
+        seen += facts
+    assert any(fact.name and fact.unit for fact in seen)
+    assert any(fact.unit is None for fact in seen)

@@ -6,6 +6,8 @@ from hypothesis import strategies as st
 
 from dissect.protocols.s7plus.bodies import parse_contents
 from dissect.protocols.s7plus.contents import Address
+from dissect.protocols.s7plus.event import SESSION
+from dissect.protocols.s7plus.events import take
 from dissect.protocols.s7plus.message import parse_plus
 from dissect.protocols.s7plus.objects import Attribute, PlusObject, build_object, whole_numbers
 from dissect.protocols.s7plus.program import Program
@@ -197,3 +199,23 @@ def test_a_request_repeats_when_its_integrity_id_is_not_as_far_ahead_as_its_numb
     assert not wrapped.repeats(0xFFFF, 0xFFFFFFFF)
     assert not wrapped.repeats(1, 0)
     assert wrapped.repeats(2, 0)
+
+
+def test_a_session_among_other_objects_is_one() -> None:
+    """Whatever else a request creates, and wherever it stands: the session begins, with the id of the first."""
+    other = PlusObject(211, 2574, 0, 0, 0, [])
+    for objects in ((client(name="S"),), (client(name="S"), other), (other, client(name="S"))):
+        body = bodies.create_object(285, Value(0, UDINT, 0), objects[0])
+        end = body.index(build_object(objects[0])) + len(build_object(objects[0]))
+        body = body[:end] + b"".join([build_object(one) for one in objects[1:]]) + body[end:]
+        ids = b"\0" + bytes((len(objects),)) + b"".join([bodies.number(0x386 + at) for at in range(len(objects))])
+        one = session()
+        found = take(
+            one,
+            CREATE_OBJECT,
+            framed(asked(1, CREATE_OBJECT, body=body), 1),
+            framed(told(1, CREATE_OBJECT, ids + bodies.FILL), 1),
+        )
+        assert found is not None
+        assert [event.object_id for event in found.events if event.kind == SESSION] == [0x386], objects
+        assert one.session_name == "S"
