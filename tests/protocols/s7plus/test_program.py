@@ -91,6 +91,15 @@ def test_what_is_remembered_is_bounded() -> None:
     assert kept == [4, 5, 6, 7]
 
 
+def test_a_type_that_is_larger_than_the_bound_is_remembered_alone() -> None:
+    """The latest is always kept: what it says of its variables is read, and everything else is forgotten."""
+    program = Program()
+    program.learn([type_of(0x92000001, ("first", variable(1)))])
+    program.learn([type_of(0x92000002, *[("v", variable(lid)) for lid in range(1, MAX_VARIABLES + 2)])])
+    found = [program.find(Address(0, 0x8A0E0000 | number, ACTUAL, [1])) is not None for number in (1, 2)]
+    assert (found, program.count) == ([False, True], MAX_VARIABLES + 1)
+
+
 # ---- arrays, structures inside arrays, strings -----------------------------------------------------------------------
 
 MATRIX = (0, 0, 0, 6, *(1, 0xFFFFFFFF, 0, 0, 0, 0), *(3, 2, 0, 0, 0, 0))  # [-1..0, 1..3]: the last index counts fastest
