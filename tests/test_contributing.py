@@ -23,7 +23,7 @@ GUIDE: Final = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
 #: What a recipe works with.
 COPIED: Final = ("dissect", "tests", "docs", "scripts", "captures")
 #: How many files a protocol may cost outside its room.
-MOST: Final = 7
+MOST: Final = 8
 
 
 def listed(recipe: str) -> set[str]:
@@ -540,7 +540,8 @@ run("tests.meaning.report.schemas")
 from click.testing import CliRunner
 from dissect.cli import analyze
 from tests import test_architecture, test_house
-from tests.meaning.report import schemas
+from tests.faces.gathering import is_alone
+from tests.meaning.report import schemas, test_contract
 modules = {{test_house.module_name(path): path for path in test_house.PACKAGE.rglob("*.py")}}
 trees = {{module: ast.parse(path.read_bytes()) for module, path in modules.items() if "tally" in module}}
 assert len(trees) == 3
@@ -553,6 +554,8 @@ def analysis(*words):
     assert ran.exception is None, ran.exception
     return ran.stdout
 found = [json.loads(analysis("-T", "json", name)) for name in sys.argv[1:]]
+test_contract.test_enumerations_are_those_of_the_engine()
+assert all(is_alone(("capture", "json", f"tally.{{name}}")) for name in found[0]["tally"])
 wrong = [wrong for each in found for wrong in schemas.complaints("analysis", each, exact=True)]
 assert wrong == [], wrong
 print(json.dumps([found[0], analysis(sys.argv[1]), found[1]]))
@@ -578,6 +581,8 @@ def test_to_add_a_protocol(tree: Tree, tmp_path: Path) -> None:
     schema = "dissect/meaning/schema/analysis.schema.json"
     tree.replace(schema, section, made + section)
     tree.replace("dissect/meaning/facts/connection.py", '"ibh_netlink", "scd")', '"ibh_netlink", "tally", "scd")')
+    names = "{None, IBH_NETLINK, *UPPER_NAMES}"
+    tree.replace("tests/meaning/report/test_contract.py", names, '{None, IBH_NETLINK, "tally", *UPPER_NAMES}')
     capture = tmp_path / "tally.pcap"
     capture.write_bytes(tally_capture())
     told, line, others = json.loads(tree.python("-c", PROTOCOL_TRIED, str(capture), "captures/crafted/netlink.pcapng"))

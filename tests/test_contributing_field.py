@@ -10,7 +10,7 @@ import pytest
 
 from tests.test_contributing import RUNNING, Tree, listed
 
-ROW: Final = """    Fact("payload", COUNT, "Payload both ways.", lambda of: _octets(of, 0) + _octets(of, 1), unit="bytes"),
+ROW: Final = """    Fact("received", COUNT, "Answers and indications.", lambda of: int(of.answered) + int(of.unsolicited)),
 """
 FIRST: Final = """    Fact("open_at_end", COUNT, "Requests without answer"""
 TRIED: Final = f"""
@@ -27,13 +27,18 @@ from tests.output.export.support import rows_of
 from tests.meaning.report.schemas import complaints, load
 told = dissect.analyze(sys.argv[1]).as_dict()
 assert complaints("analysis", told, exact=True) == []
-made = load("analysis")["properties"]["connections"]["items"]["properties"]["payload"]
+made = load("analysis")["properties"]["connections"]["items"]["properties"]["received"]
 from pathlib import Path
+from tests.faces.gathering import gather
+from tests.meaning.report import test_contract
+test_contract.test_a_connection_from_beginning_to_end()
+gathered = gather([Path(sys.argv[1])])
+assert (gathered.differences, [place for place in gathered.unread if "received" in place]) == ([], [])
 rows = rows_of(Path(sys.argv[1]))["connections"]
-where = Where("payload > 3")
-found = [one for one in dissect.open(sys.argv[1], where="payload > 3")]
-said = [one["payload"] for one in told["connections"]]
-print(json.dumps([said, made, [row["payload"] for row in rows], len(found)]))
+where = Where("received > 3")
+found = [one for one in dissect.open(sys.argv[1], where="received > 3")]
+said = [one["received"] for one in told["connections"]]
+print(json.dumps([said, made, [row["received"] for row in rows], len(found)]))
 """
 
 
@@ -45,18 +50,26 @@ def tree(tmp_path: Path) -> Tree:
 def test_to_add_a_field(tree: Tree) -> None:
     tree.replace("dissect/meaning/facts/connection.py", FIRST, ROW + FIRST)
     tree.replace(
-        "dissect/output/export/tables.py", '"ended_role", "open_at_end",', '"ended_role", "payload", "open_at_end",'
+        "dissect/output/export/tables.py", '"ended_role", "open_at_end",', '"ended_role", "received", "open_at_end",'
     )
     field = '    _fact("pdus", "pdus > 1000", (CONNECTION,)),\n'
-    tree.replace("dissect/meaning/select/fields.py", field, field + '    _fact("payload", "payload > 3"),\n')
+    tree.replace(
+        "dissect/meaning/select/fields.py", field, field + '    _fact("received", "received > 3", (CONNECTION,)),\n'
+    )
     faces = '_connection("open_requests", '
-    shared = '_connection("payload", COUNT, json="payload", tables="payload", where="payload")\n'
+    shared = '_connection("received", COUNT, json="received", tables="received", where="received")\n'
     tree.replace("tests/faces/connection_facts.py", faces, shared + faces)
+    contract = "tests/meaning/report/test_contract.py"
+    tree.replace(
+        contract,
+        '        "answered": 2,\n        "unanswered": 1,\n',
+        '        "answered": 2,\n        "received": 2,\n        "unanswered": 1,\n',
+    )
     told, made, rows, found = json.loads(tree.python("-c", TRIED, "captures/item-errors.pcapng"))
     assert tree.touched() == {name.replace("NAME", "connection") for name in listed("To add a field")}
     assert told == rows
     assert told[0] > 3
     assert found > 0
-    assert made == {"type": "integer", "minimum": 0, "description": "Payload both ways."}
+    assert made == {"type": "integer", "minimum": 0, "description": "Answers and indications."}
     for page in ("json", "tables", "select"):
-        assert "Payload both ways" in (tree.root / "docs" / f"{page}.md").read_text(encoding="utf-8")
+        assert "Answers and indications" in (tree.root / "docs" / f"{page}.md").read_text(encoding="utf-8")

@@ -8,6 +8,7 @@ from __future__ import annotations
 from typing import Final, NamedTuple
 
 from tests.faces.comparing import Difference
+from tests.test_house import WINGS
 
 
 class Known(NamedTuple):
@@ -40,9 +41,9 @@ _FRAME: Final = (
 )  # fmt: skip
 ALONE: Final[dict[tuple[str, str], tuple[str, ...]]] = {
     ("capture", "json"): (
-        "schema", "interrupted", "selection", "files", "last_time", "packets.*", "tsdus.*", "tpdus.*", "s7.*", "s7plus.*",
-        "tls.*",
-        "ibh.*", "scd*", "connections_without_data", "loss.*", "transactions.unanswered_reasons.*", "transactions.likely_*",
+        "schema", "interrupted", "selection", "files", "last_time", "packets.*", "tsdus.*", "tpdus.*", "scd*",
+        *[f"{room}.*" for room in WINGS["protocols"]],
+        "connections_without_data", "loss.*", "transactions.unanswered_reasons.*", "transactions.likely_*",
         "latency_ns.*",
         # separate records
         "devices", "failed", "slowest", "finding_details", "functions", "findings.*", "finding_facts.*",
