@@ -65,13 +65,13 @@ from dissect.layers.s7plus import (
     S7Plus_Response,
 )
 from dissect.layers.scd import SCD, bind_scd, unbind_scd
-from dissect.layers.security import S7_Password
 from dissect.layers.session import S7Session
 from dissect.layers.syntaxes import *  # noqa: F403
 from dissect.layers.tpkt import TPKT, TPKT_Rest, bind_port
 from dissect.layers.userdata import (
     S7_USEND,
     S7_ModeTransition,
+    S7_Password,
     S7_Userdata,
     S7_UserdataExtended,
     S7_UserdataShort,

@@ -49,7 +49,6 @@ from dissect.layers.s7plus import S7Plus_Response as S7Plus_Response
 from dissect.layers.scd import SCD as SCD
 from dissect.layers.scd import bind_scd as bind_scd
 from dissect.layers.scd import unbind_scd as unbind_scd
-from dissect.layers.security import S7_Password as S7_Password
 from dissect.layers.session import S7Session as S7Session
 from dissect.layers.syntaxes import S7_DBReadItem as S7_DBReadItem
 from dissect.layers.syntaxes import S7_DriveItem as S7_DriveItem
@@ -61,6 +60,7 @@ from dissect.layers.tpkt import TPKT as TPKT
 from dissect.layers.tpkt import TPKT_Rest as TPKT_Rest
 from dissect.layers.tpkt import bind_port as bind_port
 from dissect.layers.userdata import S7_ModeTransition as S7_ModeTransition
+from dissect.layers.userdata import S7_Password as S7_Password
 from dissect.layers.userdata import S7_USEND as S7_USEND
 from dissect.layers.userdata import S7_Userdata as S7_Userdata
 from dissect.layers.userdata import S7_UserdataExtended as S7_UserdataExtended

@@ -7,7 +7,7 @@ from typing import Any, Final
 from scapy.packet import Packet, Raw, bind_top_down
 
 from dissect.layers.fields import header_fields
-from dissect.layers.parts import PartsField
+from dissect.layers.parts import PartsField, S7_Part
 from dissect.layers.s7 import (
     S7,
     USERDATA_BODIES,
@@ -19,7 +19,7 @@ from dissect.layers.s7 import (
     pdu_of,
     userdata_body,
 )
-from dissect.protocols.s7 import layouts, pbc, tables
+from dissect.protocols.s7 import layouts, pbc, security, tables
 from dissect.protocols.s7.items import SPECIFICATION
 from dissect.protocols.s7.message import NOT_REFUSED
 from dissect.protocols.s7.parameters import REQUEST, RESPONSE
@@ -144,3 +144,16 @@ USERDATA_BODIES.update(
 )
 for _body in USERDATA_BODIES.values():
     bind_top_down(S7, _body, rosctr=tables.USERDATA)
+
+
+class S7_Password(S7_Part):
+    """The password of a session, encoded; `of` encodes a text."""
+
+    name = "S7 password"
+    layout = security.ENCODED_PASSWORD
+    fields_desc = header_fields(security.ENCODED_PASSWORD)
+
+    @classmethod
+    def of(cls, text: str) -> S7_Password:
+        """Return the password ``text``, up to eight characters, encoded. Raises ValueError for a longer one."""
+        return cls(password=security.encode_password(text.encode("latin-1")))

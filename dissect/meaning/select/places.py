@@ -2,16 +2,50 @@
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from collections.abc import Mapping, Sequence
 from typing import Final
 
 from dissect.engine.transactions.table import reverse_key
-from dissect.meaning.select.ranges import Ranges
 from dissect.meaning.select.spans import SpanIndex, TimedSpan
 from dissect.packets.tcp import ip, link
 from dissect.packets.tcp.stream import FIN, RST, SYN
 from dissect.packets.tcp.tunnel import Inner
 from dissect.wire.octets import u16, u32
+
+
+class Ranges:
+    """Ranges of integers, both ends included. With the first query, ranges that touch become one."""
+
+    __slots__ = ("_added", "_firsts", "_lasts")
+
+    def __init__(self) -> None:
+        self._added: list[tuple[int, int]] = []
+        self._firsts: list[int] = []
+        self._lasts: list[int] = []
+
+    def add(self, first: int, last: int) -> None:
+        """Add a range; it is empty if it ends before it begins."""
+        if first <= last:
+            self._added.append((first, last))
+
+    def __contains__(self, number: int) -> bool:
+        if self._added:
+            self._join()
+        place = bisect_right(self._firsts, number) - 1
+        return place >= 0 and number <= self._lasts[place]
+
+    def _join(self) -> None:
+        ranges = sorted([*zip(self._firsts, self._lasts, strict=True), *self._added])
+        self._added = []
+        self._firsts, self._lasts = [], []
+        for first, last in ranges:
+            if self._lasts and first <= self._lasts[-1] + 1:
+                self._lasts[-1] = max(self._lasts[-1], last)
+            else:
+                self._firsts.append(first)
+                self._lasts.append(last)
+
 
 #: The octet of the TCP header with the flags, and the flags that open and close a connection.
 _FLAGS_AT: Final = 13

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections import Counter
+from collections.abc import Iterator, Sequence
 from typing import Final
 
 from dissect.engine.transactions.naming import NamedValue, Naming
@@ -11,8 +12,8 @@ from dissect.protocols.s7.blocks import BLOCK_COUNT, LISTED_BLOCK
 from dissect.protocols.s7.message import Pdu
 from dissect.protocols.s7.parameters import Setup
 from dissect.protocols.s7.tables import DATA_TRANSPORT_SIZES, READ_VAR, SETUP_COMMUNICATION, WRITE_VAR
+from dissect.testing.golden.addresses import named_item
 from dissect.testing.golden.exchange import PLUS, S7, SCD, Exchange, ItemRecord
-from dissect.testing.golden.item_changes import item_changes
 from dissect.testing.golden.keys import subject
 from dissect.testing.golden.model import Transaction
 from dissect.testing.golden.phrases import Change, code_text, item_state, octets_change, outcome, short, value_change
@@ -20,6 +21,7 @@ from dissect.testing.golden.plus import plus_differences, plus_subject
 from dissect.testing.golden.plus_objects import Named
 from dissect.wire.layout import HOLDS_TIME, FieldValue
 from dissect.wire.part import Part
+from dissect.wire.text import some
 
 #: Types of items whose values are times.
 _TIMES: Final = frozenset((0x09, 0x0A, 0x0F))
@@ -319,3 +321,53 @@ def _scd(one: Exchange, other: Exchange) -> Iterator[Change]:
             new = is_.partition(" ")[2].strip()
             address = old.strip().split(" ", 1)[0].rstrip(":")
             yield Change("scd", f"{half}: was {short(old.strip())}, is {short(new)}", old, new, "", address, (address,))
+
+
+#: Maximum number of items that are named.
+_NAMED: Final = 5
+
+
+def item_changes(one: Exchange, other: Exchange) -> Change:
+    """Describe how the items of two requests differ; both are reads or both are writes."""
+    before, after = _names(one), _names(other)
+    gone, new = _without(before, after), _without(after, before)
+    verb = "writes" if one.function == WRITE_VAR else "requests"
+    if len(before) == len(after) == 1:
+        was, is_ = subject(one), subject(other)
+        if was == is_:  # the items have the same names: their types differ
+            was, is_ = before[0], after[0]
+        text = f"{verb} {_without_verb(is_)} instead of {_without_verb(was)}"
+    elif gone and new:
+        was, is_ = some(list(gone), _NAMED), some(list(new), _NAMED)
+        text = f"{verb} {is_} instead of {was}"
+    elif new:
+        was, is_ = "", some(list(new), _NAMED)
+        text = f"{verb} {is_} as well"
+    elif gone:
+        was, is_ = some(list(gone), _NAMED), ""
+        text = f"no longer {verb} {was}"
+    else:
+        was, is_ = some(list(before), _NAMED), some(list(after), _NAMED)
+        text = f"{verb} the same items in a different order"
+    return Change("requests", text, was, is_, targets=(one.function_name,))
+
+
+def _without_verb(what: str) -> str:
+    """Return the items of a subject without its verb: ``DB10.DBW2`` for ``READ DB10.DBW2``."""
+    return what.removeprefix("READ ").removeprefix("WRITE ")
+
+
+def _names(exchange: Exchange) -> list[str]:
+    request = exchange.request_pdu
+    return [short(named_item(item)) for item in request.parameters.items] if request is not None else []
+
+
+def _without(names: Sequence[str], others: Sequence[str]) -> list[str]:
+    """Return the names, in order, that ``others`` does not have or has less often."""
+    left = Counter(others)
+    rest = []
+    for name in names:
+        left[name] -= 1
+        if left[name] < 0:
+            rest.append(name)
+    return rest

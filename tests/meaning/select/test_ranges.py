@@ -5,7 +5,7 @@ from __future__ import annotations
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dissect.meaning.select.ranges import Ranges
+from dissect.meaning.select.places import Ranges
 
 _RANGE = st.tuples(st.integers(0, 60), st.integers(0, 60))
 

@@ -10,7 +10,7 @@ import pytest
 
 import dissect
 from dissect.output.export.arrow import Batches
-from dissect.output.export.packed import PackedTables
+from dissect.output.export.frames import PackedTables
 from dissect.output.export.tables import TABLES
 from dissect.output.export.value_columns import shown
 from tests.meaning.report.support import ROOT

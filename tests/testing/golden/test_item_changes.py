@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
+from dissect.testing.golden.content import item_changes
 from dissect.testing.golden.exchange import S7, Exchange
-from dissect.testing.golden.item_changes import item_changes
 from tests.engine.transactions.talk import dbw, item, read, write, written
 
 A, B, C, D = (dbw(10, octet) for octet in (0, 2, 4, 6))

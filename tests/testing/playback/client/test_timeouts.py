@@ -8,7 +8,7 @@ from dissect.engine.transactions.transaction import CAPTURE_ENDED, CONNECTION_CL
 from dissect.testing.golden.exchange import S7, Exchange
 from dissect.testing.golden.model import Link, Transaction
 from dissect.testing.playback.client.plan import ASK, Step
-from dissect.testing.playback.client.timeouts import SHORTEST_S, SILENCE_S, Timeouts
+from dissect.testing.playback.client.settings import SHORTEST_S, SILENCE_S, Timeouts
 
 
 def step(reason: str, gap_ns: int | None = None, heard: bool = True) -> Step:
