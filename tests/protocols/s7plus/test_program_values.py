@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dissect.meaning.report.plus import item_text
-from dissect.protocols.s7plus.contents import Address
+from dissect.protocols.s7plus.contents import VariableAddress
 from dissect.protocols.s7plus.items import PlusItem
 from dissect.protocols.s7plus.objects import PlusObject
 from dissect.protocols.s7plus.packed_values import CLASSIC
@@ -53,7 +53,7 @@ def item_of(
 ) -> PlusItem:
     program = Program()
     program.learn([type_of(DB, *declared), *types])
-    item = PlusItem(1, Address(0, 0x8A0E0003, 2550, list(lids)), value, 0)
+    item = PlusItem(1, VariableAddress(0, 0x8A0E0003, 2550, list(lids)), value, 0)
     item.data = build_value(value)[2:]
     item.understand(program)
     json.dumps(item.json_value, allow_nan=False)
@@ -95,10 +95,10 @@ def test_long_times(datatype: int, value: Value, text: str) -> None:
 
 
 def test_a_dtl_says_itself_what_it_is() -> None:
-    item = PlusItem(1, Address(0, 0x8A0E0009, 2550, [1]), packed(NEW_YEAR, DTL_STRUCT), 0)
+    item = PlusItem(1, VariableAddress(0, 0x8A0E0009, 2550, [1]), packed(NEW_YEAR, DTL_STRUCT), 0)
     item.understand(Program())
     assert item.json_value == "DTL#2024-12-31-23:59:58.123456789"
-    item = PlusItem(1, Address(0, 0x8A0E0009, 2550, [1]), packed(bytes(12), DTL_STRUCT), 0)
+    item = PlusItem(1, VariableAddress(0, 0x8A0E0009, 2550, [1]), packed(bytes(12), DTL_STRUCT), 0)
     item.understand(Program())
     assert item.json_value == {"id": DTL_STRUCT, "time": 5, "octets": bytes(12).hex()}
 
@@ -266,7 +266,7 @@ def test_a_checksum_that_differs_is_said_with_the_item() -> None:
     program = Program()
     level = Variable(1, 0xAABBCCDD, 5, 0x8000, 0, 0, 0, [])
     program.learn([type_of(DB, ("level", level))])
-    item = PlusItem(1, Address(0x11111111, 0x8A0E0003, 2550, [1]), Value(0, INT, 5), 0)
+    item = PlusItem(1, VariableAddress(0x11111111, 0x8A0E0003, 2550, [1]), Value(0, INT, 5), 0)
     item.understand(program)
     assert item_text(item) == (
         "DB3 LID 1 [CRC 0x11111111] = Int 5 (CRC 0xaabbccdd in the program that passed, which differs: no name)"
