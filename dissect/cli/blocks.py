@@ -133,7 +133,7 @@ def _read(reading: Reading, files: tuple[str, ...]) -> tuple[Sequence[CarvedBloc
     """Return the blocks of files, how many were too many to keep, and what names packets."""
     from dissect.meaning.report.words import Places
     from dissect.output.carve.folder import FolderError, read_block, read_folder
-    from dissect.output.carve.reading import Collector
+    from dissect.output.carve.reading import BlockCollector
 
     try:
         if len(files) == 1 and Path(files[0]).is_dir():
@@ -146,7 +146,7 @@ def _read(reading: Reading, files: tuple[str, ...]) -> tuple[Sequence[CarvedBloc
                 return [block], 0, Places([], False)
     except FolderError as error:
         raise click.ClickException(str(error)) from None
-    collector = Collector(reading.chosen.choice("operation"))
+    collector = BlockCollector(reading.chosen.choice("operation"))
     reading.files = files
     run = reading.run(collector, sieved=False)
     reading.complain()

@@ -93,13 +93,13 @@ def command(
     differing = differences(a, b, options)
     shown = list(islice(differing, most))
     rest = sum([1 for _ in differing])
-    write_outcome(format_, DIFFERENCES, Comparison(a, b, shown, rest))
+    write_outcome(format_, DIFFERENCES, SessionDifferences(a, b, shown, rest))
     if code_a or code_b:
         return EXIT_USAGE
     return EXIT_GATE if shown or rest else EXIT_OK
 
 
-class Comparison(Outcome):
+class SessionDifferences(Outcome):
     """The differences of two sessions, of which ``rest`` more are not shown.
 
     ``errors`` (kind, text) are tests that could not run. In JSON, other values come before and after the differences.

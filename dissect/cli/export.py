@@ -126,7 +126,7 @@ def _exported(
     from dissect.cli.remote_export import export_separately_remotely, remote_export
     from dissect.cli.separate_export import export_separately
     from dissect.meaning.report.happened import findings_in
-    from dissect.output.export.forms import Request
+    from dissect.output.export.forms import ExportRequest
 
     remote = is_remote(target.path)
     if reading.separate and (remote or len(reading.files) > 1):
@@ -140,7 +140,7 @@ def _exported(
     if remote:
         export = remote_export(place, only, names)
     else:
-        export = target.form.open(Request(place, target.folder, only, names, __version__, settings))
+        export = target.form.open(ExportRequest(place, target.folder, only, names, __version__, settings))
     try:
         run = reading.run(export.observer, export.begin)
         _go_on(reading)

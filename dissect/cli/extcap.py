@@ -219,7 +219,7 @@ def _from_file(file: str | None, where: str | None, expression: str, writer: Pca
 def _live(interface: str | None, expression: str, writer: PcapngWriter, options: Options) -> int:
     """Write what passes on an interface to the pipe, with comments, until Wireshark closes it."""
     from dissect.cli.rights import open_interface
-    from dissect.cli.watching import Interruption
+    from dissect.cli.watching import LiveInterruption
     from dissect.engine.observer import Observer
     from dissect.online.live.commented import CommentedStream
     from dissect.online.live.run import LiveRun
@@ -229,7 +229,7 @@ def _live(interface: str | None, expression: str, writer: PcapngWriter, options:
     source = open_interface(interface, expression, "auto", "", None, False, BUFFER_MIB)
     stream = CommentedStream(writer)
     run = LiveRun(source, Observer(), options, companions=[stream], name=interface)
-    with Interruption(run.stop):
+    with LiveInterruption(run.stop):
         try:
             while stream.error is None and not _is_closed(writer) and run.step():
                 continue

@@ -30,7 +30,7 @@ def command(names: tuple[str, ...], format_: Format) -> int:
 
     With FIELD, only these, with the names their values can have; part of a name lists all fields that contain it.
     """
-    write_outcome(format_, OUTCOME, Listing(_matching(names), bool(names)))
+    write_outcome(format_, OUTCOME, FieldListing(_matching(names), bool(names)))
     return EXIT_OK
 
 
@@ -47,7 +47,7 @@ def _matching(names: Iterable[str]) -> list[Field]:
     return list(matching.values()) if matching else list(FIELDS.values())
 
 
-class Listing(Outcome):
+class FieldListing(Outcome):
     """The fields; ``whole``: with the names of their values."""
 
     def __init__(self, fields: list[Field], whole: bool) -> None:

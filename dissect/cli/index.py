@@ -96,7 +96,7 @@ def command(
             if null:
                 _write_raw(folder, files)
             else:
-                listing = Listing(folder, files, changes, clock(), possible is not None, continued(known))
+                listing = IndexListing(folder, files, changes, clock(), possible is not None, continued(known))
                 write_outcome(format_, OUTCOME, listing)
             return code
     except StoreError as error:
@@ -155,7 +155,7 @@ def _path(folder: str, facts: FileFacts) -> str:
     return os.path.join(folder, facts.name)  # noqa: PTH118
 
 
-class Listing(Outcome):
+class IndexListing(Outcome):
     """Files of an index, and the changes by the update, None without one; as text only ``names``.
 
     ``continued`` are files that continue another one, each with that one.

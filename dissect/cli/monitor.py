@@ -27,7 +27,7 @@ from dissect.cli.scrape import Scrape, allow_remote_option, metrics_option
 from dissect.cli.watching import (
     POLL_MOST,
     POLL_S,
-    Interruption,
+    LiveInterruption,
     LostEvents,
     Shower,
     expect_scd,
@@ -276,7 +276,7 @@ def _opened(opener: Callable[[], Reader], scrape: Scrape) -> Reader:
 def _in_lines(session: Session, format_: Format, topics: tuple[str, ...], chosen: Chosen, beside: Beside) -> int:
     """Write a line an event until the end; return the exit code."""
     shower = new_shower(format_, topics)
-    with Interruption(session.stop) as interruption, Reloading(session, beside) as reloading:
+    with LiveInterruption(session.stop) as interruption, Reloading(session, beside) as reloading:
         try:
             session.start()
             _show(session, shower, chosen, reloading)

@@ -20,7 +20,7 @@ from dissect.cli.second_pass import check_out
 from dissect.cli.watching import (
     POLL_MOST,
     POLL_S,
-    Interruption,
+    LiveInterruption,
     LostEvents,
     Shower,
     expect_scd,
@@ -234,7 +234,7 @@ class _Proxy:
         turn = sys.getswitchinterval()
         sys.setswitchinterval(_TURN_S)
         try:
-            with Interruption(self._relay.stop):
+            with LiveInterruption(self._relay.stop):
                 self._relay.start()  # before there is any other thread
                 self._session.start()
                 where = ", ".join([str(place) for place in self._relay.listening])

@@ -14,7 +14,7 @@ import click
 from dissect import __version__
 from dissect.files.jobs.tasks import Done, FileError
 from dissect.output.export.extras import needed
-from dissect.output.export.forms import Export, Request, TableExport, Target
+from dissect.output.export.forms import Export, ExportRequest, TableExport, Target
 from dissect.output.export.parquet import ParquetSink, metadata_of
 from dissect.output.export.remote import UNFINISHED, RemoteFolder
 from dissect.output.export.tables import chosen_tables
@@ -67,7 +67,7 @@ def remote_export(folder: RemoteFolder, only: Sequence[str], names: Sequence[str
     """Return an export of one run over captures with these names."""
     metadata = metadata_of(__version__, names)
     sink = ParquetSink(Path(), chosen_tables(only), False, len(names) > 1, metadata, create=folder.create)
-    return TableExport(Request(Path(), True, only, names, __version__), sink)
+    return TableExport(ExportRequest(Path(), True, only, names, __version__), sink)
 
 
 def close_wanted(folder: RemoteFolder, export: Export) -> None:

@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING, Final
 
 import click
 
-from dissect.cli.diff import Comparison
+from dissect.cli.diff import SessionDifferences
 from dissect.cli.display import write_text
 from dissect.cli.formats import format_option, write_outcome
 from dissect.cli.main import EXIT_GATE, EXIT_INTERRUPTED, EXIT_OK, EXIT_OUTPUT, EXIT_USAGE
 from dissect.cli.options.scd import scd_options
 from dissect.cli.second_pass import check_out
-from dissect.cli.watching import Interruption
+from dissect.cli.watching import LiveInterruption
 from dissect.meaning.report import words
 from dissect.meaning.report.formats import DIFFERENCES, Format, formats_for
 from dissect.testing.golden.difference import DiffOptions
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from dissect.engine.exchange import PayloadDecoder
     from dissect.online.net.addresses import Address
     from dissect.packets.source.pcapng_writer import PcapngWriter
-    from dissect.testing.playback.client import Outcome, Part, Permissions, Settings
+    from dissect.testing.playback.client import Part, Permissions, ReplayOutcome, Settings
 
 REPLAY_SCHEMA: Final = "s7dissect.replay/1"
 
@@ -226,7 +226,7 @@ def _replayed(
     how: tuple[Permissions, Settings],
     out: tuple[str | None, bool],
     decoder: PayloadDecoder | None,
-) -> Outcome:
+) -> ReplayOutcome:
     from dissect.testing.playback.client import places_of, replay
     from dissect.testing.playback.client.watch import Watch
 
@@ -234,7 +234,7 @@ def _replayed(
     writer = _writer(*out) if out[0] is not None else None
     watch = Watch()
     try:
-        with Interruption(watch.halt):
+        with LiveInterruption(watch.halt):
             return replay(recorded, plan, places, where[0], *how, writer, decoder, watch)
     except GoldenError as error:
         raise click.ClickException(printable(str(error))) from None
@@ -247,11 +247,11 @@ def _writer(output: str | None, force: bool) -> PcapngWriter:
     return PcapngWriter(str(output), application=f"s7dissect {__version__} replay", overwrite=force)
 
 
-def _report(outcome: Outcome, options: DiffOptions, format_: Format, most: int) -> int:
+def _report(outcome: ReplayOutcome, options: DiffOptions, format_: Format, most: int) -> int:
     differing = outcome.differences(options)
     shown = list(islice(differing, most))
     rest = sum([1 for _ in differing])
-    compared = Comparison(outcome.expected, outcome.came, shown, rest)
+    compared = SessionDifferences(outcome.expected, outcome.came, shown, rest)
     compared.schema = REPLAY_SCHEMA
     compared.more["replay"] = outcome.as_dict()
     if outcome.unreachable:

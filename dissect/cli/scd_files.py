@@ -177,7 +177,7 @@ def check_command(files: tuple[str, ...], format_: Format, encoding: str, node: 
             code = EXIT_GATE
             write_outcome(format_, OUTCOME, _Broken(file, (error, *error.others)))
             continue
-        write_outcome(format_, OUTCOME, _Checked(file, dictionary, notes))
+        write_outcome(format_, OUTCOME, _CheckedDictionary(file, dictionary, notes))
     return code
 
 
@@ -199,7 +199,7 @@ class _Broken(Outcome):
         return _error_json(self._file, self._errors)
 
 
-class _Checked(Outcome):
+class _CheckedDictionary(Outcome):
     """A dictionary that keeps all rules."""
 
     layout = LINE

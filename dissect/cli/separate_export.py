@@ -28,7 +28,7 @@ from dissect.files.jobs.spool import ROWS_FOLDER, Spool, Spooled, opened
 from dissect.files.jobs.tasks import About, Done, FileError
 from dissect.output.export.extras import MissingLibraryError
 from dissect.output.export.feed import Sink
-from dissect.output.export.forms import Request, TableExport, Target
+from dissect.output.export.forms import ExportRequest, TableExport, Target
 from dissect.output.export.parquet import ParquetSink, metadata_of
 from dissect.output.export.remote import RemoteFolder
 from dissect.output.export.tables import TABLES, Table, chosen_tables
@@ -127,7 +127,7 @@ def _export_task(of: Task, target: Target, only: Sequence[str], reading: Reading
     else:
         spool = Spool(of.folder, f"rows-{of.place}")
         sink = _Sending(spool.file)
-    export = TableExport(Request(folder, True, only, [name], __version__), sink)
+    export = TableExport(ExportRequest(folder, True, only, [name], __version__), sink)
     run = reading.prepared(export.observer)
     export.begin(run)
     before = of.place * NUMBERS
@@ -162,7 +162,7 @@ def export_separately(reading: Reading, target: Target, only: Sequence[str], pla
         gathered.close()
         return {table.name: counts[table.name] for table in tables}
     with TemporaryDirectory(prefix=ROWS_FOLDER) as folder:
-        export: Any = target.form.open(Request(place, target.folder, only, names, __version__))
+        export: Any = target.form.open(ExportRequest(place, target.folder, only, names, __version__))
         try:
             # no other machine can reach the folder
             there = "" if cluster_meant() else folder

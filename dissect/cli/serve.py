@@ -9,7 +9,7 @@ import click
 from dissect.cli.main import EXIT_DAMAGED, EXIT_GATE, EXIT_OK
 from dissect.cli.run import files_argument
 from dissect.cli.second_pass import check_out
-from dissect.cli.watching import Interruption
+from dissect.cli.watching import LiveInterruption
 from dissect.wire.text import printable
 
 if TYPE_CHECKING:
@@ -152,7 +152,7 @@ def _serve(server: Server) -> int:
     """Serve until a signal; return the exit code."""
     from dissect.meaning.report.words import count
 
-    with Interruption(server.stop):
+    with LiveInterruption(server.stop):
         server.start()
         recording = server.recording
         recorded = f"{count(recording.steps, 'request')} on {count(len(recording.scripts), 'connection')}"

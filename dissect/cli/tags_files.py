@@ -67,7 +67,7 @@ def check_command(
 
     tags: TagSet = guarded(lambda: read_tags(files, encoding, numbers), TagError)
     coverage = _covered(tags, captures) if captures else None
-    outcome = _Checked(tags, coverage)
+    outcome = _CheckedTags(tags, coverage)
     write_outcome(format_, OUTCOME, outcome)
     return EXIT_GATE if outcome.broken else EXIT_OK
 
@@ -82,7 +82,7 @@ def _covered(tags: TagSet, captures: tuple[str, ...]) -> Coverage:
     return coverage
 
 
-class _Checked(Outcome):
+class _CheckedTags(Outcome):
     """The results of checking files of tags."""
 
     def __init__(self, tags: TagSet, coverage: Coverage | None) -> None:
@@ -222,7 +222,7 @@ def list_command(files: tuple[str, ...], format_: Format, encoding: str, numbers
     A capture that holds declarations of S7comm-plus is a tag file as well: its variables are listed last, each
     with the address it has in transactions.
     """
-    write_outcome(format_, OUTCOME, _Listed(load(files, encoding, numbers)))
+    write_outcome(format_, OUTCOME, _TagListing(load(files, encoding, numbers)))
     return EXIT_OK
 
 
@@ -230,7 +230,7 @@ def _ordered(tags: TagSet) -> list[Tag]:
     return sorted(tags.tags, key=lambda tag: (tag.area, tag.db, tag.start, tag.name))
 
 
-class _Listed(Outcome):
+class _TagListing(Outcome):
     """Tags as a table."""
 
     def __init__(self, tags: TagSet) -> None:

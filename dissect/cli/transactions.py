@@ -51,7 +51,7 @@ def command(reading: Reading, format_: Format, failed: bool) -> int:
     slow_ns = reading.slow_ns  # slow ones are findings as well
     writer = reading.chosen.writer(format_, TRANSACTIONS, clock())
     feed = TransactionFeed(writer, reading.chosen.choice("transaction", _choice(failed, slow_ns)))
-    total = reading.rows(_Rows(writer, feed), "transaction")
+    total = reading.rows(_TransactionRows(writer, feed), "transaction")
     reading.complain()
     if not total.transactions and not total.left_out:
         click.echo(f"s7dissect: no S7 transaction: {_instead(total)}", err=True)
@@ -60,7 +60,7 @@ def command(reading: Reading, format_: Format, failed: bool) -> int:
     return reading.gated()
 
 
-class _Rows(Rows):
+class _TransactionRows(Rows):
     """Transactions in the order of the capture: delayed ones come as soon as they are complete."""
 
     observer: TransactionFeed

@@ -19,7 +19,7 @@ from dissect.cli.rows import Left, Rows
 from dissect.cli.run import EXIT_CODES, files_meant
 from dissect.meaning.report.certainty import values_left_out
 from dissect.meaning.report.formats import VALUES, Format
-from dissect.output.variables.collector import Collector
+from dissect.output.variables.collector import ValueCollector
 from dissect.output.variables.summary import Summary, limits_text
 from dissect.wire.text import printable, some
 
@@ -102,8 +102,8 @@ def command(
     reading.whole_only.append((summary, "--summary adds up one run"))
     writer: ValueWriter = reading.chosen.writer(format_, VALUES, clock())  # type: ignore[assignment]  # the kind says so
     choice = reading.chosen.choice("transaction")
-    collector = Collector(wanted, changes, every_ns, summary, choice, likely=likely)
-    total = reading.rows(_Rows(writer, collector, at_once=not summary), "value")
+    collector = ValueCollector(wanted, changes, every_ns, summary, choice, likely=likely)
+    total = reading.rows(_ValueRows(writer, collector, at_once=not summary), "value")
     if summary:
         made = Summary(collector, sys.stdout.isatty())
         writer.summary(made)
@@ -120,11 +120,11 @@ def command(
     return reading.gated()
 
 
-class _Rows(Rows):
+class _ValueRows(Rows):
     """Values of variables."""
 
     writer: ValueWriter
-    observer: Collector
+    observer: ValueCollector
 
     def begin(self, places: Places) -> None:
         """Write the beginning of the output, if values are listed."""

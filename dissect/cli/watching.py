@@ -109,7 +109,7 @@ class LostEvents:
         return [self._shower.lost(self._session.run.now_ns, fresh)]
 
 
-class Interruption(Signals):
+class LiveInterruption(Signals):
     """Signals end a run in order, by calling ``stop``; a second one aborts it."""
 
     def __init__(self, stop: Callable[[], None]) -> None:

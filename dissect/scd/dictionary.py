@@ -38,7 +38,7 @@ from dissect.wire.text import some
 
 if TYPE_CHECKING:
     from dissect.scd.layout import Key
-    from dissect.scd.wording import Told
+    from dissect.scd.wording import SharedTexts
 
 _ADDRESS: Final = re.compile(r"(0[xX][0-9a-fA-F]{1,4})(?:[:.]([0-9]{1,3}|0[xX][0-9a-fA-F]{1,2}))?")
 _PDO: Final = re.compile(r"([RTrt])(?:PDO\s*)?([0-9]{1,4})")
@@ -87,7 +87,7 @@ class Dictionary:
         self.rpdo: Final[Mapping[int, Pdo]] = MappingProxyType(self._pdos("R"))
         self.tpdo: Final[Mapping[int, Pdo]] = MappingProxyType(self._pdos("T"))
         #: What all rows of a variable have in common, once it was needed (`dissect.scd.wording`).
-        self.told: Final[dict[Key, Told]] = {}
+        self.told: Final[dict[Key, SharedTexts]] = {}
 
     def _pdos(self, direction: str) -> dict[int, Pdo]:
         first = ranges.PDO_BASES[direction, "map"]

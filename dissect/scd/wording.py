@@ -40,7 +40,7 @@ class Row(NamedTuple):
     type: str = ""
 
 
-class Told(NamedTuple):
+class SharedTexts(NamedTuple):
     """What all rows of a variable share: see `Row`. ``plain``: values have no text, and the physical is the raw value."""
 
     address: str
@@ -76,12 +76,12 @@ def rows(dictionary: Dictionary, message: Message) -> list[Row]:
     return found
 
 
-def _told(variable: Variable, message: Message, key: Key) -> Told:
+def _told(variable: Variable, message: Message, key: Key) -> SharedTexts:
     traits = variable.traits
     plain = traits.scale == 1 and not traits.shift and not traits.texts and not is_mapping(variable.index)
     if isinstance(key, tuple):
-        return Told(address_text(key), variable.label, variable.unit, plain, variable)
-    return Told(f"{message.content}.{key}", variable.name, variable.unit, plain, variable)
+        return SharedTexts(address_text(key), variable.label, variable.unit, plain, variable)
+    return SharedTexts(f"{message.content}.{key}", variable.name, variable.unit, plain, variable)
 
 
 def described(dictionary: Dictionary, address: tuple[int, int]) -> tuple[str, str, str]:

@@ -1,11 +1,11 @@
 """Learn what is normal from one capture, and list what is new in another."""
 
 import dissect
-from dissect.output.baseline import Comparison, Learner
+from dissect.output.baseline import BaselineComparison, Learner
 
 learner = Learner()
 dissect.Run("captures/nodes7-poll.pcapng", learner).read()
-today = Comparison(learner.baseline())
+today = BaselineComparison(learner.baseline())
 dissect.Run("captures/plc-control.pcapng", today).read()
 for deviation in today.found:
     print(deviation)

@@ -9,7 +9,7 @@ from xml.etree import ElementTree
 
 import pytest
 
-from dissect.cli.diff import Comparison
+from dissect.cli.diff import SessionDifferences
 from dissect.meaning.report.writers.junit import junit_outcome
 from dissect.testing.golden.difference import KINDS, Difference
 from dissect.testing.golden.model import Session
@@ -64,7 +64,7 @@ def made(*differences: Difference, rest: int = 0, name: str = "a", damage: str =
     """Return the suite of differences between two sessions."""
     a, b = Session(name), Session(name)
     a.damage = [damage] if damage else []
-    return suite_of("\n".join([str(line) for line in junit_outcome(Comparison(a, b, list(differences), rest))]))
+    return suite_of("\n".join([str(line) for line in junit_outcome(SessionDifferences(a, b, list(differences), rest))]))
 
 
 def test_diffs_of_captures(capfdbinary: Capture) -> None:

@@ -7,7 +7,7 @@ import signal
 import pytest
 
 from dissect.cli import run as running
-from dissect.cli.watching import Interruption
+from dissect.cli.watching import LiveInterruption
 
 
 class Taken:
@@ -35,7 +35,7 @@ def test_a_second_signal(
     taken = Taken()
     asked = iter(times)
     monkeypatch.setattr(running, "time", type("Time", (), {"monotonic": staticmethod(lambda: 100 + next(asked))}))
-    with Interruption(taken.stop) as interruption:
+    with LiveInterruption(taken.stop) as interruption:
         signal.raise_signal(numbers[0])
         assert (interruption.asked, taken.stops) == (True, 1)
         if broken_off:

@@ -14,7 +14,7 @@ from dissect.engine.transactions.transaction import Transaction
 from dissect.files.session import KeyLogError, Run
 from dissect.packets.source.files import open_capture
 from dissect.packets.source.packet import PacketSink
-from dissect.protocols.s7plus.contents import Address
+from dissect.protocols.s7plus.contents import VariableAddress
 from dissect.protocols.s7plus.value_tables import INT
 from dissect.protocols.s7plus.values import Value
 from dissect.protocols.tls import aead
@@ -121,7 +121,7 @@ def test_what_opens_on_each_command(capfdbinary: Capture, trace: Path, keys: Pat
 
 def test_verify_looks_into_tls(capfdbinary: Capture, tmp_path: Path) -> None:
     """S7comm-plus proves itself there, too; Wireshark is not asked about what it cannot see."""
-    word = Address(0, 82, 3736, [3, 100, 2])
+    word = VariableAddress(0, 82, 3736, [3, 100, 2])
     request = framed(asked(7, body=get_multi(word, integrity_id=1)), 3)
     response = framed(told(7, body=multi_got([(1, Value(0, INT, 5))], [], 8)), 3)
     spoken = wire([(0, request), (1, response), (0, read(1, dbw(1, 0)))])

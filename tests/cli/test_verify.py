@@ -13,7 +13,7 @@ from jsonschema import Draft202012Validator
 
 from dissect.testing.oracle import compare as comparison_module
 from dissect.testing.oracle import tshark
-from dissect.testing.oracle.facts import Fact
+from dissect.testing.oracle.facts import LocatedValue
 from dissect.testing.oracle.theirs import Frame
 from dissect.testing.oracle.tshark import read_tshark, version
 from tests.build import dt, pdu
@@ -39,7 +39,7 @@ def differing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
             for record in frame.pdus:
                 for place, fact in record.facts.items():
                     if place.name == "s7comm.header.pduref" and isinstance(fact.value, int):
-                        record.facts[place] = Fact(fact.value + 1, fact.offset)
+                        record.facts[place] = LocatedValue(fact.value + 1, fact.offset)
             yield frame
 
     monkeypatch.setattr(tshark, "read_tshark", read)

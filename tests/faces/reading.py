@@ -41,10 +41,10 @@ from dissect.online.live.run import Fanout
 from dissect.online.monitor import rows
 from dissect.online.monitor.model import Model
 from dissect.output.export.feed import Sink, TableFeed
-from dissect.output.export.forms import FORMS, Export, Request
+from dissect.output.export.forms import FORMS, Export, ExportRequest
 from dissect.output.export.tables import TABLES, Table
 from dissect.output.export.transaction_rows import Row
-from dissect.output.variables.collector import Collector
+from dissect.output.variables.collector import ValueCollector
 from dissect.output.variables.writers import ValueWriter
 from dissect.testing.golden.model import GoldenError
 from dissect.testing.golden.reading import read_session
@@ -164,7 +164,7 @@ def texts(lines: Iterable[str | bytes | Line]) -> list[str]:
     return found
 
 
-def _values(collector: Collector, places: Places) -> dict[tuple[str, str], list[str]]:
+def _values(collector: ValueCollector, places: Places) -> dict[tuple[str, str], list[str]]:
     rows = collector.take()
     found: dict[tuple[str, str], list[str]] = {}
     for format_ in FORMATS.values():
@@ -200,7 +200,7 @@ def begun(path: Path, folder: Path) -> Path:
 
 def read(path: Path, folder: Path) -> Told:
     """Read a capture once for all faces; ``folder`` is empty and takes the files of exports."""
-    witness, analysis, inventory, collector = _Witness(), Analysis(), Inventory(), Collector()
+    witness, analysis, inventory, collector = _Witness(), Analysis(), Inventory(), ValueCollector()
     live = Live(lambda _connection: {}, (OPENED, CLOSED, LIVE_TRANSACTION), scd=False)
     writers = _Writers(witness)
     kept = Kept()
@@ -267,7 +267,7 @@ def _export(form: str, folder: Path, path: Path) -> Export:
     target = folder / form
     if shape == "folder":
         target.mkdir()
-    return FORMS[form].open(Request(target, shape == "folder", (), [str(path)], "1"))
+    return FORMS[form].open(ExportRequest(target, shape == "folder", (), [str(path)], "1"))
 
 
 def _documents(folder: Path) -> dict[str, list[dict[str, Any]]]:

@@ -6,7 +6,7 @@ import zlib
 from collections.abc import Iterable
 from typing import Final
 
-from dissect.protocols.s7plus.contents import Address
+from dissect.protocols.s7plus.contents import VariableAddress
 from dissect.protocols.s7plus.message import fixed_part, parse_plus
 from dissect.protocols.s7plus.objects import Attribute, PlusObject, Relation, build_object
 from dissect.protocols.s7plus.tables import (
@@ -28,8 +28,8 @@ from dissect.protocols.s7plus.variables import NameList, Variable, VariableList
 from tests.fuzz.plus import written
 from tests.protocols.s7plus import bodies
 
-_LEVEL: Final = Address(7, 0x8A0E0003, 2550, [14])
-_WORD: Final = Address(0, 82, 3736, [3, 0, 2])
+_LEVEL: Final = VariableAddress(7, 0x8A0E0003, 2550, [14])
+_WORD: Final = VariableAddress(0, 82, 3736, [3, 0, 2])
 #: Values of every type and form of S7comm-plus, and a block with everything that an object may contain.
 VALUES: Final[tuple[tuple[int, int, object], ...]] = (
     (0, 0, None), (0, 1, True), (0x10, 2, [1, 2, 3]), (0, 3, 7), (0x20, 4, [1, 300]), (0, 5, 1 << 60), (0, 6, -1), (0, 7, -2),

@@ -19,7 +19,7 @@ from dissect.layers.fields import Overlong
 from dissect.layers.parts import CLASSES
 from dissect.layers.plus_tables import PLUS_SECTIONS
 from dissect.protocols.s7plus.bodies import parse_contents
-from dissect.protocols.s7plus.contents import Address
+from dissect.protocols.s7plus.contents import VariableAddress
 from dissect.protocols.s7plus.message import parse_plus
 from dissect.protocols.s7plus.objects import Attribute, PlusObject, Relation, build_elements, read_elements
 from dissect.protocols.s7plus.value_tables import ARRAY, BLOB, INT, NULL, REAL, SPARSE_ARRAY, STRUCT, UDINT, WSTRING
@@ -197,7 +197,7 @@ def test_too_many_levels_are_the_users_error() -> None:
 
 
 def test_counts_of_addresses_ids_and_groups() -> None:
-    addresses = [Address(7, 0x8A0E0003, 2550, [14]), Address(0, 82, 3736, [3, 100, 2])]
+    addresses = [VariableAddress(7, 0x8A0E0003, 2550, [14]), VariableAddress(0, 82, 3736, [3, 100, 2])]
     body = [
         s7.S7Plus_ItemCounts(),
         s7.S7Plus_Address(crc=7, area=0x8A0E0003, sub_area=2550, lids=[14]),
@@ -261,7 +261,10 @@ def test_a_reply_follows_from_its_request() -> None:
     for version in (1, 2, 3):
         integrity_id = -1 if version == 1 else 0xFFFFFFFE
         request = S7Plus(
-            framed(asked(5, body=bodies.get_multi(Address(0, 82, 3736, [3, 0, 1]), integrity_id=integrity_id)), version)
+            framed(
+                asked(5, body=bodies.get_multi(VariableAddress(0, 82, 3736, [3, 0, 1]), integrity_id=integrity_id)),
+                version,
+            )
         )
         values = [s7.S7Plus_ItemValue(number=1, type="Byte", content=7), s7.S7Plus_ListEnd(), s7.S7Plus_ListEnd()]
         answer = plus_reply(request, *values)

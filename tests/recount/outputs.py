@@ -23,7 +23,7 @@ from dissect.online.live.session import Session
 from dissect.online.monitor import rows
 from dissect.online.monitor.model import Model
 from dissect.output.export.feed import Sink, TableFeed
-from dissect.output.export.forms import FORMS, Request
+from dissect.output.export.forms import FORMS, ExportRequest
 from dissect.output.export.tables import TABLES, Table
 from dissect.output.export.transaction_rows import Row
 from dissect.output.page.gathered import Gathered, span_of
@@ -100,7 +100,7 @@ def outputs_of(path: Path, folder: Path) -> dict[str, str]:
     engine = AlertEngine(parse_rules(RULES), None, alerts.append)
     feed = TableFeed([table for name, table in TABLES.items() if name in EXPORTED], tables)
     target = folder / "bundle.stix"
-    stix = FORMS["stix"].open(Request(target, False, (), [str(path)], "1"))
+    stix = FORMS["stix"].open(ExportRequest(target, False, (), [str(path)], "1"))
     run = Run([path], Fanout([gathered, *written.feeds, engine, feed, stix.observer], _failed), options_of(path))
     places = gathered.rows.places = Places(run.files, False)
     gathered.files = run.files

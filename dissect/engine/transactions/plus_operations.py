@@ -27,7 +27,7 @@ from dissect.protocols.s7plus.alarms import ALARM
 from dissect.protocols.s7plus.assembly import MAX_PDU
 from dissect.protocols.s7plus.bodies import parse_contents
 from dissect.protocols.s7plus.check import check
-from dissect.protocols.s7plus.contents import Address
+from dissect.protocols.s7plus.contents import VariableAddress
 from dissect.protocols.s7plus.event import (
     CONFIRMED,
     DELETED,
@@ -348,7 +348,7 @@ class PlusOperations:
             del self._polling[number]
 
 
-def _addresses(poll: Poll, transaction: Transaction) -> list[Address]:
+def _addresses(poll: Poll, transaction: Transaction) -> list[VariableAddress]:
     """Return the addresses that a poll reads; ``transaction`` is one of its reads."""
     if poll.asked and poll.read.sound:
         return addresses_of(poll.asked)

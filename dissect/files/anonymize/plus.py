@@ -15,7 +15,7 @@ from dissect.files.anonymize.account import Account
 from dissect.files.anonymize.plus_contents import PROCESS, PlusContents
 from dissect.protocols.s7plus import layouts
 from dissect.protocols.s7plus.bodies import parse_contents
-from dissect.protocols.s7plus.contents import Address, Contents
+from dissect.protocols.s7plus.contents import Contents, VariableAddress
 from dissect.protocols.s7plus.ids import AREAS, BLOCK_KINDS
 from dissect.protocols.s7plus.message import PlusPdu, fixed_part, parse_plus
 from dissect.protocols.s7plus.summary import single_address
@@ -195,7 +195,7 @@ class _Meaning:
         self._side = side
         self._first = True
         self._process = False  # the current members are those of a variable
-        self._addresses: list[Address] = []
+        self._addresses: list[VariableAddress] = []
         if pdu.opcode == REQUEST:
             self._addresses = _addresses(contents)
         elif pdu.opcode != NOTIFICATION:
@@ -237,18 +237,18 @@ class _Meaning:
         return _about(address) if address is not None else PROCESS
 
 
-def _about(address: Address) -> int:
+def _about(address: VariableAddress) -> int:
     if address.area in AREAS or address.area >> 16 in BLOCK_KINDS:
         return PROCESS
     return address.lids[-1] if address.lids else address.sub_area
 
 
-def _addresses(contents: Contents) -> list[Address]:
+def _addresses(contents: Contents) -> list[VariableAddress]:
     single = single_address(contents)
     return [single] if single is not None else contents.addresses
 
 
-def _requested(side: Side, pdu: PlusPdu) -> list[Address]:
+def _requested(side: Side, pdu: PlusPdu) -> list[VariableAddress]:
     """Return the subject of a response's request, which is still pending when the response is rewritten."""
     request = side.connection.open_requests[1 - side.index].find(PLUS_KEY | pdu.sequence)
     if request is None or not request.request_octets:

@@ -25,7 +25,7 @@ MAX_CONSTANTS: Final = 1024
 _ABSENT: Final = object()
 
 
-class Device:
+class ScdDevice:
     """One device: the codec with its current mappings, and the latest values of its constants.
 
     ``overlooked`` counts values of constants beyond the limit.
@@ -69,7 +69,7 @@ class Device:
         return pdo if used else None
 
 
-class Devices:
+class ScdDevices:
     """Devices by address and port. ``forgotten`` counts dropped devices, `overlooked` values of constants beyond the limit."""
 
     def __init__(self, dictionary: Dictionary) -> None:
@@ -77,9 +77,9 @@ class Devices:
         self.codec = Codec(dictionary)
         self.forgotten = 0
         self._overlooked = 0
-        self._known: OrderedDict[tuple[bytes, int], Device] = OrderedDict()
+        self._known: OrderedDict[tuple[bytes, int], ScdDevice] = OrderedDict()
         self.latest = LatestEnd()
-        self._latest: Device | None = None  # the device of the latest end
+        self._latest: ScdDevice | None = None  # the device of the latest end
         _ = self.codec.envelope  # so that an unusable envelope raises before the first packet
 
     @property
@@ -97,19 +97,19 @@ class Devices:
         """The device that was found last may have other mappings now."""
         self.latest.end = None
 
-    def of(self, side: Side, binding: Binding) -> Device:
+    def of(self, side: Side, binding: Binding) -> ScdDevice:
         """Return the device of a conversation: the end that owns the dictionary."""
         connection = side.connection
         return self.at(connection.client if binding.device == "peer" else connection.server)
 
-    def at(self, end: Endpoint) -> Device:
+    def at(self, end: Endpoint) -> ScdDevice:
         """Return the device with an address and port."""
         if self._latest is not None and self.latest.end is end:
             return self._latest
         key = (end.address, end.port)
         found = self._known.get(key)
         if found is None:
-            found = Device(self.dictionary, self.codec)
+            found = ScdDevice(self.dictionary, self.codec)
             self._known[key] = found
             if len(self._known) > MAX_DEVICES:
                 _, gone = self._known.popitem(last=False)

@@ -18,7 +18,7 @@ from dissect.engine.transactions.multipart import Joiner
 from dissect.engine.transactions.payloads import SCD, ScdMessage, ScdParameters
 from dissect.meaning.bindings.binding import Binding, Bindings
 from dissect.meaning.bindings.contents import decode
-from dissect.meaning.bindings.devices import Device, Devices
+from dissect.meaning.bindings.devices import ScdDevice, ScdDevices
 from dissect.meaning.bindings.judging import ScdJudge
 from dissect.meaning.bindings.place import in_blocks
 from dissect.meaning.bindings.pushes import REFERENCE, BindingCount, KnownPdo, Pushes
@@ -68,7 +68,7 @@ class ScdCarrier(PayloadDecoder):
         self.skipped = 0
         self.blocks_forgotten = 0
         self.udp_ports = set(bindings.udp)
-        self.devices = Devices(dictionary)
+        self.devices = ScdDevices(dictionary)
         self._numbers = {id(binding): number for number, binding in enumerate(bindings.all)}
         self._functions: dict[str, int] = {}
         self._joiners: OrderedDict[int, Joiner] = OrderedDict()
@@ -192,7 +192,7 @@ class ScdCarrier(PayloadDecoder):
         quiet = codec.packing(message.pdo).quiet and not head.version
         pushes.learn(found.octets, KnownPdo(head, mapping, parameters, _reference(message), quiet))
 
-    def _decode(self, device: Device, binding: Binding, octets: bytes, at: int = 0) -> Iterator[ScdMessage]:
+    def _decode(self, device: ScdDevice, binding: Binding, octets: bytes, at: int = 0) -> Iterator[ScdMessage]:
         """Yield the messages in ``octets``, whose offset in the carrier's content is ``at``, and count them."""
         count = self.counts[binding.name]
         shared = self.devices.codec
@@ -211,7 +211,7 @@ class ScdCarrier(PayloadDecoder):
                 found.mapping = self._mapping(device, message.pdo) if pdo is None else pdo
             yield found
 
-    def _mapping(self, device: Device, pdo: str) -> Pdo:
+    def _mapping(self, device: ScdDevice, pdo: str) -> Pdo:
         """Return a PDO as the device maps it now; mappings of the dictionary itself are looked up once."""
         if device.codec is not self.devices.codec:
             return device.codec.pdo(pdo)

@@ -6,7 +6,7 @@ from collections import OrderedDict
 from typing import TYPE_CHECKING, Final
 
 from dissect.engine.transactions.transaction import PUSH
-from dissect.meaning.bindings.devices import Device, Devices, is_rewritten
+from dissect.meaning.bindings.devices import ScdDevice, ScdDevices, is_rewritten
 from dissect.meaning.bindings.evidence import Evidence
 from dissect.scd.errors import E_CRC, E_INDEX, E_PDO_NUMBER, E_SUB, Error
 from dissect.scd.layout import address_text
@@ -50,7 +50,7 @@ class ScdJudge:
     the limits.
     """
 
-    def __init__(self, reporter: Reporter, devices: Devices, peers: frozenset[str]) -> None:
+    def __init__(self, reporter: Reporter, devices: ScdDevices, peers: frozenset[str]) -> None:
         self.forgotten = 0
         self._peers = peers
         self._kept = 0
@@ -168,14 +168,14 @@ class ScdJudge:
             else:
                 self.content(device, found, accepted=True)
 
-    def _device(self, transaction: Transaction, found: ScdMessage) -> Device:
+    def _device(self, transaction: Transaction, found: ScdMessage) -> ScdDevice:
         """Return the device that got the request, or that sent this PDO."""
         connection = transaction.connection
         if transaction.outcome == "unsolicited":
             return self._devices.at(connection.client if found.binding in self._peers else connection.server)
         return self._devices.at(connection.tcp.ends[1 - transaction.asked_by])
 
-    def content(self, device: Device, found: ScdMessage, *, accepted: bool) -> None:
+    def content(self, device: ScdDevice, found: ScdMessage, *, accepted: bool) -> None:
         """Judge values that a device has or, if ``accepted``, that it accepted."""
         message = found.message
         if found.place and (message.error is not None or message.flags):
@@ -198,7 +198,7 @@ class ScdJudge:
         """Return whether a message has neither a constant nor a structure, like most messages."""
         return message.sub != STRUCTURE_SUB and self._evidence.keys.isdisjoint(message.values)
 
-    def _written(self, device: Device, found: ScdMessage) -> None:
+    def _written(self, device: ScdDevice, found: ScdMessage) -> None:
         """A write was acknowledged: values written to a mapping object are valid from now on."""
         for key, value in found.message.values.items():
             if not is_rewritten(self._dictionary, key) or not isinstance(value, int) or not isinstance(key, tuple):

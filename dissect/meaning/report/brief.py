@@ -10,7 +10,7 @@ from dissect.engine.stations import facts
 from dissect.engine.transactions.connection import Connection
 from dissect.meaning.report import endings, words
 from dissect.meaning.report.analysis import Analysis
-from dissect.meaning.report.happened import Told, by_gravity, facts_of, times_of
+from dissect.meaning.report.happened import FactWording, by_gravity, facts_of, times_of
 from dissect.meaning.report.styled import DIM, HEADING, PLAIN, Line
 from dissect.meaning.report.text import completeness, table
 from dissect.meaning.report.words import Places, named
@@ -80,7 +80,7 @@ def _files(analysis: Analysis, interrupted: bool, clock: Clock) -> Iterator[Line
     yield Line(f"  {'; '.join(said)}", "warning" if interrupted or analysis.part is not None else PLAIN, 4)
 
 
-def _findings(analysis: Analysis, places: Places, told: Told) -> Iterator[Line]:
+def _findings(analysis: Analysis, places: Places, told: FactWording) -> Iterator[Line]:
     counts = analysis.finding_counts
     yield Line("Findings" if counts else "Findings: none", HEADING)
     details: dict[str, str] = {}

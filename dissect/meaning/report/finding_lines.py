@@ -10,7 +10,7 @@ from dissect.engine.findings.reporter import Finding
 from dissect.meaning.report import words
 from dissect.meaning.report.analysis import Analysis
 from dissect.meaning.report.examples import Examples
-from dissect.meaning.report.happened import Told, by_gravity, times_of
+from dissect.meaning.report.happened import FactWording, by_gravity, times_of
 from dissect.meaning.report.styled import DIM, HEADING, PLAIN, Line
 from dissect.meaning.report.words import Places
 from dissect.wire.text import cut_inside
@@ -21,7 +21,7 @@ _MORE_FRAMES: Final = 8
 _DETAIL_SIZE: Final = 400
 
 
-def findings_lines(analysis: Analysis, places: Places, told: Told) -> Iterator[Line]:
+def findings_lines(analysis: Analysis, places: Places, told: FactWording) -> Iterator[Line]:
     """Yield the section on findings."""
     counts = analysis.finding_counts
     if not counts:

@@ -18,7 +18,7 @@ PAIRS: Final = 100
 _SECONDS_NS: Final = 10_000_000_000
 
 
-class Told(NamedTuple):
+class FactWording(NamedTuple):
     """Describes the facts of rules; it has the facts, the clock, and the time that the capture covers."""
 
     ledger: Ledger
@@ -96,12 +96,12 @@ def span(clock: Clock, first_ns: int, last_ns: int) -> str:
     return f"{first_day} {first[:size]} to {last_day} {last[:size]}"
 
 
-def facts_of(analysis: Analysis, clock: Clock) -> Told:
+def facts_of(analysis: Analysis, clock: Clock) -> FactWording:
     """Return the facts of the rules of an analysis."""
     counters = analysis.pipeline.counters if analysis.pipeline is not None else None
     if counters is None:
-        return Told(analysis.ledger, clock, 0, 0)
-    return Told(analysis.ledger, clock, counters.earliest_ns, counters.latest_ns)
+        return FactWording(analysis.ledger, clock, 0, 0)
+    return FactWording(analysis.ledger, clock, counters.earliest_ns, counters.latest_ns)
 
 
 def by_gravity(slugs: Iterable[str], ledger: Ledger) -> list[Rule]:

@@ -12,7 +12,7 @@ from librt.strings import BytesWriter
 from dissect.meaning.report.plus import DB_AREA, S7_AREAS, as_text
 from dissect.protocols.s7.singles import write_real_repr
 from dissect.protocols.s7.tables import SUCCESS
-from dissect.protocols.s7plus.contents import Address
+from dissect.protocols.s7plus.contents import VariableAddress
 from dissect.protocols.s7plus.ids import DATA_BLOCK
 from dissect.protocols.s7plus.items import PlusItem
 from dissect.protocols.s7plus.value_showing import value_json
@@ -84,7 +84,7 @@ def _write_value(out: BytesWriter, value: Value, data: bytes | None) -> None:
         out.write(value_json(value).encode("ascii"))
 
 
-def _address_octets(address: Address) -> tuple[bytes, str, str, bytes]:
+def _address_octets(address: VariableAddress) -> tuple[bytes, str, str, bytes]:
     """Return (beginning of the item's object for success, its label, the keys up to the return code, crc and path)."""
     start = str(address.start_bit) if address.start_bit >= 0 else "null"
     area = db = crc = "null"

@@ -9,7 +9,7 @@ from typing import Final
 from dissect.engine.transactions.naming import NamedValue, Naming
 from dissect.engine.transactions.transaction import Transaction
 from dissect.meaning.report.plus import DB_AREA, S7_AREAS
-from dissect.meaning.select.literals import CodeValue, Place, place_of
+from dissect.meaning.select.literals import CodeValue, ItemPlace, place_of
 from dissect.protocols.s7.items import Item, ItemResult
 from dissect.protocols.s7.tables import (
     AREA_LETTERS,
@@ -49,7 +49,7 @@ class ItemFacts:
     def __init__(self, source: ItemResult | PlusItem | Row | NamedValue, naming: Naming | None = None) -> None:
         self.source = source
         self.naming = naming
-        self.place: Place | None = None
+        self.place: ItemPlace | None = None
         self.area: CodeValue | None = None
         self.db: int | None = None
         self.type: CodeValue | None = None
@@ -188,7 +188,7 @@ def _asked(item: Item) -> ItemFacts:
     facts = ItemFacts(ItemResult(item, -1, None, None))
     area, size = int(item.area), int(item.transport_size)
     if area < 0 or size < 0:
-        facts.place = Place(item.address, item.label)
+        facts.place = ItemPlace(item.address, item.label)
         return facts
     count = int(item.count)
     bits = count
@@ -199,7 +199,7 @@ def _asked(item: Item) -> ItemFacts:
     if area in NUMBERED_AREAS:
         bits = count
     db = int(item.db) if area in DB_AREAS or area == RECORD_AREA else 0
-    facts.place = Place(item.address, item.label, area, db, int(item.start_bit), bits)
+    facts.place = ItemPlace(item.address, item.label, area, db, int(item.start_bit), bits)
     facts.area = area_code(area)
     facts.db = int(item.db) if area in DB_AREAS else None
     facts.type = CodeValue(size, (TRANSPORT_SIZES.name(size),))
@@ -231,16 +231,16 @@ def plus_facts(item: PlusItem) -> ItemFacts:
     area = DB_AREA if db is not None else S7_AREAS.get(address.area)
     facts.db = db
     facts.area = area_code(area) if area is not None else None
-    facts.place = Place(label, label)
+    facts.place = ItemPlace(label, label)
     if area is not None and address.start_bit >= 0:
-        facts.place = Place(label, label, area, db or 0, address.start_bit, 8 * len(item.data) if item.data else 1)
+        facts.place = ItemPlace(label, label, area, db or 0, address.start_bit, 8 * len(item.data) if item.data else 1)
     return facts
 
 
 def scd_facts(row: Row) -> ItemFacts:
     """Return the facts of a value of SCD."""
     facts = ItemFacts(row)
-    facts.place = Place(row.address, row.address)
+    facts.place = ItemPlace(row.address, row.address)
     facts.name = row.name or None
     facts.unit = row.unit or None
     return facts

@@ -46,7 +46,7 @@ class CodeValue(NamedTuple):
     names: tuple[str, ...]
 
 
-class Place(NamedTuple):
+class ItemPlace(NamedTuple):
     """An address of an item, as text and for S7ANY in numbers: ``area``, ``db``, first bit ``start``, ``size`` in bits.
 
     In the areas of timers and counters, ``start`` and ``size`` count timers or counters. ``area`` is -1 for addresses that are
@@ -65,7 +65,7 @@ class Place(NamedTuple):
         """True for a whole data block."""
         return self.size == _WHOLE
 
-    def overlaps(self, other: Place) -> bool:
+    def overlaps(self, other: ItemPlace) -> bool:
         """Return whether both addresses have a bit in common."""
         return (
             self.area == other.area >= 0
@@ -453,7 +453,7 @@ _WITH_PORT: Final = re.compile(r"(?:\[([0-9a-fA-F:.]+)\]|([0-9]+(?:\.[0-9]+){3})
 
 
 class S7Address(Kind):
-    """Addresses of items (`Place`): equal, or with a bit in common (``overlaps``)."""
+    """Addresses of items (`ItemPlace`): equal, or with a bit in common (``overlaps``)."""
 
     name = "S7 address"
     operators = (EQUAL, "!=", "===", "!==", IN, CONTAINS, MATCHES, OVERLAPS)
@@ -486,20 +486,20 @@ _EXPECTED: Final = 'expected an S7 address, such as DB10.DBW4, DB10.DBX4.1, MW20
 _COUNTED: Final = re.compile(r"(.+?) ?x([0-9]{1,5})", re.IGNORECASE)
 _BLOCK: Final = re.compile(r"(DB|DI)([0-9]{1,5})")
 _OBJECT: Final = re.compile(r"0x[0-9a-f]{1,8}(:[0-9]{1,3})?")
-#: Size in bits of a `Place` that is a whole block: more than any block can have.
+#: Size in bits of an `ItemPlace` that is a whole block: more than any block can have.
 _WHOLE: Final = 1 << 27
 _BITS: Final = {"X": 1, "B": 8, "W": 16, "D": 32, "L": 64, "": 1}
 
 
-def place_of(text: str) -> Place | None:
+def place_of(text: str) -> ItemPlace | None:
     """Return the place that a text names: an address with or without a count, a block, an SCD object; None for others."""
     if _OBJECT.fullmatch(text.lower()):
-        return Place(text.lower(), text.lower())
+        return ItemPlace(text.lower(), text.lower())
     counted = _COUNTED.fullmatch(text)
     bare = (counted[1] if counted else text).upper()
     if block := _BLOCK.fullmatch(bare):
         area = next(number for number, letters in AREA_LETTERS.items() if letters == block[1])
-        return Place(bare, bare, area, int(block[2]), 0, _WHOLE) if not counted else None
+        return ItemPlace(bare, bare, area, int(block[2]), 0, _WHOLE) if not counted else None
     if bare.startswith("AREA0X"):
         bare = f"area0x{bare[6:8].lower()}{bare[8:]}"
     address = parse_address(bare)
@@ -507,7 +507,7 @@ def place_of(text: str) -> Place | None:
         return None
     count = int(counted[2]) if counted else 1
     written = _written(address)
-    return Place(
+    return ItemPlace(
         written,
         f"{written} x{count}" if count != 1 else written,
         address.area,

@@ -16,7 +16,7 @@ MAX_CACHED: Final = 8192
 MAX_PARTS: Final = 4096
 
 
-class Part:
+class TagPart:
     """The part of a tag that an item covers: ``count`` elements from ``first`` on; with ``whole`` False a piece of one element.
 
     The part begins at ``bit`` of the item and has ``bits`` bits. For a piece, ``first`` is its element, and ``piece`` the bit
@@ -53,7 +53,7 @@ class Cover:
     __slots__ = ("free", "masks", "more", "parts")
 
     def __init__(self) -> None:
-        self.parts: list[Part] = []
+        self.parts: list[TagPart] = []
         self.free: list[tuple[int, int]] = []
         self.masks: list[tuple[int, int]] = []
         self.more: i64 = 0
@@ -151,13 +151,13 @@ def _take(taken: bytearray, bit: i64, bits: i64) -> None:
             bit += 1
 
 
-def _parts(tag: Tag, start: i64, bits: i64) -> list[Part]:
+def _parts(tag: Tag, start: i64, bits: i64) -> list[TagPart]:
     """Return the parts of a tag that ``bits`` bits from ``start`` on cover: elements, and pieces of elements at both ends."""
     end: i64 = start + bits
     begin: i64 = tag.start
     step: i64 = tag.step
     size: i64 = tag.size
-    parts: list[Part] = []
+    parts: list[TagPart] = []
     first: i64 = 0
     if start > begin:
         first = (start - begin) // step
@@ -165,18 +165,18 @@ def _parts(tag: Tag, start: i64, bits: i64) -> list[Part]:
             at: i64 = begin + first * step
             if start < at + size:
                 stop: i64 = min(end, at + size)
-                parts.append(Part(tag, first, 1, 0, stop - start, start - at, False))
+                parts.append(TagPart(tag, first, 1, 0, stop - start, start - at, False))
             first += 1
     last: i64 = min(tag.count, (end - begin - size) // step + 1) if end >= begin + size else 0
     if last > first:
         place: i64 = begin + first * step
-        parts.append(Part(tag, first, last - first, place - start, (last - first - 1) * step + size, 0, True))
+        parts.append(TagPart(tag, first, last - first, place - start, (last - first - 1) * step + size, 0, True))
         first = last
     if first < tag.count:
         at = begin + first * step
         if start <= at < end:
-            parts.append(Part(tag, first, 1, at - start, min(end, at + size) - at, 0, False))
+            parts.append(TagPart(tag, first, 1, at - start, min(end, at + size) - at, 0, False))
     return parts
 
 
-__all__ = ["MAX_CACHED", "NUMBERED_BITS", "Cover", "Part", "TagIndex"]
+__all__ = ["MAX_CACHED", "NUMBERED_BITS", "Cover", "TagIndex", "TagPart"]

@@ -8,7 +8,7 @@ from mypy_extensions import i64
 
 from dissect.engine.transactions.connection import Connection
 from dissect.engine.transactions.naming import NamedValue, Naming
-from dissect.meaning.tags.index import Cover, Part, TagIndex
+from dissect.meaning.tags.index import Cover, TagIndex, TagPart
 from dissect.meaning.tags.model import NUMBERED_BITS, Tag, place_text
 from dissect.meaning.tags.values import decode_part
 from dissect.protocols.s7.items import Item, ItemResult
@@ -121,7 +121,7 @@ def _free(item: Item, base: i64, at: i64, octets: bytes) -> NamedValue:
     return value
 
 
-def part_name(part: Part) -> str:
+def part_name(part: TagPart) -> str:
     """Return the name of a part: ``Tank.Level``, ``a[3]``, ``a[3..5]``."""
     tag = part.tag
     if not tag.dims or (part.all and not tag.prefix):
@@ -132,7 +132,7 @@ def part_name(part: Part) -> str:
     return f"{tag.name}[{tag.prefix}{tag.index(part.first)}..{tag.index(last)}]"
 
 
-def _silent(part: Part) -> NamedValue:
+def _silent(part: TagPart) -> NamedValue:
     """Return a part without a value, for an item that was refused, not answered or only requested."""
     tag = part.tag
     if not part.name:
@@ -150,14 +150,14 @@ def _silent(part: Part) -> NamedValue:
     return value
 
 
-def _type(part: Part) -> str:
+def _type(part: TagPart) -> str:
     tag = part.tag
     if not tag.dims or part.count == 1:
         return tag.type
     return tag.declared if part.all else f"{part.count} x {tag.type}"
 
 
-def _value(part: Part, data: bytes) -> NamedValue:
+def _value(part: TagPart, data: bytes) -> NamedValue:
     """Return a part with its value, or with its octets if they have no value."""
     value = _silent(part)
     tag = part.tag
@@ -171,7 +171,7 @@ def _value(part: Part, data: bytes) -> NamedValue:
     return value
 
 
-def _piece(value: NamedValue, part: Part, data: bytes) -> NamedValue:
+def _piece(value: NamedValue, part: TagPart, data: bytes) -> NamedValue:
     """Name a piece of an element: one bit of it by its number, else its octets."""
     tag = part.tag
     begin: i64 = part.bit // 8

@@ -7,7 +7,7 @@ from typing import Final
 
 from mypy_extensions import i64
 
-from dissect.meaning.tags.index import Part
+from dissect.meaning.tags.index import TagPart
 from dissect.meaning.tags.model import Tag
 from dissect.protocols.s7.address import address_text
 from dissect.protocols.s7.singles import real
@@ -32,7 +32,7 @@ _DIGITS: Final = ".12g"
 Scalar = bool | int | float | str | None
 
 
-def decode_part(part: Part, octets: bytes) -> tuple[Value, Value]:
+def decode_part(part: TagPart, octets: bytes) -> tuple[Value, Value]:
     """Return (value in its unit, value on the wire) of a part of an item; (None, None) for a piece of an element.
 
     ``octets`` are those of the item; an item of one bit has one octet.

@@ -30,7 +30,7 @@ BURST_NS: Final = 60_000_000_000
 Make = Callable[[int], Alert]
 
 
-class _Told:
+class _Reported:
     """What is remembered of one thing that a rule may report."""
 
     __slots__ = ("counted", "looked_ns", "make", "repeated", "since_ns", "spoken", "told_ns")
@@ -77,7 +77,7 @@ class Cooldown:
         self.crowded = 0
         self._tell = tell
         self._flush_ns = 0
-        self._told: OrderedDict[tuple[Rule, Hashable], _Told] = OrderedDict()
+        self._told: OrderedDict[tuple[Rule, Hashable], _Reported] = OrderedDict()
         self._bursts: dict[tuple[Rule, str, str], _Burst] = {}
 
     def event(self, rule: Rule, about: Hashable, now_ns: int, make: Make) -> None:
@@ -150,23 +150,23 @@ class Cooldown:
         for burst in self._bursts.values():
             burst.since_ns = min(burst.since_ns, now_ns)
 
-    def _entry(self, rule: Rule, about: Hashable, make: Make) -> _Told:
+    def _entry(self, rule: Rule, about: Hashable, make: Make) -> _Reported:
         key = (rule, about)
         told = self._told.get(key)
         if told is None:
             if len(self._told) >= MAX_REMEMBERED:
                 self.crowded += 1
                 self._told.popitem(last=False)
-            told = self._told[key] = _Told(make)
+            told = self._told[key] = _Reported(make)
         return told
 
-    def _speak(self, rule: Rule, told: _Told, now_ns: int) -> None:
+    def _speak(self, rule: Rule, told: _Reported, now_ns: int) -> None:
         if not told.spoken or (not rule.once and now_ns - told.told_ns >= rule.cooldown_ns):
             self._say(told, now_ns)
         else:
             told.repeated += 1
 
-    def _say(self, told: _Told, now_ns: int) -> None:
+    def _say(self, told: _Reported, now_ns: int) -> None:
         alert = told.make(now_ns)
         alert.repeated = told.repeated
         if told.since_ns >= 0:

@@ -16,7 +16,7 @@ from dissect.meaning.select.things import MESSAGE, Message
 from dissect.online.live.events import CLOSED, Event
 
 
-class _Told(Observer):
+class _Passed(Observer):
     """An observer that notes whether the sieve passed anything on."""
 
     def __init__(self) -> None:
@@ -47,7 +47,7 @@ class SelectedEvents:
 
     def __init__(self, where: Where) -> None:
         self._where = where
-        self._told = _Told()
+        self._told = _Passed()
         self._sieve = Sieve(self._told, where, at_once=True)
         self._messages = where.knows(MESSAGE)
 

@@ -23,7 +23,7 @@ from dissect.engine.findings.catalogue import SEVERITIES
 from dissect.files.recording.names import time_word
 from dissect.meaning.report import words
 from dissect.meaning.report.finding_lines import finding_lines
-from dissect.meaning.report.happened import Told, times_of
+from dissect.meaning.report.happened import FactWording, times_of
 from dissect.meaning.report.styled import HEADING, Line
 from dissect.meaning.report.text import connection_lines
 from dissect.meaning.report.words import Places
@@ -464,7 +464,9 @@ class MonitorApp(App[bool]):
         """Return how often and when a rule applied, and between whom."""
         pipeline = self._session.run.pipeline
         counters = pipeline.counters
-        return Told(pipeline.exchange.ledger, self._clock, counters.earliest_ns, counters.latest_ns).phrase(found.rule)
+        return FactWording(pipeline.exchange.ledger, self._clock, counters.earliest_ns, counters.latest_ns).phrase(
+            found.rule
+        )
 
     def _shown(self) -> Iterator[Line]:
         """Yield the full contents of all panes."""

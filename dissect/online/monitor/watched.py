@@ -9,7 +9,7 @@ from typing import Final
 
 from dissect.engine.transactions.connection import Connection
 from dissect.engine.transactions.transaction import Transaction
-from dissect.output.variables.collector import Collector
+from dissect.output.variables.collector import ValueCollector
 from dissect.output.variables.model import ValueRow, Variable
 from dissect.output.variables.wanted import WantedSet
 
@@ -70,7 +70,7 @@ class Watched:
     """Makes `WatchedFacts` from transactions, for the ``wanted`` variables; None for all."""
 
     def __init__(self, wanted: WantedSet | None = None, most: int = MAX_WATCHED) -> None:
-        self._collector = Collector(wanted, most=most)
+        self._collector = ValueCollector(wanted, most=most)
         self._facts: dict[Variable, WatchedFacts] = {}
         self._most = most
 

@@ -23,7 +23,7 @@ from typing import Final, NoReturn
 
 import msgspec
 
-from dissect.online.proxy.relay import Problem, Relay
+from dissect.online.proxy.relay import Relay, RelayProblem
 from dissect.online.proxy.tap import OVERHEAD, Passed, Tap, take_from
 from dissect.packets.tcp.stream import Endpoint
 
@@ -71,7 +71,7 @@ class RelayProcess:
         self.connections = 0
         self.failed = 0
         self.octets = [0, 0]
-        self.problems: deque[Problem] = deque(maxlen=1000)
+        self.problems: deque[RelayProblem] = deque(maxlen=1000)
         self.lost = 0
         self.lost_octets = 0
         self.error = ""
@@ -159,7 +159,7 @@ class RelayProcess:
             self.connections, self.failed, sent, came, self.lost, self.lost_octets = message.counts
             self.octets = [sent, came]
         for time_ns, text in message.problems:
-            self.problems.append(Problem(time_ns, text))
+            self.problems.append(RelayProblem(time_ns, text))
         self.error = message.error or self.error
         if not message.kind or self._shut:
             return

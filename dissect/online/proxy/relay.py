@@ -146,7 +146,7 @@ _READ: Final = selectors.EVENT_READ
 _WRITE: Final = selectors.EVENT_WRITE
 
 
-class Problem(NamedTuple):
+class RelayProblem(NamedTuple):
     """A problem that no packet shows; ``time_ns`` is nanoseconds since 1970."""
 
     time_ns: int
@@ -180,7 +180,7 @@ class Relay:
         self.connections = 0
         self.failed = 0
         self.octets = [0, 0]
-        self.problems: deque[Problem] = deque(maxlen=_MAX_PROBLEMS)
+        self.problems: deque[RelayProblem] = deque(maxlen=_MAX_PROBLEMS)
         self._targets = list(targets)
         self._tap = tap
         self._numbers = 0
@@ -238,7 +238,7 @@ class Relay:
             self._welcome(what)
 
     def _note(self, text: str) -> None:
-        self.problems.append(Problem(time.time_ns(), text))
+        self.problems.append(RelayProblem(time.time_ns(), text))
 
     # ---- beginnings -------------------------------------------------------------------------------------------------
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dissect.output.baseline.comparing import Comparison
+from dissect.output.baseline.comparing import BaselineComparison
 from dissect.output.baseline.learn import Learner
 from dissect.output.baseline.loading import BaselineError, load_baseline
 from dissect.output.baseline.norms import Baseline, PairNorm, merged
@@ -11,9 +11,9 @@ from dissect.output.baseline.writing import baseline_toml
 
 __all__ = [
     "Baseline",
+    "BaselineComparison",
     "BaselineError",
     "BaselineWatch",
-    "Comparison",
     "Deviation",
     "Learner",
     "PairNorm",

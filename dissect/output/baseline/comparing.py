@@ -1,4 +1,4 @@
-"""`Comparison`: the differences of a run from a baseline, for programs; alerts have their own rules.
+"""`BaselineComparison`: the differences of a run from a baseline, for programs; alerts have their own rules.
 
 See `dissect.online.alerts`.
 """
@@ -19,7 +19,7 @@ from dissect.output.baseline.watch import BaselineWatch, Deviation
 MOST: Final = 10_000
 
 
-class Comparison(Observer):
+class BaselineComparison(Observer):
     """Observes a run and compares it with a baseline.
 
     ``found`` are the deviations in the order in which they were first seen, each once; ``more`` counts those beyond the bound.

@@ -21,7 +21,7 @@ from dissect.protocols.mc7.block import Block, parse_block
 from dissect.protocols.mc7.changes import Change, compare_blocks
 from dissect.protocols.mc7.listing import STL, Lister, block_lines, block_values
 from dissect.protocols.mc7.usage import cross_reference_lines, cross_reference_values
-from dissect.protocols.mc7.values import Value, block_data
+from dissect.protocols.mc7.values import DeclaredValue, block_data
 from dissect.protocols.s7.tables import DB
 from dissect.wire.text import Clock, cell, encodable, printable, shortened
 
@@ -252,7 +252,7 @@ def _plus_values(block: CarvedBlock) -> dict[str, object]:
     }
 
 
-def value_address(db: int, value: Value) -> str:
+def value_address(db: int, value: DeclaredValue) -> str:
     """Return the address of a value in a data block: ``DB2.DBW4``; for a text or structure that of its first byte."""
     return place_text(DB, db, value.bit, _WIDTHS.get(value.type, 8))
 

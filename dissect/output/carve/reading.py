@@ -20,7 +20,7 @@ MAX_OCTETS: Final = 256 * 1024 * 1024
 MAX_BLOCKS: Final = 100_000
 
 
-class Collector(Observer):
+class BlockCollector(Observer):
     """Collects the blocks of a run, from the operations for which ``choose`` returns True.
 
     ``blocks`` are in the order in which their transfers ended; `ordered` sorts them by packet. ``lost`` counts blocks beyond
@@ -78,6 +78,6 @@ def blocks(
     `dissect.meaning.tags.TagError` for files of tags, and what `read_tls_keys` raises.
     """
     reading = reading_of([path, *more], Options(checksums=checksums), where, tags, tls_keys)
-    collector = Collector(reading.where.predicate("operation") if reading.where is not None else None)
+    collector = BlockCollector(reading.where.predicate("operation") if reading.where is not None else None)
     reading.run(collector, sieved=False).read()
     return collector.ordered()

@@ -25,7 +25,7 @@ from dissect.files.session import Run
 from dissect.meaning.facts.keys import connection_community_id
 from dissect.meaning.select.things import Context
 from dissect.output.export.attack_tables import TACTICS, TECHNIQUES
-from dissect.output.export.forms import ECS_PARTS, Export, Request
+from dissect.output.export.forms import ECS_PARTS, Export, ExportRequest
 from dissect.output.export.mapping import mapped
 from dissect.output.export.mapping import told as told_by
 from dissect.output.export.rows import Rows
@@ -167,7 +167,7 @@ def index_template() -> dict[str, Any]:
 class EcsExport(Export, Observer):
     """Writes a file of documents for each of `ECS_PARTS`, and the index template, into a folder."""
 
-    def __init__(self, request: Request) -> None:
+    def __init__(self, request: ExportRequest) -> None:
         Observer.__init__(self)
         self.observer = self
         self._version = request.version
@@ -446,6 +446,6 @@ def _without_nothing(told: dict[str, Any]) -> dict[str, Any]:
     return kept
 
 
-def ecs_export(request: Request) -> Export:
+def ecs_export(request: ExportRequest) -> Export:
     """Return an export to documents of the Elastic Common Schema."""
     return EcsExport(request)

@@ -39,7 +39,7 @@ from dissect.output.export.tables import (
 )
 from dissect.output.export.transaction_rows import ENDS, FILE, FUNCTION, OWN, STATE, Row, TransactionColumns
 from dissect.output.export.value_columns import ValueColumns
-from dissect.output.variables.collector import Collector
+from dissect.output.variables.collector import ValueCollector
 from dissect.packets.source.packet import SourceFile
 
 #: This many rows of a table are passed on together; items earlier, when their PDUs have this many bytes.
@@ -78,7 +78,7 @@ class TableFeed(Observer):
         self._acts = self._waiting.get(ACTS.name)
         self._findings = self._waiting.get(FINDINGS.name)
         self._finding_counts = self._waiting.get(FINDING_COUNTS.name)
-        self._collector = Collector()
+        self._collector = ValueCollector()
         self._devices = self._waiting.get(DEVICES.name)
         self._inventory = Inventory()
         self._collect([])

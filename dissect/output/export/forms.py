@@ -60,7 +60,7 @@ class Export(ABC):
         """Close the files, which will be deleted; never raises."""
 
 
-class Request(NamedTuple):
+class ExportRequest(NamedTuple):
     """What to export: to ``path``; ``folder`` says whether that is a folder. ``parts`` are the wanted parts, all when empty.
 
     ``files`` are the captures, ``version`` is the version of this package.
@@ -91,7 +91,7 @@ class Form(NamedTuple):
         """Return the names that ``--only`` takes."""
         return self.parts or tuple(TABLES)
 
-    def open(self, request: Request) -> Export:
+    def open(self, request: ExportRequest) -> Export:
         """Begin an export. Raises `MissingLibraryError` if a library is missing, OSError if it cannot be written."""
         module, _, name = self.maker.partition(":")
         return cast("Export", getattr(importlib.import_module(module), name)(request))
@@ -100,7 +100,7 @@ class Form(NamedTuple):
 class TableExport(Export):
     """An export of tables to a sink."""
 
-    def __init__(self, request: Request, sink: Any) -> None:
+    def __init__(self, request: ExportRequest, sink: Any) -> None:
         self.observer: TableFeed = TableFeed(chosen_tables(request.parts), cast("Sink", sink))
         self.sink = sink
         self._run: Run | None = None
@@ -130,11 +130,11 @@ class TableExport(Export):
         self.sink.abandon()
 
 
-def _metadata(request: Request) -> dict[str, str]:
+def _metadata(request: ExportRequest) -> dict[str, str]:
     return metadata_of(request.version, request.files)
 
 
-def parquet_export(request: Request) -> Export:
+def parquet_export(request: ExportRequest) -> Export:
     """Return an export to Parquet."""
     from dissect.output.export.parquet import ParquetSink
 
@@ -143,7 +143,7 @@ def parquet_export(request: Request) -> Export:
     return TableExport(request, ParquetSink(request.path, tables, not request.folder, by_day, _metadata(request)))
 
 
-def arrow_export(request: Request) -> Export:
+def arrow_export(request: ExportRequest) -> Export:
     """Return an export to Arrow IPC files."""
     from dissect.output.export.arrow_files import ArrowSink
 
@@ -151,21 +151,21 @@ def arrow_export(request: Request) -> Export:
     return TableExport(request, ArrowSink(request.path, tables, not request.folder, _metadata(request)))
 
 
-def csv_export(request: Request) -> Export:
+def csv_export(request: ExportRequest) -> Export:
     """Return an export to CSV files."""
     from dissect.output.export.csv_files import CsvSink
 
     return TableExport(request, CsvSink(request.path, chosen_tables(request.parts), not request.folder))
 
 
-def sqlite_export(request: Request) -> Export:
+def sqlite_export(request: ExportRequest) -> Export:
     """Return an export to a SQLite database."""
     from dissect.output.export.sqlite import SqliteSink
 
     return TableExport(request, SqliteSink(request.path, chosen_tables(request.parts), _metadata(request)))
 
 
-def duckdb_export(request: Request) -> Export:
+def duckdb_export(request: ExportRequest) -> Export:
     """Return an export to a DuckDB database."""
     from dissect.output.export.duckdb_file import DuckdbSink
 

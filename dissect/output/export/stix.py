@@ -25,7 +25,7 @@ from dissect.meaning.facts.keys import connection_community_id
 from dissect.meaning.report.happened import times
 from dissect.meaning.select.things import Context
 from dissect.output.export.attack_tables import TACTICS, TECHNIQUES
-from dissect.output.export.forms import Export, Request
+from dissect.output.export.forms import Export, ExportRequest
 from dissect.output.export.rows import Rows
 from dissect.packets.tcp.stream import Endpoint
 from dissect.wire.text import Clock, encodable
@@ -41,7 +41,7 @@ _FRAMEWORK: Final = "mitre-attack"
 class StixExport(Export, Observer):
     """Collects objects and writes the bundle to a file at the end. Findings are limited, so the objects are, too."""
 
-    def __init__(self, request: Request) -> None:
+    def __init__(self, request: ExportRequest) -> None:
         Observer.__init__(self)
         self.observer = self
         self._path: Path = request.path
@@ -279,6 +279,6 @@ class StixExport(Export, Observer):
         return f"{self._clock.iso(time_ns)[:26]}Z"
 
 
-def stix_export(request: Request) -> Export:
+def stix_export(request: ExportRequest) -> Export:
     """Return an export of findings to a STIX bundle."""
     return StixExport(request)

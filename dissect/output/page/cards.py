@@ -15,7 +15,7 @@ from dissect.output.page.bins import cells_of
 from dissect.output.page.gathered import Gathered
 from dissect.output.page.ordered import Ordered
 from dissect.output.page.plcs import BAND, Plc
-from dissect.output.page.polls import Request, Variable
+from dissect.output.page.polls import PolledRequest, PolledVariable
 from dissect.output.page.rows import Station, station_of
 from dissect.wire.text import printable, shortened
 
@@ -54,10 +54,10 @@ def cards(ordered: Ordered, seconds: Callable[[int], float], width: int) -> dict
     gathered = ordered.of
     servers = [(number, device) for number, device in enumerate(gathered.inventory.devices, 1) if device.asked_by]
     servers.sort(key=lambda entry: (-_transactions(entry[1]), entry[0]))
-    polls: dict[Station, list[tuple[int, Request]]] = {}
+    polls: dict[Station, list[tuple[int, PolledRequest]]] = {}
     for number, known in enumerate(ordered.polls, 1):
         polls.setdefault(station_of(known.connection), []).append((number, known))
-    refused: dict[Station, list[tuple[str, Variable]]] = {}
+    refused: dict[Station, list[tuple[str, PolledVariable]]] = {}
     for (station, address), variable in ordered.variables:
         if variable.refused:
             refused.setdefault(station, []).append((address, variable))
@@ -126,12 +126,12 @@ class _Card:
         """Return a client that writes: its name, and its actions."""
         return [self._rows.host(talk.client), ", ".join(_changes(talk))]
 
-    def poll(self, number: int, known: Request) -> list[Any]:
+    def poll(self, number: int, known: PolledRequest) -> list[Any]:
         """Return a poll: its client, its requests, their number, the median of its periods, the key of its row."""
         client = self._rows.host(known.connection.client.host)
         return [client, shortened(known.subject, _TEXT), known.count, known.periods.quantile(0.5), f"p{number}"]
 
-    def refused(self, found: list[tuple[str, Variable]]) -> list[list[Any]]:
+    def refused(self, found: list[tuple[str, PolledVariable]]) -> list[list[Any]]:
         """Return refused addresses, the most often refused first: address, how often, reason."""
         ordered = sorted(found, key=lambda entry: (-entry[1].refused, entry[0]))
         return [[shortened(address, _TEXT), variable.refused, variable.why] for address, variable in ordered]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dissect.output.page.gathered import Gathered, SpreadOf
-from dissect.output.page.polls import Request, Variable
+from dissect.output.page.polls import PolledRequest, PolledVariable
 from dissect.output.page.rows import Station
 
 
@@ -19,8 +19,8 @@ class Ordered:
         self.functions: list[tuple[tuple[Station, str], SpreadOf]] = sorted(
             gathered.spreads.items(), key=lambda entry: (-entry[1].total, entry[0])
         )
-        self.polls: list[Request] = gathered.requests.polls()
-        self.variables: list[tuple[tuple[Station, str], Variable]] = sorted(
+        self.polls: list[PolledRequest] = gathered.requests.polls()
+        self.variables: list[tuple[tuple[Station, str], PolledVariable]] = sorted(
             gathered.requests.variables().items(),
             key=lambda entry: (-entry[1].refused, -entry[1].read - entry[1].written, entry[0]),
         )

@@ -26,7 +26,7 @@ _MAX_LOOKED: Final = 20_000
 _READ_SZL: Final = (GROUP_CPU, 1)
 
 
-class Request:
+class PolledRequest:
     """A request of one connection that may repeat; ``periods`` are the times from one to the next.
 
     ``parameters`` is the parameter block of the first one. Times across a gap in the capture are left out.
@@ -60,7 +60,7 @@ def _subject(transaction: Transaction) -> str:
     return titled(transaction.function_name, facets.body_notes(request))
 
 
-class Variable:
+class PolledVariable:
     """How often one address of one PLC was read, written and refused, and by which clients."""
 
     __slots__ = ("clients", "read", "refused", "why", "written")
@@ -77,7 +77,7 @@ class Requests:
     """The distinct S7comm requests of a run. Polling with S7comm-plus, which numbers its requests, is an operation."""
 
     def __init__(self) -> None:
-        self._known: dict[tuple[int, bool, bytes], Request] = {}
+        self._known: dict[tuple[int, bool, bytes], PolledRequest] = {}
         self._refused: dict[tuple[Station, str], tuple[int, str]] = {}
         self._looked = 0
         self.not_followed = 0
@@ -109,7 +109,7 @@ class Requests:
             if len(self._known) >= MAX_REQUESTS and not self._make_room():
                 self.not_followed += 1
                 return
-            known = self._known.setdefault(key, Request(connection, parameters, outcome == PUSHED))
+            known = self._known.setdefault(key, PolledRequest(connection, parameters, outcome == PUSHED))
             known.subject = _subject(transaction)
         known.count += 1
         now = time_of(transaction)
@@ -128,20 +128,20 @@ class Requests:
             if connection in {0, number}:
                 known.last_ns = -1
 
-    def polls(self) -> list[Request]:
+    def polls(self) -> list[PolledRequest]:
         """Return the requests that are polls, the most frequent first."""
         found = [known for known in self._known.values() if known.periods.count >= REPEATED - 1]
         return sorted(found, key=lambda known: (-known.count, int(known.connection.number), known.subject))
 
-    def variables(self) -> dict[tuple[Station, str], Variable]:
+    def variables(self) -> dict[tuple[Station, str], PolledVariable]:
         """Return the variables that were read or written, by PLC and address."""
-        found: dict[tuple[Station, str], Variable] = {}
+        found: dict[tuple[Station, str], PolledVariable] = {}
         for known in self._known.values():
             if known.parameters.userdata is not None:
                 continue
             server, client = station_of(known.connection), known.connection.client.host
             for item in known.items:
-                variable = found.setdefault((server, item.label), Variable())
+                variable = found.setdefault((server, item.label), PolledVariable())
                 variable.clients.add(client)
                 if known.parameters.function == WRITE_VAR:
                     variable.written += known.count

@@ -9,7 +9,7 @@ from dissect.engine.transactions.transaction import Transaction
 from dissect.meaning.report.certainty import values_left_out
 from dissect.output.page.bins import WIDTHS
 from dissect.output.page.rows import Station
-from dissect.output.variables.collector import Collector
+from dissect.output.variables.collector import ValueCollector
 from dissect.output.variables.wanted import WantedSet
 
 #: Up to this many values are kept one by one; more are joined in bins of time.
@@ -131,7 +131,7 @@ class Tags:
 
     def __init__(self, wanted: WantedSet | None) -> None:
         self._wanted = wanted
-        self._collector = Collector(wanted) if wanted is not None else None
+        self._collector = ValueCollector(wanted) if wanted is not None else None
         self.found: dict[tuple[str, Station], TagSteps] = {}
         self.not_followed = 0
 

@@ -20,7 +20,7 @@ from dissect.engine.findings.ledger import Pair
 from dissect.engine.findings.reporter import Finding
 from dissect.meaning.report import words
 from dissect.meaning.report.analysis import Analysis
-from dissect.meaning.report.happened import Told, by_gravity, facts_of, times_of
+from dissect.meaning.report.happened import FactWording, by_gravity, facts_of, times_of
 from dissect.meaning.report.words import PROTOCOLS
 from dissect.output.page.gathered import Gathered
 from dissect.output.page.numbers import counted, how_often
@@ -106,7 +106,7 @@ def _what(gathered: Gathered, rule: Rule, first: Finding) -> str:
     return said
 
 
-def _since(gathered: Gathered, rule: Rule, first: Finding, told: Told) -> str:
+def _since(gathered: Gathered, rule: Rule, first: Finding, told: FactWording) -> str:
     """Return the sentence on since when and how often it happened, from the facts of all events."""
     found = told.ledger.rules.get(rule.slug)
     first_ns, last_ns, number = int(first.time_ns), int(first.time_ns), gathered.analysis.finding_counts[rule.slug]

@@ -11,7 +11,7 @@ from dissect.engine.transactions.naming import Naming
 from dissect.meaning.bindings.engine import ScdCarrier
 from dissect.meaning.select.literals import place_of
 from dissect.meaning.tags.address import WIDTHS, AddressError, TagAddress, TypeNameError, parse_tag_address
-from dissect.meaning.tags.index import Part
+from dissect.meaning.tags.index import TagPart
 from dissect.meaning.tags.model import NUMBERED_BITS, Tag
 from dissect.meaning.tags.naming import HostNaming, TagNaming
 from dissect.meaning.tags.types import DataType
@@ -122,7 +122,7 @@ def _element(text: str, tag: Tag, indexes: str, naming: TagNaming | None) -> Wan
             start = int(tag.start + number * tag.step)
             wanted = Wanted(text, int(tag.area), int(tag.db), start, int(tag.size))
             at = 0 if tag.area in NUMBERED_AREAS else start % 8
-            wanted.part = Part(tag, number, 1, at, int(tag.size), 0, True)
+            wanted.part = TagPart(tag, number, 1, at, int(tag.size), 0, True)
             wanted.naming = naming
             return wanted
     return None

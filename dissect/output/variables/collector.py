@@ -1,4 +1,4 @@
-"""`Collector`: makes rows of values from transactions, each with its variable and the value before it.
+"""`ValueCollector`: makes rows of values from transactions, each with its variable and the value before it.
 
 At most `MAX_VARIABLES` variables (`dissect.output.variables.tracker`) are remembered. Values of further variables still make
 rows, but without the value before, and they are not in summaries; ``untracked`` counts them.
@@ -21,8 +21,19 @@ from dissect.engine.transactions.transaction import ANSWERED, Transaction
 from dissect.engine.transactions.transaction import PUSH as OUTCOME_PUSH
 from dissect.meaning.tags.model import NUMBERED_BITS
 from dissect.meaning.tags.naming import TagNaming
-from dissect.output.variables.model import FORCE, MODIFY, NOTIFICATION, PDO, PUSH, READ, WRITE, Told, ValueRow, Variable
-from dissect.output.variables.tracker import MAX_VARIABLES, NO_ANSWER, Plan, Plc, Tracker
+from dissect.output.variables.model import (
+    FORCE,
+    MODIFY,
+    NOTIFICATION,
+    PDO,
+    PUSH,
+    READ,
+    WRITE,
+    SharedValue,
+    ValueRow,
+    Variable,
+)
+from dissect.output.variables.tracker import MAX_VARIABLES, NO_ANSWER, ItemPlan, PlcVariables, Tracker
 from dissect.output.variables.wanted import Image, WantedSet
 from dissect.protocols.s7.items import Item, ItemResult
 from dissect.protocols.s7.tables import (
@@ -52,7 +63,7 @@ MAX_PLANS: Final = 16_384
 Choice = Callable[[Transaction], bool]
 
 
-class Collector(Observer):
+class ValueCollector(Observer):
     """Collects rows of values from transactions until `take`; with ``sums`` it only adds them up for summaries.
 
     ``wanted`` are the wanted places and names, None for everything. ``changes`` leaves out values equal to the one before.
@@ -189,7 +200,7 @@ class Collector(Observer):
                 code = 0
             self._result(transaction, plc, result, code, READ, False)
 
-    def _answers(self, transaction: Transaction, plc: Plc, answers: list[bytes]) -> None:
+    def _answers(self, transaction: Transaction, plc: PlcVariables, answers: list[bytes]) -> None:
         """Take the values of a read without errors."""
         store = self._store
         for index, plan in enumerate(self._planned(transaction, plc)):
@@ -238,7 +249,7 @@ class Collector(Observer):
                 self._result(transaction, plc, told, result.return_code, how, True)
 
     def _result(
-        self, transaction: Transaction, plc: Plc, result: ItemResult, code: i64, how: str, writes: bool
+        self, transaction: Transaction, plc: PlcVariables, result: ItemResult, code: i64, how: str, writes: bool
     ) -> None:
         """Take an item with its result: by its tags if it has any, else by its address."""
         item = result.item
@@ -258,7 +269,9 @@ class Collector(Observer):
             data = b""
         self._item(transaction, plc, item, code, data, how, writes)
 
-    def _named(self, transaction: Transaction, plc: Plc, named: NamedValue, code: i64, how: str, writes: bool) -> None:
+    def _named(
+        self, transaction: Transaction, plc: PlcVariables, named: NamedValue, code: i64, how: str, writes: bool
+    ) -> None:
         """Take the value of a tag, or octets between tags."""
         type_ = named.type or ("BYTE" if len(named.data) == 1 else f"{len(named.data)} x BYTE")
         key = f"{named.address}|{type_}|{named.name}"
@@ -278,12 +291,12 @@ class Collector(Observer):
             value: object = named.value
             if not named.name and not named.remark:
                 value = decode_value(BYTE, named.data)
-            row._told = Told(data, -1, value)
+            row._told = SharedValue(data, -1, value)
             row.remark = named.remark
             self._store.finish(row)
 
     def _item(
-        self, transaction: Transaction, plc: Plc, item: Item, code: i64, data: bytes, how: str, writes: bool
+        self, transaction: Transaction, plc: PlcVariables, item: Item, code: i64, data: bytes, how: str, writes: bool
     ) -> None:
         """Take an item of S7comm by its address; if ``code`` is not success, only count the refusal."""
         plan = plc.plans.get(item)
@@ -299,7 +312,7 @@ class Collector(Observer):
             return
         self._store.item(transaction, variable, item, how, writes, data)
 
-    def _planned(self, transaction: Transaction, plc: Plc) -> list[Plan]:
+    def _planned(self, transaction: Transaction, plc: PlcVariables) -> list[ItemPlan]:
         """Return the plans of the items of a read request, from the cache if it is known."""
         parameters = transaction.parameters
         plans = plc.reads.get(parameters)
@@ -321,10 +334,10 @@ class Collector(Observer):
                 plc.plans.clear()
                 plc.reads.clear()
 
-    def _plan(self, transaction: Transaction, plc: Plc, item: Item) -> Plan:
+    def _plan(self, transaction: Transaction, plc: PlcVariables, item: Item) -> ItemPlan:
         """Make and remember the plan of an item: its variable, or the wanted places that it touches."""
         self._make_room()
-        plan = Plan(item)
+        plan = ItemPlan(item)
         wanted = self._wanted
         if wanted is None:
             plan.variable = self._own(plc, item)
@@ -343,7 +356,7 @@ class Collector(Observer):
         self._plans += 1
         return plan
 
-    def _own(self, plc: Plc, item: Item) -> Variable:
+    def _own(self, plc: PlcVariables, item: Item) -> Variable:
         """Return the variable whose address and type are exactly those of an item."""
         type_ = item_type(item)
         key = f"{item.address}|{type_}|"
@@ -356,9 +369,9 @@ class Collector(Observer):
     def _places(
         self,
         transaction: Transaction,
-        plc: Plc,
+        plc: PlcVariables,
         item: Item,
-        plan: Plan,
+        plan: ItemPlan,
         code: i64,
         data: bytes,
         how: str,
@@ -406,7 +419,7 @@ class Collector(Observer):
             row = self._store.row(transaction, variable, how, writes, octets)
             if row is not None:
                 row.pieced = not all_of_it
-                row._told = variable._told if not row.changed else Told(octets, -1, image.value(octets))
+                row._told = variable._told if not row.changed else SharedValue(octets, -1, image.value(octets))
                 self._store.finish(row)
         if alone:
             own = self._own(plc, item)
@@ -435,7 +448,7 @@ class Collector(Observer):
             if session is None or item.address is None or item.address.area not in session.given:
                 self._plus_item(transaction, plc, item, how, writes)
 
-    def _plus_item(self, transaction: Transaction, plc: Plc, item: PlusItem, how: str, writes: bool) -> None:
+    def _plus_item(self, transaction: Transaction, plc: PlcVariables, item: PlusItem, how: str, writes: bool) -> None:
         address = item.label
         wanted = self._wanted
         if wanted is not None:
@@ -457,7 +470,7 @@ class Collector(Observer):
         value = item.json_value
         row = self._store.row(transaction, variable, how, writes, item.data, value)
         if row is not None:
-            row._told = Told(item.data, -1, value, item.meaning)
+            row._told = SharedValue(item.data, -1, value, item.meaning)
             row.remark = item.note
             self._store.finish(row)
 
@@ -510,7 +523,7 @@ class Collector(Observer):
                 made.frame = found.frame
                 made.time_ns = found.time_ns
                 made.side = 1 - side
-                made._told = Told(None, -1, value, row.text)
+                made._told = SharedValue(None, -1, value, row.text)
                 made.remark = ", ".join(row.flags)
                 self._store.finish(made)
 

@@ -26,7 +26,7 @@ PDO: Final = "pdo"  # of SCD
 HOWS: Final = (READ, WRITE, PUSH, MODIFY, FORCE, NOTIFICATION, PDO)
 
 
-class Told:
+class SharedValue:
     """A transferred value, shared by all rows until it changes: its octets ``data`` (None for none) and its name ``text``.
 
     ``coded`` is the transport size of octets that are not decoded yet, -1 if they are decoded or need no decoding: most outputs
@@ -53,7 +53,7 @@ class Told:
 
 
 #: Where no value is known.
-UNTOLD: Final = Told(None)
+UNTOLD: Final = SharedValue(None)
 
 
 class Variable:
@@ -94,7 +94,7 @@ class Variable:
         self.unit: str = unit
         self.comment: str = ""
         self.bytes_only: bool = False  # octets of unknown meaning, shown in hexadecimal
-        self._told: Told = UNTOLD
+        self._told: SharedValue = UNTOLD
         self.seen: bool = False
         self.refused_reads: i64 = 0
         self.refused_writes: i64 = 0
@@ -166,8 +166,8 @@ class ValueRow:
         self.time_ns: i64 = time_ns
         self.frame: i64 = frame
         self.writes: bool = False
-        self._told: Told = UNTOLD
-        self._was: Told = UNTOLD
+        self._told: SharedValue = UNTOLD
+        self._was: SharedValue = UNTOLD
         self.first: bool = False
         self.changed: bool = True
         self.pieced: bool = False
@@ -290,4 +290,4 @@ def _taken(variable: Variable) -> tuple[Endpoint, int, str, str, str, str]:
 
 
 leaves(Variable, taken=_taken)
-leaves(Told, ValueRow, RefusedRow)
+leaves(SharedValue, ValueRow, RefusedRow)

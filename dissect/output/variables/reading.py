@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from dissect.engine.pipeline import Options
 from dissect.files.session import KeyLogFiles, Run, Tags, decoder_of, reading_of
-from dissect.output.variables.collector import Collector
+from dissect.output.variables.collector import ValueCollector
 from dissect.output.variables.model import ValueRow, Variable
 from dissect.packets.source.given import Source
 from dissect.packets.tcp.link import within
@@ -67,11 +67,11 @@ def values(
 
         wanted = choose(names, Known(options.naming, scd_names(decoder), of_command=False))
     wants = reading.where.predicate("transaction") if reading.where is not None else None
-    collector = Collector(wanted, changes, every_ns, False, wants, likely=likely, refusals=refusals)
+    collector = ValueCollector(wanted, changes, every_ns, False, wants, likely=likely, refusals=refusals)
     return _rows(reading.run(collector, sieved=False), collector)
 
 
-def _rows(run: Run, collector: Collector) -> Iterator[ValueRow]:
+def _rows(run: Run, collector: ValueCollector) -> Iterator[ValueRow]:
     try:
         while run.step():
             yield from collector.take()

@@ -12,7 +12,7 @@ from dissect.meaning.facts.written import written
 from dissect.meaning.report import words
 from dissect.meaning.report.styled import DIM, HEADING, PLAIN, Line
 from dissect.meaning.report.words import Places
-from dissect.output.variables.collector import Collector
+from dissect.output.variables.collector import ValueCollector
 from dissect.output.variables.model import Variable
 from dissect.output.variables.statistics import MAX_DISTINCT, Pace, Statistics
 from dissect.output.variables.writers import any_text, place_text, shown, value_cell
@@ -32,7 +32,7 @@ CSV_COLUMNS: Final = tuple([key for key in VARIABLE if key != "vlan"])
 class Summary:
     """The variables of a collector with ``sums``; ``spark`` asks for sparklines."""
 
-    def __init__(self, collector: Collector, spark: bool = False) -> None:
+    def __init__(self, collector: ValueCollector, spark: bool = False) -> None:
         self.variables = [row for row in collector.variables if _told(row)]
         self.untracked = int(collector.untracked)
         self.most = int(collector.most)

@@ -8,7 +8,7 @@ from mypy_extensions import i64
 
 from dissect.engine.transactions.connection import Connection
 from dissect.engine.transactions.transaction import Transaction
-from dissect.output.variables.model import RefusedRow, Told, ValueRow, Variable
+from dissect.output.variables.model import RefusedRow, SharedValue, ValueRow, Variable
 from dissect.output.variables.statistics import Statistics
 from dissect.output.variables.wanted import Image, Wanted
 from dissect.packets.tcp.link import within
@@ -25,7 +25,7 @@ MAX_KEPT: Final = 8 << 20
 NO_ANSWER: Final = -1
 
 
-class Plan:
+class ItemPlan:
     """The treatment of an item of a request: its variable, or the wanted places that it touches."""
 
     __slots__ = ("bits", "item", "start", "variable", "wanted")
@@ -38,7 +38,7 @@ class Plan:
         self.bits: i64 = 0
 
 
-class Plc:
+class PlcVariables:
     """The variables of one end of connections, by address, type and tag, and the known octets of wanted places.
 
     ``plans`` has the plan of each item; ``reads`` the plans of the items of a read request, in their order.
@@ -50,8 +50,8 @@ class Plc:
         self.end: Endpoint = end
         self.vlan: i64 = vlan
         self.variables: dict[str, Variable] = {}
-        self.plans: dict[Item, Plan] = {}
-        self.reads: dict[Parameters, list[Plan]] = {}
+        self.plans: dict[Item, ItemPlan] = {}
+        self.reads: dict[Parameters, list[ItemPlan]] = {}
         self.images: dict[Wanted, Image] = {}
 
 
@@ -77,12 +77,12 @@ class Tracker:
         self._likely: bool = likely
         self._refusals: bool = refusals
         self.count: i64 = 0
-        self.plcs: dict[str, Plc] = {}
+        self.plcs: dict[str, PlcVariables] = {}
         self._changes: bool = changes
         self._every_ns: i64 = every_ns
         self._sums: bool = sums
         self._adds: bool = sums and not changes and every_ns == 0  # values can be added up without making rows
-        self._ends: dict[int, Plc] = {}
+        self._ends: dict[int, PlcVariables] = {}
         self.kept: i64 = 0
 
     def forget(self, connection: Connection) -> None:
@@ -90,14 +90,14 @@ class Tracker:
         self._ends.pop(connection.number * 2, None)
         self._ends.pop(connection.number * 2 + 1, None)
 
-    def named(self, plc: Plc, address: str, type_: str, tag: str, unit: str) -> Variable:
+    def named(self, plc: PlcVariables, address: str, type_: str, tag: str, unit: str) -> Variable:
         """Return the variable of an address, type and tag."""
         key = f"{address}|{type_}|{tag}"
         known = plc.variables.get(key)
         return known if known is not None else self.variable(plc, key, address, type_, tag, unit)
 
-    def plc(self, transaction: Transaction, side: i64) -> Plc:
-        """Return the `Plc` at a side of a transaction's connection."""
+    def plc(self, transaction: Transaction, side: i64) -> PlcVariables:
+        """Return the `PlcVariables` at a side of a transaction's connection."""
         connection = transaction.connection
         key: i64 = connection.number * 2 + side
         found = self._ends.get(key)
@@ -106,14 +106,14 @@ class Tracker:
             name = within(str(end), connection.tcp.vlan)
             found = self.plcs.get(name)
             if found is None:
-                found = Plc(end, connection.tcp.vlan)
+                found = PlcVariables(end, connection.tcp.vlan)
                 # No more PLCs are remembered than variables.
                 if len(self.plcs) < self.most:
                     self.plcs[name] = found
             self._ends[key] = found
         return found
 
-    def variable(self, plc: Plc, key: str, address: str, type_: str, tag: str, unit: str) -> Variable:
+    def variable(self, plc: PlcVariables, key: str, address: str, type_: str, tag: str, unit: str) -> Variable:
         """Return a new variable; it is remembered if there is room."""
         variable = Variable(plc.end, plc.vlan, address, type_, tag, unit)
         if self.count < self.most and self.kept < MAX_KEPT:
@@ -183,7 +183,7 @@ class Tracker:
             told = variable._told
             # The same octets may have had no value as a part of a wanted place.
             if row.changed or (told.coded < 0 and told.value is None):
-                told = Told(data)
+                told = SharedValue(data)
                 if item.size == len(data) or item.fits(len(data)):
                     told.coded = item.transport_size
             row._told = told
@@ -202,7 +202,7 @@ class Tracker:
             return
         first: bool = not variable.seen
         value = item_value(item, data)
-        self._keep(variable, Told(data, -1, value))
+        self._keep(variable, SharedValue(data, -1, value))
         statistics.different(
             value if value is not None else data,
             data,
@@ -269,7 +269,7 @@ class Tracker:
         elif not self._sums:
             self.rows.append(row)
 
-    def _keep(self, variable: Variable, told: Told) -> None:
+    def _keep(self, variable: Variable, told: SharedValue) -> None:
         """Remember the latest value of a variable."""
         data = told.data
         if data is not None:

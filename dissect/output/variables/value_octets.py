@@ -13,7 +13,7 @@ from mypy_extensions import i64
 
 from dissect.meaning.report import words
 from dissect.meaning.report.item_octets import NOT_FINITE, is_harmless
-from dissect.output.variables.model import Told
+from dissect.output.variables.model import SharedValue
 from dissect.protocols.s7.singles import write_real_repr
 from dissect.protocols.s7.tables import BIT, CHAR, REAL
 from dissect.protocols.s7.values import (
@@ -52,7 +52,7 @@ def write_hex(out: BytesWriter, octets: bytes) -> bool:
     return True
 
 
-def write_shown(out: BytesWriter, told: Told) -> bool:
+def write_shown(out: BytesWriter, told: SharedValue) -> bool:
     """Write the result of `words.value` for a value that is not decoded yet."""
     kind: i64 = told.coded
     octets = told.data
@@ -110,7 +110,7 @@ def _write_one(out: BytesWriter, kind: i64, octets: bytes, at: i64) -> bool:
     return True
 
 
-def write_json(out: BytesWriter, told: Told) -> bool:
+def write_json(out: BytesWriter, told: SharedValue) -> bool:
     """Write a value that is not decoded yet as JSON."""
     kind: i64 = told.coded
     octets = told.data
@@ -127,7 +127,7 @@ def write_json(out: BytesWriter, told: Told) -> bool:
     return write_numbers(out, kind, octets, 0, size) or write_times(out, kind, octets, 0, size)
 
 
-def write_cell(out: BytesWriter, told: Told) -> bool:
+def write_cell(out: BytesWriter, told: SharedValue) -> bool:
     """Write the cell of a value that is not decoded yet, quoted if necessary."""
     kind: i64 = told.coded
     octets = told.data

@@ -6,7 +6,7 @@ from typing import Final
 
 from mypy_extensions import i64
 
-from dissect.meaning.tags.index import Part
+from dissect.meaning.tags.index import TagPart
 from dissect.meaning.tags.model import NUMBERED_BITS, UNLETTERED, Tag, place_text
 from dissect.meaning.tags.naming import TagNaming, part_name
 from dissect.meaning.tags.values import decode_part
@@ -46,7 +46,7 @@ class Wanted:
         self.db: i64 = db
         self.start: i64 = start
         self.bits: i64 = bits
-        self.part: Part | None = None
+        self.part: TagPart | None = None
         self.naming: TagNaming | None = None
 
     @property
@@ -71,10 +71,10 @@ def of_tag(text: str, tag: Tag, naming: TagNaming | None) -> Wanted:
     return wanted
 
 
-def whole(tag: Tag) -> Part:
+def whole(tag: Tag) -> TagPart:
     """Return the whole of a tag as a part; its first bit counts from the octet in which it begins."""
     bits: i64 = tag.end - tag.start
-    return Part(tag, 0, tag.count, 0 if tag.area in NUMBERED_AREAS else tag.start % 8, bits, 0, True)
+    return TagPart(tag, 0, tag.count, 0 if tag.area in NUMBERED_AREAS else tag.start % 8, bits, 0, True)
 
 
 class Image:
@@ -93,7 +93,7 @@ class Image:
         self.missing: i64 = wanted.bits
         self.variable: Variable | None = None
         self.transport_size: i64 = -1
-        self.part: Part | None = wanted.part
+        self.part: TagPart | None = wanted.part
         if self.part is None and naming is not None:
             self.part = _tag_at(wanted, naming)
         if self.part is None and wanted.area in _COUNTING and wanted.bits == NUMBERED_BITS:
@@ -186,7 +186,7 @@ class Image:
         return address, typename, name, tag.unit
 
 
-def _tag_at(wanted: Wanted, naming: TagNaming) -> Part | None:
+def _tag_at(wanted: Wanted, naming: TagNaming) -> TagPart | None:
     """Return the tag, or the element of a tag, that is exactly the wanted place; None if there is none."""
     cover = naming.index.cover(wanted.area, wanted.db, wanted.start, wanted.bits)
     if cover is None:
@@ -194,7 +194,7 @@ def _tag_at(wanted: Wanted, naming: TagNaming) -> Part | None:
     for part in cover.parts:
         if part.whole and part.bit == 0 and part.bits == wanted.bits:
             at: i64 = 0 if wanted.area in NUMBERED_AREAS else wanted.start % 8
-            return Part(part.tag, part.first, part.count, at, part.bits, 0, True)
+            return TagPart(part.tag, part.first, part.count, at, part.bits, 0, True)
     return None
 
 

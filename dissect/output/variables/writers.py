@@ -19,7 +19,7 @@ from dissect.meaning.report.styled import HANG, PLAIN, Line
 from dissect.meaning.report.words import Places
 from dissect.meaning.report.writer import Writer
 from dissect.meaning.report.writers.csv import json_cell, quoted
-from dissect.output.variables.model import UNTOLD, Told, ValueRow, Variable
+from dissect.output.variables.model import UNTOLD, SharedValue, ValueRow, Variable
 from dissect.output.variables.value_octets import write_cell, write_hex, write_json, write_shown
 from dissect.protocols.s7plus.value_showing import members_said
 from dissect.wire.digits import Moments, Times, write_aligned, write_decimal, write_hexadecimal
@@ -153,7 +153,7 @@ class Written:
 
     def __init__(self, names: bytes) -> None:
         self.names: bytes = names
-        self.told: Told = UNTOLD
+        self.told: SharedValue = UNTOLD
         self.shown: bytes = b""
         self.repeated: bytes = b""
 
@@ -243,7 +243,7 @@ class RowWriter(ValueWriter):
         """Return the client and the PLC of a row."""
         return ""
 
-    def show(self, out: BytesWriter, variable: Variable, told: Told) -> None:
+    def show(self, out: BytesWriter, variable: Variable, told: SharedValue) -> None:
         """Write a value."""
 
     def end(self, out: BytesWriter, row: ValueRow, written: Written) -> None:
@@ -286,7 +286,7 @@ class ValueText(RowWriter):
         """Return both ends."""
         return ends_text(row, self.places)
 
-    def show(self, out: BytesWriter, variable: Variable, told: Told) -> None:
+    def show(self, out: BytesWriter, variable: Variable, told: SharedValue) -> None:
         """Write a value for a person."""
         if not told.text and not variable.unit:
             data = told.data
@@ -426,7 +426,7 @@ class ValueJsonl(RowWriter):
             f',"connection":{row.link.number},"client":{json_text(row.host)},"plc":{json_text(str(row.variable.plc))}'
         )
 
-    def show(self, out: BytesWriter, variable: Variable, told: Told) -> None:
+    def show(self, out: BytesWriter, variable: Variable, told: SharedValue) -> None:
         """Write a value as JSON."""
         if not write_json(out, told):
             out.write(any_text(told.value).encode("utf-8", ERRORS))
@@ -513,7 +513,7 @@ class ValueCsv(RowWriter):
         """Return the cells of the connection and its ends."""
         return f"{row.link.number},{row.host},{row.variable.plc}"
 
-    def show(self, out: BytesWriter, variable: Variable, told: Told) -> None:
+    def show(self, out: BytesWriter, variable: Variable, told: SharedValue) -> None:
         """Write the cell of a value."""
         if variable.bytes_only or not write_cell(out, told):
             out.write(quoted(value_cell(variable, told.value, told.data)).encode("utf-8", ERRORS))

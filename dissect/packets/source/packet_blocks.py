@@ -39,7 +39,7 @@ def plain_block(interface: int, time_ns: int, octets: bytes, wire_length: int, o
     return b"".join((head, octets, behind, head[4:8]))  # a block has its size at both ends
 
 
-class Told:
+class InterfaceStatistics:
     """What the statistics of one interface say at the end of the file; ``received`` and ``dropped`` are -1 if not known."""
 
     __slots__ = ("dropped", "first_ns", "last_ns", "packets", "received")
@@ -67,12 +67,12 @@ class PacketBlocks:
 
     __slots__ = ("_interface", "_out", "_told", "octets", "packets")
 
-    def __init__(self, interface: int, told: Told) -> None:
+    def __init__(self, interface: int, told: InterfaceStatistics) -> None:
         self.packets: i64 = 0
         self.octets: i64 = 0
         self._out: BytesWriter = BytesWriter()
         self._interface: i64 = interface
-        self._told: Told = told
+        self._told: InterfaceStatistics = told
 
     def add(self, time_ns: int, octets: bytes, wire_length: i64) -> None:
         """Take the next packet. Raises as `plain_block` does."""

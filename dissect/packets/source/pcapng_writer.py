@@ -13,7 +13,7 @@ import struct
 from collections.abc import Callable, Iterable, Sequence
 from typing import Final
 
-from dissect.packets.source.packet_blocks import MAX_COUNT, PacketBlocks, Told, plain_block
+from dissect.packets.source.packet_blocks import MAX_COUNT, InterfaceStatistics, PacketBlocks, plain_block
 from dissect.packets.source.pcapng import (
     DECRYPTION_SECRETS,
     IF_FILTER,
@@ -124,7 +124,7 @@ def secrets_block(text: bytes) -> bytes:
     return _block(DECRYPTION_SECRETS, _PAIR.pack(TLS_KEY_LOG, len(text)) + text + bytes(-len(text) % 4))
 
 
-def _statistics_block(number: int, told: Told) -> bytes:
+def _statistics_block(number: int, told: InterfaceStatistics) -> bytes:
     """Return an Interface Statistics Block: first and last time, number of packets, and losses where they are known."""
     first = told.first_ns
     last = told.last_ns
@@ -218,7 +218,7 @@ class PcapngWriter:
         self._gathered: list[bytes] = []
         self._held = 0
         self._interfaces: dict[tuple[int, str], int] = {}
-        self._told: list[Told] = []
+        self._told: list[InterfaceStatistics] = []
         self._secrets: list[bytes] = []  # blocks that wait for the first interface
         self._owned = path != "-"
         self._whole = 0  # octets of the file up to the last whole block
@@ -261,7 +261,7 @@ class PcapngWriter:
             block = interface_block(link_type, name, capture_filter=self.capture_filter)
             number = len(self._told)
             self._interfaces[link_type, name] = number
-            self._told.append(Told())
+            self._told.append(InterfaceStatistics())
             self._put(block)
             for secrets in self._secrets:
                 self._put(secrets)

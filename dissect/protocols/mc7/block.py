@@ -1,7 +1,7 @@
 """A block of S7-300 or S7-400 in its transferred or stored form: header, code, interface, tables, footer.
 
-`parse_block` never raises: a fault becomes a `Fact`, and everything readable is kept. Source: reference sheet mc7.md, sections
-2 to 4.
+`parse_block` never raises: a fault becomes a `BlockFault`, and everything readable is kept. Source: reference sheet mc7.md,
+sections 2 to 4.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ BE_SIZE: Final = 2
 _MOST: Final = 0x8000
 
 
-class Fact(NamedTuple):
+class BlockFault(NamedTuple):
     """A fault of a block: ``slug`` is its kind, ``offset`` its place in the code (or -1), ``text`` a sentence."""
 
     slug: str
@@ -139,7 +139,7 @@ class Block:
         self.tables = NO_TABLES
         self.instructions: list[Instruction] = []
         self.networks: list[Network] = []
-        self.facts: list[Fact] = []
+        self.facts: list[BlockFault] = []
         self._starts: list[int] | None = None
 
     @property
@@ -199,7 +199,7 @@ class Block:
 
     def tell(self, slug: str, offset: int, text: str) -> None:
         """Add a fact."""
-        self.facts.append(Fact(slug, offset, text))
+        self.facts.append(BlockFault(slug, offset, text))
 
 
 def parse_block(octets: bytes) -> Block:

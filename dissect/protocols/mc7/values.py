@@ -29,7 +29,7 @@ _FORMS: Final[dict[str, str]] = {
 }
 
 
-class Value(NamedTuple):
+class DeclaredValue(NamedTuple):
     """A value: the name of its declaration, its first bit in the block, its type, and its STL text."""
 
     name: str
@@ -38,9 +38,9 @@ class Value(NamedTuple):
     text: str
 
 
-def block_data(block: Block) -> list[Value]:
+def block_data(block: Block) -> list[DeclaredValue]:
     """Return the actual values of a data block, except those after a declaration that is cut off or has an unknown size."""
-    found: list[Value] = []
+    found: list[DeclaredValue] = []
     for declaration in block.interface.declarations:
         if declaration.start < 0:
             break
@@ -51,7 +51,7 @@ def block_data(block: Block) -> list[Value]:
     return found
 
 
-def _values(declaration: Declaration, name: str, bit: int, octets: bytes) -> Iterator[Value]:
+def _values(declaration: Declaration, name: str, bit: int, octets: bytes) -> Iterator[DeclaredValue]:
     if bit >= 8 * len(octets):
         return
     if declaration.type == STRUCT:
@@ -63,17 +63,17 @@ def _values(declaration: Declaration, name: str, bit: int, octets: bytes) -> Ite
     else:
         text = _text(declaration, bit, octets)
         if text:
-            yield Value(name, bit, declaration.type_text, text)
+            yield DeclaredValue(name, bit, declaration.type_text, text)
 
 
-def _elements(declaration: Declaration, name: str, bit: int, octets: bytes) -> Iterator[Value]:
+def _elements(declaration: Declaration, name: str, bit: int, octets: bytes) -> Iterator[DeclaredValue]:
     """Yield the elements of a one-dimensional array; others are shown as bytes, because the rows of bits are uncertain."""
     element = declaration.members[0] if declaration.members else None
     if element is None or declaration.bits <= 0 or element.bits <= 0:
         return
     if len(declaration.bounds) != 1:
         data = octets[bit // 8 : (bit + declaration.bits) // 8]
-        yield Value(name, bit, declaration.type_text, data.hex())
+        yield DeclaredValue(name, bit, declaration.type_text, data.hex())
         return
     low, high = declaration.bounds[0]
     step = element_step(element)

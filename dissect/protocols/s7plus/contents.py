@@ -15,7 +15,7 @@ from dissect.wire.part import Part
 
 
 @mypyc_attr(acyclic=True)
-class Address:
+class VariableAddress:
     """The address of a variable: an area or object, the attribute with the variable (``sub_area``), and the path inside it.
 
     ``crc`` is the checksum of its symbol, 0 for none. An attribute of an object has no LIDs. One address object is used for
@@ -34,7 +34,7 @@ class Address:
         self.fragment: tuple[bytes, str, str, bytes] | None = None
 
     def __eq__(self, other: object) -> bool:
-        return isinstance(other, Address) and self.key == other.key
+        return isinstance(other, VariableAddress) and self.key == other.key
 
     def __hash__(self) -> int:
         return hash(self.key)
@@ -93,22 +93,22 @@ class Address:
 
 
 #: Addresses by their numbers, and the maximum number of remembered ones.
-_KNOWN: Final[dict[tuple[int, ...], Address]] = {}
+_KNOWN: Final[dict[tuple[int, ...], VariableAddress]] = {}
 _MAX_KNOWN: Final = 4096
 #: Maximum number of LIDs of a remembered address.
 _MAX_LIDS: Final = 16
 
 
-def known_address(crc: int, area: int, sub_area: int, lids: list[int]) -> Address:
+def known_address(crc: int, area: int, sub_area: int, lids: list[int]) -> VariableAddress:
     """Return the address with these numbers; the same object as before if it was requested recently."""
     if len(lids) > _MAX_LIDS:
-        return Address(crc, area, sub_area, lids)
+        return VariableAddress(crc, area, sub_area, lids)
     key = (crc, area, sub_area, *lids)
     found = _KNOWN.get(key)
     if found is None:
         if len(_KNOWN) >= _MAX_KNOWN:
             _KNOWN.clear()
-        found = _KNOWN[key] = Address(crc, area, sub_area, lids)
+        found = _KNOWN[key] = VariableAddress(crc, area, sub_area, lids)
     return found
 
 
@@ -188,7 +188,7 @@ class Contents(Made):
         self.digest = b""
         self.method = -1
         self.sequence = -1
-        self.addresses: list[Address] = []
+        self.addresses: list[VariableAddress] = []
         self.expected = 0  # number of values that the addresses of a write announce
         self.items: list[tuple[int, Value]] = []
         self.items_left_out = 0
@@ -209,4 +209,4 @@ class Contents(Made):
         return [part.note for part in self.parts if part.note]
 
 
-leaves(Address)
+leaves(VariableAddress)

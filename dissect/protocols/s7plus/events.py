@@ -13,7 +13,7 @@ from mypy_extensions import i64
 from dissect.protocols.s7plus import layouts
 from dissect.protocols.s7plus.bodies import parse_contents
 from dissect.protocols.s7plus.check import Check, check
-from dissect.protocols.s7plus.contents import Address, Contents, Made
+from dissect.protocols.s7plus.contents import Contents, Made, VariableAddress
 from dissect.protocols.s7plus.event import (
     DELETED,
     READ_OUT,
@@ -362,7 +362,7 @@ def _judge(
 
 def _attribute_read(session: PlusSession, events: list[Event], object_id: int, ids: list[int], value: Value) -> None:
     """Judge a value that was read from one attribute: the operating state, or the identification record."""
-    if is_state(Address(0, object_id, ids[0], ids[1:])):
+    if is_state(VariableAddress(0, object_id, ids[0], ids[1:])):
         _state(session, events, state_in(value))
     elif ids[0] == IDENTIFICATION and object_id == CPU_PROXY:
         record = value.content
@@ -412,7 +412,7 @@ def _loaded(events: list[Event], parent: int, these: list[PlusObject], every: li
         events.append(Event(FIRMWARE, said(these)))
 
 
-def _subscription(session: PlusSession, one: PlusObject, addresses: list[Address], id_: int) -> Event:
+def _subscription(session: PlusSession, one: PlusObject, addresses: list[VariableAddress], id_: int) -> Event:
     """Return an event for a new subscription: its name, its cycle, and its subscribed items."""
     alarms = any(inner.class_id == _ALARM_SUBSCRIPTION for inner in one.objects)
     cycle = one.number(CYCLE)

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from typing import Final
 
-from dissect.protocols.s7plus.contents import Address, Contents
+from dissect.protocols.s7plus.contents import Contents, VariableAddress
 from dissect.protocols.s7plus.ids import HIDDEN, is_secret
 from dissect.protocols.s7plus.message import PlusPdu
 from dissect.protocols.s7plus.objects import every_object
 from dissect.protocols.s7plus.packed_values import misfit, packed_members
-from dissect.protocols.s7plus.program import Found, Program, symbol
+from dissect.protocols.s7plus.program import AddressMeaning, Program, symbol
 from dissect.protocols.s7plus.program_times import long_date_text, long_duration
 from dissect.protocols.s7plus.program_values import contradiction, program_value, program_values
 from dissect.protocols.s7plus.session import REFERENCE_LIST, SUBSCRIPTION, PlusSession, parse_reference_list
@@ -54,7 +54,7 @@ class PlusItem:
 
     __slots__ = ("address", "codes", "data", "fits", "found", "note", "number", "program", "return_code", "value")
 
-    def __init__(self, number: int, address: Address | None, value: Value | None, return_code: int) -> None:
+    def __init__(self, number: int, address: VariableAddress | None, value: Value | None, return_code: int) -> None:
         self.number = number
         self.address = address
         self.value = value
@@ -62,7 +62,7 @@ class PlusItem:
         self.codes: CodeTable = RETURN_CODES
         self.data: bytes | None = None
         self.fits = True
-        self.found: Found | None = None
+        self.found: AddressMeaning | None = None
         self.program: Program | None = None
         self.note = ""
 
@@ -140,7 +140,7 @@ class PlusItem:
         listed = self.value is not None and self._last_id == REFERENCE_LIST
         return references_text(self.value, self._called) if self.value is not None and listed else ""
 
-    def _called(self, address: Address) -> str:
+    def _called(self, address: VariableAddress) -> str:
         found = self.program.find(address) if self.program is not None else None
         return symbol(address, found) if found is not None else address.label
 
@@ -303,7 +303,7 @@ def _notified(told: Half, session: PlusSession | None) -> list[PlusItem]:
     return items
 
 
-def _subscribed(session: PlusSession | None, subscription: int, reference: int) -> Address | None:
+def _subscribed(session: PlusSession | None, subscription: int, reference: int) -> VariableAddress | None:
     return session.address_of(subscription, reference) if session is not None else None
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from dissect.protocols.s7plus.contents import Address
+from dissect.protocols.s7plus.contents import VariableAddress
 from dissect.protocols.s7plus.ids import (
     AREAS,
     BLOCK_KINDS,
@@ -76,7 +76,7 @@ def load_text(parent: int, tops: list[PlusObject], every: list[PlusObject], unre
     return text + (" and more that was not read" if unread else "")
 
 
-def written_as(address: Address) -> tuple[str, str]:
+def written_as(address: VariableAddress) -> tuple[str, str]:
     """Return the kind of event for writing an attribute, and a text of it; both are empty for most attributes."""
     attribute = address.lids[-1] if address.lids else address.sub_area
     if address.sub_area in LOADS and address.area >> 16 in BLOCK_KINDS:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Final
 
 from dissect.protocols.s7plus import layouts
-from dissect.protocols.s7plus.contents import Address, Contents, known_address
+from dissect.protocols.s7plus.contents import Contents, VariableAddress, known_address
 from dissect.protocols.s7plus.cursor import is_wanted, passed
 from dissect.protocols.s7plus.ids import AREAS, BLOCK_KINDS, id_name
 from dissect.protocols.s7plus.objects import Element, objects_of, read_into
@@ -140,7 +140,7 @@ def take_read_addresses(walk: Walk, found: Contents) -> None:
             _remember(asked, found, before - walk.budget)
 
 
-def addresses_of(asked: bytes) -> list[Address]:
+def addresses_of(asked: bytes) -> list[VariableAddress]:
     """Return the addresses that a sound read requests; ``asked`` are their octets."""
     known = _KNOWN.asked.get(asked)
     if known is not None:
@@ -186,7 +186,7 @@ def take_addresses(walk: Walk, found: Contents) -> int:
     return count
 
 
-def _take_address(walk: Walk) -> Address:
+def _take_address(walk: Walk) -> VariableAddress:
     at = walk.at
     crc = walk.number(VLQ, "CRC")
     area = walk.number(VLQ, "area")
@@ -217,7 +217,7 @@ def _is_needed(wanted: Wanted, found: Contents, number: int) -> bool:
     return is_asked_for(wanted.attributes, found.addresses[number - 1])
 
 
-def is_asked_for(attributes: bytes, address: Address) -> bool:
+def is_asked_for(attributes: bytes, address: VariableAddress) -> bool:
     """Return whether an address is a variable of the program, or an attribute that the table ``attributes`` wants."""
     if address.area in AREAS or address.area >> 16 in BLOCK_KINDS:
         return True

@@ -11,7 +11,7 @@ from typing import Final
 
 from mypy_extensions import i64
 
-from dissect.protocols.s7plus.contents import Address
+from dissect.protocols.s7plus.contents import VariableAddress
 from dissect.protocols.s7plus.ids import AREAS, BLOCK_KINDS, DATA_BLOCK, TYPE_KINDS, block_name
 from dissect.protocols.s7plus.objects import PlusObject
 from dissect.protocols.s7plus.stamps import next_stamp
@@ -151,7 +151,7 @@ class Program:
         told = self._types.get(type_id)
         return told.known if told is not None else None
 
-    def find(self, address: Address) -> Found | None:
+    def find(self, address: VariableAddress) -> AddressMeaning | None:
         """Return the meaning of an address; None if its type is unknown, or the checksum of its symbol differs."""
         if not self._types or not address.lids:
             return None
@@ -184,7 +184,7 @@ class Program:
                     return rid
         return -1
 
-    def _walk(self, address: Address, known: dict[int, tuple[str, Variable]]) -> Found | None:
+    def _walk(self, address: VariableAddress, known: dict[int, tuple[str, Variable]]) -> AddressMeaning | None:
         lids = address.lids
         entry = known.get(lids[0])
         if entry is None:
@@ -218,10 +218,10 @@ class Program:
             path += f".{name}"
             at += 1
         if at < len(lids):
-            return Found(f"{path} LID {'.'.join([str(lid) for lid in lids[at:]])}", None, False)
-        return Found(path, variable, variable.is_array and not element)
+            return AddressMeaning(f"{path} LID {'.'.join([str(lid) for lid in lids[at:]])}", None, False)
+        return AddressMeaning(path, variable, variable.is_array and not element)
 
-    def doubt(self, address: Address) -> str:
+    def doubt(self, address: VariableAddress) -> str:
         """Return why an address has no name although its type was captured; empty if there is no such reason."""
         if not self._types:
             return ""
@@ -237,7 +237,7 @@ class Program:
         return list(known.values()) if known is not None else None
 
 
-def _is_other(address: Address, variable: Variable) -> bool:
+def _is_other(address: VariableAddress, variable: Variable) -> bool:
     """Return whether the checksum of an address differs from that of the declaration. For members the rule is not known."""
     return address.crc != 0 and len(address.lids) == 1 and variable.crc != 0 and address.crc != variable.crc
 
@@ -260,7 +260,7 @@ class Symbol:
         return f"Array[{bounds}] of {variable.datatype_name}" if bounds else variable.datatype_name
 
 
-class Found:
+class AddressMeaning:
     """The meaning of an address: the path of names, and the variable; None if the address continues in an unknown structure.
 
     ``whole_array``: the variable is an array, and the address is not that of an element.
@@ -274,7 +274,7 @@ class Found:
         self.whole_array = whole_array
 
 
-def symbol(address: Address, found: Found) -> str:
+def symbol(address: VariableAddress, found: AddressMeaning) -> str:
     """Return an address with the names of the program: ``DB3."tank".level``, ``M."lamp"``."""
     return f"{block_name(address.area) or AREAS.get(address.area, '')}.{found.path}"
 

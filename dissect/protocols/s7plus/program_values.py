@@ -10,7 +10,7 @@ from collections.abc import Callable
 from typing import Final
 
 from dissect.protocols.s7.values import date_and_time, date_text, duration, s5time, time_of_day
-from dissect.protocols.s7plus.program import Found, Program
+from dissect.protocols.s7plus.program import AddressMeaning, Program
 from dissect.protocols.s7plus.program_tables import DATATYPES
 from dissect.protocols.s7plus.program_times import dtl_text, long_date_text, long_duration, long_time_of_day
 from dissect.protocols.s7plus.value_tables import (
@@ -51,7 +51,7 @@ _LENGTHS: Final = 2
 _BITS: Final = frozenset((1, 40))
 
 
-def program_value(found: Found | None, value: Value) -> str | None:
+def program_value(found: AddressMeaning | None, value: Value) -> str | None:
     """Return the text of a value by its declaration; None if that adds nothing to the value itself.
 
     The value must not contradict its declaration. A DTL is recognised without a declaration.
@@ -73,7 +73,7 @@ def program_value(found: Found | None, value: Value) -> str | None:
     return meaning(content)
 
 
-def program_values(found: Found | None, value: Value) -> list[str | None] | None:
+def program_values(found: AddressMeaning | None, value: Value) -> list[str | None] | None:
     """Return the texts of the elements of an array by its declaration; None if that adds nothing."""
     variable = found.variable if found is not None else None
     content = value.content
@@ -85,7 +85,7 @@ def program_values(found: Found | None, value: Value) -> list[str | None] | None
     return [meaning(one) if isinstance(one, int) else None for one in content]
 
 
-def contradiction(found: Found, value: Value, program: Program) -> str:
+def contradiction(found: AddressMeaning, value: Value, program: Program) -> str:
     """Return how a value contradicts the declaration of its variable; empty if it does not."""
     variable = found.variable
     if variable is None:

@@ -9,7 +9,7 @@ from typing import Final
 
 from mypy_extensions import i64
 
-from dissect.protocols.s7plus.contents import Address, Made
+from dissect.protocols.s7plus.contents import Made, VariableAddress
 from dissect.protocols.s7plus.identification import is_record, read_record
 from dissect.protocols.s7plus.objects import PlusObject
 from dissect.protocols.s7plus.program import CODE, Program, symbol
@@ -207,7 +207,7 @@ class PlusSession:
         self.reads: Counted = Counted()
         self.writes: Counted = Counted()
         self.states: dict[int, list[int]] = {}
-        self.subscriptions: dict[int, dict[int, Address]] = {}
+        self.subscriptions: dict[int, dict[int, VariableAddress]] = {}
         self.stamp: i64 = 0
 
     def __repr__(self) -> str:
@@ -235,7 +235,7 @@ class PlusSession:
         self.explored = [*self.explored[:1], frame]
         self.explored_ns = time_ns
 
-    def label(self, address: Address) -> str:
+    def label(self, address: VariableAddress) -> str:
         """Return the text of an address, with names of the program if they are known."""
         found = self.program.find(address)
         return symbol(address, found) if found is not None else address.label
@@ -336,7 +336,7 @@ class PlusSession:
         if self.subscriptions.pop(id_, None) is not None:
             self._changed(id_, {})
 
-    def _changed(self, id_: int, known: dict[int, Address]) -> None:
+    def _changed(self, id_: int, known: dict[int, VariableAddress]) -> None:
         """Note the items that a subscription reports from now on."""
         self.stamp = next_stamp()
         states = [one for one, address in known.items() if is_state(address) and 0 <= one <= _MAX_REFERENCE]
@@ -345,7 +345,7 @@ class PlusSession:
         elif id_ in self.states:
             del self.states[id_]
 
-    def address_of(self, subscription: int, reference: int) -> Address | None:
+    def address_of(self, subscription: int, reference: int) -> VariableAddress | None:
         """Return the address that belongs to a reference in a notification; None if its subscription was not captured."""
         known = self.subscriptions.get(subscription)
         return known.get(reference) if known is not None else None
@@ -353,12 +353,12 @@ class PlusSession:
 
 #: Content of a reference list: whether it is a new list, the references that it removes, and those that it adds, with
 #: addresses.
-References = tuple[bool, list[int], list[tuple[int, Address]]]
+References = tuple[bool, list[int], list[tuple[int, VariableAddress]]]
 #: The items of subscriptions: by the offset of the subscription object in its PDU, the address of each reference.
-ReferenceLists = dict[int, dict[int, Address]]
+ReferenceLists = dict[int, dict[int, VariableAddress]]
 
 
-def _change(known: dict[int, Address], told: References) -> None:
+def _change(known: dict[int, VariableAddress], told: References) -> None:
     new, gone, fresh = told
     if new:
         known.clear()
@@ -369,7 +369,7 @@ def _change(known: dict[int, Address], told: References) -> None:
             known[reference] = address
 
 
-def is_state(address: Address) -> bool:
+def is_state(address: VariableAddress) -> bool:
     """Return whether a variable is the operating state of the CPU, or the structure that has it as a member."""
     if address.area != CPU_EXEC_UNIT:
         return False
@@ -381,7 +381,7 @@ def reference_lists_of(objects: list[PlusObject]) -> ReferenceLists:
     found: ReferenceLists = {}
     for one in objects:
         if one.class_id == SUBSCRIPTION:
-            known: dict[int, Address] = {}
+            known: dict[int, VariableAddress] = {}
             _change(known, parse_reference_list(one.numbers(REFERENCE_LIST)))
             found[one.offset] = known
     return found
@@ -394,13 +394,13 @@ def parse_reference_list(numbers: list[int]) -> References:
     head, removed, added = numbers[:3]
     gone = numbers[3 : 3 + removed]
     at = 3 + removed
-    fresh: list[tuple[int, Address]] = []
+    fresh: list[tuple[int, VariableAddress]] = []
     while added and at + 6 <= len(numbers):
         count = numbers[at] & 0xFFFF
         end = at + 5 + max(count, 1)
         if end > len(numbers):
             break
-        address = Address(numbers[at + 4], numbers[at + 3], numbers[at + 5], numbers[at + 6 : end])
+        address = VariableAddress(numbers[at + 4], numbers[at + 3], numbers[at + 5], numbers[at + 6 : end])
         fresh.append((numbers[at + 1], address))
         at = end
         added -= 1

@@ -9,7 +9,7 @@ from collections.abc import Callable
 from typing import Final
 
 from dissect.protocols.s7plus.alarms import ALARM, alarm_text
-from dissect.protocols.s7plus.contents import Address, Contents, known_address
+from dissect.protocols.s7plus.contents import Contents, VariableAddress, known_address
 from dissect.protocols.s7plus.ids import NEW_OBJECT, short_name
 from dissect.protocols.s7plus.message import PlusPdu
 from dissect.protocols.s7plus.objects import PlusObject
@@ -93,17 +93,17 @@ def _asked(pdu: PlusPdu, found: Contents) -> list[str]:
     return [f"{address.label}{written}{f', {streamed} bytes streamed' if streamed else ''}"]
 
 
-def _written(value: Value, address: Address) -> str:
+def _written(value: Value, address: VariableAddress) -> str:
     id_ = address.lids[-1] if address.lids else address.sub_area
     listed = references_text(value, _label) if id_ == REFERENCE_LIST else ""
     return listed or in_line(value, id_)
 
 
-def _label(address: Address) -> str:
+def _label(address: VariableAddress) -> str:
     return address.label
 
 
-def references_text(value: Value, called: Callable[[Address], str]) -> str:
+def references_text(value: Value, called: Callable[[VariableAddress], str]) -> str:
     """Return what a subscription gets or loses by a new reference list; empty for any other value.
 
     ``called`` returns the name of an address.
@@ -118,7 +118,7 @@ def references_text(value: Value, called: Callable[[Address], str]) -> str:
     return "; ".join(said + ([f"removed: {count(len(gone), 'reference')}"] if gone else []))
 
 
-def single_address(found: Contents) -> Address | None:
+def single_address(found: Contents) -> VariableAddress | None:
     """Return the address in a request about one attribute of one object; None for other requests."""
     if found.object_id < 0 or not found.ids or found.addresses:
         return None

@@ -10,7 +10,7 @@ from typing import Final
 from mypy_extensions import i64, mypyc_attr
 
 from dissect.protocols.s7plus.check import Check
-from dissect.protocols.s7plus.contents import Address, known_address
+from dissect.protocols.s7plus.contents import VariableAddress, known_address
 from dissect.protocols.s7plus.cursor import Cursor, table
 from dissect.protocols.s7plus.event import (
     CONFIRMED,
@@ -73,10 +73,10 @@ class Write(Event):
 
     __slots__ = ("_items", "_session", "count")
 
-    def __init__(self, kind: str, session: PlusSession, address: Address, value: Attribute | None) -> None:
+    def __init__(self, kind: str, session: PlusSession, address: VariableAddress, value: Attribute | None) -> None:
         super().__init__(kind, "")
         self._session = session
-        self._items: list[tuple[Address, Attribute | None]] = [(address, value)]
+        self._items: list[tuple[VariableAddress, Attribute | None]] = [(address, value)]
         self.count = 1
 
     @property
@@ -87,7 +87,7 @@ class Write(Event):
             self._text = f"{', '.join([self._said(address, value) for address, value in self._items])}{more}"
         return self._text
 
-    def _said(self, address: Address, value: Attribute | None) -> str:
+    def _said(self, address: VariableAddress, value: Attribute | None) -> str:
         label = self._session.label(address)
         return f"{label} = {value_with_type(value.value)}" if value is not None else label
 
@@ -143,7 +143,7 @@ def take_write(session: PlusSession, events: list[Event], asked: Check, answered
 def judge_writes(
     session: PlusSession,
     events: list[Event],
-    addresses: list[Address],
+    addresses: list[VariableAddress],
     values: dict[int, Attribute],
     refused: dict[int, int],
     answered: bool,
@@ -175,7 +175,7 @@ def judge_writes(
 
 
 def _item_written(
-    session: PlusSession, events: list[Event], address: Address, value: Attribute | None, good: bool
+    session: PlusSession, events: list[Event], address: VariableAddress, value: Attribute | None, good: bool
 ) -> None:
     last = address.lids[-1] if address.lids else address.sub_area
     if last in PASSWORDS:
@@ -199,7 +199,7 @@ def _listed(session: PlusSession, events: list[Event], object_id: int, numbers: 
         events.append(Event(LISTED, ", ".join(labels), object_id))
 
 
-def _write(session: PlusSession, events: list[Event], address: Address, value: Attribute | None) -> None:
+def _write(session: PlusSession, events: list[Event], address: VariableAddress, value: Attribute | None) -> None:
     kind, text = written_as(address)
     if kind:
         events.append(Event(kind, text, address.area))
@@ -227,7 +227,7 @@ def judge_write(
 ) -> None:
     """Judge a write of one variable or attribute; ``streamed``: as a stream."""
     if streamed:
-        events.append(Event(STREAMED, session.label(Address(0, object_id, ids[0], ids[1:])), object_id))
+        events.append(Event(STREAMED, session.label(VariableAddress(0, object_id, ids[0], ids[1:])), object_id))
     if ids[-1] in PASSWORDS:
         events.append(Event(PASSWORD, ""))
     elif ids[0] == REFERENCE_LIST and value is not None and good:

@@ -14,7 +14,7 @@ from dissect.testing.golden.keys import Keys, subject
 from dissect.testing.golden.model import Link, Session, Transaction
 from dissect.testing.golden.pairing import Match, pair_links, pair_transactions
 from dissect.testing.golden.phrases import Change, outcome
-from dissect.testing.golden.plus_objects import Named, Objects, same_objects, with_objects
+from dissect.testing.golden.plus_objects import NamedPair, Objects, same_objects, with_objects
 from dissect.wire.text import printable
 
 
@@ -115,7 +115,7 @@ def _match(
         where = (f"transaction {a.number}", f"transaction {b.number} of the second")
         text = f"{where[0]}, {subject(a.exchange)}: moved, now {where[1]}"
         yield Difference("order", text, connections, (a.number, b.number), subject(a.exchange), "", where)
-    named = Named(objects, a, b) if a.exchange.kind == PLUS else None
+    named = NamedPair(objects, a, b) if a.exchange.kind == PLUS else None
     for change in _changes(a, with_objects(b, numbers), options, named):
         about = change.subject or subject(a.exchange, change.item)
         if options.ignores(change.kind, *change.targets, about):
@@ -145,7 +145,7 @@ def _single(
         yield Difference(kind, text, connections, (0, transaction.number), about, "", ("", result))
 
 
-def _changes(a: Transaction, b: Transaction, options: DiffOptions, named: Named | None) -> Iterator[Change]:
+def _changes(a: Transaction, b: Transaction, options: DiffOptions, named: NamedPair | None) -> Iterator[Change]:
     same = a.exchange is b.exchange or (
         a.exchange.request == b.exchange.request
         and a.exchange.response == b.exchange.response

@@ -18,7 +18,7 @@ from dissect.testing.golden.keys import subject
 from dissect.testing.golden.model import Transaction
 from dissect.testing.golden.phrases import Change, code_text, item_state, octets_change, outcome, short, value_change
 from dissect.testing.golden.plus import plus_differences, plus_subject
-from dissect.testing.golden.plus_objects import Named
+from dissect.testing.golden.plus_objects import NamedPair
 from dissect.wire.layout import HOLDS_TIME, FieldValue
 from dissect.wire.part import Part
 from dissect.wire.text import some
@@ -83,7 +83,7 @@ def _request_words(exchange: Exchange) -> str:
 
 
 def answer_changes(
-    a: Transaction, b: Transaction, naming: Naming | None = None, named: Named | None = None
+    a: Transaction, b: Transaction, naming: Naming | None = None, named: NamedPair | None = None
 ) -> Iterator[Change]:
     """Yield the differences in the answers. If the requests differ, only success or failure is compared.
 
@@ -297,7 +297,7 @@ def _octets(kind: str, half: str, was: Pdu, is_: Pdu) -> list[Change]:
 # ---- S7comm-plus ----------------------------------------------------------------------------------------------------
 
 
-def _plus(half: str, exchange: Exchange, was: bytes, is_: bytes, named: Named | None = None) -> Iterator[Change]:
+def _plus(half: str, exchange: Exchange, was: bytes, is_: bytes, named: NamedPair | None = None) -> Iterator[Change]:
     """Yield the differences of S7comm-plus PDUs; numbers that count on from one recording to the next are ignored."""
     changes = plus_differences(was, is_, *(named.both() if named is not None and not exchange.request else ()))
     name = exchange.function_name

@@ -50,7 +50,7 @@ _HALF: Final = re.compile(r"(request|answer|says) (\S+)(?: (<[^>]*>))?")
 _ERROR: Final = re.compile(r"refused 0x([0-9a-f]{4})")
 
 
-class Line(NamedTuple):
+class GoldenLine(NamedTuple):
     """A line of a golden: its number, its indentation, and its text without remarks and with its continuations."""
 
     number: int
@@ -85,10 +85,10 @@ def read_golden(raw: Iterable[str], name: str) -> Session:
     return reader.finish()
 
 
-def _blocks(lines: Iterator[Line]) -> Iterator[tuple[Line, list[Line]]]:
+def _blocks(lines: Iterator[GoldenLine]) -> Iterator[tuple[GoldenLine, list[GoldenLine]]]:
     """Yield each first line of a block together with the lines indented below it."""
-    head: Line | None = None
-    below: list[Line] = []
+    head: GoldenLine | None = None
+    below: list[GoldenLine] = []
     for line in lines:
         if head is not None and line.depth > 0:
             below.append(line)
@@ -100,7 +100,7 @@ def _blocks(lines: Iterator[Line]) -> Iterator[tuple[Line, list[Line]]]:
         yield head, below
 
 
-def _lines(raw_lines: Iterable[str], name: str) -> Iterator[Line]:
+def _lines(raw_lines: Iterable[str], name: str) -> Iterator[GoldenLine]:
     """Yield the lines with content, each joined with its continuations. Raises GoldenError for a line that is too long."""
     number = depth = size = 0
     held: list[str] = []
@@ -112,20 +112,20 @@ def _lines(raw_lines: Iterable[str], name: str) -> Iterator[Line]:
         indent = len(content) - len(bare)
         if indent < _CONTINUED or not held:
             if held:
-                yield Line(number, depth, " ".join(held))
+                yield GoldenLine(number, depth, " ".join(held))
             number, depth, size, held = count, indent, 0, []
         held.append(bare)
         size += len(bare)
         if size > MAX_LINE:
             raise GoldenError(f"{name}: line {number}: longer than {MAX_LINE >> 10} KiB: not a line of a golden")
     if held:
-        yield Line(number, depth, " ".join(held))
+        yield GoldenLine(number, depth, " ".join(held))
 
 
 class _LineError(Exception):
     """A wrong line, and what is wrong with it."""
 
-    def __init__(self, line: Line, message: str) -> None:
+    def __init__(self, line: GoldenLine, message: str) -> None:
         super().__init__(message)
         self.line = line
 
@@ -141,7 +141,7 @@ class _Reader:
         ] = {}  # transactions of the current connection, by their numbers in the text
         self._known: dict[tuple[str, ...], _Draft] = {}  # parsed blocks, by their text: polling repeats them
 
-    def block(self, head: Line, below: list[Line]) -> None:
+    def block(self, head: GoldenLine, below: list[GoldenLine]) -> None:
         """Take a block: its first line, and the lines indented below it."""
         if head.depth:
             raise _LineError(head, "indented, but there is no line above that it belongs to")
@@ -205,7 +205,7 @@ class _Reader:
         return self._session
 
 
-def _read(line: Line, take: Callable[[Line], None]) -> None:
+def _read(line: GoldenLine, take: Callable[[GoldenLine], None]) -> None:
     """Let ``take`` parse a line; its errors get the number of the line."""
     try:
         take(line)
@@ -213,7 +213,7 @@ def _read(line: Line, take: Callable[[Line], None]) -> None:
         raise _LineError(line, str(error)) from None
 
 
-def _link_fact(link: Link, line: Line) -> None:
+def _link_fact(link: Link, line: GoldenLine) -> None:
     text = line.text
     if match := _TSAP.fullmatch(text):
         octets = hex_octets(match[2])
@@ -288,7 +288,7 @@ class _Draft:
         self.job = 0  # for a push: the number of the transaction that requested it
         self.made: Exchange | None = None  # set once all lines are read
 
-    def take(self, line: Line) -> None:
+    def take(self, line: GoldenLine) -> None:
         """Take a line. Raises ValueError."""
         if line.depth == _BLOCK and self._last is not None:
             self._last.take(line.text)

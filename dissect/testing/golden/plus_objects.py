@@ -102,7 +102,7 @@ class Objects:
         return names.get(transaction.number, {})
 
 
-class Named:
+class NamedPair:
     """A pair of transactions, with the names for the references in their notifications."""
 
     def __init__(self, objects: Objects, a: Transaction, b: Transaction) -> None:

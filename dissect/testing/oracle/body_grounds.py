@@ -14,7 +14,7 @@ from dissect.protocols.s7.services import PI_SERVICES
 from dissect.protocols.s7.szl_records import RECORD
 from dissect.protocols.s7.tables import AR_SEND, MESSAGE_SERVICE, READ_RECORD
 from dissect.testing.oracle import facts
-from dissect.testing.oracle.facts import Place
+from dissect.testing.oracle.facts import FieldPlace
 from dissect.testing.oracle.grounds import Case
 from dissect.wire.part import OCTETS
 
@@ -138,7 +138,7 @@ def block_header(case: Case) -> bool:
     return mine.number > other.number and ends_alike and block.startswith(b"pp")
 
 
-def _same_name(place: Place, other: Place) -> bool:
+def _same_name(place: FieldPlace, other: FieldPlace) -> bool:
     return place.name == other.name and place.part == other.part
 
 

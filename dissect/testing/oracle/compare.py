@@ -12,7 +12,7 @@ from typing import Final
 
 from dissect.protocols.tls.key_log import KeyLog
 from dissect.testing.oracle import facts, grounds
-from dissect.testing.oracle.facts import Fact, Place, Record, Value
+from dissect.testing.oracle.facts import FieldPlace, LocatedValue, Record, Value
 from dissect.testing.oracle.grounds import Case, Evidence
 from dissect.testing.oracle.known import explain
 from dissect.testing.oracle.ours import Witness, take_joined
@@ -21,12 +21,12 @@ from dissect.testing.oracle.theirs import Frame
 from dissect.testing.oracle.tshark import OracleError, Reader, read_tshark
 
 _GAVE_UP: Final = "Wireshark stopped where the capture is damaged"
-_WHOLE: Final = Place("", 0, grounds.WHOLE)
-_FRAME: Final = Place("", 0, grounds.FRAME)
-_OCTETS: Final = Place("", 0, grounds.OCTETS)
+_WHOLE: Final = FieldPlace("", 0, grounds.WHOLE)
+_FRAME: Final = FieldPlace("", 0, grounds.FRAME)
+_OCTETS: Final = FieldPlace("", 0, grounds.OCTETS)
 
 
-class Difference:
+class FieldDifference:
     """One disagreement between the two sides.
 
     ``field`` is its name; ``ours`` and ``theirs`` are None if a side does not have it. ``known`` is the id of the entry of
@@ -71,13 +71,13 @@ class Comparison:
         self.fields = 0
         self.other: Counter[str] = Counter()
         self.again: Counter[str] = Counter()
-        self.differences: list[Difference] = []
+        self.differences: list[FieldDifference] = []
         self.not_comparable: Counter[str] = Counter()
         self.loss = ""
         self.plus = PlusProof()
 
     @property
-    def unexplained(self) -> list[Difference]:
+    def unexplained(self) -> list[FieldDifference]:
         """The differences without an explanation: bugs, ours or theirs, that no one has examined."""
         return [difference for difference in self.differences if not difference.known]
 
@@ -148,7 +148,7 @@ class _Bench:
                 self._compare(record, partner, frame)
                 break
 
-    def _alone(self, ours: Record | None, theirs: Record | None, frame: Frame | None) -> Difference:
+    def _alone(self, ours: Record | None, theirs: Record | None, frame: Frame | None) -> FieldDifference:
         """Return the difference for a record that only one side has."""
         mine, other = (record.octets if record is not None else None for record in (ours, theirs))
         return self._difference(_WHOLE, mine, other, ours, theirs, frame)
@@ -162,12 +162,12 @@ class _Bench:
         if theirs.joined:
             take_joined(ours, theirs.joined)
         for place in sorted(ours.facts.keys() | theirs.facts.keys()):
-            mine: Fact | None = ours.facts.get(place)
-            other: Fact | None = theirs.facts.get(place)
+            mine: LocatedValue | None = ours.facts.get(place)
+            other: LocatedValue | None = theirs.facts.get(place)
             if mine is not None and other is not None:
                 self.result.fields += 1
                 if mine.offset != other.offset:
-                    where = Place(place.part, place.number, f"position of {place.name}")
+                    where = FieldPlace(place.part, place.number, f"position of {place.name}")
                     self.result.differences.append(
                         self._difference(where, mine.offset, other.offset, ours, theirs, frame)
                     )
@@ -177,17 +177,17 @@ class _Bench:
 
     def _difference(
         self,
-        place: Place,
+        place: FieldPlace,
         mine: Value | None,
         other: Value | None,
         ours: Record | None,
         theirs: Record | None,
         frame: Frame | None,
-    ) -> Difference:
+    ) -> FieldDifference:
         record = ours if ours is not None else theirs
         assert record is not None
         explanation = explain(Case(place, mine, other, ours, theirs, frame, self._evidence))
-        return Difference(record.kind, record.frame, str(place), mine, other, explanation)
+        return FieldDifference(record.kind, record.frame, str(place), mine, other, explanation)
 
 
 def _same(ours: Value, theirs: Value) -> bool:

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dissect.testing.oracle.grounds import Case
 
 
-class Known:
+class KnownDifference:
     """One understood difference: ``names`` are the fields it may explain, ``applies`` decides by the octets."""
 
     __slots__ = ("applies", "id", "names", "reference", "side", "what", "why")

@@ -102,7 +102,7 @@ BODY_NAMES: Final = _names(*layouts()) | {CONTENT, FILL}
 Value = int | bytes
 
 
-class Place(NamedTuple):
+class FieldPlace(NamedTuple):
     """Identifies a field: its section, the number of its item or parameter (from 1; 0 if there is only one), its name.
 
     In a body, ``number`` is its position in the PDU or in the joined answer.
@@ -118,7 +118,7 @@ class Place(NamedTuple):
         return f"{self.name} of {self.part} {self.number}" if self.number else self.name
 
 
-class Fact(NamedTuple):
+class LocatedValue(NamedTuple):
     """The value of a field and its position in its TPDU (from the LI) or PDU (from 0x32); for TPKT fields from the TPKT."""
 
     value: Value
@@ -136,7 +136,9 @@ class Record:
 
     __slots__ = ("again", "facts", "frame", "joined", "kind", "number", "octets", "other")
 
-    def __init__(self, kind: str, frame: int, octets: bytes, facts: dict[Place, Fact], number: int = -1) -> None:
+    def __init__(
+        self, kind: str, frame: int, octets: bytes, facts: dict[FieldPlace, LocatedValue], number: int = -1
+    ) -> None:
         self.kind = kind
         self.frame = frame
         self.octets = octets
@@ -148,5 +150,5 @@ class Record:
 
     def value(self, part: str, name: str, number: int = 0) -> Value | None:
         """Return the value of a field, None if the record has none of that name."""
-        fact = self.facts.get(Place(part, number, name))
+        fact = self.facts.get(FieldPlace(part, number, name))
         return fact.value if fact is not None else None

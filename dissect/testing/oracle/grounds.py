@@ -20,7 +20,7 @@ from dissect.protocols.s7.bodies import parse_body
 from dissect.protocols.s7.message import parse_pdu
 from dissect.protocols.s7.tables import LENGTH_IN_BITS
 from dissect.testing.oracle import facts
-from dissect.testing.oracle.facts import Place, Record, Value
+from dissect.testing.oracle.facts import FieldPlace, Record, Value
 from dissect.testing.oracle.theirs import Frame
 from dissect.testing.oracle.tshark import Segment, read_segments
 from dissect.wire.malformed import Malformed
@@ -299,7 +299,7 @@ class Case:
 
     def __init__(
         self,
-        place: Place,
+        place: FieldPlace,
         ours: Value | None,
         theirs: Value | None,
         our_record: Record | None,

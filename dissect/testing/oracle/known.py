@@ -13,7 +13,7 @@ from __future__ import annotations
 from typing import Final
 
 from dissect.testing.oracle import body_grounds, facts, grounds
-from dissect.testing.oracle.entry import Known
+from dissect.testing.oracle.entry import KnownDifference
 from dissect.testing.oracle.grounds import FRAME, LENGTH, OCTETS, SUBFUNCTIONS, TRANSPORT_SIZE, WHOLE, Case
 
 OURS: Final = "Ours is right"
@@ -40,7 +40,7 @@ def as_markdown() -> str:
 
 
 KNOWN: Final = (
-    Known(
+    KnownDifference(
         "length-in-octets",
         OURS,
         (LENGTH,),
@@ -49,7 +49,7 @@ KNOWN: Final = (
         "6.5, 3.5",
         grounds.length_in_bits,
     ),
-    Known(
+    KnownDifference(
         "kept-from-before",
         OURS,
         (LENGTH, TRANSPORT_SIZE),
@@ -58,7 +58,7 @@ KNOWN: Final = (
         "6.5",
         grounds.kept_from_before,
     ),
-    Known(
+    KnownDifference(
         "userdata-type-of-four-bits",
         OURS,
         ("s7comm.param.userdata.type", "s7comm.param.userdata.funcgroup", *SUBFUNCTIONS),
@@ -67,7 +67,7 @@ KNOWN: Final = (
         "4.1, 6.5",
         grounds.split_in_fours,
     ),
-    Known(
+    KnownDifference(
         "mode-transition-as-head",
         OURS,
         (
@@ -83,7 +83,7 @@ KNOWN: Final = (
         "4.1, 4.9",
         grounds.mode_transition,
     ),
-    Known(
+    KnownDifference(
         "broken-parameter",
         OURS,
         tuple(sorted(facts.NAMES[facts.IN_PARAMETER])),
@@ -92,7 +92,7 @@ KNOWN: Final = (
         "2.1",
         grounds.broken_parameter,
     ),
-    Known(
+    KnownDifference(
         "usend-as-head",
         OURS,
         tuple(sorted(facts.NAMES[facts.IN_PARAMETERS] | facts.NAMES[facts.IN_DATA] | facts.BODY_NAMES)),
@@ -101,7 +101,7 @@ KNOWN: Final = (
         "4.1, 4.10",
         grounds.usend,
     ),
-    Known(
+    KnownDifference(
         "parts-joined",
         FORM,
         tuple(sorted(facts.BODY_NAMES)),
@@ -110,7 +110,7 @@ KNOWN: Final = (
         "4.3",
         body_grounds.in_parts,
     ),
-    Known(
+    KnownDifference(
         "last-part-alone",
         OURS,
         tuple(sorted(facts.BODY_NAMES)),
@@ -119,7 +119,7 @@ KNOWN: Final = (
         "4.3",
         body_grounds.last_alone,
     ),
-    Known(
+    KnownDifference(
         "time-with-its-century",
         FORM,
         ("s7comm.data.ts",),
@@ -128,7 +128,7 @@ KNOWN: Final = (
         "4.12",
         body_grounds.longer_time,
     ),
-    Known(
+    KnownDifference(
         "count-with-its-reserved-octet",
         FORM,
         ("s7comm.param.itemcount",),
@@ -137,7 +137,7 @@ KNOWN: Final = (
         "4.7",
         body_grounds.longer_count,
     ),
-    Known(
+    KnownDifference(
         "records-as-octets",
         OURS,
         tuple(sorted(name for name in facts.BODY_NAMES if "szl" in name)),
@@ -146,7 +146,7 @@ KNOWN: Final = (
         "4.5",
         body_grounds.records_as_octets,
     ),
-    Known(
+    KnownDifference(
         "fill-of-an-item",
         OURS,
         (facts.FILL,),
@@ -156,7 +156,7 @@ KNOWN: Final = (
         "3.5",
         body_grounds.fill_of_an_item,
     ),
-    Known(
+    KnownDifference(
         "payload-as-octets",
         FORM,
         ("s7comm.data.userdata",),
@@ -165,7 +165,7 @@ KNOWN: Final = (
         "4.4",
         body_grounds.payload_as_octets,
     ),
-    Known(
+    KnownDifference(
         "records-without-names",
         OURS,
         (body_grounds.RECORD_OCTETS,),
@@ -174,7 +174,7 @@ KNOWN: Final = (
         "4.5",
         body_grounds.record_without_names,
     ),
-    Known(
+    KnownDifference(
         "address-of-a-record",
         FORM,
         ("s7comm.param.item.length", "s7comm.param.item.db", "s7comm.param.item.address"),
@@ -183,7 +183,7 @@ KNOWN: Final = (
         "3.6",
         body_grounds.data_record,
     ),
-    Known(
+    KnownDifference(
         "fill-of-a-record",
         OURS,
         (facts.FILL,),
@@ -192,7 +192,7 @@ KNOWN: Final = (
         "4.7",
         body_grounds.fill_before_length,
     ),
-    Known(
+    KnownDifference(
         "archives-as-reserved",
         OURS,
         tuple(sorted(facts.BODY_NAMES)),
@@ -201,7 +201,7 @@ KNOWN: Final = (
         "4.9",
         body_grounds.archives,
     ),
-    Known(
+    KnownDifference(
         "archive-as-octets",
         OURS,
         tuple(sorted(facts.BODY_NAMES)),
@@ -210,7 +210,7 @@ KNOWN: Final = (
         "4.9",
         body_grounds.archive_data,
     ),
-    Known(
+    KnownDifference(
         "argument-of-unknown-service",
         OURS,
         (body_grounds.ARGUMENT,),
@@ -219,7 +219,7 @@ KNOWN: Final = (
         "3.10",
         body_grounds.argument_unknown,
     ),
-    Known(
+    KnownDifference(
         "name-and-its-fields",
         FORM,
         ("s7comm.param.blockcontrol.filename",),
@@ -228,7 +228,7 @@ KNOWN: Final = (
         "3.9",
         body_grounds.whole_of_fields,
     ),
-    Known(
+    KnownDifference(
         "block-with-its-header",
         FORM,
         (facts.CONTENT,),
@@ -237,7 +237,7 @@ KNOWN: Final = (
         "4.6",
         body_grounds.block_header,
     ),
-    Known(
+    KnownDifference(
         "damaged-pdu",
         FORM,
         tuple(
@@ -253,7 +253,7 @@ KNOWN: Final = (
         "3.1, 3.5",
         grounds.damaged,
     ),
-    Known(
+    KnownDifference(
         "credit-of-a-parameter",
         FORM,
         (body_grounds.CREDIT,),
@@ -262,7 +262,7 @@ KNOWN: Final = (
         "2.3",
         body_grounds.credit_of_parameter,
     ),
-    Known(
+    KnownDifference(
         "h323",
         SCOPE,
         (WHOLE, *_ALL_OF_TPDU),
@@ -272,7 +272,7 @@ KNOWN: Final = (
         "1.4",
         grounds.is_h323,
     ),
-    Known(
+    KnownDifference(
         "expedited-refused",
         OURS,
         _ALL_OF_TPDU,
@@ -281,7 +281,7 @@ KNOWN: Final = (
         "2.2, 6.5",
         grounds.expedited,
     ),
-    Known(
+    KnownDifference(
         "reason-refused",
         OURS,
         _ALL_OF_TPDU,
@@ -290,7 +290,7 @@ KNOWN: Final = (
         "2.4, 6.5",
         grounds.reason,
     ),
-    Known(
+    KnownDifference(
         "rejection-refused",
         OURS,
         _ALL_OF_TPDU,
@@ -299,7 +299,7 @@ KNOWN: Final = (
         "2.3, 2.4",
         grounds.rejection,
     ),
-    Known(
+    KnownDifference(
         "malformed-tpdu",
         OURS,
         _ALL_OF_TPDU,
@@ -308,7 +308,7 @@ KNOWN: Final = (
         "1.2, 2.1",
         grounds.contradictory,
     ),
-    Known(
+    KnownDifference(
         "size-of-65531",
         OURS,
         (facts.TPDU_SIZE,),
@@ -317,7 +317,7 @@ KNOWN: Final = (
         "2.3, 6.5",
         grounds.size_of_65531,
     ),
-    Known(
+    KnownDifference(
         "size-without-meaning",
         FORM,
         (facts.TPDU_SIZE,),
@@ -326,7 +326,7 @@ KNOWN: Final = (
         "2.3",
         grounds.no_size,
     ),
-    Known(
+    KnownDifference(
         "header-without-tpdu",
         OURS,
         (WHOLE,),
@@ -336,7 +336,7 @@ KNOWN: Final = (
         "1.2, 1.3",
         grounds.no_tpdu,
     ),
-    Known(
+    KnownDifference(
         "rdp",
         SCOPE,
         (WHOLE, *sorted(facts.NAMES[facts.IN_PARAMETER])),
@@ -346,7 +346,7 @@ KNOWN: Final = (
         "1.4",
         grounds.is_rdp,
     ),
-    Known(
+    KnownDifference(
         "header-inside-a-message",
         OURS,
         (WHOLE,),
@@ -355,7 +355,7 @@ KNOWN: Final = (
         "1.3",
         grounds.inside_a_message,
     ),
-    Known(
+    KnownDifference(
         "cut",
         SCOPE,
         (WHOLE,),
@@ -364,7 +364,7 @@ KNOWN: Final = (
         "5.5",
         grounds.cut_frame,
     ),
-    Known(
+    KnownDifference(
         "lost-by-tcp",
         OURS,
         (WHOLE,),
@@ -374,7 +374,7 @@ KNOWN: Final = (
         "1.3, 5.5",
         grounds.lost_by_tcp,
     ),
-    Known(
+    KnownDifference(
         "shown-at-the-gap",
         OURS,
         (FRAME,),
@@ -383,7 +383,7 @@ KNOWN: Final = (
         "5.5",
         grounds.shown_at_the_gap,
     ),
-    Known(
+    KnownDifference(
         "shown-before-the-gap-closed",
         FORM,
         (FRAME,),
@@ -392,7 +392,7 @@ KNOWN: Final = (
         "5.5",
         grounds.closes_a_gap,
     ),
-    Known(
+    KnownDifference(
         "shown-where-sent-again",
         OURS,
         (FRAME,),
@@ -401,7 +401,7 @@ KNOWN: Final = (
         "5.5",
         grounds.shown_in_a_retransmission,
     ),
-    Known(
+    KnownDifference(
         "joined-over-a-gap",
         OURS,
         (WHOLE,),
@@ -410,7 +410,7 @@ KNOWN: Final = (
         "2.5, 5.5",
         grounds.joined_over_a_gap,
     ),
-    Known(
+    KnownDifference(
         "parameter-of-an-ack",
         OURS,
         tuple(sorted(facts.NAMES[facts.IN_PARAMETERS])),
@@ -419,7 +419,7 @@ KNOWN: Final = (
         "3.1",
         grounds.parameter_of_ack,
     ),
-    Known(
+    KnownDifference(
         "unfinished",
         OURS,
         (WHOLE, FRAME),
@@ -428,7 +428,7 @@ KNOWN: Final = (
         "1.1, 1.3",
         grounds.unfinished,
     ),
-    Known(
+    KnownDifference(
         "shown-again",
         OURS,
         (WHOLE,),

@@ -27,7 +27,7 @@ from dissect.protocols.s7.syntaxes import PBC_ID
 from dissect.protocols.s7.tables import BSEND, READ_VAR, ROSCTR, USERDATA, WRITE_VAR
 from dissect.protocols.tls.key_log import KeyLog
 from dissect.testing.oracle import facts
-from dissect.testing.oracle.facts import Fact, Place, Record
+from dissect.testing.oracle.facts import FieldPlace, LocatedValue, Record
 from dissect.testing.oracle.plus import PlusProof
 from dissect.wire.layout import Layout
 
@@ -111,7 +111,7 @@ class Witness(Observer):
 
 
 def _read(
-    facts_: dict[Place, Fact], part: str, number: int, layout: Layout, octets: bytes, at: int, read: object
+    facts_: dict[FieldPlace, LocatedValue], part: str, number: int, layout: Layout, octets: bytes, at: int, read: object
 ) -> None:
     """Add the fields of one header: their positions from the layout, their values from the object ``read``."""
     for value in layout.read(octets, at):
@@ -119,40 +119,42 @@ def _read(
         if field.wireshark:
             attribute = getattr(read, _ATTRIBUTES.get(field.name, field.name), None)
             fact = attribute if isinstance(attribute, int) else value.value
-            facts_[Place(part, number, field.wireshark)] = Fact(fact, value.offset)
+            facts_[FieldPlace(part, number, field.wireshark)] = LocatedValue(fact, value.offset)
 
 
 def tpdu_record(frame: int, octets: bytes) -> Record:
     """Return the facts of a TPKT and its TPDU."""
-    facts_: dict[Place, Fact] = {}
+    facts_: dict[FieldPlace, LocatedValue] = {}
     _read(facts_, facts.IN_TPKT, 0, iso.TPKT, octets, 0, _NO_FIELDS)
     tpdu = parse_tpdu(octets[facts.TPKT_SIZE :])
     for value in tpdu.fields:
         if value.field.wireshark:
-            facts_[Place(facts.IN_TPDU, 0, value.field.wireshark)] = Fact(value.value, value.offset)
+            facts_[FieldPlace(facts.IN_TPDU, 0, value.field.wireshark)] = LocatedValue(value.value, value.offset)
     for number, parameter in enumerate(tpdu.parameters, 1):
         at = parameter.offset
         code, length = iso.PARAMETER.fields
-        facts_[Place(facts.IN_PARAMETER, number, code.wireshark)] = Fact(parameter.code, at)
-        facts_[Place(facts.IN_PARAMETER, number, length.wireshark)] = Fact(len(parameter.value), at + code.size)
+        facts_[FieldPlace(facts.IN_PARAMETER, number, code.wireshark)] = LocatedValue(parameter.code, at)
+        facts_[FieldPlace(facts.IN_PARAMETER, number, length.wireshark)] = LocatedValue(
+            len(parameter.value), at + code.size
+        )
     _connection_parameters(facts_, tpdu)
     header = facts.TPKT_SIZE + min(octets[facts.TPKT_SIZE] + 1, len(octets) - facts.TPKT_SIZE)
     return Record(facts.TPDU, frame, octets[:header], facts_)
 
 
-def _connection_parameters(facts_: dict[Place, Fact], tpdu: Tpdu) -> None:
+def _connection_parameters(facts_: dict[FieldPlace, LocatedValue], tpdu: Tpdu) -> None:
     """Add the parameters of a CR or CC: TSAPs and sizes."""
     for code, name in _TSAPS.items():
         tsap = tpdu.tsap(code)
         if tsap is not None and tsap.octets:
-            facts_[Place(facts.IN_TPDU, 0, name)] = Fact(tsap.octets, _last(tpdu, code) + 2)
+            facts_[FieldPlace(facts.IN_TPDU, 0, name)] = LocatedValue(tsap.octets, _last(tpdu, code) + 2)
     for code, name in _SIZES.items():
         # `tpdu_size` is the size in force; each parameter is compared with its own value.
         alone = Tpdu(tpdu.type, tpdu.layout)
         stated = [parameter.value for parameter in tpdu.parameters if parameter.code == code]
         alone.take_variable(b"".join([bytes((code, len(value))) + value for value in stated]))
         if alone.tpdu_size:
-            facts_[Place(facts.IN_TPDU, 0, name)] = Fact(alone.tpdu_size, _last(tpdu, code) + 2)
+            facts_[FieldPlace(facts.IN_TPDU, 0, name)] = LocatedValue(alone.tpdu_size, _last(tpdu, code) + 2)
 
 
 def _last(tpdu: Tpdu, code: int) -> int:
@@ -162,7 +164,7 @@ def _last(tpdu: Tpdu, code: int) -> int:
 
 def pdu_record(frame: int, octets: bytes) -> Record:
     """Return the facts of an S7 PDU."""
-    facts_: dict[Place, Fact] = {}
+    facts_: dict[FieldPlace, LocatedValue] = {}
     pdu = parse_pdu(octets, frame)
     header = s7.ACK_HEADER if pdu.header_size == ACK_HEADER_SIZE else s7.HEADER
     _read(facts_, facts.IN_HEADER, 0, header, octets, 0, pdu)
@@ -180,7 +182,7 @@ def pdu_record(frame: int, octets: bytes) -> Record:
     return Record(facts.PDU, frame, octets, facts_)
 
 
-def _body(facts_: dict[Place, Fact], place: str, pdu: Pdu, start: int) -> None:
+def _body(facts_: dict[FieldPlace, LocatedValue], place: str, pdu: Pdu, start: int) -> None:
     """Add the fields of a body after ``start`` that were not added already; positions count from there."""
     taken = {(fact.offset, content.name) for content, fact in facts_.items()}
     for part in parse_body(pdu).parts:
@@ -191,7 +193,7 @@ def _body(facts_: dict[Place, Fact], place: str, pdu: Pdu, start: int) -> None:
             if not name or value.end == value.offset or (at, name) in taken:
                 continue
             content = value.value if value.field.bits is not None else pdu.octets[value.offset : value.end]
-            facts_[Place(place, at, name)] = Fact(content, at)
+            facts_[FieldPlace(place, at, name)] = LocatedValue(content, at)
 
 
 def take_joined(record: Record, joined: bytes) -> None:
@@ -216,7 +218,7 @@ def take_joined(record: Record, joined: bytes) -> None:
     _body(record.facts, facts.IN_JOINED, parse_pdu(bytes(octets)), start)
 
 
-def _parameters(facts_: dict[Place, Fact], pdu: Pdu) -> None:
+def _parameters(facts_: dict[FieldPlace, LocatedValue], pdu: Pdu) -> None:
     if pdu.rosctr not in ROSCTR:
         return
     at = pdu.header_size
@@ -231,10 +233,10 @@ def _parameters(facts_: dict[Place, Fact], pdu: Pdu) -> None:
         _read(facts_, part, 0, s7.VARIABLES_HEAD, octets, at, parameters)
     elif parameters.function >= 0 and pdu.rosctr != USERDATA:
         function = s7.VARIABLES_HEAD.fields[0]
-        facts_[Place(part, 0, function.wireshark)] = Fact(parameters.function, at)
+        facts_[FieldPlace(part, 0, function.wireshark)] = LocatedValue(parameters.function, at)
 
 
-def _userdata(facts_: dict[Place, Fact], pdu: Pdu, octets: bytes) -> None:
+def _userdata(facts_: dict[FieldPlace, LocatedValue], pdu: Pdu, octets: bytes) -> None:
     head = pdu.parameters.userdata
     assert head is not None
     at = pdu.header_size
@@ -248,7 +250,7 @@ def _userdata(facts_: dict[Place, Fact], pdu: Pdu, octets: bytes) -> None:
     _read(facts_, part, 0, layout, octets, at, head)
 
 
-def _data_items(facts_: dict[Place, Fact], pdu: Pdu) -> None:
+def _data_items(facts_: dict[FieldPlace, LocatedValue], pdu: Pdu) -> None:
     part = facts.IN_DATA_ITEM
     items = pdu.data_items()
     for number, item in enumerate(items, 1):
@@ -257,10 +259,10 @@ def _data_items(facts_: dict[Place, Fact], pdu: Pdu) -> None:
         if not size:
             continue
         at = item.offset + DATA_HEAD
-        facts_[Place(part, number, facts.CONTENT)] = Fact(item.data, at)
+        facts_[FieldPlace(part, number, facts.CONTENT)] = LocatedValue(item.data, at)
         if item_fill(size, number == len(items)):
-            facts_[Place(part, number, facts.FILL)] = Fact(pdu.octets[at + size], at + size)
+            facts_[FieldPlace(part, number, facts.FILL)] = LocatedValue(pdu.octets[at + size], at + size)
     if not items:
         name = s7.DATA_ITEM.fields[0].wireshark
         for number, code in enumerate(pdu.return_codes(), 1):
-            facts_[Place(part, number, name)] = Fact(code, pdu.data_offset + number - 1)
+            facts_[FieldPlace(part, number, name)] = LocatedValue(code, pdu.data_offset + number - 1)

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from typing import Any, Final
 
 from dissect.testing.oracle import facts
-from dissect.testing.oracle.facts import BODY_NAMES, NAMES, OCTETS, Fact, Place, Record, Value
+from dissect.testing.oracle.facts import BODY_NAMES, NAMES, OCTETS, FieldPlace, LocatedValue, Record, Value
 
 Tree = dict[str, Any]
 
@@ -95,7 +95,9 @@ def _value(name: str, text: str) -> Value:
     return bytes.fromhex(text.replace(":", "")) if name in OCTETS else _number(text)
 
 
-def _take(facts_: dict[Place, Fact], part: str, number: int, tree: Tree, start: int, which: int = 0) -> None:
+def _take(
+    facts_: dict[FieldPlace, LocatedValue], part: str, number: int, tree: Tree, start: int, which: int = 0
+) -> None:
     """Add the compared fields that are directly in ``tree``; positions count from ``start``.
 
     If a field occurs more than once, the first one counts, or the one at index ``which``.
@@ -103,15 +105,17 @@ def _take(facts_: dict[Place, Fact], part: str, number: int, tree: Tree, start: 
     for name in NAMES[part]:
         raws = _raws(tree, name)
         if raws:
-            facts_[Place(part, number, name)] = Fact(_value(name, listed(tree[name])[which]), raws[which][1] - start)
+            facts_[FieldPlace(part, number, name)] = LocatedValue(
+                _value(name, listed(tree[name])[which]), raws[which][1] - start
+            )
 
 
-def _take_old_head(facts_: dict[Place, Fact], tree: Tree, start: int) -> None:
+def _take_old_head(facts_: dict[FieldPlace, LocatedValue], tree: Tree, start: int) -> None:
     """Add the fields of a userdata head that old versions give different names."""
     for old, names in _OLD_NAMES.items():
         for raw in _raws(tree, old)[:1]:
             for index, octet in enumerate(bytes.fromhex(raw[0])):
-                facts_[Place(facts.IN_PARAMETERS, 0, names[index])] = Fact(octet, raw[1] + index - start)
+                facts_[FieldPlace(facts.IN_PARAMETERS, 0, names[index])] = LocatedValue(octet, raw[1] + index - start)
 
 
 def _tpdus(number: int, layers: Tree) -> list[Record]:
@@ -120,7 +124,7 @@ def _tpdus(number: int, layers: Tree) -> list[Record]:
     for tree, raw in _layers(layers, "tpkt"):
         if "tpkt.version" not in tree:
             continue  # a "continuation": octets in which it could not find a TPKT
-        facts_: dict[Place, Fact] = {}
+        facts_: dict[FieldPlace, LocatedValue] = {}
         octets, start = bytes.fromhex(raw[0]), raw[1]
         _take(facts_, facts.IN_TPKT, 0, tree, start)
         if cotps and cotps[0][1][1] == start + len(octets):
@@ -134,15 +138,15 @@ def _tpdus(number: int, layers: Tree) -> list[Record]:
     return records
 
 
-def _parameters(facts_: dict[Place, Fact], cotp: Tree, start: int) -> None:
+def _parameters(facts_: dict[FieldPlace, LocatedValue], cotp: Tree, start: int) -> None:
     part = facts.IN_PARAMETER
     for name in NAMES[part]:
         for number, (text, raw) in enumerate(zip(listed(cotp.get(name)), _raws(cotp, name), strict=False), 1):
-            facts_[Place(part, number, name)] = Fact(_number(text), raw[1] - start)
+            facts_[FieldPlace(part, number, name)] = LocatedValue(_number(text), raw[1] - start)
 
 
 def _pdu(number: int, tree: Tree, raw: list[Any]) -> Record:
-    facts_: dict[Place, Fact] = {}
+    facts_: dict[FieldPlace, LocatedValue] = {}
     start = raw[1]
     for header, _ in _layers(tree, "s7comm.header"):
         _take(facts_, facts.IN_HEADER, 0, header, start)
@@ -186,8 +190,12 @@ def _take_body(record: Record, tree: Tree, start: int) -> None:
                 carried.append((at, at + size))
                 if (at - start, field) not in taken:
                     value = int(octets, 16) if mask else bytes.fromhex(octets)
-                    place = Place(facts.IN_JOINED, at, field) if inside else Place(facts.IN_BODY, at - start, field)
-                    record.facts[place] = Fact(value, place.number)
+                    place = (
+                        FieldPlace(facts.IN_JOINED, at, field)
+                        if inside
+                        else FieldPlace(facts.IN_BODY, at - start, field)
+                    )
+                    record.facts[place] = LocatedValue(value, place.number)
         for field, at, end in others:
             record.other[field] += 1
             record.again[field] += any(begin <= at and end <= last for begin, last in carried)

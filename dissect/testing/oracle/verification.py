@@ -8,8 +8,8 @@ from typing import Final
 
 from dissect.meaning.report import words
 from dissect.testing.oracle import facts
-from dissect.testing.oracle.compare import Comparison, Difference
-from dissect.testing.oracle.entry import Known
+from dissect.testing.oracle.compare import Comparison, FieldDifference
+from dissect.testing.oracle.entry import KnownDifference
 from dissect.testing.oracle.known import KNOWN
 from dissect.testing.oracle.plus import PlusProof
 from dissect.wire.text import encodable, printable
@@ -113,7 +113,7 @@ def _file(path: str, comparison: Comparison) -> dict[str, object]:
     }
 
 
-def _difference(difference: Difference) -> dict[str, object]:
+def _difference(difference: FieldDifference) -> dict[str, object]:
     ours, theirs = difference.ours, difference.theirs
     return {
         "frame": difference.frame,
@@ -125,7 +125,7 @@ def _difference(difference: Difference) -> dict[str, object]:
     }
 
 
-def _entry(entry: Known, count: int) -> dict[str, object]:
+def _entry(entry: KnownDifference, count: int) -> dict[str, object]:
     return {
         "count": count,
         "wireshark": entry.what,

@@ -19,7 +19,7 @@ from dissect.meaning.select import Where
 from dissect.meaning.select.sieve import Sieve
 from dissect.protocols.s7.services import PI_SERVICES
 from dissect.protocols.s7.tables import READ, USERDATA_SUBFUNCTIONS
-from dissect.protocols.s7plus.contents import Address
+from dissect.protocols.s7plus.contents import VariableAddress
 from dissect.protocols.s7plus.objects import PlusObject, build_object
 from dissect.protocols.s7plus.tables import CREATE_OBJECT, DELETE_OBJECT, SET_MULTI_VARIABLES, SET_VARIABLE
 from dissect.protocols.s7plus.value_tables import BLOB, DINT, UINT
@@ -228,7 +228,7 @@ def plus(talk: Talk, number: int, what: str, answer: bytes) -> None:
         job = PlusObject(211, 2709, 0, 0, 0, [])
         do(talk, number, CREATE_OBJECT, bodies.create_object(7, NOTHING, job, integrity_id=number), answer + b"\0")
     elif what == kinds.OUTPUTS:
-        address = Address(0, 81, 3736, [3, 1, 1])
+        address = VariableAddress(0, 81, 3736, [3, 1, 1])
         refused = b"\0" if answer == b"\0" else b"\1" + bodies.number(0xFFF4) + b"\0"
         do(talk, number, SET_MULTI_VARIABLES, bodies.set_multi([(address, Value(0, UINT, 1))]), b"\0" + refused)
     elif what in {kinds.PROTECTION, kinds.FIRMWARE}:

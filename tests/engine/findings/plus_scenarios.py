@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from dissect.protocols.s7plus.contents import Address
+from dissect.protocols.s7plus.contents import VariableAddress
 from dissect.protocols.s7plus.objects import Attribute, PlusObject, build_object
 from dissect.protocols.s7plus.tables import (
     CREATE_OBJECT,
@@ -25,7 +25,7 @@ from tests.engine.transactions.talk import Talk
 from tests.protocols.s7plus import bodies
 from tests.protocols.s7plus.pdus import asked, framed, told
 
-MERKER: Final = Address(0, 82, 3736, [3, 100, 2])
+MERKER: Final = VariableAddress(0, 82, 3736, [3, 100, 2])
 OLD: Final = "1;6ES7 214-1HE30-0XB0 ;V2.2"
 LEGACY: Final = "1;6ES7 215-1AG40-0XB0 ;V4.3"
 MODERN: Final = "1;6ES7 215-1AG40-0XB0 ;V4.5"
@@ -208,12 +208,12 @@ def numbers_that_count_up(talk: Talk) -> None:
 def a_password_of_the_cpu_is_written(talk: Talk) -> None:
     """One attribute, or among several, also after reported writes of variables."""
     begun(talk)
-    variable = Address(0, 82, 3736, [3, 1, 1])
+    variable = VariableAddress(0, 82, 3736, [3, 1, 1])
     for number, pairs in enumerate(
         (
             [(variable, Value(0, INT, 1))],
-            [(Address(0, 81, 3736, [3, 1, 1]), Value(0, INT, 1))],
-            [(variable, Value(0, INT, 1)), (Address(0, 50, 3451, []), Value(0, DINT, 1))],
+            [(VariableAddress(0, 81, 3736, [3, 1, 1]), Value(0, INT, 1))],
+            [(variable, Value(0, INT, 1)), (VariableAddress(0, 50, 3451, []), Value(0, DINT, 1))],
         ),
         1,
     ):

@@ -16,7 +16,7 @@ from dissect.engine.transactions.operation import OperationBook
 from dissect.meaning.report.facets import outcome
 from dissect.meaning.report.plus import plus_subject
 from dissect.packets.tcp.stream import Endpoint
-from dissect.protocols.s7plus.contents import Address
+from dissect.protocols.s7plus.contents import VariableAddress
 from dissect.protocols.s7plus.objects import Attribute, PlusObject, build_object
 from dissect.protocols.s7plus.tables import (
     CREATE_OBJECT,
@@ -39,7 +39,7 @@ from tests.protocols.s7plus.test_session import LIST, RECORD
 
 NOTHING = Value(0, UDINT, 0)
 DENIED = b"\xff" * 8 + b"\x9c"
-STATE = Address(0, 52, 2237, [3486])
+STATE = VariableAddress(0, 52, 2237, [3486])
 
 
 def begun(client_port: int = 50000) -> Talk:
@@ -159,7 +159,7 @@ def diagnosis(state: int) -> Value:
 
 #: By what the operating state comes, and that of which object: what a transaction of that asks for.
 WAYS = {
-    "a read of several": bodies.get_multi(Address(0, 80, 3736, [9]), Address(0, 52, 2237, [])),
+    "a read of several": bodies.get_multi(VariableAddress(0, 80, 3736, [9]), VariableAddress(0, 52, 2237, [])),
     "attributes of an object": bodies.rid(52) + b"\2\2\x12" + bodies.number(2237) + bodies.QUALIFIER + bodies.end(9),
     "a read of one": bodies.get_stream(52, [2237]) + bodies.end(9),
 }
@@ -190,7 +190,7 @@ def test_the_state_of_other_hardware_is_not_that_of_the_cpu() -> None:
     for number, state in ((2, 8), (3, 4)):
         read_one = bodies.get_stream(0x88E10101, [2237, 3486]) + bodies.end(9)
         do(talk, 3 * number, GET_VAR_SUBSTREAMED, read_one, b"\0\0" + build_value(Value(0, DINT, state)))
-        read_all = bodies.get_multi(Address(0, 0x88E10101, 2237, []))
+        read_all = bodies.get_multi(VariableAddress(0, 0x88E10101, 2237, []))
         told_all = b"\0\1" + build_value(diagnosis(state)) + b"\0\0"
         do(talk, 3 * number + 1, GET_MULTI_VARIABLES, read_all, told_all)
         data = b"\x33" + bodies.rid(0x70008001) + b"\4\0\0\0\0\0" + bytes((number, number, 1))
@@ -317,7 +317,7 @@ def test_names_that_passed_are_used() -> None:
     talk = begun()
     explore(talk, 1, build_object(type_of(0x92000003, ("level", variable(14)))))
     talk.close()
-    address = Address(0, 0x8A0E0003, 2550, [14])
+    address = VariableAddress(0, 0x8A0E0003, 2550, [14])
     (connection,) = talk.connections
     assert connection.plus is not None
     assert connection.plus.label(address) == 'DB3."level"'
@@ -333,7 +333,7 @@ def test_names_of_a_cpu_are_known_on_all_its_connections() -> None:
         talk,
         2,
         SET_MULTI_VARIABLES,
-        bodies.set_multi([(Address(0, 82, 3736, [3, 1, 1]), Value(0, BOOL, True))]),
+        bodies.set_multi([(VariableAddress(0, 82, 3736, [3, 1, 1]), Value(0, BOOL, True))]),
         b"\0\0",
     )
     talk.close()
@@ -346,11 +346,11 @@ def test_names_of_a_cpu_are_known_on_all_its_connections() -> None:
     one.plus = None
     watch.take(talk.transactions[1])  # of the CPU at hand: its names are there without an Explore of its own
     assert one.plus is not None
-    assert one.plus.label(Address(0, 0x8A0E0003, 2550, [14])) == 'DB3."level"'
+    assert one.plus.label(VariableAddress(0, 0x8A0E0003, 2550, [14])) == 'DB3."level"'
     one.plus = None
     one.tcp.ends = [one.tcp.ends[0], Endpoint(bytes(4), 102)]
     watch.take(talk.transactions[1])  # of the first one, which was forgotten
-    assert one.plus.label(Address(0, 0x8A0E0003, 2550, [14])) == "DB3 LID 14"
+    assert one.plus.label(VariableAddress(0, 0x8A0E0003, 2550, [14])) == "DB3 LID 14"
 
 
 def test_a_client_that_explores_and_subscribes_to_nothing() -> None:
@@ -399,7 +399,7 @@ def test_a_client_that_subscribed_before_the_capture(pushes: int, slugs: list[st
 
 def test_writes_are_told_once_for_outputs_and_once_for_the_rest() -> None:
     talk = begun()
-    output, flag = Address(0, 81, 3736, [3, 0, 1]), Address(0, 82, 3736, [3, 100, 2])
+    output, flag = VariableAddress(0, 81, 3736, [3, 0, 1]), VariableAddress(0, 82, 3736, [3, 100, 2])
     for number in (1, 2):
         do(talk, 2 * number, SET_MULTI_VARIABLES, bodies.set_multi([(output, Value(0, BOOL, True))]), b"\0\0")
         do(talk, 2 * number + 1, SET_MULTI_VARIABLES, bodies.set_multi([(flag, Value(0, INT, 5))]), b"\0\0")
@@ -412,8 +412,8 @@ def test_writes_are_told_once_for_outputs_and_once_for_the_rest() -> None:
 def test_a_request_that_writes_several_variables_is_one_write() -> None:
     """As in S7comm: the facts of a rule count requests, of however many items."""
     talk = begun()
-    flags = [(Address(0, 82, 3736, [3, 100 + 2 * place, 2]), Value(0, INT, place)) for place in range(7)]
-    output = (Address(0, 81, 3736, [3, 0, 1]), Value(0, BOOL, True))
+    flags = [(VariableAddress(0, 82, 3736, [3, 100 + 2 * place, 2]), Value(0, INT, place)) for place in range(7)]
+    output = (VariableAddress(0, 81, 3736, [3, 0, 1]), Value(0, BOOL, True))
     for number in range(1, 6):
         do(talk, number, SET_MULTI_VARIABLES, bodies.set_multi([*flags, output]), b"\0\0")
     five = ", ".join(f"MW{100 + 2 * place} = Int {place}" for place in range(5))
@@ -425,7 +425,7 @@ def test_a_request_that_writes_several_variables_is_one_write() -> None:
 def test_a_write_that_is_refused_in_part_is_told_for_the_rest() -> None:
     """Of two variables the CPU writes one. That is no refusal of the whole, and what it refused is no write."""
     talk = begun()
-    output, flag = Address(0, 81, 3736, [3, 0, 1]), Address(0, 82, 3736, [3, 100, 2])
+    output, flag = VariableAddress(0, 81, 3736, [3, 0, 1]), VariableAddress(0, 82, 3736, [3, 100, 2])
     body = bodies.set_multi([(output, Value(0, BOOL, True)), (flag, Value(0, INT, 5))])
     do(talk, 1, SET_MULTI_VARIABLES, body, b"\x13\1" + b"\xff" * 8 + b"\xf4\0")
     assert said(talk) == [
@@ -441,7 +441,7 @@ def test_a_write_that_is_refused_in_part_is_told_for_the_rest() -> None:
 
 def test_a_write_that_was_refused_hides_none_that_is_carried_out_later() -> None:
     talk = begun()
-    body = bodies.set_multi([(Address(0, 81, 3736, [3, 0, 1]), Value(0, BOOL, True))])
+    body = bodies.set_multi([(VariableAddress(0, 81, 3736, [3, 0, 1]), Value(0, BOOL, True))])
     do(talk, 1, SET_MULTI_VARIABLES, body, b"\xff" * 8 + b"\xf4\0")
     do(talk, 2, SET_MULTI_VARIABLES, body, b"\0\0")
     do(talk, 3, SET_MULTI_VARIABLES, body, b"\0\0")
@@ -450,7 +450,7 @@ def test_a_write_that_was_refused_hides_none_that_is_carried_out_later() -> None
 
 def test_attributes_of_a_session_are_no_writes() -> None:
     talk = begun()
-    body = bodies.set_multi([(Address(0, 0x386, 306, []), Value(0, INT, 5))])
+    body = bodies.set_multi([(VariableAddress(0, 0x386, 306, []), Value(0, INT, 5))])
     do(talk, 1, SET_MULTI_VARIABLES, body, b"\0\0")
     do(talk, 2, SET_VARIABLE, bodies.set_variable(0x70400001, [1053], Value(0, INT, 5)))
     assert said(talk) == []
@@ -458,7 +458,7 @@ def test_attributes_of_a_session_are_no_writes() -> None:
 
 def test_a_second_client_that_writes() -> None:
     talk = begun()
-    body = bodies.set_multi([(Address(0, 82, 3736, [3, 100, 2]), Value(0, INT, 5))])
+    body = bodies.set_multi([(VariableAddress(0, 82, 3736, [3, 100, 2]), Value(0, INT, 5))])
     do(talk, 1, SET_MULTI_VARIABLES, body, b"\0\0")
     for host, port in ((1, 50001), (7, 50002)):
         other = Talk(client_port=port, beside=talk)
@@ -523,7 +523,7 @@ def test_passwords() -> None:
 
 def test_a_refused_item_is_an_error_of_its_transaction() -> None:
     talk = begun()
-    wanted = bodies.get_multi(Address(0, 82, 3736, [3, 100, 2]), Address(0, 82, 3736, [3, 102, 2]))
+    wanted = bodies.get_multi(VariableAddress(0, 82, 3736, [3, 100, 2]), VariableAddress(0, 82, 3736, [3, 102, 2]))
     refusal = bodies.multi_got([(1, Value(0, INT, 5))], [(2, 2**64 - 255)])
     talk.ask(framed(asked(1, GET_MULTI_VARIABLES, body=wanted), 3))
     talk.tell(framed(told(1, GET_MULTI_VARIABLES, refusal), 3))
@@ -549,7 +549,7 @@ def test_reads_that_lie_are_told_though_nobody_looks_at_what_they_read() -> None
     talk = begun()
     talk.ask(framed(asked(1, GET_MULTI_VARIABLES, body=b"no contents at all"), 3))
     talk.tell(framed(told(1, GET_MULTI_VARIABLES, b"\0no contents either" + bytes(4)), 3))
-    do(talk, 2, GET_MULTI_VARIABLES, bodies.get_multi(Address(0, 82, 3736, [3, 100, 2])), b"\0\1\0\7\0\5\0\0")
+    do(talk, 2, GET_MULTI_VARIABLES, bodies.get_multi(VariableAddress(0, 82, 3736, [3, 100, 2])), b"\0\1\0\7\0\5\0\0")
     talk.tell(framed(told(3, GET_MULTI_VARIABLES, b"\0\1\0\7\0"), 3))
     count = "item count at byte 55 announces 111, the rest of the PDU has 13 bytes"
     assert said(talk) == [
@@ -567,7 +567,7 @@ def linked(object_id: int, id_: int, value: Value) -> bytes:
 
 
 def test_a_write_without_an_answer_is_told_and_one_that_is_refused_is_no_write() -> None:
-    body = bodies.set_multi([(Address(0, 81, 3736, [3, 0, 1]), Value(0, BOOL, True))])
+    body = bodies.set_multi([(VariableAddress(0, 81, 3736, [3, 0, 1]), Value(0, BOOL, True))])
     talk = begun()
     talk.ask(framed(asked(1, SET_MULTI_VARIABLES, body=body)))
     talk.packet(SERVER, flags=RST)
@@ -582,7 +582,7 @@ def test_a_write_without_an_answer_is_told_and_one_that_is_refused_is_no_write()
 def test_orders_and_passwords_in_a_write_of_several_are_told_like_those_in_a_write_of_one() -> None:
     """With a link to the object and without, alone and behind writes of which no more is to be told."""
     five = Value(0, INT, 5)
-    first = bodies.set_multi([(Address(0, area, 3736, [3, 0, 2]), five) for area in (81, 82)])
+    first = bodies.set_multi([(VariableAddress(0, area, 3736, [3, 0, 2]), five) for area in (81, 82)])
     refused = ", refused: 0xfff4 Object not found"
     for id_, number, found in (
         (2167, 1, [("security.plc_stop", f"operating state request 1 STOP{end}") for end in (", accepted", refused)]),
@@ -590,7 +590,7 @@ def test_orders_and_passwords_in_a_write_of_several_are_told_like_those_in_a_wri
         (304, 1, [("security.password", "password, accepted"), ("security.password_failed", f"attempt 1{refused}")]),
     ):
         value = Value(0, DINT, number)
-        for body in (linked(52, id_, value), bodies.set_multi([(Address(0, 52, id_, []), value)])):
+        for body in (linked(52, id_, value), bodies.set_multi([(VariableAddress(0, 52, id_, []), value)])):
             talk = begun()
             do(talk, 1, SET_MULTI_VARIABLES, first, b"\0\0")
             do(talk, 2, SET_MULTI_VARIABLES, body, b"\0\0")
@@ -603,7 +603,10 @@ def test_orders_and_passwords_in_a_write_of_several_are_told_like_those_in_a_wri
 
 def test_of_a_write_of_several_each_item_is_told_by_what_became_of_it() -> None:
     """The CPU stops and takes no password; then the other way round. What it answers to the whole says neither."""
-    pairs = [(Address(0, 52, 2167, []), Value(0, DINT, 1)), (Address(0, 0x386, 304, []), Value(0, BLOB, Blob(0, b"x")))]
+    pairs = [
+        (VariableAddress(0, 52, 2167, []), Value(0, DINT, 1)),
+        (VariableAddress(0, 0x386, 304, []), Value(0, BLOB, Blob(0, b"x"))),
+    ]
     refused = "refused: 0xfff4 Object not found"
     for whole in (b"\0", b"\x13"):
         for item, stopped, slug, password in (
@@ -650,7 +653,9 @@ def test_a_state_request_that_names_no_state_is_no_start() -> None:
 def test_only_the_packet_that_lies_is_named() -> None:
     for asked_more, told_more, said_of, packet in ((b"", b"x", "response: ", 1), (b"x", b"", "request: ", 0)):
         talk = begun()
-        request = asked(1, GET_MULTI_VARIABLES, body=bodies.get_multi(Address(0, 82, 3736, [3, 100, 2])) + asked_more)
+        request = asked(
+            1, GET_MULTI_VARIABLES, body=bodies.get_multi(VariableAddress(0, 82, 3736, [3, 100, 2])) + asked_more
+        )
         talk.ask(framed(request, 3))
         first = int(talk.pipeline.frames)
         talk.tell(framed(told(1, GET_MULTI_VARIABLES, bodies.multi_got([], [], 3) + told_more), 3))

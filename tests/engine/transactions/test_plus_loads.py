@@ -13,7 +13,7 @@ from dissect.engine.transactions import operation as kinds
 from dissect.meaning.report.operations import operation_json
 from dissect.meaning.report.words import Places
 from dissect.protocols.s7plus.assembly import MAX_PDU
-from dissect.protocols.s7plus.contents import Address
+from dissect.protocols.s7plus.contents import VariableAddress
 from dissect.protocols.s7plus.ids import BLOCK_CLASSES
 from dissect.protocols.s7plus.objects import Attribute, PlusObject, build_object
 from dissect.protocols.s7plus.tables import (
@@ -237,11 +237,11 @@ def test_code_that_is_written_into_a_block_is_a_load(attribute: int, several: bo
     """Also after values were written and reported; values alone are none."""
     talk = begun()
     code = Value(0, BLOB, Blob(0, b"code"))
-    level = Address(0, 0x8A0E0003, 2550, [1])
-    for number, area in enumerate((level, Address(0, 81, 3736, [1])), 1):
+    level = VariableAddress(0, 0x8A0E0003, 2550, [1])
+    for number, area in enumerate((level, VariableAddress(0, 81, 3736, [1])), 1):
         do(talk, number, SET_MULTI_VARIABLES, bodies.set_multi([(area, Value(0, UINT, 1))]), b"\0\0\0")
     if several:
-        pairs = [(level, Value(0, UINT, 1)), (Address(0, 0x8A120007, attribute, []), code)]
+        pairs = [(level, Value(0, UINT, 1)), (VariableAddress(0, 0x8A120007, attribute, []), code)]
         do(talk, 3, SET_MULTI_VARIABLES, bodies.set_multi(pairs), b"\0\0\0")
     else:
         do(talk, 3, SET_VARIABLE, bodies.set_variable(0x8A120007, [attribute], code))

@@ -13,7 +13,7 @@ from dissect.engine.program.carved import carve, plus_block
 from dissect.engine.transactions.operation import MAX_OPEN
 from dissect.engine.transactions.plus_operations import MAX_POLLS, addresses_in
 from dissect.protocols.s7plus.assembly import MAX_PDU
-from dissect.protocols.s7plus.contents import Address
+from dissect.protocols.s7plus.contents import VariableAddress
 from dissect.protocols.s7plus.objects import Attribute, PlusObject, build_object
 from dissect.protocols.s7plus.tables import (
     CREATE_OBJECT,
@@ -285,7 +285,7 @@ def test_orders_to_stop_and_to_start() -> None:
     ]
 
 
-def read(talk: Talk, number: int, *wanted: Address) -> None:
+def read(talk: Talk, number: int, *wanted: VariableAddress) -> None:
     talk.ask(framed(asked(number, GET_MULTI_VARIABLES, body=bodies.get_multi(*wanted, integrity_id=number)), 3))
     values = [(item, Value(0, INT, number)) for item in range(1, len(wanted) + 1)]
     talk.tell(framed(told(number, GET_MULTI_VARIABLES, bodies.multi_got(values, [], 2 * number)), 3))
@@ -304,7 +304,7 @@ def test_reads_that_end_before_their_variables_are_no_fault_of_ours() -> None:
 def test_the_same_variables_read_three_times_are_polled() -> None:
     """Others in between make no difference, nor does what was read twice only."""
     talk = begun()
-    level, speed = Address(0, 82, 3736, [3, 100, 2]), Address(0, 82, 3736, [3, 102, 2])
+    level, speed = VariableAddress(0, 82, 3736, [3, 100, 2]), VariableAddress(0, 82, 3736, [3, 102, 2])
     for number, wanted in enumerate(((level, speed), (speed,), (level, speed), (level,), (level, speed), (speed,)), 1):
         read(talk, number, *wanted)
     frames = [int(one.request_frame) for one in talk.transactions]
@@ -317,18 +317,18 @@ def test_the_same_variables_read_three_times_are_polled() -> None:
 def test_polls_that_are_remembered_are_bounded() -> None:
     talk = begun()
     for number in range(1, MAX_POLLS + 2):
-        read(talk, number, Address(0, 82, 3736, [3, number, 2]))
+        read(talk, number, VariableAddress(0, 82, 3736, [3, number, 2]))
     for number in range(MAX_POLLS + 2, MAX_POLLS + 4):
-        read(talk, number, Address(0, 82, 3736, [3, 1, 2]))  # the first was forgotten
+        read(talk, number, VariableAddress(0, 82, 3736, [3, 1, 2]))  # the first was forgotten
     assert told_of(talk) == []
 
 
 def test_a_poll_of_many_variables_is_known_by_a_digest() -> None:
     """A request may have 8 MiB, and a thousand of them are remembered."""
     talk = begun()
-    wanted = [Address(0, 82, 3736, [3, number, 2]) for number in range(600)]
+    wanted = [VariableAddress(0, 82, 3736, [3, number, 2]) for number in range(600)]
     for number, last in enumerate((600, 600, 601, 600), 1):
-        read(talk, number, *wanted, Address(0, 82, 3736, [3, last, 2]))
+        read(talk, number, *wanted, VariableAddress(0, 82, 3736, [3, last, 2]))
     polling = talk.pipeline.exchange.watch.plus._operations._polling
     assert [[len(asked) for asked in here.polls] for here in polling.values()] == [[16, 16]]
     assert [(kind, count) for kind, _, _, count, _ in told_of(talk)] == [("polling", 3)]

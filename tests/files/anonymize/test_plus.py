@@ -17,7 +17,7 @@ from dissect.files.anonymize.account import KEEP, MASK, SCRAMBLE, Account, Choic
 from dissect.files.anonymize.key import Key
 from dissect.files.anonymize.plus_contents import PROCESS, PlusContents
 from dissect.protocols.s7plus.assembly import MAX_PDU
-from dissect.protocols.s7plus.contents import Address, Contents
+from dissect.protocols.s7plus.contents import Contents, VariableAddress
 from dissect.protocols.s7plus.layouts import VALUE
 from dissect.protocols.s7plus.message import PlusPdu, parse_plus
 from dissect.protocols.s7plus.objects import Attribute, PlusObject, build_object, every_object
@@ -57,7 +57,7 @@ from tests.protocols.s7plus.test_shared_captures import broken_integrity_ids, pd
 
 #: Texts that all plants have in common.
 COMMON: Final = {b"LOGOUT", b"SIMATIC-ROOT-ES"}
-TAG: Final = Address(0x1234ABCD, 0x8A0E0003, 2550, [14])
+TAG: Final = VariableAddress(0x1234ABCD, 0x8A0E0003, 2550, [14])
 #: How a declaration calls DInt.
 _DINT: Final = 7
 

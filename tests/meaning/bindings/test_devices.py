@@ -7,7 +7,7 @@ from typing import Final
 import pytest
 
 from dissect.meaning.bindings.binding import Binding, Bindings
-from dissect.meaning.bindings.devices import MAX_CONSTANTS, MAX_DEVICES, Device, Devices, is_rewritten
+from dissect.meaning.bindings.devices import MAX_CONSTANTS, MAX_DEVICES, ScdDevice, ScdDevices, is_rewritten
 from dissect.meaning.bindings.engine import ScdCarrier
 from dissect.packets.tcp.stream import Endpoint
 from dissect.scd.errors import Error
@@ -19,11 +19,11 @@ MODE: Final = plant.entry("Режим 1", 8, 0)
 FLOW: Final = plant.entry("Расход 1", 32, 8)
 
 
-def devices() -> Devices:
-    return Devices(plant.dictionary())
+def devices() -> ScdDevices:
+    return ScdDevices(plant.dictionary())
 
 
-def device(host: int = 1, port: int = 5600, of: Devices | None = None) -> Device:
+def device(host: int = 1, port: int = 5600, of: ScdDevices | None = None) -> ScdDevice:
     return (of or devices()).at(Endpoint(host.to_bytes(4, "big"), port))
 
 

@@ -26,7 +26,7 @@ from dissect.output.export.feed import Sink, TableFeed
 from dissect.output.export.rows import Rows
 from dissect.output.export.tables import ITEMS, PDUS, TRANSACTIONS, VALUES, Table
 from dissect.output.export.transaction_rows import Row
-from dissect.output.variables.collector import Collector
+from dissect.output.variables.collector import ValueCollector
 from dissect.output.variables.model import ValueRow
 from dissect.output.variables.writers import ValueJsonl
 from dissect.wire.text import Clock
@@ -60,7 +60,7 @@ class _Witness(Observer):
         self.transactions: list[Transaction] = []
         self.values: list[ValueRow] = []
         self.items: list[list[Any]] = []
-        self._collector = Collector()
+        self._collector = ValueCollector()
 
     def transaction(self, transaction: Transaction) -> None:
         self.transactions.append(transaction)

@@ -29,7 +29,7 @@ from dissect.online.live.json_lines import JsonLines
 from dissect.online.live.lines import PlainLines
 from dissect.output.export.ecs import ecs_export
 from dissect.output.export.feed import TableFeed
-from dissect.output.export.forms import Request
+from dissect.output.export.forms import ExportRequest
 from dissect.output.export.stix import stix_export
 from dissect.output.export.tables import FINDINGS
 from dissect.output.page.gathered import Gathered
@@ -268,7 +268,7 @@ def test_rows_have_number_and_cause() -> None:
 
 
 def exported(form: Any, folder: Path) -> str:
-    export = form(Request(folder, True, [], [str(CAUSES)], "0"))
+    export = form(ExportRequest(folder, True, [], [str(CAUSES)], "0"))
     reading = Run([CAUSES], export.observer)
     export.begin(reading)
     while reading.step():

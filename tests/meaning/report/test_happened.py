@@ -20,7 +20,7 @@ from dissect.meaning.report.finding_lines import findings_lines
 from dissect.meaning.report.happened import by_gravity, facts_of, span, times
 from dissect.meaning.report.summary import Summary
 from dissect.output.export.ecs import ecs_export
-from dissect.output.export.forms import Request, sqlite_export
+from dissect.output.export.forms import ExportRequest, sqlite_export
 from dissect.output.export.stix import stix_export
 from dissect.output.page.findings import findings_of
 from dissect.output.page.verdict import verdict
@@ -60,7 +60,7 @@ def capture(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def exported(form: Any, path: Path, capture: Path, folder: bool) -> None:
-    export = form(Request(path, folder, [], [str(capture)], "0"))
+    export = form(ExportRequest(path, folder, [], [str(capture)], "0"))
     run = Run([capture], export.observer)
     export.begin(run)
     while run.step():

@@ -19,7 +19,7 @@ from dissect.meaning.report.plus_items import write_item
 from dissect.meaning.report.tree_fields import meaning
 from dissect.meaning.report.writers.jsonl import TransactionLines
 from dissect.protocols.s7plus.alarms import ALARM, Alarm
-from dissect.protocols.s7plus.contents import Address
+from dissect.protocols.s7plus.contents import VariableAddress
 from dissect.protocols.s7plus.hiding import reads_secret
 from dissect.protocols.s7plus.ids import HIDDEN, SECRETS
 from dissect.protocols.s7plus.items import Half, PlusItem, join_items
@@ -129,7 +129,7 @@ def published() -> list[tuple[int, bytes]]:
     return sent.pdus + session()
 
 
-def references(*wanted: tuple[int, Address]) -> Value:
+def references(*wanted: tuple[int, VariableAddress]) -> Value:
     """A new list of what a subscription is about."""
     numbers = [0x80010000, 0, len(wanted)]
     for reference, one in wanted:
@@ -231,7 +231,7 @@ def test_all_of_it_once_and_again() -> None:
     [
         (GET_VARIABLE, bodies.rid(285) + b"\1" + bodies.number(SECRET), b"\0"),
         (GET_VAR_SUBSTREAMED, bodies.get_stream(285, [SECRET]) + bodies.end(9), b"\0\0"),
-        (GET_MULTI_VARIABLES, bodies.get_multi(Address(0, 285, SECRET, [])), b"\0\1"),
+        (GET_MULTI_VARIABLES, bodies.get_multi(VariableAddress(0, 285, SECRET, [])), b"\0\1"),
     ],
 )
 def test_a_secret_that_is_read_back_stands_nowhere_in_a_line(function: int, asks: bytes, answer: bytes) -> None:
@@ -271,7 +271,7 @@ def test_what_is_subscribed_to_names_what_is_notified() -> None:
 
 def test_the_program_names_what_is_read() -> None:
     """The same read has another name behind an answer that says how the block is made up."""
-    level = Address(0xAABBCCDD, 0x8A0E0003, 2550, [9])
+    level = VariableAddress(0xAABBCCDD, 0x8A0E0003, 2550, [9])
     answer = bodies.multi_got([(1, FIVE)], [])
     same = [(0, framed(asked(1, body=bodies.get_multi(level)), 3)), (1, framed(told(1, body=answer), 3))]
     explored = b"\0" + bodies.rid(7) + bodies.number(9) + build_object(TYPE) + bodies.FILL

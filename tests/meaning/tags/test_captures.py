@@ -13,7 +13,7 @@ from dissect.meaning.tags import TagError, load_tags
 from dissect.meaning.tags.loading import read_tags
 from dissect.packets.source.files import open_capture
 from dissect.packets.source.packet import PacketSink
-from dissect.protocols.s7plus.contents import Address
+from dissect.protocols.s7plus.contents import VariableAddress
 from dissect.protocols.s7plus.program import Program
 from tests.cli.support import run
 from tests.conftest import ROOT
@@ -118,7 +118,7 @@ def test_what_passes_counts_for_more_than_what_is_given() -> None:
     before = seen.count
     seen.adopt(given)
     assert seen.count == given.count > before
-    assert seen.find(Address(0, 0x8A0E0003, 2550, [9])) is not None
+    assert seen.find(VariableAddress(0, 0x8A0E0003, 2550, [9])) is not None
 
 
 @pytest.mark.parametrize(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from dissect.files.session import Run
-from dissect.output.baseline import Baseline, Comparison, Learner, comparing
+from dissect.output.baseline import Baseline, BaselineComparison, Learner, comparing
 from tests.meaning.report.support import ROOT
 
 
@@ -15,8 +15,8 @@ def learned(name: str) -> Baseline:
     return learner.baseline()
 
 
-def compared(baseline: Baseline, name: str) -> Comparison:
-    comparison = Comparison(baseline)
+def compared(baseline: Baseline, name: str) -> BaselineComparison:
+    comparison = BaselineComparison(baseline)
     Run(ROOT / "captures" / name, comparison).read()
     return comparison
 

@@ -14,7 +14,7 @@ from dissect.engine.findings.catalogue import CATALOGUE
 from dissect.files.session import Run
 from dissect.output.export.attack_tables import TACTICS, TECHNIQUES
 from dissect.output.export.ecs import ecs_export, index_template
-from dissect.output.export.forms import Request
+from dissect.output.export.forms import ExportRequest
 from tests.cli.support import run
 from tests.meaning.report.support import OWN, ROOT, begun, saved
 from tests.promises import hostile
@@ -53,7 +53,7 @@ OWN_TYPES: Final = {
 
 def documents(path: Path, folder: Path) -> dict[str, list[dict[str, Any]]]:
     folder.mkdir(exist_ok=True)
-    export = ecs_export(Request(folder, True, [], [str(path)], "0"))
+    export = ecs_export(ExportRequest(folder, True, [], [str(path)], "0"))
     reading = Run([path], export.observer)
     export.begin(reading)
     while reading.step():

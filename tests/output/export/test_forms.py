@@ -16,7 +16,7 @@ import pyarrow.parquet
 import pytest
 
 from dissect import analyze
-from dissect.output.export.forms import FORMS, Request, TableExport, UnknownFormError, target_of
+from dissect.output.export.forms import FORMS, ExportRequest, TableExport, UnknownFormError, target_of
 from dissect.output.export.tables import TABLES, TIME, UnknownTableError
 from tests.cli.support import run
 from tests.meaning.report.support import ROOT
@@ -155,7 +155,7 @@ def test_naughty_strings_come_back_as_they_were(capfdbinary: Capture, tmp_path: 
         form, place, folder = target_of(str(tmp_path / f"out.{ending}"), [], 1)
         if folder:
             Path(place).mkdir()
-        export = form.open(Request(Path(place), folder, [], [str(path)], "0"))
+        export = form.open(ExportRequest(Path(place), folder, [], [str(path)], "0"))
         assert isinstance(export, TableExport)
         for name, rows in expected.items():
             export.sink.take(TABLES[name], [tuple(row.values()) for row in rows])

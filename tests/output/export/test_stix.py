@@ -12,7 +12,7 @@ import stix2
 
 from dissect import analyze
 from dissect.files.session import Run
-from dissect.output.export.forms import Request
+from dissect.output.export.forms import ExportRequest
 from dissect.output.export.stix import stix_export
 from tests.cli.support import run
 from tests.meaning.report.support import ROOT
@@ -22,7 +22,7 @@ TRANSFER: Final = ROOT / "captures" / "transfer.pcapng"
 
 
 def bundle(path: Path, out: Path) -> Any:
-    export = stix_export(Request(out, False, [], [str(path)], "0"))
+    export = stix_export(ExportRequest(out, False, [], [str(path)], "0"))
     reading = Run([path], export.observer)
     export.begin(reading)
     while reading.step():

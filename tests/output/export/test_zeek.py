@@ -12,7 +12,7 @@ from typing import Any, Final
 import pytest
 
 from dissect.files.session import Run
-from dissect.output.export.forms import Request
+from dissect.output.export.forms import ExportRequest
 from dissect.output.export.zeek.columns import LOGS, columns_of
 from dissect.output.export.zeek.export import json_export, tsv_export
 from dissect.output.export.zeek.log import Log
@@ -36,7 +36,7 @@ def logs(path: Path, folder: Path, *, strict: bool = False, as_json: bool = Fals
     """Return the rows of each log that is written of a capture."""
     folder.mkdir(exist_ok=True)
     make = json_export if as_json else tsv_export
-    export = make(Request(folder, True, [], [str(path)], "0", {"strict": strict}))
+    export = make(ExportRequest(folder, True, [], [str(path)], "0", {"strict": strict}))
     reading = Run([path], export.observer)
     export.begin(reading)
     while reading.step():

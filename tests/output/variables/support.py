@@ -8,7 +8,7 @@ from collections.abc import Iterable
 from dissect.engine.pipeline import Options, Pipeline
 from dissect.engine.transactions.naming import Naming
 from dissect.output.variables.choosing import Known, choose
-from dissect.output.variables.collector import Collector
+from dissect.output.variables.collector import ValueCollector
 from dissect.output.variables.model import ValueRow
 from tests.properties.messages import Item, dt, read_answer, read_job, write_answer, write_job
 from tests.properties.packets import Packet, Talk
@@ -43,7 +43,7 @@ def writes(talk: Talk, ref: int, *triples: tuple[Item, bytes, int]) -> Talk:
     return talk.send(1, dt(write_answer(ref, [row[2] for row in triples])))
 
 
-def collected(collector: Collector, packets: Iterable[Packet], options: Options | None = None) -> Collector:
+def collected(collector: ValueCollector, packets: Iterable[Packet], options: Options | None = None) -> ValueCollector:
     """Drive packets through a pipeline into a collector; our bugs raise."""
     pipeline = Pipeline(collector, options or Options(strict=True))
     for packet in packets:
@@ -58,7 +58,7 @@ def rows_of(
     """Return the rows of a talk, for the named variables or for all."""
     wanted = choose(names, Known(naming)) if names else None
     options = Options(strict=True, naming=naming)
-    return collected(Collector(wanted, changes, every_ns), talk.packets(), options).take()
+    return collected(ValueCollector(wanted, changes, every_ns), talk.packets(), options).take()
 
 
 def said(rows: Iterable[ValueRow]) -> list[tuple[str, str, str, object]]:

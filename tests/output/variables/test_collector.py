@@ -19,12 +19,12 @@ from dissect.engine.transactions.results import ALIKE, GAPS
 from dissect.engine.transactions.transaction import ANSWERED, Transaction
 from dissect.meaning.tags import load_tags
 from dissect.output.variables.choosing import Known, choose
-from dissect.output.variables.collector import Collector, item_type
+from dissect.output.variables.collector import ValueCollector, item_type
 from dissect.output.variables.model import Variable
 from dissect.output.variables.summary import Summary, csv_rows, mean_text, variable_json
 from dissect.output.variables.writers import line_end, shown
 from dissect.packets.tcp.stream import Endpoint
-from dissect.protocols.s7plus.contents import Address
+from dissect.protocols.s7plus.contents import VariableAddress
 from dissect.protocols.s7plus.objects import build_object
 from dissect.protocols.s7plus.tables import EXPLORE
 from dissect.protocols.s7plus.value_showing import as_json, members_said
@@ -81,7 +81,7 @@ def test_what_is_refused_or_unanswered_is_no_value_but_counted() -> None:
     writes(talk, 3, (level, real(8.0), 0x05))
     reads(talk, 4, (level, real(3.5)))
     talk.send(0, line.dt(line.write(5, [line.item(0x84, 1, 32, REAL)], line.written(7, real(7.0)))))  # nobody answers
-    found = collected(Collector(), talk.packets())
+    found = collected(ValueCollector(), talk.packets())
     assert said(found.take()) == [
         ("read", "DB1.DBD4", "REAL", 3.5),
         ("write", "DB1.DBX8.0", "BOOL", True),
@@ -99,7 +99,7 @@ def test_a_request_that_is_refused_as_a_whole_counts_for_each_of_its_items() -> 
     talk.ask(line.read(1, line.dbw(10, 4), line.dbw(10, 8)))
     talk.tell(line.ack_data(1, b"\x04\x00", code=0x8500))
     talk.close()
-    found = Collector()
+    found = ValueCollector()
     for transaction in talk.transactions:
         found.transaction(transaction)
     assert found.take() == []
@@ -250,7 +250,7 @@ def test_octets_of_s7comm_plus_are_shown_as_such() -> None:
 
 def test_a_value_of_s7comm_plus_that_contradicts_its_declaration() -> None:
     """The row and its line say so beside the bytes, at the address without its name."""
-    address = Address(0, 0x8A0E0001, 2550, [14])
+    address = VariableAddress(0, 0x8A0E0001, 2550, [14])
     talk = begun()
     kind = type_of(0x92000001, ("level", variable(14, 5)))
     block = bodies.rid(address.area)
@@ -291,7 +291,7 @@ def test_no_more_variables_than_the_limit_are_remembered() -> None:
     talk = begun()
     for ref in range(1, 9):
         reads(talk, ref, (db(WORD, 2 * (ref % 4)), bytes((0, ref))))
-    found = collected(Collector(most=2), talk.packets())
+    found = collected(ValueCollector(most=2), talk.packets())
     rows = found.take()
     assert [(row.value, row.previous) for row in rows] == [  # all are there; the first two variables are remembered
         (1, None), (2, None), (3, None), (4, None), (5, 1), (6, 2), (7, None), (8, None),
@@ -344,7 +344,7 @@ def test_tags_name_what_items_cover(tmp_path: Path) -> None:
     reads(talk, 2, (db(BYTE, 0, 2), b"\x40\x60"))
     reads(talk, 3, (db(WORD, 6), b"\x00\xd8"))
     options = Options(strict=True, naming=load_tags([tags]).naming())
-    rows = collected(Collector(), talk.packets(), options).take()
+    rows = collected(ValueCollector(), talk.packets(), options).take()
     assert [
         (row.name, row.type, row.value, row.unit, row.previous) for row in rows if row.tag and row.value is not None
     ] == [
@@ -368,7 +368,7 @@ def test_a_bit_changes_by_itself(tmp_path: Path) -> None:
     talk = begun()
     for ref, octets in enumerate((b"\x02\x01", b"\x83\xf1", b"\x80\xf3"), 1):
         reads(talk, ref, (db(BYTE, 0, 2), octets))
-    rows = collected(Collector(), talk.packets(), Options(strict=True, naming=load_tags([tags]).naming())).take()
+    rows = collected(ValueCollector(), talk.packets(), Options(strict=True, naming=load_tags([tags]).naming())).take()
     assert [(row.value, row.changed) for row in rows if row.tag == "Pump"] == [
         (True, True),
         (True, False),
@@ -407,7 +407,7 @@ def test_a_mean_has_no_exponent_where_its_numbers_have_none() -> None:
 
 def test_the_same_address_in_another_vlan_is_another_plc() -> None:
     """Two machines that are alike, each with a value of its own: neither changes because of the other."""
-    collector = Collector(changes=True)
+    collector = ValueCollector(changes=True)
     first = line.Talk()
     first.pipeline = Pipeline(collector, Options(strict=True))
     for number, (vlan, value) in enumerate(((10, 5), (20, 5), (10, 5), (20, 6))):
@@ -428,7 +428,7 @@ def test_the_same_address_in_another_vlan_is_another_plc() -> None:
 # ---- pairs that are only likely -------------------------------------------------------------------------------------
 
 
-def doubtful(collector: Collector, talk: Any, *numbers: int, flag: int = GAPS) -> list[Any]:
+def doubtful(collector: ValueCollector, talk: Any, *numbers: int, flag: int = GAPS) -> list[Any]:
     """Give a collector the transactions of a talk, those of these numbers as pairs that are only likely; return its rows."""
     kept = Kept()
     observed(kept, talk.packets())
@@ -448,11 +448,11 @@ def thrice() -> Any:
 
 @pytest.mark.parametrize("flag", [GAPS, ALIKE])
 def test_a_value_that_is_only_likely_is_left_out_or_marked_and_never_remembered(flag: int) -> None:
-    left = Collector()
+    left = ValueCollector()
     rows = doubtful(left, thrice(), 3, flag=flag)
     assert [(row.value, row.previous, row.changed) for row in rows] == [(7, None, True), (7, 7, False)]
     assert left.doubts == {"gaps" if flag == GAPS else "alike": 1}
-    marked = Collector(likely=True)
+    marked = ValueCollector(likely=True)
     rows = doubtful(marked, thrice(), 3, flag=flag)
     assert [(row.value, row.previous, row.changed, bool(row.doubt)) for row in rows] == [
         (7, None, True, False), (8, 7, True, True), (7, 7, False, False),
@@ -466,7 +466,7 @@ def test_a_push_whose_items_are_only_likely_is_left_out_or_marked() -> None:
     talk.send(1, dt(sent(RESPONSE, TRANSFER, 1, b"\xff\x04\x00\x10\x00\x07", reference=1)))
     for octet in b"\x08\x09":
         talk.send(1, dt(sent(PUSHED, TRANSFER, 1, b"\xff\x04\x00\x10\x00" + bytes((octet,)))))
-    left, marked = Collector(), Collector(likely=True)
+    left, marked = ValueCollector(), ValueCollector(likely=True)
     assert [(row.value, row.previous) for row in doubtful(left, talk, 3)] == [(7, None), (9, 7)]
     assert left.doubts == {"gaps": 1}
     rows = doubtful(marked, talk, 3)
@@ -477,9 +477,9 @@ def test_a_push_whose_items_are_only_likely_is_left_out_or_marked() -> None:
 
 def test_one_that_is_only_likely_takes_no_interval_and_is_no_change() -> None:
     first = 2  # the first read of all, behind the setup
-    rows = doubtful(Collector(every_ns=3_600_000_000_000, likely=True), thrice(), first)
+    rows = doubtful(ValueCollector(every_ns=3_600_000_000_000, likely=True), thrice(), first)
     assert [(row.value, bool(row.doubt)) for row in rows] == [(7, True), (8, False)]
-    rows = doubtful(Collector(changes=True, likely=True), thrice(), 3)
+    rows = doubtful(ValueCollector(changes=True, likely=True), thrice(), 3)
     assert [(row.value, row.previous, bool(row.doubt)) for row in rows] == [(7, None, False), (8, 7, True)]
 
 
@@ -489,13 +489,13 @@ def test_a_place_is_not_put_together_from_what_is_only_likely() -> None:
     reads(talk, 2, (db(BYTE, 1, 2), b"\x09\x09"))  # the second octet of the place, and one behind it
     reads(talk, 3, (db(BYTE, 0), b"\x05"))
     wanted = choose(["DB1.DBW0"], Known(None))
-    rows = doubtful(Collector(wanted, likely=True), talk, 3)
+    rows = doubtful(ValueCollector(wanted, likely=True), talk, 3)
     assert [(row.data, bool(row.doubt)) for row in rows] == [
         (b"\x01\x02", False),
         (b"\x01\x09", True),
         (b"\x05\x02", False),
     ]
-    assert [row.data for row in doubtful(Collector(wanted), talk, 3)] == [b"\x01\x02", b"\x05\x02"]
+    assert [row.data for row in doubtful(ValueCollector(wanted), talk, 3)] == [b"\x01\x02", b"\x05\x02"]
 
 
 def test_a_summary_counts_what_is_only_likely_apart() -> None:
@@ -504,7 +504,7 @@ def test_a_summary_counts_what_is_only_likely_apart() -> None:
     reads(talk, 2, (db(WORD, 0), b"\1\0"))
     reads(talk, 3, (db(WORD, 0), 0x0A))
     writes(talk, 4, (db(WORD, 2), b"\0\1", 0xFF))
-    collector = Collector(sums=True)
+    collector = ValueCollector(sums=True)
     doubtful(collector, talk, 3, 4, 5)
     assert (collector.refused, collector.unconfirmed, collector.doubts) == (0, 0, {"gaps": 3})
     word, other = Summary(collector).variables
@@ -519,7 +519,7 @@ def test_a_summary_counts_what_is_only_likely_apart() -> None:
 def test_values_of_s7comm_plus_that_are_only_likely() -> None:
     path = CRAFTED / "plus-plant.pcapng"
     kept = [event for event in dissect.open(path, pdus=False) if isinstance(event, Transaction)]
-    plain, none, all_of_them = Collector(), Collector(), Collector(likely=True)
+    plain, none, all_of_them = ValueCollector(), ValueCollector(), ValueCollector(likely=True)
     for transaction in kept:
         plain.transaction(transaction)
         if transaction._outcome == ANSWERED:

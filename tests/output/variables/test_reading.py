@@ -14,8 +14,8 @@ from dissect.engine.pipeline import Options, Pipeline
 from dissect.meaning.tags.loading import load_tags
 from dissect.meaning.tags.naming import HostNaming
 from dissect.output.variables.choosing import Known, WantedError, choose
-from dissect.output.variables.collector import Collector
-from dissect.output.variables.model import Told, ValueRow
+from dissect.output.variables.collector import ValueCollector
+from dissect.output.variables.model import SharedValue, ValueRow
 from tests.cases import each
 from tests.engine.transactions import talk as line
 from tests.meaning.report.support import begun, saved
@@ -115,9 +115,9 @@ def rows_with(values: list[object]) -> list[ValueRow]:
     talk = begun()
     for ref in range(1, len(values) + 1):
         reads(talk, ref, (db(WORD, 0), bytes((0, ref))))
-    rows = collected(Collector(), talk.packets()).take()
+    rows = collected(ValueCollector(), talk.packets()).take()
     for row, value in zip(rows, values, strict=True):
-        row._told = Told(row.data, -1, value)
+        row._told = SharedValue(row.data, -1, value)
     return rows
 
 
@@ -127,13 +127,13 @@ def test_the_smallest_of_eight_bytes_is_a_number() -> None:
     ):  # fmt: skip
         talk = begun()
         reads(talk, 1, (db(BYTE, 0, 8), octets))
-        rows = collected(Collector(choose([text], Known(None))), talk.packets()).take()
+        rows = collected(ValueCollector(choose([text], Known(None))), talk.packets()).take()
         assert kinds_of(rows)["DB1.DBL0"][1] == [expected]
 
 
 def test_each_table_has_a_name_of_its_own() -> None:
     """The address or tag; with the type where that is not enough, with the PLC where that is not either."""
-    collector = Collector()
+    collector = ValueCollector()
     first = line.Talk()
     first.pipeline = Pipeline(collector, Options(strict=True))
     word = line.dbw(1, 0)
@@ -159,7 +159,7 @@ def test_what_is_known_of_a_variable_is_beside_its_table(tmp_path: Path) -> None
     talk = begun()
     reads(talk, 1, (db(INT, 0), b"\0\xd7"))
     naming = load_tags([tags]).naming()
-    rows = collected(Collector(), talk.packets(), Options(strict=True, naming=naming)).take()
+    rows = collected(ValueCollector(), talk.packets(), Options(strict=True, naming=naming)).take()
     (table,) = dissect.value_tables(rows).values()
     assert {key.decode(): value.decode() for key, value in table.schema.metadata.items()} == {
         "plc": "10.0.0.2:102", "address": "DB1.DBW0", "tag": "Temp", "type": "INT", "unit": "°C",
@@ -220,7 +220,7 @@ def test_addresses_of_all_dialects(text: str, address: str, bits: int) -> None:
 def test_a_timer_is_found_by_its_number() -> None:
     talk = begun()
     reads(talk, 1, (Item(0x1D, 3, 0, 0x1D, 4), b"\0\x05\x12\x50\0\x07"))
-    rows = collected(Collector(choose(["T5"], Known(None))), talk.packets()).take()
+    rows = collected(ValueCollector(choose(["T5"], Known(None))), talk.packets()).take()
     assert [(row.address, row.type, row.value) for row in rows] == [("T5", "TIMER", "S5T#25s")]
 
 
@@ -232,6 +232,6 @@ def test_tags_of_one_plc_are_not_looked_for_on_others(tmp_path: Path) -> None:
     reads(talk, 1, (db(REAL, 0), real(1.5)))
     for host, expected in (("10.0.0.2", [("REAL", 1.5)]), ("10.0.0.9", [("WORD", 0x3FC0)])):
         naming = HostNaming({host: load_tags([mine]).naming()}, load_tags([other]).naming())
-        collector = Collector(choose(["Level"], Known(naming)))
+        collector = ValueCollector(choose(["Level"], Known(naming)))
         rows = collected(collector, talk.packets(), Options(strict=True, naming=naming)).take()
         assert [(row.type, row.value) for row in rows] == expected, host

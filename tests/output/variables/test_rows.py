@@ -16,7 +16,7 @@ from dissect.meaning.tags.loading import load_tags
 from dissect.output.variables import collector as collecting
 from dissect.output.variables import tracker
 from dissect.output.variables.choosing import Known, choose
-from dissect.output.variables.collector import Collector
+from dissect.output.variables.collector import ValueCollector
 from dissect.output.variables.model import RefusedRow, ValueRow
 from dissect.wire.build import COMPILED
 from tests.engine.transactions import talk as line
@@ -72,7 +72,7 @@ def refusals() -> list[ValueRow]:
     made = begun()
     reads(made, 1, (db(REAL, 0), real(1.5)), (db(BIT, 8), 0x0A))
     writes(made, 2, (db(REAL, 0), real(9.0), 0x05), (db(BIT, 8), b"\1", 0xFF))
-    return collected(Collector(refusals=True), made.packets()).take()
+    return collected(ValueCollector(refusals=True), made.packets()).take()
 
 
 def test_a_refusal_has_a_row_where_it_is_asked_for() -> None:
@@ -103,7 +103,7 @@ def test_refusals_are_rows_of_values_only_where_they_are_asked_for(tmp_path: Pat
 
 def test_a_request_that_is_refused_as_a_whole_says_so_for_each_item() -> None:
     talk = line.Talk()
-    collector = Collector(refusals=True)
+    collector = ValueCollector(refusals=True)
     talk.pipeline = Pipeline(collector, Options(strict=True))
     talk.open()
     talk.ask(line.read(1, line.dbw(10, 4), line.dbw(10, 8)))
@@ -121,7 +121,7 @@ def test_a_request_that_is_refused_as_a_whole_says_so_for_each_item() -> None:
 def test_a_write_without_an_answer_is_no_refusal() -> None:
     talk = begun()
     talk.send(0, line.dt(line.write(1, [line.dbw(1, 0)], line.written(4, b"\0\1"))))
-    found = collected(Collector(refusals=True), talk.packets())
+    found = collected(ValueCollector(refusals=True), talk.packets())
     assert found.take() == []
     assert (found.refused, found.unconfirmed) == (0, 1)
 
@@ -134,7 +134,7 @@ def test_a_refusal_that_is_only_likely_is_left_out_or_marked() -> None:
     (read,) = [one for one in kept.transactions if one.function == 4]
     read._flags |= GAPS
     for likely, count in ((False, 0), (True, 1)):
-        found = Collector(likely=likely, refusals=True)
+        found = ValueCollector(likely=likely, refusals=True)
         found.transaction(read)
         rows = found.take()
         assert [(row.doubt, row.certainty) for row in rows] == [("gaps", "likely")] * count
@@ -148,7 +148,7 @@ def test_a_tag_that_is_refused_is_counted_by_its_name(tmp_path: Path) -> None:
     reads(talk, 1, (db(INT, 0), 0x0A), (db(INT, 4), b"\0\1"))
     writes(talk, 2, (db(INT, 0), b"\0\2", 0x05))
     options = Options(strict=True, naming=load_tags([tags]).naming())
-    found = collected(Collector(refusals=True), talk.packets(), options)
+    found = collected(ValueCollector(refusals=True), talk.packets(), options)
     assert [(row.name, row.how, row.refused) for row in found.take()] == [
         ("Temp", "read", "Object does not exist"), ("Flow", "read", ""), ("Temp", "write", "Invalid address"),
     ]  # fmt: skip
@@ -164,7 +164,7 @@ def test_a_wanted_place_that_is_refused_or_too_short(tmp_path: Path) -> None:
     reads(talk, 2, (db(WORD, 0, 2), b"\1\2\3"))
     reads(talk, 3, (db(WORD, 0, 2), b"\1\2\3\4"))
     wanted = choose(["DB1.DBW0", "DB1.DBW2", "DB1.DBW4"], Known(None))
-    found = collected(Collector(wanted, refusals=True), talk.packets())
+    found = collected(ValueCollector(wanted, refusals=True), talk.packets())
     assert [(row.address, row.type, row.data, row.refused) for row in found.take()] == [
         ("DB1.DBW0", "WORD", None, "Object does not exist"), ("DB1.DBW0", "2 x WORD", b"\1\2\3", ""),
         ("DB1.DBW0", "WORD", b"\1\2", ""), ("DB1.DBW2", "WORD", b"\3\4", ""),
@@ -177,7 +177,7 @@ def test_wanted_places_beyond_the_bound_are_items_of_their_own() -> None:
     for ref in (1, 2):
         reads(talk, ref, (db(BYTE, 0, 4), bytes((ref, 2, 3, 4))))
     wanted = choose(["DB1.DBB0", "DB1.DBB1", "DB1.DBB2"], Known(None))
-    found = collected(Collector(wanted, most=2), talk.packets())
+    found = collected(ValueCollector(wanted, most=2), talk.packets())
     assert [(row.address, row.type, row.value, row.previous) for row in found.take()] == [
         ("DB1.DBB0", "BYTE", 1, None), ("DB1.DBB1", "BYTE", 2, None), ("DB1.DBB0", "4 x BYTE", [1, 2, 3, 4], None),
         ("DB1.DBB0", "BYTE", 2, 1), ("DB1.DBB1", "BYTE", 2, 2), ("DB1.DBB0", "4 x BYTE", [2, 2, 3, 4], None),
@@ -215,7 +215,7 @@ def test_values_of_a_variable_table_count_once_the_plc_reports_them(subfunction:
     values = b"\x00\x09\x00\x04\x41\x33\x85\x1f" + b"\x00\x03\x00\x01\x01\x00"
     for code, expected in ((0, []), (0xD401, [("MD0", True, ""), ("I8.1", True, "")])):
         talk = line.Talk()
-        collector = Collector(refusals=True)
+        collector = ValueCollector(refusals=True)
         talk.pipeline = Pipeline(collector, Options(strict=True))
         talk.open(8, 8)
         talk.ask(asked_by_test(1, subfunction, VARIABLES[:2], values))
@@ -248,7 +248,7 @@ def test_values_of_a_variable_table_count_once_the_plc_reports_them(subfunction:
 
 def test_a_push_without_a_new_value_is_no_row() -> None:
     talk = line.Talk()
-    collector = Collector()
+    collector = ValueCollector()
     talk.pipeline = Pipeline(collector, Options(strict=True))
     talk.open(8, 8)
     talk.ask(subscribe(1, ON_CHANGE, line.dbw(1, 0), line.dbw(2, 0)))
@@ -264,11 +264,11 @@ def test_a_push_without_a_new_value_is_no_row() -> None:
 def test_what_is_remembered_is_counted() -> None:
     talk = begun()
     reads(talk, 1, (db(WORD, 0), b"\0\1"), (db(REAL, 4), real(1.0)), (db(BYTE, 9, 3), b"abc"))
-    found = collected(Collector(most=7), talk.packets())
+    found = collected(ValueCollector(most=7), talk.packets())
     assert (found.known, found.kept, found.most, found.untracked) == (3, 2 + 4 + 3, 7, 0)
     assert found.plcs == ["10.0.0.2:102"]
     reads(talk, 2, (db(WORD, 0), b"\0\2"))  # a new value takes the place of the one before
-    found = collected(Collector(), talk.packets())
+    found = collected(ValueCollector(), talk.packets())
     assert (found.known, found.kept) == (3, 9)
 
 
@@ -280,7 +280,7 @@ def test_values_are_remembered_within_a_bound_of_their_octets(monkeypatch: pytes
         talk = begun()
         for ref, octet in enumerate((0, 10, 20, 0, 10, 20), 1):
             reads(talk, ref, (db(BYTE, octet, size), bytes([ref]) * size))
-        found = collected(Collector(), talk.packets())
+        found = collected(ValueCollector(), talk.packets())
         rows = found.take()
         assert [row.data for row in rows] == [bytes([ref]) * size for ref in range(1, 7)]
         assert [row.before is not None for row in rows] == [False] * 3 + [at < known for at in range(3)]
@@ -295,14 +295,14 @@ def test_plans_that_are_forgotten_change_no_row(monkeypatch: pytest.MonkeyPatch)
     expected = [(row.address, row.value, row.previous) for row in rows_of(talk)]
     for most in (1, 5, 12):
         monkeypatch.setattr(collecting, "MAX_PLANS", most)
-        found = collected(Collector(), talk.packets())
+        found = collected(ValueCollector(), talk.packets())
         assert [(row.address, row.value, row.previous) for row in found.take()] == expected
         assert sum(len(plc.plans) + sum(map(len, plc.reads.values())) for plc in found._store.plcs.values()) < most + 8
 
 
 def test_no_more_plcs_than_variables_are_remembered() -> None:
     first = line.Talk()
-    collector = Collector(most=2)
+    collector = ValueCollector(most=2)
     first.pipeline = Pipeline(collector, Options(strict=True))
     for number in range(4):
         talk = first if not number else line.Talk(50000 + number, beside=first)

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Final
 
 from dissect.files.session import Run
-from dissect.output.variables.collector import Collector
+from dissect.output.variables.collector import ValueCollector
 from dissect.output.variables.model import ValueRow, Variable
 from dissect.output.variables.statistics import Pace, Statistics
 from dissect.output.variables.writers import RowWriter, ValueCsv, ValueJsonl, ValueText, ValueWriter
@@ -85,8 +85,8 @@ def of_rows(rows: Iterable[ValueRow]) -> dict[Variable, Statistics]:
 @each("seed", range(6))
 def test_sums_without_rows_are_those_of_the_rows(seed: int) -> None:
     packets = busy(seed).packets()
-    rows = collected(Collector(), packets).take()
-    sums = collected(Collector(sums=True), packets)
+    rows = collected(ValueCollector(), packets).take()
+    sums = collected(ValueCollector(sums=True), packets)
     assert not sums.take()
     told = {(one.address, one.type): facts(one.statistics) for one in sums.variables if one.statistics is not None}
     assert told == {(one.address, one.type): facts(found) for one, found in of_rows(rows).items()}
@@ -96,7 +96,7 @@ def test_sums_without_rows_are_those_of_the_rows(seed: int) -> None:
 
 def test_the_trend_keeps_the_latest_number_of_each_stretch_of_time() -> None:
     """A list of all points, made anew of all rows, says the same as one that is kept up to date."""
-    rows = collected(Collector(), busy(1).packets()).take()
+    rows = collected(ValueCollector(), busy(1).packets()).take()
     level = next(row.variable for row in rows if row.address == "DB1.DBD0")
     found = Statistics()
     numbers = []
@@ -114,7 +114,7 @@ def test_the_trend_keeps_the_latest_number_of_each_stretch_of_time() -> None:
 
 @each("writer", (ValueText, ValueJsonl, ValueCsv))
 def test_a_line_is_the_same_whatever_was_written_before(writer: type[RowWriter]) -> None:
-    runs = [collected(Collector(), busy(3).packets()).take(), *[rows_of_file(path) for path in CAPTURES]]
+    runs = [collected(ValueCollector(), busy(3).packets()).take(), *[rows_of_file(path) for path in CAPTURES]]
     seen = 0
     for rows in runs:
         together = written(writer(), rows)
@@ -127,7 +127,7 @@ def rows_of_file(path: Path) -> list[ValueRow]:
     """Return the rows of a capture."""
     if path.stat().st_size > _SMALL:
         return []
-    collector = Collector()
+    collector = ValueCollector()
     run = Run([path], collector)
     while run.step():
         pass

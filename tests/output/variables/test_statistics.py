@@ -8,7 +8,7 @@ from collections.abc import Iterable
 import pytest
 
 from dissect.meaning.report.words import Places
-from dissect.output.variables.collector import Collector
+from dissect.output.variables.collector import ValueCollector
 from dissect.output.variables.statistics import MAX_DISTINCT, Pace
 from dissect.output.variables.summary import Summary, csv_rows, json_lines, text_lines
 from dissect.wire.text import Clock
@@ -40,7 +40,7 @@ def summary_of(numbers: Iterable[int]) -> Summary:
     talk = begun()
     for ref, number in enumerate(numbers, 1):
         reads(talk, ref, (db(WORD, 0), number.to_bytes(2, "big")))
-    return Summary(collected(Collector(sums=True), talk.packets()))
+    return Summary(collected(ValueCollector(sums=True), talk.packets()))
 
 
 @pytest.mark.parametrize(

@@ -13,7 +13,7 @@ import pytest
 from dissect.engine.pipeline import Options, Pipeline
 from dissect.meaning.report.styled import DIM, HEADING, PLAIN
 from dissect.meaning.report.words import Places
-from dissect.output.variables.collector import Collector
+from dissect.output.variables.collector import ValueCollector
 from dissect.output.variables.statistics import MAX_CLIENTS, MAX_DISTINCT, POINTS, Pace, Statistics
 from dissect.output.variables.summary import (
     Summary,
@@ -49,7 +49,7 @@ def test_a_summary_of_any_length_stays_small() -> None:
     talk = begun()
     for ref in range(400):
         reads(talk, ref + 1, (db(WORD, 0), struct.pack(">H", ref)))
-    found = collected(Collector(sums=True), talk.packets())
+    found = collected(ValueCollector(sums=True), talk.packets())
     (variable,) = found.variables
     sums = variable.statistics
     assert sums is not None
@@ -66,7 +66,7 @@ def test_what_a_summary_leaves_out_is_said() -> None:
     talk = begun()
     for ref in range(1, 6):
         reads(talk, ref, (db(INT, 2 * ref), b"\0\1"))
-    found = collected(Collector(sums=True, most=2), talk.packets())
+    found = collected(ValueCollector(sums=True, most=2), talk.packets())
     summary = Summary(found)
     assert len(summary.variables) == 2
     assert limits_text(summary).startswith("3 values of variables beyond the first 2")
@@ -84,7 +84,7 @@ def test_statistics_of_odd_numbers() -> None:
     contents = [struct.pack(">f", value) for value in (1.0, math.nan, math.inf, 3.0)]
     for ref, octets in enumerate(contents, 1):
         reads(talk, ref, (db(REAL, 0), octets), (db(BIT, 9), bytes([ref % 2])))
-    found = collected(Collector(sums=True), talk.packets())
+    found = collected(ValueCollector(sums=True), talk.packets())
     number, bit = [one.statistics or Statistics() for one in found.variables]
     assert (number.count, number.numbers, number.least, number.most, number.mean) == (4, 2, 1.0, 3.0, 2.0)
     assert (bit.least, bit.most, bit.mean) == (0, 1, 0.5)
@@ -102,7 +102,7 @@ def plant() -> Talk:
 
 
 def summary_of(talk: Talk, spark: bool = False) -> Summary:
-    return Summary(collected(Collector(sums=True), talk.packets()), spark)
+    return Summary(collected(ValueCollector(sums=True), talk.packets()), spark)
 
 
 def test_a_table_for_a_person() -> None:
@@ -137,7 +137,7 @@ def test_a_table_has_a_heading_and_lines_that_hang() -> None:
 
 
 def test_each_plc_has_a_table_of_its_own() -> None:
-    collector = Collector(sums=True)
+    collector = ValueCollector(sums=True)
     first = line.Talk()
     first.pipeline = Pipeline(collector, Options(strict=True))
     for number, vlan in enumerate((0, 7)):
@@ -187,7 +187,7 @@ def test_a_variable_that_nobody_told_a_value_of_is_no_row() -> None:
     """One that was only named is left out; one that counts for anything is there."""
     talk = begun()
     reads(talk, 1, (db(WORD, 0), b"\0\1"))
-    found = collected(Collector(), talk.packets())  # without sums: no statistics
+    found = collected(ValueCollector(), talk.packets())  # without sums: no statistics
     assert Summary(found).variables == []
     for name in ("refused_reads", "refused_writes", "unconfirmed", "likely"):
         (only,) = found.variables
@@ -198,7 +198,7 @@ def test_a_variable_that_nobody_told_a_value_of_is_no_row() -> None:
 
 @pytest.mark.parametrize("clients", [1, MAX_CLIENTS, MAX_CLIENTS + 1, MAX_CLIENTS + 3])
 def test_clients_beyond_the_bound_are_counted_together(clients: int) -> None:
-    collector = Collector(sums=True)
+    collector = ValueCollector(sums=True)
     first = line.Talk()
     first.pipeline = Pipeline(collector, Options(strict=True))
     for number in range(clients):

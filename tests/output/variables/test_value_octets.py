@@ -9,7 +9,7 @@ from librt.strings import BytesWriter
 
 from dissect.meaning.report import words
 from dissect.meaning.report.writers.csv import quoted
-from dissect.output.variables.model import Told, Variable
+from dissect.output.variables.model import SharedValue, Variable
 from dissect.output.variables.value_octets import write_cell, write_hex, write_json, write_shown
 from dissect.output.variables.writers import any_text, value_cell
 from dissect.packets.tcp.stream import Endpoint
@@ -42,7 +42,7 @@ def test_the_same_from_octets(size: int) -> None:
         ):
             out = BytesWriter()
             out.write(b"before")
-            written = write(out, Told(data, size))
+            written = write(out, SharedValue(data, size))
             assert out.getvalue().decode() == f"before{said if written else ''}", (write.__name__, data)
         out = BytesWriter()
         said = words.octets(data) if write_hex(out, data) else ""
@@ -59,11 +59,11 @@ def test_usual_values_are_written_from_their_octets() -> None:
         (0x0C, b"\0\1"),
     ):
         for write in (write_shown, write_json, write_cell):
-            assert write(BytesWriter(), Told(data, size)), (write.__name__, size)
+            assert write(BytesWriter(), SharedValue(data, size)), (write.__name__, size)
 
 
 def test_a_value_is_decoded_once_and_only_when_it_is_asked_for() -> None:
-    told = Told(b"\0\5", 0x05)
+    told = SharedValue(b"\0\5", 0x05)
     assert int(told.coded) == 0x05
     assert told.value == 5
     assert int(told.coded) == -1

@@ -15,7 +15,7 @@ from dissect.meaning.report.words import Places
 from dissect.meaning.tags.loading import load_tags
 from dissect.output.variables import writers
 from dissect.output.variables.choosing import Known, choose
-from dissect.output.variables.collector import Collector
+from dissect.output.variables.collector import ValueCollector
 from dissect.output.variables.model import ValueRow, Variable
 from dissect.output.variables.summary import Summary, csv_rows, json_lines, text_lines
 from dissect.output.variables.writers import (
@@ -139,7 +139,7 @@ def odd_rows() -> list[ValueRow]:
     reads(talk, 1, (db(BYTE, 0, 2), b"\x01\x02"))
     reads(talk, 2, (db(BYTE, 1, 2), b"\x09\x09"))
     reads(talk, 3, (db(BYTE, 0), b"\x05"))
-    return doubtful(Collector(choose(["DB1.DBW0"], Known(None)), likely=True), talk, 3)
+    return doubtful(ValueCollector(choose(["DB1.DBW0"], Known(None)), likely=True), talk, 3)
 
 
 def test_what_is_odd_about_a_value_is_said_in_every_form() -> None:
@@ -198,7 +198,7 @@ def test_a_line_made_alone_is_that_of_a_writer() -> None:
     seen = 0
     for rows in (busy(5).packets(), None):
         made = (
-            collected(Collector(), rows).take()
+            collected(ValueCollector(), rows).take()
             if rows is not None
             else rows_of_file(ROOT / "captures" / "crafted" / "plus-plant.pcapng")
         )
@@ -236,7 +236,7 @@ def test_rows_of_several_files_name_theirs(tmp_path: Path) -> None:
 def test_a_summary_in_each_form_is_what_its_module_makes() -> None:
     talk = begun()
     reads(talk, 1, (db(BIT, 0), b"\1"), (db(BYTE, 4, 2), b"\1\2"))
-    whole = Summary(collected(Collector(sums=True), talk.packets()))
+    whole = Summary(collected(ValueCollector(sums=True), talk.packets()))
     text, lines, table = ValueText(), ValueJsonl(), ValueCsv()
     for writer in (text, lines, table):
         writer.summary(whole)
@@ -262,7 +262,7 @@ def test_hosts_have_the_names_that_are_known() -> None:
 @pytest.mark.skipif(COMPILED, reason="compiled constants cannot be changed")
 @pytest.mark.parametrize("writer", [ValueText, ValueJsonl, ValueCsv])
 def test_what_a_writer_forgets_changes_no_line(writer: type[RowWriter], monkeypatch: pytest.MonkeyPatch) -> None:
-    rows = collected(Collector(), busy(7).packets()).take()[:200]
+    rows = collected(ValueCollector(), busy(7).packets()).take()[:200]
     whole = writer()
     whole.values(rows)
     expected = whole.take()
@@ -332,7 +332,7 @@ def test_a_mark_of_doubt_follows_a_value_that_did_not_change() -> None:
     talk = begun()
     for ref in (1, 2, 3):
         reads(talk, ref, (db(WORD, 0), b"\0\7"))
-    rows = doubtful(Collector(likely=True), talk, 3, flag=GAPS)
+    rows = doubtful(ValueCollector(likely=True), talk, 3, flag=GAPS)
     text = ValueText()
     text.values(rows)
     assert [str(getattr(line, "text", line)).partition("WORD = ")[2] for line in text.take()] == [

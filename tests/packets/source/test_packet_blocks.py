@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from dissect.packets.source.packet_blocks import MAX_COUNT, PacketBlocks, Told, plain_block
+from dissect.packets.source.packet_blocks import MAX_COUNT, InterfaceStatistics, PacketBlocks, plain_block
 from dissect.packets.source.pcapng_writer import PcapngWriter, packet_block
 
 PACKETS = [(1_700_000_000_000_000_007, b"\1" * 61, 90), (5, b"", 0), (MAX_COUNT + 3, b"\2" * 60, 60)]
@@ -20,7 +20,7 @@ def test_a_block_whole() -> None:
 
 
 def test_blocks_together() -> None:
-    told = Told()
+    told = InterfaceStatistics()
     blocks = PacketBlocks(1, told)
     for packet in PACKETS:
         blocks.add(*packet)
@@ -31,7 +31,7 @@ def test_blocks_together() -> None:
 
 
 def test_a_packet_that_no_reader_believes() -> None:
-    blocks = PacketBlocks(0, Told())
+    blocks = PacketBlocks(0, InterfaceStatistics())
     with pytest.raises(ValueError, match="larger than a pcapng block may be"):
         blocks.add(1, bytes(16 * 1024 * 1024), 0)
     assert (blocks.packets, blocks.octets) == (0, 0)

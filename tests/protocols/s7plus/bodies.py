@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from dissect.protocols.s7plus.contents import Address
+from dissect.protocols.s7plus.contents import VariableAddress
 from dissect.protocols.s7plus.objects import PlusObject, build_object
 from dissect.protocols.s7plus.value_tables import ADDRESS_ARRAY, AID, RID, UDINT
 from dissect.protocols.s7plus.values import Value, build_members, build_value
@@ -28,7 +28,7 @@ def end(integrity_id: int = -1) -> bytes:
     return (number(integrity_id) if integrity_id >= 0 else b"") + FILL
 
 
-def addresses(*wanted: Address) -> bytes:
+def addresses(*wanted: VariableAddress) -> bytes:
     found = b"".join(
         [
             number(one.crc) + number(one.area) + number(len(one.lids) + 1) + number(one.sub_area)
@@ -40,7 +40,7 @@ def addresses(*wanted: Address) -> bytes:
     return rid(0) + number(len(wanted)) + number(fields) + found
 
 
-def get_multi(*wanted: Address, integrity_id: int = 9) -> bytes:
+def get_multi(*wanted: VariableAddress, integrity_id: int = 9) -> bytes:
     return addresses(*wanted) + QUALIFIER + end(integrity_id)
 
 
@@ -50,7 +50,7 @@ def multi_got(items: list[tuple[int, Value]], refusals: list[tuple[int, int]], i
     return b"\0" + values + refused + end(integrity_id)
 
 
-def set_multi(pairs: list[tuple[Address, Value]], integrity_id: int = 9) -> bytes:
+def set_multi(pairs: list[tuple[VariableAddress, Value]], integrity_id: int = 9) -> bytes:
     values = b"".join([number(index) + build_value(value) for index, (_, value) in enumerate(pairs, 1)])
     return addresses(*[address for address, _ in pairs]) + values + b"\0" + QUALIFIER + end(integrity_id)
 

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dissect.protocols.s7plus.bodies import parse_contents
-from dissect.protocols.s7plus.contents import Address, Contents
+from dissect.protocols.s7plus.contents import Contents, VariableAddress
 from dissect.protocols.s7plus.hiding import shown_contents, without_secrets
 from dissect.protocols.s7plus.message import PlusPdu, parse_plus
 from dissect.protocols.s7plus.objects import PlusObject, build_object
@@ -38,9 +38,9 @@ from tests.protocols.s7plus.pdus import KEEP_ALIVE, NOTIFICATION_V3, asked, even
 from tests.protocols.s7plus.strategies import OBJECTS, VALUES
 from tests.protocols.s7plus.test_objects import TYPE
 
-LEVEL = Address(0xAABBCCDD, 0x8A0E0003, 2550, [14])
-WORD = Address(0, 82, 3736, [3, 100, 2])
-BIT = Address(0, 80, 3736, [3, 4, 1, 5])
+LEVEL = VariableAddress(0xAABBCCDD, 0x8A0E0003, 2550, [14])
+WORD = VariableAddress(0, 82, 3736, [3, 100, 2])
+BIT = VariableAddress(0, 80, 3736, [3, 4, 1, 5])
 FIVE = Value(0, INT, 5)
 LOST = 0xFFF4 | 0x8020AB0019D9 << 16
 LIST = build_members([(1, FIVE)])
@@ -90,7 +90,11 @@ def test_reading_attributes_of_an_object() -> None:
 
 
 def test_an_index_is_not_named_as_an_object_or_a_class_of_its_number() -> None:
-    labels = [Address(0, 201, 1081, [1]).label, Address(0, 201, 1037, [1001]).label, Address(0, 52, 2237, [3486]).label]
+    labels = [
+        VariableAddress(0, 201, 1081, [1]).label,
+        VariableAddress(0, 201, 1037, [1001]).label,
+        VariableAddress(0, 52, 2237, [3486]).label,
+    ]
     assert labels == ["ObjectRoot.FreeItems.1", "ObjectRoot.SystemLimits.1001", "CPUexecUnit.DIS.OperatingState"]
 
 

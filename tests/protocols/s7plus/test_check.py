@@ -15,7 +15,7 @@ from dissect.meaning.report.plus import plus_subject
 from dissect.meaning.report.tree import plus_tree_lines
 from dissect.protocols.s7plus.bodies import parse_contents
 from dissect.protocols.s7plus.check import check
-from dissect.protocols.s7plus.contents import Address
+from dissect.protocols.s7plus.contents import VariableAddress
 from dissect.protocols.s7plus.cursor import marks
 from dissect.protocols.s7plus.events import take
 from dissect.protocols.s7plus.message import parse_plus
@@ -48,9 +48,9 @@ from tests.protocols.s7plus.pdus import asked, framed, notified, told
 from tests.protocols.s7plus.strategies import OBJECTS, VALUES
 
 _MARKS: Final = marks(frozenset((2533,)), frozenset((TYPE_INFO,)))
-_WORD: Final = Address(0, 82, 3736, [3, 100, 2])
-_TAG: Final = Address(0xABCDEF12, 0x8A0E0003, 2550, [14, 2])
-_STATE: Final = Address(0, 52, 2237, [3486])
+_WORD: Final = VariableAddress(0, 82, 3736, [3, 100, 2])
+_TAG: Final = VariableAddress(0xABCDEF12, 0x8A0E0003, 2550, [14, 2])
+_STATE: Final = VariableAddress(0, 52, 2237, [3486])
 _INT: Final = Value(0, INT, 5)
 _TREE: Final = PlusObject(
     0x8A0E0001, 2574, 0, 0, 0,
@@ -211,9 +211,12 @@ def test_what_it_says_of_objects() -> None:
 
 
 @given(
-    st.lists(st.sampled_from([_WORD, _TAG, _STATE, Address(0, 52, 3486, []), Address(0, 9, 2237, [3486])]), max_size=5)
+    st.lists(
+        st.sampled_from([_WORD, _TAG, _STATE, VariableAddress(0, 52, 3486, []), VariableAddress(0, 9, 2237, [3486])]),
+        max_size=5,
+    )
 )
-def test_what_it_says_of_a_read(wanted: list[Address]) -> None:
+def test_what_it_says_of_a_read(wanted: list[VariableAddress]) -> None:
     """Whether it asks for the operating state, by which item, and where its addresses end."""
     states = [index for index, one in enumerate(wanted, 1) if one is _STATE]
     for version in (1, 2, 3):

@@ -13,7 +13,7 @@ import pytest
 
 from dissect.protocols.s7plus.check import Check, check
 from dissect.protocols.s7plus.check_response import check_response, count_mismatch
-from dissect.protocols.s7plus.contents import Address
+from dissect.protocols.s7plus.contents import VariableAddress
 from dissect.protocols.s7plus.tables import DELETE_OBJECT, GET_MULTI_VARIABLES, SET_MULTI_VARIABLES
 from dissect.protocols.s7plus.value_tables import INT
 from dissect.protocols.s7plus.values import Value
@@ -55,7 +55,7 @@ def read_instead(octets: bytes) -> Check:
 
 _DENIED_ITEM = 2**64 - 12
 _REFUSING = b"\x13"
-_WORDS = [Address(0, 82, 3736, [3, 2 * at, 2]) for at in range(200)]
+_WORDS = [VariableAddress(0, 82, 3736, [3, 2 * at, 2]) for at in range(200)]
 
 
 def _answer(*numbers: int, refused: tuple[int, ...] = (), code: bytes = b"\0") -> bytes:

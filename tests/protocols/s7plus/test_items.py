@@ -9,7 +9,7 @@ from dissect.protocols.s7plus.alarms import ALARM, Alarm
 from dissect.protocols.s7plus.bodies import parse_contents
 from dissect.protocols.s7plus.check import check
 from dissect.protocols.s7plus.check_response import check_response, notifies_refusal, refuses_items
-from dissect.protocols.s7plus.contents import Address, known_address
+from dissect.protocols.s7plus.contents import VariableAddress, known_address
 from dissect.protocols.s7plus.hiding import said_half, shown_contents, shown_half, without_secrets
 from dissect.protocols.s7plus.identification import IM0_HEAD
 from dissect.protocols.s7plus.ids import HIDDEN
@@ -208,7 +208,7 @@ def test_a_structure_without_a_name_is_shown_with_its_members() -> None:
     )
     (item,) = joined(
         GET_MULTI_VARIABLES,
-        bodies.get_multi(Address(0, 52, 2237, [])),
+        bodies.get_multi(VariableAddress(0, 52, 2237, [])),
         bodies.multi_got([(1, Value(0, STRUCT, state))], []),
     )
     assert item.text == (
@@ -243,7 +243,7 @@ def test_functions_without_items() -> None:
 def test_one_address_serves_for_all_that_repeat_it() -> None:
     """As long as it is one of the last thousands, and no monster."""
     first = known_address(0, 82, 3736, [3, 100, 2])
-    assert first == Address(0, 82, 3736, [3, 100, 2])
+    assert first == VariableAddress(0, 82, 3736, [3, 100, 2])
     assert known_address(0, 82, 3736, [3, 100, 2]) is first
     assert known_address(1, 82, 3736, [3, 100, 2]) != first
     long = known_address(0, 82, 3736, list(range(100)))
@@ -291,7 +291,7 @@ def test_a_notification_has_the_addresses_of_its_subscription() -> None:
 def test_values_as_the_program_means_them(datatype: int, value: Value, text: str | None) -> None:
     one = PlusSession(Program(), Identity())
     one.program.learn([type_of(0x92000003, ("name", variable(14, datatype)))])
-    address = Address(0, 0x8A0E0003, 2550, [14])
+    address = VariableAddress(0, 0x8A0E0003, 2550, [14])
     (item,) = joined(GET_MULTI_VARIABLES, bodies.get_multi(address), bodies.multi_got([(1, value)], []), one)
     if text is None:  # the declaration is contradicted: octets, and no name
         assert (item.label, item.json_value, item.fits) == ("DB3 LID 14", None, False)
@@ -392,7 +392,9 @@ def hidden(octets: bytes) -> str:
         asked(
             1,
             SET_MULTI_VARIABLES,
-            body=bodies.set_multi([(WORD, FIVE), (Address(0, 0x386, 304, []), Value(0, BLOB, Blob(0, PASSWORD)))]),
+            body=bodies.set_multi(
+                [(WORD, FIVE), (VariableAddress(0, 0x386, 304, []), Value(0, BLOB, Blob(0, PASSWORD)))]
+            ),
         ),
         asked(
             1,
@@ -468,7 +470,7 @@ def test_a_password_that_is_read_back_is_not_shown() -> None:
         GET_VAR_SUBSTREAMED, body, b"\0\0" + build_value(Value(0, BLOB, Blob(0, PASSWORD))) + bodies.end(3)
     )
     assert (item.json_value, item.data, item.text) == (HIDDEN, None, HIDDEN)
-    address = Address(0, 50, 7919, [])
+    address = VariableAddress(0, 50, 7919, [])
     (item,) = joined(
         GET_MULTI_VARIABLES, bodies.get_multi(address), bodies.multi_got([(1, Value(0, BLOB, Blob(0, PASSWORD)))], [])
     )
@@ -504,7 +506,7 @@ def test_a_line_says_the_same_though_attributes_are_left_out(
 
 
 def test_written_values_are_all_said() -> None:
-    body = bodies.set_multi([(Address(0, 0x386, 48, []), FIVE), (WORD, FIVE)])
+    body = bodies.set_multi([(VariableAddress(0, 0x386, 48, []), FIVE), (WORD, FIVE)])
     pdu = parse_plus(framed(asked(1, SET_MULTI_VARIABLES, body=body), 3))
     assert _said_of(said_half(pdu)) == _said_of(shown_half(pdu))
     assert len(said_half(pdu).contents.items) == 2

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dissect.protocols.s7plus.contents import Address
+from dissect.protocols.s7plus.contents import VariableAddress
 from dissect.protocols.s7plus.event import REPLAYED, RUNNING, STOPPED
 from dissect.protocols.s7plus.events import take
 from dissect.protocols.s7plus.program import Program
@@ -17,15 +17,15 @@ from dissect.protocols.s7plus.values import Value
 from tests.protocols.s7plus.bodies import get_multi, multi_got
 from tests.protocols.s7plus.pdus import asked, framed, told
 
-STATE = Address(0, 52, 2237, [3486])
-WORD = Address(0, 82, 3736, [3, 100, 2])
+STATE = VariableAddress(0, 52, 2237, [3486])
+WORD = VariableAddress(0, 82, 3736, [3, 100, 2])
 STOP, RUN = 4, 8
 
 
 class Line:
     """A connection on which the state is polled."""
 
-    def __init__(self, version: int, *before: Address) -> None:
+    def __init__(self, version: int, *before: VariableAddress) -> None:
         self.session = PlusSession(Program(), Identity())
         self.version = version
         self.before = before

@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import pytest
 
-from dissect.protocols.s7plus.contents import Address
+from dissect.protocols.s7plus.contents import VariableAddress
 from dissect.protocols.s7plus.objects import Element, PlusObject
 from dissect.protocols.s7plus.program import MAX_VARIABLES, Program, symbol
 from dissect.protocols.s7plus.variables import NameList, Variable, VariableList
@@ -35,7 +35,7 @@ VALVE = type_of(
 TAGS = type_of(0x90030000, ("lamp", variable(20, 1)))
 
 
-def named(address: Address) -> str:
+def named(address: VariableAddress) -> str:
     program = Program()
     program.learn([PlusObject(3, 2520, 0, 0, 0, [TANK, VALVE]), TANK, VALVE, TAGS])
     found = program.find(address)
@@ -45,29 +45,29 @@ def named(address: Address) -> str:
 @pytest.mark.parametrize(
     ("address", "name"),
     [
-        (Address(0, 0x8A0E0003, ACTUAL, [9]), 'DB3."level"'),
-        (Address(0xAABBCCDD, 0x8A0E0003, ACTUAL, [9]), 'DB3."level"'),
-        (Address(0xAABBCCDE, 0x8A0E0003, ACTUAL, [9]), ""),  # the program has changed: the name is not used
-        (Address(0, 0x8A0E0003, ACTUAL, [10, 1]), 'DB3."valve".open'),
-        (Address(0, 0x8A0E0003, ACTUAL, [10, 2, 2, 1]), 'DB3."valve".inner.inner.open'),
-        (Address(0, 0x8A0E0003, ACTUAL, [10, 7]), 'DB3."valve" LID 7'),
-        (Address(0, 0x8A0E0003, ACTUAL, [11, 3]), 'DB3."history"[1]'),
-        (Address(0, 0x8A0E0003, ACTUAL, [12, 1]), 'DB3."pump" LID 1'),
-        (Address(0, 0x8A0E0003, ACTUAL, [13]), ""),
-        (Address(0, 0x8A0E0003, ACTUAL, []), ""),
-        (Address(0, 0x8A0E0004, ACTUAL, [9]), ""),
-        (Address(0, 82, 3736, [20]), 'M."lamp"'),
-        (Address(0, 81, 3736, [20]), ""),
-        (Address(0, 52, 2167, [20]), ""),
+        (VariableAddress(0, 0x8A0E0003, ACTUAL, [9]), 'DB3."level"'),
+        (VariableAddress(0xAABBCCDD, 0x8A0E0003, ACTUAL, [9]), 'DB3."level"'),
+        (VariableAddress(0xAABBCCDE, 0x8A0E0003, ACTUAL, [9]), ""),  # the program has changed: the name is not used
+        (VariableAddress(0, 0x8A0E0003, ACTUAL, [10, 1]), 'DB3."valve".open'),
+        (VariableAddress(0, 0x8A0E0003, ACTUAL, [10, 2, 2, 1]), 'DB3."valve".inner.inner.open'),
+        (VariableAddress(0, 0x8A0E0003, ACTUAL, [10, 7]), 'DB3."valve" LID 7'),
+        (VariableAddress(0, 0x8A0E0003, ACTUAL, [11, 3]), 'DB3."history"[1]'),
+        (VariableAddress(0, 0x8A0E0003, ACTUAL, [12, 1]), 'DB3."pump" LID 1'),
+        (VariableAddress(0, 0x8A0E0003, ACTUAL, [13]), ""),
+        (VariableAddress(0, 0x8A0E0003, ACTUAL, []), ""),
+        (VariableAddress(0, 0x8A0E0004, ACTUAL, [9]), ""),
+        (VariableAddress(0, 82, 3736, [20]), 'M."lamp"'),
+        (VariableAddress(0, 81, 3736, [20]), ""),
+        (VariableAddress(0, 52, 2167, [20]), ""),
     ],
 )
-def test_names(address: Address, name: str) -> None:
+def test_names(address: VariableAddress, name: str) -> None:
     assert named(address) == name
 
 
 def test_a_type_that_is_sent_again_replaces_the_one_before() -> None:
     program = Program()
-    address = Address(0, 0x8A0E0003, ACTUAL, [9])
+    address = VariableAddress(0, 0x8A0E0003, ACTUAL, [9])
     program.learn([TANK])
     program.learn([type_of(0x92000003, ("height", variable(9)))])
     found = program.find(address)
@@ -79,7 +79,7 @@ def test_lists_that_contradict_each_other_are_left_out() -> None:
     program = Program()
     lists: list[Element] = [VariableList(0, [[variable(9)]]), NameList([[b"a", b"b"]])]
     program.learn([PlusObject(0x92000003, 511, 0, 0, 0, lists), PlusObject(0x92000003, 511, 0, 0, 0, [])])
-    assert program.find(Address(0, 0x8A0E0003, ACTUAL, [9])) is None
+    assert program.find(VariableAddress(0, 0x8A0E0003, ACTUAL, [9])) is None
 
 
 def test_what_is_remembered_is_bounded() -> None:
@@ -87,7 +87,11 @@ def test_what_is_remembered_is_bounded() -> None:
     each = MAX_VARIABLES // 4
     for number in range(1, 8):
         program.learn([type_of(0x92000000 | number, *[(f"v{lid}", variable(lid)) for lid in range(1, each + 1)])])
-    kept = [number for number in range(1, 8) if program.find(Address(0, 0x8A0E0000 | number, ACTUAL, [1])) is not None]
+    kept = [
+        number
+        for number in range(1, 8)
+        if program.find(VariableAddress(0, 0x8A0E0000 | number, ACTUAL, [1])) is not None
+    ]
     assert kept == [4, 5, 6, 7]
 
 
@@ -145,7 +149,7 @@ LINE = type_of(
 def test_elements_and_members(lids: list[int], path: str) -> None:
     program = Program()
     program.learn([LINE, VALVE])
-    found = program.find(Address(0, 0x8A0E0004, ACTUAL, lids))
+    found = program.find(VariableAddress(0, 0x8A0E0004, ACTUAL, lids))
     assert found is not None
     assert found.path == path
     assert (found.variable is None) == (" LID " in path)
@@ -155,13 +159,13 @@ def test_elements_and_members(lids: list[int], path: str) -> None:
 def test_a_checksum_that_differs_is_told() -> None:
     program = Program()
     program.learn([TANK])
-    wrong = Address(0xAABBCCDE, 0x8A0E0003, ACTUAL, [9])
+    wrong = VariableAddress(0xAABBCCDE, 0x8A0E0003, ACTUAL, [9])
     assert program.find(wrong) is None
     assert program.doubt(wrong) == "CRC 0xaabbccdd in the program that passed, which differs: no name"
     for address in (
-        Address(0xAABBCCDD, 0x8A0E0003, ACTUAL, [9]),
-        Address(7, 0x8A0E0004, ACTUAL, [9]),
-        Address(7, 52, 7, []),
+        VariableAddress(0xAABBCCDD, 0x8A0E0003, ACTUAL, [9]),
+        VariableAddress(7, 0x8A0E0004, ACTUAL, [9]),
+        VariableAddress(7, 52, 7, []),
     ):
         assert program.doubt(address) == ""
 
@@ -180,7 +184,7 @@ def test_an_element_of_what_is_no_array_has_no_index(declared: Variable, lids: l
     """The address goes on where the declaration ends: its numbers stay, and no brackets are made up."""
     program = Program()
     program.learn([type_of(0x92000004, ("one", declared))])
-    found = program.find(Address(0, 0x8A0E0004, ACTUAL, lids))
+    found = program.find(VariableAddress(0, 0x8A0E0004, ACTUAL, lids))
     assert found is not None
     assert (found.path, found.variable) == (f'"one" LID {".".join(map(str, lids[1:]))}', None)
     assert declared.index_text(lids[1]) == ""

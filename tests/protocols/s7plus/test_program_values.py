@@ -15,7 +15,7 @@ from dissect.protocols.s7plus.contents import VariableAddress
 from dissect.protocols.s7plus.items import PlusItem
 from dissect.protocols.s7plus.objects import PlusObject
 from dissect.protocols.s7plus.packed_values import CLASSIC
-from dissect.protocols.s7plus.program import Found, Program
+from dissect.protocols.s7plus.program import AddressMeaning, Program
 from dissect.protocols.s7plus.program_tables import DATATYPES
 from dissect.protocols.s7plus.program_times import dtl_text, long_date_text, long_duration, long_time_of_day
 from dissect.protocols.s7plus.program_values import DTL_STRUCT, contradiction, program_values
@@ -286,7 +286,7 @@ def test_a_checksum_that_differs_is_said_with_the_item() -> None:
 def test_elements_are_read_only_of_a_whole_array_that_was_sent_as_one(
     whole: bool, value: Value, texts: list[str] | None
 ) -> None:
-    assert program_values(Found("times", variable(1, 64), whole), value) == texts
+    assert program_values(AddressMeaning("times", variable(1, 64), whole), value) == texts
 
 
 #: How the message says values of the declared types of one element.
@@ -305,9 +305,9 @@ def test_a_value_contradicts_its_declaration_unless_it_is_sent_as_that() -> None
     types = {row.name: row.number for row in VALUE_TYPES}
     assert set(SENT.values()) <= types.keys()
     for declared, sent in SENT.items():
-        found = Found("x", variable(1, datatypes[declared]), False)
+        found = AddressMeaning("x", variable(1, datatypes[declared]), False)
         for name in {*SENT.values()}:
             said = contradiction(found, Value(0, types[name], 1), Program())
             assert said == ("" if name == sent else f"declared {declared}, sent as {name}"), (declared, name)
-    unknown = Found("x", variable(1, datatypes["Variant"]), False)
+    unknown = AddressMeaning("x", variable(1, datatypes["Variant"]), False)
     assert contradiction(unknown, Value(0, types["Int"], 1), Program()) == ""

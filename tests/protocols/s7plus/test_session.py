@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dissect.protocols.s7plus.bodies import parse_contents
-from dissect.protocols.s7plus.contents import Address
+from dissect.protocols.s7plus.contents import VariableAddress
 from dissect.protocols.s7plus.event import SESSION
 from dissect.protocols.s7plus.events import take
 from dissect.protocols.s7plus.message import parse_plus
@@ -111,8 +111,8 @@ def test_a_reference_list() -> None:
     new, gone, fresh = parse_reference_list(LIST)
     assert (new, gone) == (True, [])
     assert fresh == [
-        (0xFFFFFFFE, Address(0xAC43DB80, 82, 3736, [9])),
-        (0xFFFFFFFF, Address(0xA1D977B6, 82, 3736, [10])),
+        (0xFFFFFFFE, VariableAddress(0xAC43DB80, 82, 3736, [9])),
+        (0xFFFFFFFF, VariableAddress(0xA1D977B6, 82, 3736, [10])),
     ]
     assert parse_reference_list([0x20000, 1, 0, 7]) == (False, [7], [])
     assert parse_reference_list(LIST[:12])[2] == fresh[:1]
@@ -135,12 +135,12 @@ def subscribed(one: PlusSession, id_: int, numbers: list[int]) -> None:
 def test_subscriptions() -> None:
     one = session()
     subscribed(one, 0x70400001, LIST)
-    assert one.address_of(0x70400001, 0xFFFFFFFF) == Address(0xA1D977B6, 82, 3736, [10])
+    assert one.address_of(0x70400001, 0xFFFFFFFF) == VariableAddress(0xA1D977B6, 82, 3736, [10])
     assert one.address_of(0x70400001, 1) is None
     assert one.address_of(0x70400002, 0xFFFFFFFF) is None
     one.change(0x70400001, parse_reference_list([0x20000, 1, 1, 0xFFFFFFFF, 0x80150002, 4, 48, 52, 0, 2237, 3486]))
     assert one.address_of(0x70400001, 0xFFFFFFFF) is None
-    assert one.address_of(0x70400001, 4) == Address(0, 52, 2237, [3486])
+    assert one.address_of(0x70400001, 4) == VariableAddress(0, 52, 2237, [3486])
     assert one.states == {0x70400001: [4]}
     one.change(0x70400001, parse_reference_list([0x20000, 1, 0, 4]))
     assert one.states == {}

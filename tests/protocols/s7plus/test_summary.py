@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from dissect.protocols.s7plus.bodies import parse_contents
-from dissect.protocols.s7plus.contents import Address
+from dissect.protocols.s7plus.contents import VariableAddress
 from dissect.protocols.s7plus.message import parse_plus
 from dissect.protocols.s7plus.objects import Attribute, PlusObject
 from dissect.protocols.s7plus.session import NAME
@@ -41,7 +41,9 @@ def test_a_request_says_what_a_new_reference_list_is_about() -> None:
     written = Value(ADDRESS_ARRAY, UDINT, [0x80020000, 1, 1, 7, 0x80140001, 2, 0, 52, 0, 2237])
     said = "0x70400008.SubscriptionReferenceList = new list: CPUexecUnit.DIS; removed: 1 reference"
     one = asked(1, SET_VARIABLE, body=bodies.set_variable(0x70400008, [1048], written))
-    several = asked(1, SET_MULTI_VARIABLES, body=bodies.set_multi([(Address(0, 0x70400008, 1048, []), written)]))
+    several = asked(
+        1, SET_MULTI_VARIABLES, body=bodies.set_multi([(VariableAddress(0, 0x70400008, 1048, []), written)])
+    )
     for data in (one, several):
         pdu = parse_plus(framed(data, 3))
         assert summary(pdu, parse_contents(pdu)) == [said]

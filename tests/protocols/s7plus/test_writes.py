@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dissect.protocols.s7plus.check import check
-from dissect.protocols.s7plus.contents import Address
+from dissect.protocols.s7plus.contents import VariableAddress
 from dissect.protocols.s7plus.ending import NOTIFICATION_FILL
 from dissect.protocols.s7plus.event import RUNNING, STOPPED, WRITTEN, WRITTEN_OUTPUTS, Event, Facts
 from dissect.protocols.s7plus.events import _read_in_full, take
@@ -26,7 +26,7 @@ from tests.protocols.s7plus.bodies import QUALIFIER, number, rid, set_multi, set
 from tests.protocols.s7plus.pdus import asked, framed, told
 from tests.protocols.s7plus.strategies import VALUES
 
-STATE: Final = Address(0, 52, 2237, [3486])
+STATE: Final = VariableAddress(0, 52, 2237, [3486])
 DB3: Final = 0x8A0E0003
 SUBSCRIPTION: Final = 0x70400010
 _LIST: Final = Value(ADDRESS_ARRAY, UDINT, [0x80000000, 0, 1, 0x80040002, 9, 0, 52, 0, 2237, 3486])
@@ -36,7 +36,7 @@ _OBJECTS: Final = st.sampled_from([2, 3, 16, 49, 50, 52, 80, 81, 82, DB3, 0x8A12
 _IDS: Final = st.sampled_from([
     REFERENCE_LIST, 2167, 304, 1846, 1830, 3451, 7918, 2458, 2550, 2544, 2533, 3736, 233, 14, 300,
 ])  # fmt: skip
-_WRITES: Final = st.tuples(st.builds(Address, st.just(0), _OBJECTS, _IDS, st.lists(_IDS, max_size=2)), _VALUES)
+_WRITES: Final = st.tuples(st.builds(VariableAddress, st.just(0), _OBJECTS, _IDS, st.lists(_IDS, max_size=2)), _VALUES)
 
 
 def said(events: list[Event]) -> list[tuple[str, str, int, int]]:
@@ -47,7 +47,7 @@ def session() -> PlusSession:
     """A session with a subscription that reports the operating state by the reference 4."""
     found = PlusSession(Program(), Identity())
     found.subscriptions[SUBSCRIPTION] = {}
-    found.change(SUBSCRIPTION, (True, [], [(4, STATE), (5, Address(0, DB3, 2550, [9]))]))
+    found.change(SUBSCRIPTION, (True, [], [(4, STATE), (5, VariableAddress(0, DB3, 2550, [9]))]))
     found.identity.state = 8
     return found
 
@@ -70,7 +70,7 @@ def answered(function: int, code: int, version: int, body: bytes = b"") -> bytes
 
 
 @given(st.lists(_WRITES, max_size=7), st.sampled_from([-1, 0, 0x13, 0xFFF4]), st.sampled_from([1, 2, 3]))
-def test_writes_of_several(writes: list[tuple[Address, Value]], code: int, version: int) -> None:
+def test_writes_of_several(writes: list[tuple[VariableAddress, Value]], code: int, version: int) -> None:
     body = set_multi(writes, -1 if version == 1 else 9)
     answer = answered(SET_MULTI_VARIABLES, code, version, b"\0") if code >= 0 else b""
     both_ways(SET_MULTI_VARIABLES, framed(asked(7, SET_MULTI_VARIABLES, body=body), version), answer)
@@ -95,7 +95,9 @@ def test_attributes_of_one_object(left_out: int, refusals: bytes) -> None:
 
 
 def test_a_sound_write_is_not_read_in_full() -> None:
-    body = set_multi([(Address(0, DB3, 2550, [9]), Value(0, INT, 3)), (Address(0, 81, 3736, [9]), Value(0, INT, 4))])
+    body = set_multi(
+        [(VariableAddress(0, DB3, 2550, [9]), Value(0, INT, 3)), (VariableAddress(0, 81, 3736, [9]), Value(0, INT, 4))]
+    )
     request = framed(asked(7, SET_MULTI_VARIABLES, body=body))
     assert is_plain(check(request), SET_MULTI_VARIABLES)
     assert not is_plain(check(request), SET_VARIABLE)

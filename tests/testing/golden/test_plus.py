@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from dissect.protocols.s7plus.contents import Address
+from dissect.protocols.s7plus.contents import VariableAddress
 from dissect.protocols.s7plus.objects import Attribute, PlusObject, build_object
 from dissect.protocols.s7plus.tables import (
     CREATE_OBJECT,
@@ -27,12 +27,14 @@ from tests.protocols.s7plus import bodies
 from tests.protocols.s7plus.pdus import asked, framed, told
 from tests.testing.golden import support
 
-LEVEL = Address(0, 82, 3736, [3, 100, 2])
-SPEED = Address(0, 82, 3736, [3, 102, 2])
+LEVEL = VariableAddress(0, 82, 3736, [3, 100, 2])
+SPEED = VariableAddress(0, 82, 3736, [3, 102, 2])
 HMI = "HMI RT \x1b[2J"
 
 
-def session(value: int = 5, wanted: tuple[Address, ...] = (LEVEL, SPEED), first: int = 1, ids: int = 100) -> Talk:
+def session(
+    value: int = 5, wanted: tuple[VariableAddress, ...] = (LEVEL, SPEED), first: int = 1, ids: int = 100
+) -> Talk:
     """A client that says who it is, reads two variables and writes one; the numbers begin where a recording began them."""
     talk = begun()
     one = PlusObject(211, 287, 0, 0, 0, [Attribute(297, Value(0, WSTRING, HMI)), Attribute(299, Value(0, UDINT, 2))])
@@ -81,7 +83,7 @@ def test_a_value_that_differs_is_told_with_both() -> None:
 
 
 def test_another_variable_is_told_by_its_address() -> None:
-    said = differences(session(), session(wanted=(LEVEL, Address(0, 82, 3736, [3, 104, 2]))))
+    said = differences(session(), session(wanted=(LEVEL, VariableAddress(0, 82, 3736, [3, 104, 2]))))
     assert any("MW102" in text and "MW104" in text for text in said), said
 
 
@@ -145,7 +147,10 @@ WATCHED = [(7, LEVEL), (8, SPEED)]
 
 
 def subscribed(
-    session_id: int, subscription: int, values: dict[int, int | None], watched: list[tuple[int, Address]] = WATCHED
+    session_id: int,
+    subscription: int,
+    values: dict[int, int | None],
+    watched: list[tuple[int, VariableAddress]] = WATCHED,
 ) -> Talk:
     """A client gets a session, subscribes to variables, is told some of them (None: refused), and ends all of it."""
     talk = begun()

@@ -8,7 +8,7 @@ from typing import Final
 import pytest
 
 from dissect.testing.oracle import body_grounds
-from dissect.testing.oracle.facts import IN_BODY, IN_JOINED, IN_PARAMETERS, PDU, Fact, Place, Record, Value
+from dissect.testing.oracle.facts import IN_BODY, IN_JOINED, IN_PARAMETERS, PDU, FieldPlace, LocatedValue, Record, Value
 from dissect.testing.oracle.ours import pdu_record
 from tests.build import pdu
 from tests.testing.oracle.test_grounds import TYPE, answer, case
@@ -26,19 +26,19 @@ def clock(unit: int = 0, last: int = 0, payload: bytes = CLOCK) -> Record:
 @pytest.mark.parametrize(
     ("last", "place", "theirs", "holds"),
     [
-        (1, Place(IN_BODY, 26, "s7comm.data.ts_reserved"), None, True),
-        (0, Place(IN_BODY, 26, "s7comm.data.ts_reserved"), None, False),
-        (1, Place(IN_BODY, 26, "s7comm.data.ts_reserved"), b"\x01", False),
-        (1, Place(IN_JOINED, 26, "s7comm.data.ts_reserved"), None, False),
-        (1, Place(IN_PARAMETERS, 0, "s7comm.param.userdata.seq_num"), None, False),
+        (1, FieldPlace(IN_BODY, 26, "s7comm.data.ts_reserved"), None, True),
+        (0, FieldPlace(IN_BODY, 26, "s7comm.data.ts_reserved"), None, False),
+        (1, FieldPlace(IN_BODY, 26, "s7comm.data.ts_reserved"), b"\x01", False),
+        (1, FieldPlace(IN_JOINED, 26, "s7comm.data.ts_reserved"), None, False),
+        (1, FieldPlace(IN_PARAMETERS, 0, "s7comm.param.userdata.seq_num"), None, False),
     ],
 )
-def test_in_parts(last: int, place: Place, theirs: Value | None, holds: bool) -> None:
+def test_in_parts(last: int, place: FieldPlace, theirs: Value | None, holds: bool) -> None:
     assert body_grounds.in_parts(case(place, b"\x00", theirs, clock(5, last))) == holds
 
 
 def test_in_parts_needs_a_head_that_says_so() -> None:
-    place = Place(IN_BODY, 26, "s7comm.data.ts_reserved")
+    place = FieldPlace(IN_BODY, 26, "s7comm.data.ts_reserved")
     assert not body_grounds.in_parts(case(place, b"\x00", None, answer(b"\xff\x09\x00\x02ab")))
 
 
@@ -56,7 +56,7 @@ def test_in_parts_needs_a_head_that_says_so() -> None:
 def test_last_alone(unit: int, last: int, joined: bytes, ours: Value | None, theirs: Value | None, holds: bool) -> None:
     shown = Record(PDU, 1, b"", {})
     shown.joined = joined
-    place = Place(IN_BODY, 26, "s7comm.data.ts_reserved")
+    place = FieldPlace(IN_BODY, 26, "s7comm.data.ts_reserved")
     assert body_grounds.last_alone(case(place, ours, theirs, clock(unit, last), shown)) == holds
     assert not body_grounds.last_alone(case(TYPE, ours, theirs, clock(unit, last), shown))
     assert not body_grounds.last_alone(case(place, ours, theirs, clock(unit, last), None))
@@ -74,8 +74,11 @@ def test_last_alone(unit: int, last: int, joined: bytes, ours: Value | None, the
     ],
 )
 def test_argument_unknown(function: bytes, shown: dict[str, bytes], theirs: Value | None, holds: bool) -> None:
-    place = Place(IN_BODY, 20, body_grounds.ARGUMENT)
-    facts = {Place(IN_BODY, 40, f"s7comm.param.pistart.{name}"): Fact(value, 40) for name, value in shown.items()}
+    place = FieldPlace(IN_BODY, 20, body_grounds.ARGUMENT)
+    facts = {
+        FieldPlace(IN_BODY, 40, f"s7comm.param.pistart.{name}"): LocatedValue(value, 40)
+        for name, value in shown.items()
+    }
     ours = Record(PDU, 1, pdu(1, 7, function + bytes(7)), {})
     there = case(place, b"EP", theirs, ours, Record(PDU, 1, b"", facts))
     assert body_grounds.argument_unknown(there) == holds
@@ -89,7 +92,7 @@ ODD: Final = pdu(1, 7, b"\x04\x02\x12\x03\x55ab\x00\x12\x0a\x10\x02\x00\x01\x00\
     ("at", "theirs", "holds"), [(17, None, True), (29, None, True), (17, b"\x00", False), (16, None, False)]
 )
 def test_fill_of_an_item(at: int, theirs: Value | None, holds: bool) -> None:
-    there = case(Place(IN_BODY, at, "s7comm.data.fillbyte"), b"\x00", theirs, pdu_record(1, ODD))
+    there = case(FieldPlace(IN_BODY, at, "s7comm.data.fillbyte"), b"\x00", theirs, pdu_record(1, ODD))
     assert body_grounds.fill_of_an_item(there) == holds
 
 
@@ -106,13 +109,13 @@ UNKNOWN: Final = pdu(7, 1, b"\x00\x01\x12\x04\x11\x45\x60\x00", b"\xff\x09\x00\x
     ],
 )
 def test_payload_as_octets(octets: bytes, at: int, shown: bytes, holds: bool) -> None:
-    place = Place(IN_BODY, at, "s7comm.data.userdata")
+    place = FieldPlace(IN_BODY, at, "s7comm.data.userdata")
     assert body_grounds.payload_as_octets(case(place, None, shown, pdu_record(1, octets))) == holds
     assert not body_grounds.payload_as_octets(case(place, shown, None, pdu_record(1, octets)))
 
 
 def name_of(*pieces: tuple[int, bytes]) -> Record:
-    facts = {Place(IN_BODY, at, f"s7comm.piece.{at}"): Fact(value, at) for at, value in pieces}
+    facts = {FieldPlace(IN_BODY, at, f"s7comm.piece.{at}"): LocatedValue(value, at) for at, value in pieces}
     return Record(PDU, 1, b"", facts)
 
 
@@ -127,7 +130,7 @@ def name_of(*pieces: tuple[int, bytes]) -> Record:
     ],
 )
 def test_whole_of_fields(pieces: tuple[tuple[int, bytes], ...], ours: Value | None, holds: bool) -> None:
-    place = Place(IN_BODY, 19, "s7comm.param.blockcontrol.filename")
+    place = FieldPlace(IN_BODY, 19, "s7comm.param.blockcontrol.filename")
     assert body_grounds.whole_of_fields(case(place, ours, b"_0A00001", name_of(*pieces))) == holds
 
 
@@ -142,11 +145,14 @@ def test_whole_of_fields(pieces: tuple[tuple[int, bytes], ...], ours: Value | No
     ],
 )
 def test_block_header(code: bytes, at: int, block: bytes, holds: bool) -> None:
-    mine, other = Place(IN_BODY, at, "s7comm.resp.data"), Place(IN_BODY, 18, "s7comm.resp.data")
-    ours, theirs = Record(PDU, 1, b"", {mine: Fact(code, at)}), Record(PDU, 1, b"", {other: Fact(block, 18)})
+    mine, other = FieldPlace(IN_BODY, at, "s7comm.resp.data"), FieldPlace(IN_BODY, 18, "s7comm.resp.data")
+    ours, theirs = (
+        Record(PDU, 1, b"", {mine: LocatedValue(code, at)}),
+        Record(PDU, 1, b"", {other: LocatedValue(block, 18)}),
+    )
     assert body_grounds.block_header(case(mine, code, None, ours, theirs)) == holds
     assert body_grounds.block_header(case(other, None, block, ours, theirs)) == holds
-    theirs.facts[other._replace(number=90)] = Fact(b"", 90)
+    theirs.facts[other._replace(number=90)] = LocatedValue(b"", 90)
     assert not body_grounds.block_header(case(mine, code, None, ours, theirs)), "not the only content"
     assert not body_grounds.block_header(case(mine, code, None, ours, None))
 
@@ -162,11 +168,11 @@ def test_block_header(code: bytes, at: int, block: bytes, holds: bool) -> None:
     ],
 )
 def test_longer_time(shown: bytes, at: int, holds: bool) -> None:
-    place = Place(IN_BODY, 28, "s7comm.data.ts")
+    place = FieldPlace(IN_BODY, 28, "s7comm.data.ts")
     ours = clock()
     assert ours.facts[place].value == CLOCK[2:]
     theirs_place = place._replace(number=at)
-    theirs = Record(PDU, 1, ours.octets, {theirs_place: Fact(shown, at)})
+    theirs = Record(PDU, 1, ours.octets, {theirs_place: LocatedValue(shown, at)})
     mine = case(place, CLOCK[2:], None, ours, theirs)
     other = case(theirs_place, None, shown, ours, theirs)
     assert (body_grounds.longer_time(mine), body_grounds.longer_time(other)) == (holds, holds)
@@ -177,9 +183,9 @@ def test_longer_time(shown: bytes, at: int, holds: bool) -> None:
 def test_longer_count(shown: bytes, at: int, holds: bool) -> None:
     head = b"\x00\x01\x12\x08\x12\x82\x01\x04\x00\x00\x00\x00"
     ours = pdu_record(1, pdu(7, 1, head, b"\xff\x09\x00\x08\x00\x01\xff\x04\x00\x10\x00\xaa"))
-    place = Place(IN_BODY, 27, "s7comm.param.itemcount")
+    place = FieldPlace(IN_BODY, 27, "s7comm.param.itemcount")
     assert ours.facts[place].value == b"\1"
-    theirs = Record(PDU, 1, ours.octets, {place._replace(number=at): Fact(shown, at)})
+    theirs = Record(PDU, 1, ours.octets, {place._replace(number=at): LocatedValue(shown, at)})
     mine = case(place, b"\1", None, ours, theirs)
     other = case(place._replace(number=at), None, shown, ours, theirs)
     assert (body_grounds.longer_count(mine), body_grounds.longer_count(other)) == (holds, holds)
@@ -195,10 +201,10 @@ def test_longer_count(shown: bytes, at: int, holds: bool) -> None:
     ],
 )
 def test_records_as_octets(shown: bytes, at: int, name: str, holds: bool) -> None:
-    mine = Place(IN_BODY, 36, "s7comm.szl.0132.0004.key")
-    other = Place(IN_BODY, at, name)
-    ours = Record(PDU, 1, b"", {mine: Fact(bytes(2), 36)})
-    theirs = Record(PDU, 1, b"", {other: Fact(shown, at)})
+    mine = FieldPlace(IN_BODY, 36, "s7comm.szl.0132.0004.key")
+    other = FieldPlace(IN_BODY, at, name)
+    ours = Record(PDU, 1, b"", {mine: LocatedValue(bytes(2), 36)})
+    theirs = Record(PDU, 1, b"", {other: LocatedValue(shown, at)})
     assert body_grounds.records_as_octets(case(mine, bytes(2), None, ours, theirs)) == holds
     assert body_grounds.records_as_octets(case(other, None, shown, ours, theirs)) == holds
     assert not body_grounds.records_as_octets(case(mine, bytes(2), b"ab", ours, theirs)), "both have the field"
@@ -206,8 +212,8 @@ def test_records_as_octets(shown: bytes, at: int, name: str, holds: bool) -> Non
 
 
 def test_octets_in_the_place_of_something_else_are_no_record() -> None:
-    mine = Place(IN_BODY, 36, "s7comm.data.userdata.szl_id")
-    other = Place(IN_BODY, 34, RECORD)
-    ours = Record(PDU, 1, b"", {mine: Fact(bytes(2), 36)})
-    theirs = Record(PDU, 1, b"", {other: Fact(bytes(4), 34)})
+    mine = FieldPlace(IN_BODY, 36, "s7comm.data.userdata.szl_id")
+    other = FieldPlace(IN_BODY, 34, RECORD)
+    ours = Record(PDU, 1, b"", {mine: LocatedValue(bytes(2), 36)})
+    theirs = Record(PDU, 1, b"", {other: LocatedValue(bytes(4), 34)})
     assert not body_grounds.records_as_octets(case(other, None, bytes(4), ours, theirs))

@@ -11,7 +11,7 @@ from typing import Final
 
 import pytest
 
-from dissect.testing.oracle.compare import Comparison, Difference, compare
+from dissect.testing.oracle.compare import Comparison, FieldDifference, compare
 from dissect.testing.oracle.facts import PDU, TPDU
 from dissect.testing.oracle.ours import NO_DISSECTOR
 from dissect.testing.oracle.pyshark_reader import read_pyshark
@@ -148,5 +148,5 @@ def same_by_both_ways(paths: list[Path], folder: Path) -> None:
     assert other.known == direct.known
 
 
-def without_frame(difference: Difference) -> str:
+def without_frame(difference: FieldDifference) -> str:
     return re.sub(r"^frame \d+ ", "", str(difference))

@@ -14,8 +14,8 @@ import pytest
 
 from dissect.protocols.tls.key_log import KeyLog
 from dissect.testing.oracle import compare as comparison_module
-from dissect.testing.oracle.compare import Comparison, Difference, compare
-from dissect.testing.oracle.facts import IN_BODY, IN_JOINED, NAMES, PDU, TPDU, Fact, Place, Record, Value
+from dissect.testing.oracle.compare import Comparison, FieldDifference, compare
+from dissect.testing.oracle.facts import IN_BODY, IN_JOINED, NAMES, PDU, TPDU, FieldPlace, LocatedValue, Record, Value
 from dissect.testing.oracle.ours import Witness
 from dissect.testing.oracle.theirs import Frame
 from dissect.testing.oracle.tshark import Reader, read_tshark
@@ -82,7 +82,7 @@ def told(comparison: Comparison) -> list[tuple[int, str, str]]:
     return [(one.frame, one.kind, one.field) for one in comparison.unexplained]
 
 
-def first(frames: list[Frame], name: str) -> tuple[Record, Place]:
+def first(frames: list[Frame], name: str) -> tuple[Record, FieldPlace]:
     """The first record that has a field of this name, and the field's place."""
     for frame in frames:
         for record in (*frame.tpdus, *frame.pdus):
@@ -121,7 +121,7 @@ def test_a_changed_value_is_a_difference(capture: Path, frames: list[Frame], nam
     def change(copies: list[Frame]) -> None:
         record, place = first(copies, name)
         fact = record.facts[place]
-        record.facts[place] = Fact(other(fact.value), fact.offset)
+        record.facts[place] = LocatedValue(other(fact.value), fact.offset)
 
     record, place = first(frames, name)
     comparison = compare(str(capture), says(changed(frames, change)))
@@ -133,11 +133,11 @@ def test_a_changed_position_is_a_difference(capture: Path, frames: list[Frame], 
     def change(copies: list[Frame]) -> None:
         record, place = first(copies, name)
         fact = record.facts[place]
-        record.facts[place] = Fact(fact.value, fact.offset + 1)
+        record.facts[place] = LocatedValue(fact.value, fact.offset + 1)
 
     record, place = first(frames, name)
     comparison = compare(str(capture), says(changed(frames, change)))
-    where = Place(place.part, place.number, f"position of {place.name}")
+    where = FieldPlace(place.part, place.number, f"position of {place.name}")
     assert told(comparison) == [(record.frame, record.kind, str(where))]
 
 
@@ -170,8 +170,8 @@ def test_each_field_of_a_body_counts(worked: tuple[Path, list[Frame]], change: s
     before = compare(str(path), says(shown))
     assert before.unexplained == []
     known = {(one.frame, one.field) for one in before.differences}
-    first: dict[str, Place] = {}
-    where: dict[int, list[Place]] = {}
+    first: dict[str, FieldPlace] = {}
+    where: dict[int, list[FieldPlace]] = {}
     for number, frame in enumerate(shown):
         for place in (place for record in frame.pdus for place in record.facts if place.part in {IN_BODY, IN_JOINED}):
             if (frame.number, str(place)) not in known and first.setdefault(place.name, place) is place:
@@ -192,18 +192,18 @@ def test_each_field_of_a_body_counts(worked: tuple[Path, list[Frame]], change: s
             assert place.name in found[shown[number].number], str(place)
 
 
-def elsewhere(place: Place, frames: list[Frame]) -> None:
+def elsewhere(place: FieldPlace, frames: list[Frame]) -> None:
     facts = frames[0].pdus[0].facts
     fact = facts.pop(place)
-    facts[place._replace(number=place.number + 7)] = Fact(fact.value, fact.offset + 7)
+    facts[place._replace(number=place.number + 7)] = LocatedValue(fact.value, fact.offset + 7)
 
 
-def otherwise(place: Place, frames: list[Frame]) -> None:
+def otherwise(place: FieldPlace, frames: list[Frame]) -> None:
     facts = frames[0].pdus[0].facts
-    facts[place] = Fact(other(facts[place].value), facts[place].offset)
+    facts[place] = LocatedValue(other(facts[place].value), facts[place].offset)
 
 
-def gone(place: Place, frames: list[Frame]) -> None:
+def gone(place: FieldPlace, frames: list[Frame]) -> None:
     del frames[0].pdus[0].facts[place]
 
 
@@ -213,7 +213,7 @@ CHANGES: Final = {"elsewhere": elsewhere, "otherwise": otherwise, "gone": gone}
 def test_a_field_too_many_is_a_difference(capture: Path, frames: list[Frame]) -> None:
     def change(copies: list[Frame]) -> None:
         record, place = first(copies, "s7comm.param.item.db")
-        record.facts[place._replace(number=2)] = Fact(1, 30)
+        record.facts[place._replace(number=2)] = LocatedValue(1, 30)
 
     comparison = compare(str(capture), says(changed(frames, change)))
     assert [str(one) for one in comparison.unexplained] == [
@@ -311,17 +311,19 @@ def test_an_octet_that_only_we_read_otherwise_is_a_difference(
     ],
 )
 def test_a_difference_reads_well(ours: Value | None, theirs: Value | None, text: str) -> None:
-    difference = Difference(PDU, 3, "name", ours, theirs, "")
+    difference = FieldDifference(PDU, 3, "name", ours, theirs, "")
     assert str(difference) == text
     assert repr(difference) == f"<{text}>"
-    assert str(Difference(PDU, 3, "name", 1, 2, "some-entry")).endswith("(some-entry)")
+    assert str(FieldDifference(PDU, 3, "name", 1, 2, "some-entry")).endswith("(some-entry)")
 
 
 def test_what_both_sides_have_is_told_in_the_same_order_every_time(capture: Path, frames: list[Frame]) -> None:
     def change(copies: list[Frame]) -> None:
         for frame in copies:
             for record in frame.pdus:
-                record.facts = {place: Fact(other(fact.value), fact.offset) for place, fact in record.facts.items()}
+                record.facts = {
+                    place: LocatedValue(other(fact.value), fact.offset) for place, fact in record.facts.items()
+                }
 
     altered = changed(frames, change)
     once, twice = (compare(str(capture), says(altered)) for _ in range(2))

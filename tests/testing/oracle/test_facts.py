@@ -19,8 +19,8 @@ from dissect.testing.oracle.facts import (
     IN_TPKT,
     NAMES,
     PDU,
-    Fact,
-    Place,
+    FieldPlace,
+    LocatedValue,
     Record,
     layouts,
 )
@@ -67,13 +67,13 @@ def test_names_stand_where_they_belong() -> None:
 
 
 def test_a_place_reads_well() -> None:
-    assert str(Place(IN_ITEM, 3, "s7comm.param.item.db")) == "s7comm.param.item.db of item 3"
-    assert str(Place(IN_BODY, 23, "s7comm.data.ts")) == "s7comm.data.ts at byte 23"
-    assert str(Place(IN_HEADER, 0, "s7comm.header.pduref")) == "s7comm.header.pduref"
+    assert str(FieldPlace(IN_ITEM, 3, "s7comm.param.item.db")) == "s7comm.param.item.db of item 3"
+    assert str(FieldPlace(IN_BODY, 23, "s7comm.data.ts")) == "s7comm.data.ts at byte 23"
+    assert str(FieldPlace(IN_HEADER, 0, "s7comm.header.pduref")) == "s7comm.header.pduref"
 
 
 def test_a_record_gives_its_values() -> None:
-    record = Record(PDU, 1, b"2", {Place(IN_ITEM, 2, "s7comm.param.item.db"): Fact(7, 30)})
+    record = Record(PDU, 1, b"2", {FieldPlace(IN_ITEM, 2, "s7comm.param.item.db"): LocatedValue(7, 30)})
     assert record.value(IN_ITEM, "s7comm.param.item.db", 2) == 7
     assert record.value(IN_ITEM, "s7comm.param.item.db", 1) is None
     assert record.value(IN_ITEM, "s7comm.param.item.area", 2) is None

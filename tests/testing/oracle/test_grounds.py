@@ -16,8 +16,8 @@ from dissect.testing.oracle.facts import (
     IN_TPKT,
     PDU,
     TPDU,
-    Fact,
-    Place,
+    FieldPlace,
+    LocatedValue,
     Record,
     Value,
 )
@@ -28,10 +28,10 @@ from dissect.testing.oracle.tshark import Segment
 from tests.build import dt, pdu, tpdu, tpkt
 from tests.testing.oracle.traffic import parameter
 
-TYPE: Final = Place(IN_PARAMETERS, 0, "s7comm.param.userdata.type")
-GROUP: Final = Place(IN_PARAMETERS, 0, "s7comm.param.userdata.funcgroup")
-SUBFUNCTION: Final = Place(IN_PARAMETERS, 0, "s7comm.param.userdata.subfunc")
-SIZE: Final = Place(IN_TPDU, 0, "cotp.tpdu_size")
+TYPE: Final = FieldPlace(IN_PARAMETERS, 0, "s7comm.param.userdata.type")
+GROUP: Final = FieldPlace(IN_PARAMETERS, 0, "s7comm.param.userdata.funcgroup")
+SUBFUNCTION: Final = FieldPlace(IN_PARAMETERS, 0, "s7comm.param.userdata.subfunc")
+SIZE: Final = FieldPlace(IN_TPDU, 0, "cotp.tpdu_size")
 
 
 class Stub(Evidence):
@@ -65,7 +65,7 @@ def a_frame(protocols: str = "tcp:tpkt:cotp", kept: int = 80) -> Frame:
 
 
 def case(
-    place: Place,
+    place: FieldPlace,
     ours: Value | None,
     theirs: Value | None,
     our_record: Record | None = None,
@@ -77,9 +77,9 @@ def case(
     return Case(place, ours, theirs, our_record, their_record, frame or a_frame(), evidence or Stub())
 
 
-def theirs_of(octets: bytes, facts: dict[Place, Fact] | None = None, frame: int = 9) -> Record:
+def theirs_of(octets: bytes, facts: dict[FieldPlace, LocatedValue] | None = None, frame: int = 9) -> Record:
     """A TPDU as Wireshark shows it; without facts, only its TPKT header."""
-    return Record(TPDU, frame, octets, facts or {Place(IN_TPKT, 0, "tpkt.length"): Fact(9, 2)})
+    return Record(TPDU, frame, octets, facts or {FieldPlace(IN_TPKT, 0, "tpkt.length"): LocatedValue(9, 2)})
 
 
 # ---- data items ------------------------------------------------------------------------------------------------------
@@ -104,7 +104,7 @@ def answer(*items: bytes) -> Record:
 def test_length_in_bits(item: bytes, theirs: int, holds: bool) -> None:
     record = answer(item)
     ours = record.value(IN_DATA_ITEM, LENGTH, 1)
-    there = case(Place(IN_DATA_ITEM, 1, LENGTH), ours, theirs, record, record)
+    there = case(FieldPlace(IN_DATA_ITEM, 1, LENGTH), ours, theirs, record, record)
     assert (grounds.length_in_bits(there) and ours != theirs) == holds
 
 
@@ -121,7 +121,7 @@ def test_length_in_bits(item: bytes, theirs: int, holds: bool) -> None:
 )
 def test_kept_from_before(first: bytes, second: bytes, number: int, name: str, theirs: int, holds: bool) -> None:
     record = answer(first, second)
-    place = Place(IN_DATA_ITEM, number, name)
+    place = FieldPlace(IN_DATA_ITEM, number, name)
     there = case(place, record.value(IN_DATA_ITEM, name, number), theirs, record, record)
     assert grounds.kept_from_before(there) == holds
 
@@ -134,7 +134,7 @@ def clock(size: int) -> Record:
 
 def test_damaged() -> None:
     whole = pdu(1, 1, b"\x04\x01\x12\x0a\x10\x02\x00\x03\x00\x01\x84\x00\x00\x50")
-    place = Place(IN_PARAMETERS, 0, "s7comm.param.itemcount")
+    place = FieldPlace(IN_PARAMETERS, 0, "s7comm.param.itemcount")
     assert not grounds.damaged(case(place, 1, 2, pdu_record(1, whole)))
     assert grounds.damaged(case(place, 1, 2, pdu_record(1, whole + b"more")))
     assert grounds.damaged(case(place, 1, 2, clock(7))), "what is wrong inside the body counts as well"
@@ -160,7 +160,7 @@ def test_damaged() -> None:
         (0x00, SUBFUNCTION, 3, None, False),
     ],
 )
-def test_split_in_fours(octet: int, place: Place, ours: Value | None, theirs: Value | None, holds: bool) -> None:
+def test_split_in_fours(octet: int, place: FieldPlace, ours: Value | None, theirs: Value | None, holds: bool) -> None:
     record = pdu_record(1, pdu(7, 1, b"\x00\x01\x12\x04\x11" + bytes([octet, 3, 0])))
     assert grounds.split_in_fours(case(place, ours, theirs, record)) == holds
 
@@ -199,10 +199,10 @@ def test_own_parameter_heads(rosctr: int, parameters: bytes, ours: Value | None,
     ],
 )
 def test_refused(octets: bytes, predicate: Callable[[Case], bool]) -> None:
-    place = Place(IN_TPDU, 0, "cotp.li")
+    place = FieldPlace(IN_TPDU, 0, "cotp.li")
     record = tpdu_record(1, octets)
     assert predicate(case(place, 1, None, record, theirs_of(octets[:4])))
-    shown = theirs_of(octets[:4], {place: Fact(2, 0)})
+    shown = theirs_of(octets[:4], {place: LocatedValue(2, 0)})
     assert not predicate(case(place, 1, None, record, shown)), "something of it is shown"
     fine = tpdu_record(1, dt(b"2"))
     assert not predicate(case(place, 1, None, fine, theirs_of(octets[:4]))), "there is nothing wrong with it"
@@ -217,7 +217,7 @@ def test_refused(octets: bytes, predicate: Callable[[Case], bool]) -> None:
     ],
 )
 def test_nothing_excuses_what_wireshark_knows(octets: bytes) -> None:
-    there = case(Place(IN_TPDU, 0, "cotp.li"), 1, None, tpdu_record(1, octets), theirs_of(octets[:4]))
+    there = case(FieldPlace(IN_TPDU, 0, "cotp.li"), 1, None, tpdu_record(1, octets), theirs_of(octets[:4]))
     refusals = (grounds.expedited, grounds.reason, grounds.rejection, grounds.contradictory)
     assert not any(predicate(there) for predicate in refusals)
 
@@ -237,7 +237,7 @@ def test_nothing_excuses_what_wireshark_knows(octets: bytes) -> None:
 )
 def test_sizes(value: bytes, ours: Value | None, theirs: int, masked: bool, meaningless: bool) -> None:
     record = tpdu_record(1, tpdu(struct.pack(">BHHB", 0xE0, 0, 1, 0), parameter(0xC0, value)))
-    shown = theirs_of(record.octets, {SIZE: Fact(theirs, 9)})
+    shown = theirs_of(record.octets, {SIZE: LocatedValue(theirs, 9)})
     there = case(SIZE, ours, theirs, record, shown)
     assert (grounds.size_of_65531(there), grounds.no_size(there)) == (masked, meaningless)
 
@@ -252,10 +252,12 @@ def test_sizes_wireshark_does_not_show() -> None:
 @pytest.mark.parametrize(("at", "holds"), [(7, False), (8, False), (10, True), (11, True), (12, False)])
 def test_broken_parameter(at: int, holds: bool) -> None:
     record = tpdu_record(1, tpdu(struct.pack(">BHHB", 0xE0, 0, 1, 0), parameter(0xC0, b"\x0a") + b"\xc1\x09\x01"))
-    place = Place(IN_TPDU, 2, "cotp.parameter_code")
-    there = case(place, None, 1, record, theirs_of(record.octets, {place: Fact(1, at)}))
+    place = FieldPlace(IN_TPDU, 2, "cotp.parameter_code")
+    there = case(place, None, 1, record, theirs_of(record.octets, {place: LocatedValue(1, at)}))
     assert grounds.broken_parameter(there) == holds
-    assert not grounds.broken_parameter(case(place, 2, 1, record, theirs_of(record.octets, {place: Fact(1, at)})))
+    assert not grounds.broken_parameter(
+        case(place, 2, 1, record, theirs_of(record.octets, {place: LocatedValue(1, at)}))
+    )
 
 
 @pytest.mark.parametrize(
@@ -273,7 +275,7 @@ def test_broken_parameter(at: int, holds: bool) -> None:
 def test_no_tpdu(header: str, behind: str, holds: bool) -> None:
     record = theirs_of(bytes.fromhex(header))
     evidence = Stub(bytes.fromhex("0300000702f080" + header + behind))
-    place = Place("", 0, WHOLE)
+    place = FieldPlace("", 0, WHOLE)
     assert grounds.no_tpdu(case(place, None, record.octets, None, record, evidence=evidence)) == holds
     assert not grounds.no_tpdu(case(place, b"", record.octets, record, record, evidence=evidence))
 
@@ -290,7 +292,7 @@ def test_no_tpdu(header: str, behind: str, holds: bool) -> None:
     ],
 )
 def test_rdp(protocols: str, name: str, ours: Value | None, theirs: Value | None, holds: bool) -> None:
-    assert grounds.is_rdp(case(Place("", 0, name), ours, theirs, frame=a_frame(protocols))) == holds
+    assert grounds.is_rdp(case(FieldPlace("", 0, name), ours, theirs, frame=a_frame(protocols))) == holds
 
 
 class Carrying(Stub):
@@ -305,7 +307,7 @@ class Carrying(Stub):
 
 
 def test_rdp_of_the_other_packets() -> None:
-    place, confirm = Place("", 0, WHOLE), theirs_of(b"\x03\x00\x00\x0b\x06\xd0")
+    place, confirm = FieldPlace("", 0, WHOLE), theirs_of(b"\x03\x00\x00\x0b\x06\xd0")
     assert grounds.is_rdp(case(place, None, b"x", None, confirm, evidence=Carrying("rdp")))
     assert grounds.is_rdp(case(place, None, b"x", None, confirm, evidence=Carrying("t125")))
     assert not grounds.is_rdp(case(place, None, b"x", None, confirm, evidence=Carrying("s7comm")))
@@ -326,14 +328,14 @@ def test_rdp_of_the_other_packets() -> None:
 )
 def test_h323(protocols: str, whole: bool, holds: bool) -> None:
     """Only where Wireshark shows no more than the TPKT header, whatever we make of the bytes behind it."""
-    told = {Place(IN_TPDU, 0, "cotp.li"): Fact(2, 4)} if whole else None
-    for place, ours, theirs in ((Place("", 0, WHOLE), None, b"x"), (Place(IN_TPDU, 0, "cotp.li"), 2, None)):
+    told = {FieldPlace(IN_TPDU, 0, "cotp.li"): LocatedValue(2, 4)} if whole else None
+    for place, ours, theirs in ((FieldPlace("", 0, WHOLE), None, b"x"), (FieldPlace(IN_TPDU, 0, "cotp.li"), 2, None)):
         record = theirs_of(b"\x03\x00\x00\x0f", told)
         assert grounds.is_h323(case(place, ours, theirs, None, record, frame=a_frame(protocols))) == holds
 
 
 def test_cut() -> None:
-    place = Place("", 0, WHOLE)
+    place = FieldPlace("", 0, WHOLE)
     assert grounds.cut_frame(case(place, None, b"x", frame=a_frame(kept=79)))
     assert not grounds.cut_frame(case(place, None, b"x", frame=a_frame(kept=80)))
     assert not grounds.cut_frame(case(place, b"x", None, frame=a_frame(kept=79)))
@@ -346,7 +348,7 @@ THEIRS: Final = Record(PDU, 9, b"2 octets", {})
 
 
 def test_lost_by_tcp() -> None:
-    place = Place("", 0, WHOLE)
+    place = FieldPlace("", 0, WHOLE)
     assert grounds.lost_by_tcp(case(place, b"", None, OURS, evidence=Stub(stands=True)))
     assert not grounds.lost_by_tcp(case(place, b"", None, OURS, evidence=Stub(stands=False)))
     assert not grounds.lost_by_tcp(case(place, None, b"", None, THEIRS, evidence=Stub(stands=True)))
@@ -363,7 +365,7 @@ def test_lost_by_tcp() -> None:
 )
 def test_shown_at_the_gap(ahead: bool, stands: bool, ours: int, theirs: int, holds: bool) -> None:
     mine, its = Record(PDU, ours, b"2", {}, 0), Record(PDU, theirs, b"2", {})
-    there = case(Place("", 0, FRAME), ours, theirs, mine, its, evidence=Stub(ahead=ahead, stands=stands))
+    there = case(FieldPlace("", 0, FRAME), ours, theirs, mine, its, evidence=Stub(ahead=ahead, stands=stands))
     assert grounds.shown_at_the_gap(there) == holds
 
 
@@ -398,7 +400,7 @@ def arrived(
 def test_closes_a_gap(ours: int, theirs: int, mine: Arrival, its: Arrival, stands: bool, holds: bool) -> None:
     evidence = Captured(stands, **{f"frame{ours}": mine, f"frame{theirs}": its})
     one, other = Record(PDU, ours, b"2", {}, 0), Record(PDU, theirs, b"2", {})
-    assert grounds.closes_a_gap(case(Place("", 0, FRAME), ours, theirs, one, other, evidence=evidence)) == holds
+    assert grounds.closes_a_gap(case(FieldPlace("", 0, FRAME), ours, theirs, one, other, evidence=evidence)) == holds
 
 
 PART_NEW: Final = arrived(0, 3, payload=b"newold", fresh=((0, 3),))
@@ -421,7 +423,7 @@ def test_shown_in_a_retransmission(
     one, other = Record(PDU, ours, octets, {}, 0), Record(PDU, theirs, octets, {})
     evidence = Captured(stands, **{f"frame{theirs}": there})
     assert (
-        grounds.shown_in_a_retransmission(case(Place("", 0, FRAME), ours, theirs, one, other, evidence=evidence))
+        grounds.shown_in_a_retransmission(case(FieldPlace("", 0, FRAME), ours, theirs, one, other, evidence=evidence))
         == holds
     )
 
@@ -440,12 +442,12 @@ def test_shown_in_a_retransmission(
 )
 def test_brought_before_in_part(kind: str, octets: bytes, there: Arrival, holds: bool) -> None:
     record = Record(kind, 9, octets, {})
-    found = case(Place("", 0, WHOLE), None, octets, None, record, evidence=Captured(frame9=there))
+    found = case(FieldPlace("", 0, WHOLE), None, octets, None, record, evidence=Captured(frame9=there))
     assert grounds.brought_before(found) == holds
 
 
 def test_brought_before() -> None:
-    place = Place("", 0, WHOLE)
+    place = FieldPlace("", 0, WHOLE)
     assert grounds.brought_before(case(place, None, b"", None, THEIRS, evidence=Stub(new=0)))
     assert not grounds.brought_before(case(place, None, b"", None, THEIRS, evidence=Stub(new=1)))
     assert not grounds.brought_before(case(place, b"", None, OURS, evidence=Stub(new=0)))
@@ -463,4 +465,6 @@ def test_brought_before() -> None:
 def test_joined_over_a_gap(payload: bytes, remarks: str, kind: str, holds: bool) -> None:
     record = Record(kind, 9, b"2 octets", {})
     evidence = Stub(payload, remarks=remarks)
-    assert grounds.joined_over_a_gap(case(Place("", 0, WHOLE), None, b"", None, record, evidence=evidence)) == holds
+    assert (
+        grounds.joined_over_a_gap(case(FieldPlace("", 0, WHOLE), None, b"", None, record, evidence=evidence)) == holds
+    )

@@ -19,16 +19,16 @@ from dissect.testing.oracle.facts import (
     IN_TPKT,
     PDU,
     TPDU,
-    Fact,
-    Place,
+    FieldPlace,
+    LocatedValue,
 )
 from dissect.testing.oracle.ours import Witness, pdu_record, take_joined, tpdu_record
 from tests.build import dt, pdu, tpdu
 from tests.testing.oracle.traffic import PUSH_ACK, Connection, connect, parameter, setup, write_capture
 
 
-def at(part: str, name: str, number: int = 0) -> Place:
-    return Place(part, number, name)
+def at(part: str, name: str, number: int = 0) -> FieldPlace:
+    return FieldPlace(part, number, name)
 
 
 def test_connect_request() -> None:
@@ -39,25 +39,25 @@ def test_connect_request() -> None:
     record = tpdu_record(4, octets)
     assert (record.kind, record.frame, record.octets) == (TPDU, 4, octets)
     assert record.facts == {
-        at(IN_TPKT, "tpkt.version"): Fact(3, 0),
-        at(IN_TPKT, "tpkt.reserved"): Fact(0, 1),
-        at(IN_TPKT, "tpkt.length"): Fact(len(octets), 2),
-        at(IN_TPDU, "cotp.li"): Fact(18, 0),
-        at(IN_TPDU, "cotp.type"): Fact(0xE, 1),
-        at(IN_TPDU, "cotp.destref"): Fact(0, 2),
-        at(IN_TPDU, "cotp.srcref"): Fact(0x1234, 4),
-        at(IN_TPDU, "cotp.class"): Fact(0, 6),
-        at(IN_PARAMETER, "cotp.parameter_code", 1): Fact(0xC0, 7),
-        at(IN_PARAMETER, "cotp.parameter_length", 1): Fact(1, 8),
-        at(IN_TPDU, "cotp.tpdu_size"): Fact(1024, 9),
-        at(IN_PARAMETER, "cotp.parameter_code", 2): Fact(0xC1, 10),
-        at(IN_PARAMETER, "cotp.parameter_length", 2): Fact(2, 11),
-        at(IN_TPDU, "cotp.src-tsap-bytes"): Fact(b"\x01\x00", 12),
-        at(IN_PARAMETER, "cotp.parameter_code", 3): Fact(0xF0, 14),
-        at(IN_PARAMETER, "cotp.parameter_length", 3): Fact(1, 15),
-        at(IN_TPDU, "cotp.preferred_maximum_tpdu_size"): Fact(512, 16),
-        at(IN_PARAMETER, "cotp.parameter_code", 4): Fact(0xC2, 17),
-        at(IN_PARAMETER, "cotp.parameter_length", 4): Fact(0, 18),
+        at(IN_TPKT, "tpkt.version"): LocatedValue(3, 0),
+        at(IN_TPKT, "tpkt.reserved"): LocatedValue(0, 1),
+        at(IN_TPKT, "tpkt.length"): LocatedValue(len(octets), 2),
+        at(IN_TPDU, "cotp.li"): LocatedValue(18, 0),
+        at(IN_TPDU, "cotp.type"): LocatedValue(0xE, 1),
+        at(IN_TPDU, "cotp.destref"): LocatedValue(0, 2),
+        at(IN_TPDU, "cotp.srcref"): LocatedValue(0x1234, 4),
+        at(IN_TPDU, "cotp.class"): LocatedValue(0, 6),
+        at(IN_PARAMETER, "cotp.parameter_code", 1): LocatedValue(0xC0, 7),
+        at(IN_PARAMETER, "cotp.parameter_length", 1): LocatedValue(1, 8),
+        at(IN_TPDU, "cotp.tpdu_size"): LocatedValue(1024, 9),
+        at(IN_PARAMETER, "cotp.parameter_code", 2): LocatedValue(0xC1, 10),
+        at(IN_PARAMETER, "cotp.parameter_length", 2): LocatedValue(2, 11),
+        at(IN_TPDU, "cotp.src-tsap-bytes"): LocatedValue(b"\x01\x00", 12),
+        at(IN_PARAMETER, "cotp.parameter_code", 3): LocatedValue(0xF0, 14),
+        at(IN_PARAMETER, "cotp.parameter_length", 3): LocatedValue(1, 15),
+        at(IN_TPDU, "cotp.preferred_maximum_tpdu_size"): LocatedValue(512, 16),
+        at(IN_PARAMETER, "cotp.parameter_code", 4): LocatedValue(0xC2, 17),
+        at(IN_PARAMETER, "cotp.parameter_length", 4): LocatedValue(0, 18),
     }
 
 
@@ -76,28 +76,28 @@ def test_write_request() -> None:
     item_at, data_at = 12, 29
     assert record.octets[:1] == b"2"
     assert {place: fact for place, fact in record.facts.items() if place.part != IN_HEADER} == {
-        at(IN_PARAMETERS, "s7comm.param.func"): Fact(5, 10),
-        at(IN_PARAMETERS, "s7comm.param.itemcount"): Fact(2, 11),
-        at(IN_ITEM, "s7comm.param.item.varspec", 1): Fact(0x12, item_at),
-        at(IN_ITEM, "s7comm.param.item.varspec_length", 1): Fact(10, item_at + 1),
-        at(IN_ITEM, "s7comm.param.item.syntaxid", 1): Fact(0x10, item_at + 2),
-        at(IN_ITEM, "s7comm.param.item.transp_size", 1): Fact(2, item_at + 3),
-        at(IN_ITEM, "s7comm.param.item.length", 1): Fact(3, item_at + 4),
-        at(IN_ITEM, "s7comm.param.item.db", 1): Fact(1, item_at + 6),
-        at(IN_ITEM, "s7comm.param.item.area", 1): Fact(0x84, item_at + 8),
-        at(IN_ITEM, "s7comm.param.item.address", 1): Fact(0x50, item_at + 9),
-        at(IN_ITEM, "s7comm.param.item.varspec", 2): Fact(0x12, item_at + 12),
-        at(IN_ITEM, "s7comm.param.item.varspec_length", 2): Fact(3, item_at + 13),
-        at(IN_ITEM, "s7comm.param.item.syntaxid", 2): Fact(0x55, item_at + 14),
-        at(IN_DATA_ITEM, "s7comm.data.returncode", 1): Fact(0, data_at),
-        at(IN_DATA_ITEM, "s7comm.data.transportsize", 1): Fact(9, data_at + 1),
-        at(IN_DATA_ITEM, "s7comm.data.length", 1): Fact(3, data_at + 2),
-        at(IN_DATA_ITEM, "s7comm.resp.data", 1): Fact(b"abc", data_at + 4),
-        at(IN_DATA_ITEM, "s7comm.data.fillbyte", 1): Fact(0x77, data_at + 7),
-        at(IN_DATA_ITEM, "s7comm.data.returncode", 2): Fact(0, data_at + 8),
-        at(IN_DATA_ITEM, "s7comm.data.transportsize", 2): Fact(4, data_at + 9),
-        at(IN_DATA_ITEM, "s7comm.data.length", 2): Fact(16, data_at + 10),
-        at(IN_DATA_ITEM, "s7comm.resp.data", 2): Fact(b"de", data_at + 12),
+        at(IN_PARAMETERS, "s7comm.param.func"): LocatedValue(5, 10),
+        at(IN_PARAMETERS, "s7comm.param.itemcount"): LocatedValue(2, 11),
+        at(IN_ITEM, "s7comm.param.item.varspec", 1): LocatedValue(0x12, item_at),
+        at(IN_ITEM, "s7comm.param.item.varspec_length", 1): LocatedValue(10, item_at + 1),
+        at(IN_ITEM, "s7comm.param.item.syntaxid", 1): LocatedValue(0x10, item_at + 2),
+        at(IN_ITEM, "s7comm.param.item.transp_size", 1): LocatedValue(2, item_at + 3),
+        at(IN_ITEM, "s7comm.param.item.length", 1): LocatedValue(3, item_at + 4),
+        at(IN_ITEM, "s7comm.param.item.db", 1): LocatedValue(1, item_at + 6),
+        at(IN_ITEM, "s7comm.param.item.area", 1): LocatedValue(0x84, item_at + 8),
+        at(IN_ITEM, "s7comm.param.item.address", 1): LocatedValue(0x50, item_at + 9),
+        at(IN_ITEM, "s7comm.param.item.varspec", 2): LocatedValue(0x12, item_at + 12),
+        at(IN_ITEM, "s7comm.param.item.varspec_length", 2): LocatedValue(3, item_at + 13),
+        at(IN_ITEM, "s7comm.param.item.syntaxid", 2): LocatedValue(0x55, item_at + 14),
+        at(IN_DATA_ITEM, "s7comm.data.returncode", 1): LocatedValue(0, data_at),
+        at(IN_DATA_ITEM, "s7comm.data.transportsize", 1): LocatedValue(9, data_at + 1),
+        at(IN_DATA_ITEM, "s7comm.data.length", 1): LocatedValue(3, data_at + 2),
+        at(IN_DATA_ITEM, "s7comm.resp.data", 1): LocatedValue(b"abc", data_at + 4),
+        at(IN_DATA_ITEM, "s7comm.data.fillbyte", 1): LocatedValue(0x77, data_at + 7),
+        at(IN_DATA_ITEM, "s7comm.data.returncode", 2): LocatedValue(0, data_at + 8),
+        at(IN_DATA_ITEM, "s7comm.data.transportsize", 2): LocatedValue(4, data_at + 9),
+        at(IN_DATA_ITEM, "s7comm.data.length", 2): LocatedValue(16, data_at + 10),
+        at(IN_DATA_ITEM, "s7comm.resp.data", 2): LocatedValue(b"de", data_at + 12),
     }
 
 
@@ -106,8 +106,8 @@ def test_write_answer_has_return_codes_only() -> None:
     assert record.value(IN_HEADER, "s7comm.header.errcls") == 0x81
     assert record.value(IN_HEADER, "s7comm.header.errcod") == 0x04
     assert {place: fact for place, fact in record.facts.items() if place.part == IN_DATA_ITEM} == {
-        at(IN_DATA_ITEM, "s7comm.data.returncode", 1): Fact(0xFF, 14),
-        at(IN_DATA_ITEM, "s7comm.data.returncode", 2): Fact(0x05, 15),
+        at(IN_DATA_ITEM, "s7comm.data.returncode", 1): LocatedValue(0xFF, 14),
+        at(IN_DATA_ITEM, "s7comm.data.returncode", 2): LocatedValue(0x05, 15),
     }
 
 
@@ -116,21 +116,21 @@ def test_userdata() -> None:
     record = pdu_record(1, pdu(7, 1, parameters, b"\xff\x09\x00\x02xy"))
     told = {place.name: fact for place, fact in record.facts.items() if place.part in {IN_PARAMETERS, IN_DATA}}
     assert told == {
-        "s7comm.param.func": Fact(0, 10),
-        "s7comm.param.itemcount": Fact(1, 11),
-        "s7comm.param.item.varspec": Fact(0x12, 12),
-        "s7comm.param.item.varspec_length": Fact(8, 13),
-        "s7comm.param.item.syntaxid": Fact(0x12, 14),
-        "s7comm.param.userdata.type": Fact(2, 15),
-        "s7comm.param.userdata.funcgroup": Fact(0x20, 15),
-        "s7comm.param.userdata.subfunc": Fact(3, 16),
-        "s7comm.param.userdata.seq_num": Fact(7, 17),
-        "s7comm.param.userdata.dataunitref": Fact(9, 18),
-        "s7comm.param.userdata.lastdataunit": Fact(1, 19),
-        "s7comm.param.errcod": Fact(0xD402, 20),
-        "s7comm.data.returncode": Fact(0xFF, 22),
-        "s7comm.data.transportsize": Fact(9, 23),
-        "s7comm.data.length": Fact(2, 24),
+        "s7comm.param.func": LocatedValue(0, 10),
+        "s7comm.param.itemcount": LocatedValue(1, 11),
+        "s7comm.param.item.varspec": LocatedValue(0x12, 12),
+        "s7comm.param.item.varspec_length": LocatedValue(8, 13),
+        "s7comm.param.item.syntaxid": LocatedValue(0x12, 14),
+        "s7comm.param.userdata.type": LocatedValue(2, 15),
+        "s7comm.param.userdata.funcgroup": LocatedValue(0x20, 15),
+        "s7comm.param.userdata.subfunc": LocatedValue(3, 16),
+        "s7comm.param.userdata.seq_num": LocatedValue(7, 17),
+        "s7comm.param.userdata.dataunitref": LocatedValue(9, 18),
+        "s7comm.param.userdata.lastdataunit": LocatedValue(1, 19),
+        "s7comm.param.errcod": LocatedValue(0xD402, 20),
+        "s7comm.data.returncode": LocatedValue(0xFF, 22),
+        "s7comm.data.transportsize": LocatedValue(9, 23),
+        "s7comm.data.length": LocatedValue(2, 24),
     }
 
 
@@ -139,9 +139,9 @@ def test_a_body_is_told_by_position() -> None:
     clock = b"\x00\x19" + bytes.fromhex("1602081451379162")
     record = pdu_record(1, pdu(7, 1, parameters, b"\xff\x09\x00\x0a" + clock))
     assert {place: fact for place, fact in record.facts.items() if place.part == IN_BODY} == {
-        at(IN_BODY, "s7comm.data.ts_reserved", 26): Fact(b"\x00", 26),
-        at(IN_BODY, "s7comm.data.ts_year1", 27): Fact(b"\x19", 27),
-        at(IN_BODY, "s7comm.data.ts", 28): Fact(clock[2:], 28),
+        at(IN_BODY, "s7comm.data.ts_reserved", 26): LocatedValue(b"\x00", 26),
+        at(IN_BODY, "s7comm.data.ts_year1", 27): LocatedValue(b"\x19", 27),
+        at(IN_BODY, "s7comm.data.ts", 28): LocatedValue(clock[2:], 28),
     }
 
 
@@ -153,9 +153,9 @@ def test_an_answer_in_parts_is_read_from_the_joined_octets() -> None:
     before = {place: fact for place, fact in record.facts.items() if place.part != IN_BODY}
     take_joined(record, clock)
     assert {place: fact for place, fact in record.facts.items() if place not in before} == {
-        at(IN_JOINED, "s7comm.data.ts_reserved", 0): Fact(b"\x00", 0),
-        at(IN_JOINED, "s7comm.data.ts_year1", 1): Fact(b"\x19", 1),
-        at(IN_JOINED, "s7comm.data.ts", 2): Fact(clock[2:], 2),
+        at(IN_JOINED, "s7comm.data.ts_reserved", 0): LocatedValue(b"\x00", 0),
+        at(IN_JOINED, "s7comm.data.ts_year1", 1): LocatedValue(b"\x19", 1),
+        at(IN_JOINED, "s7comm.data.ts", 2): LocatedValue(clock[2:], 2),
     }
     assert before.items() <= record.facts.items()
 

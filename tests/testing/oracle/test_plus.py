@@ -8,7 +8,7 @@ from typing import Final
 import pytest
 
 from dissect.protocols.s7plus.bodies import parse_contents
-from dissect.protocols.s7plus.contents import Address
+from dissect.protocols.s7plus.contents import VariableAddress
 from dissect.protocols.s7plus.message import parse_plus
 from dissect.protocols.s7plus.value_tables import INT
 from dissect.protocols.s7plus.values import Value
@@ -19,7 +19,7 @@ from dissect.testing.oracle.verification import Verification
 from tests.protocols.s7plus.bodies import get_multi, multi_got
 from tests.protocols.s7plus.pdus import INIT_SSL, KEEP_ALIVE, asked, event, framed, notified, told
 
-WORD: Final = Address(0, 82, 3736, [3, 100, 2])
+WORD: Final = VariableAddress(0, 82, 3736, [3, 100, 2])
 
 
 def proof(*pdus: tuple[bytes, int]) -> PlusProof:

@@ -8,7 +8,7 @@ from typing import Final
 import pytest
 
 from dissect.testing.oracle import body_grounds
-from dissect.testing.oracle.facts import IN_BODY, IN_ITEM, IN_TPDU, TPDU, Place, Record, Value
+from dissect.testing.oracle.facts import IN_BODY, IN_ITEM, IN_TPDU, TPDU, FieldPlace, Record, Value
 from dissect.testing.oracle.ours import pdu_record
 from tests.build import pdu, tpdu
 from tests.testing.oracle.test_grounds import answer, case
@@ -32,15 +32,15 @@ def test_credit_of_parameter(code: int, ours: Value | None, theirs: Value, holds
     parameter = bytes([code, 8]) + bytes.fromhex("0000000100010004")
     octets = tpdu(struct.pack(">BHHB", 0xE0, 0, 1, 0), parameter)
     record = Record(TPDU, 1, octets, {})
-    place = Place(IN_TPDU, 0, body_grounds.CREDIT)
+    place = FieldPlace(IN_TPDU, 0, body_grounds.CREDIT)
     assert body_grounds.credit_of_parameter(case(place, ours, theirs, record)) == holds
 
 
 @pytest.mark.parametrize(("number", "holds"), [(1, True), (2, False)])
 def test_data_record_in_a_read(number: int, holds: bool) -> None:
     read = pdu_record(1, pdu(1, 7, b"\x04\x02" + ITEMS))
-    assert body_grounds.data_record(case(Place(IN_ITEM, number, DB), 5, None, read)) == holds
-    assert not body_grounds.data_record(case(Place(IN_ITEM, number, DB), 5, 6, read))
+    assert body_grounds.data_record(case(FieldPlace(IN_ITEM, number, DB), 5, None, read)) == holds
+    assert not body_grounds.data_record(case(FieldPlace(IN_ITEM, number, DB), 5, 6, read))
 
 
 @pytest.mark.parametrize(("item", "holds"), [(ITEMS[:12], True), (ITEMS[12:], False)])
@@ -48,12 +48,12 @@ def test_data_record_in_userdata(item: bytes, holds: bool) -> None:
     head = bytes([0, 1, 0x12, 4, 0x11, 0x42, 8, 0])
     record = pdu_record(1, pdu(7, 1, head, b"\xff\x09\x00\x0e\x00\x01" + item))
     at = 10 + len(head) + 4 + 2 + 6
-    assert body_grounds.data_record(case(Place(IN_BODY, at, DB), b"\x00\x05", None, record)) == holds
-    assert not body_grounds.data_record(case(Place(IN_BODY, 2, DB), b"\x00\x05", None, record))
+    assert body_grounds.data_record(case(FieldPlace(IN_BODY, at, DB), b"\x00\x05", None, record)) == holds
+    assert not body_grounds.data_record(case(FieldPlace(IN_BODY, 2, DB), b"\x00\x05", None, record))
 
 
 def test_what_depends_on_the_service() -> None:
-    place = Place(IN_BODY, 30, "s7comm.param.itemcount")
+    place = FieldPlace(IN_BODY, 30, "s7comm.param.itemcount")
     initiate, others = b"\x02\x00\x07\x01\xff\x00", b"\x02\x00\x09\x01\x00"
     assert body_grounds.archives(case(place, b"\x01", None, userdata(4, 2, initiate)))
     assert not body_grounds.archives(case(place, b"\x01", None, userdata(4, 2, others)))
@@ -69,7 +69,7 @@ def test_what_depends_on_the_service() -> None:
 @pytest.mark.parametrize(("szl_id", "size", "holds"), [(0x90, 14, True), (0x11, 28, False), (0x16, 14, False)])
 def test_record_without_names(szl_id: int, size: int, holds: bool) -> None:
     record = userdata(4, 1, struct.pack(">HHHH", szl_id, 0, size, 1) + bytes(size))
-    place = Place(IN_BODY, 34, RECORDS)
+    place = FieldPlace(IN_BODY, 34, RECORDS)
     assert body_grounds.record_without_names(case(place, None, bytes(size), record)) == holds
-    assert not body_grounds.record_without_names(case(Place(IN_BODY, 35, RECORDS), None, bytes(size), record))
+    assert not body_grounds.record_without_names(case(FieldPlace(IN_BODY, 35, RECORDS), None, bytes(size), record))
     assert not body_grounds.record_without_names(case(place, b"", bytes(size), record))

@@ -17,8 +17,8 @@ from dissect.testing.oracle.facts import (
     IN_PARAMETERS,
     IN_TPDU,
     IN_TPKT,
-    Fact,
-    Place,
+    FieldPlace,
+    LocatedValue,
 )
 from dissect.testing.oracle.theirs import Frame, Tree, listed
 
@@ -114,10 +114,10 @@ def test_a_body_is_taken_whole() -> None:
     }
     (found,) = Frame(s7(parameters, data)).pdus
     assert found.facts == {
-        Place(IN_PARAMETERS, 0, "s7comm.param.func"): Fact(0x1D, 10),
-        Place(IN_BODY, 25, "s7comm.data.ts_reserved"): Fact(b"\x00", 25),
-        Place(IN_BODY, 35, "s7comm.data.ts_reserved"): Fact(b"\x01", 35),
-        Place(IN_BODY, 38, "s7comm.data.fillbyte"): Fact(3, 38),
+        FieldPlace(IN_PARAMETERS, 0, "s7comm.param.func"): LocatedValue(0x1D, 10),
+        FieldPlace(IN_BODY, 25, "s7comm.data.ts_reserved"): LocatedValue(b"\x00", 25),
+        FieldPlace(IN_BODY, 35, "s7comm.data.ts_reserved"): LocatedValue(b"\x01", 35),
+        FieldPlace(IN_BODY, 38, "s7comm.data.fillbyte"): LocatedValue(3, 38),
         **{place: fact for place, fact in found.facts.items() if place.name == "s7comm.data.ts"},
     }
     assert found.other["s7comm.of.a.newer.version"] == 2
@@ -131,7 +131,7 @@ def test_what_wireshark_joins_counts_from_its_own_beginning() -> None:
     tree["s7comm"]["s7comm.fragments_raw"] = raw("0011223344", 0)
     (found,) = Frame(tree).pdus
     assert found.joined == bytes.fromhex("0011223344")
-    assert found.facts == {Place(IN_JOINED, 4, "s7comm.data.ts_reserved"): Fact(b"\x00", 4)}
+    assert found.facts == {FieldPlace(IN_JOINED, 4, "s7comm.data.ts_reserved"): LocatedValue(b"\x00", 4)}
 
 
 @pytest.mark.parametrize(("value", "expected"), [(None, []), ("1", ["1"]), (["1", "2"], ["1", "2"]), ({}, [{}])])
@@ -145,20 +145,20 @@ def test_data_tpdu() -> None:
     (record,) = frame.tpdus
     assert record.octets == bytes.fromhex("0300000902f080")
     assert record.facts == {
-        Place(IN_TPKT, 0, "tpkt.version"): Fact(3, 0),
-        Place(IN_TPKT, 0, "tpkt.reserved"): Fact(0, 1),
-        Place(IN_TPKT, 0, "tpkt.length"): Fact(9, 2),
-        Place(IN_TPDU, 0, "cotp.li"): Fact(2, 0),
-        Place(IN_TPDU, 0, "cotp.type"): Fact(15, 1),
-        Place(IN_TPDU, 0, "cotp.tpdu-number"): Fact(0, 2),
-        Place(IN_TPDU, 0, "cotp.eot"): Fact(1, 2),
+        FieldPlace(IN_TPKT, 0, "tpkt.version"): LocatedValue(3, 0),
+        FieldPlace(IN_TPKT, 0, "tpkt.reserved"): LocatedValue(0, 1),
+        FieldPlace(IN_TPKT, 0, "tpkt.length"): LocatedValue(9, 2),
+        FieldPlace(IN_TPDU, 0, "cotp.li"): LocatedValue(2, 0),
+        FieldPlace(IN_TPDU, 0, "cotp.type"): LocatedValue(15, 1),
+        FieldPlace(IN_TPDU, 0, "cotp.tpdu-number"): LocatedValue(0, 2),
+        FieldPlace(IN_TPDU, 0, "cotp.eot"): LocatedValue(1, 2),
     }, "what was not read from the wire, as the reference of a class 0 DT, is no fact"
 
 
 def test_several_messages_of_a_packet() -> None:
     frame = Frame(layers([tpkt(54, 7), tpkt(61, 7)], [data_tpdu(58), data_tpdu(65)]))
     assert [record.octets.hex() for record in frame.tpdus] == ["0300000702f080", "0300000702f080"]
-    assert [record.facts[Place(IN_TPDU, 0, "cotp.type")] for record in frame.tpdus] == [Fact(15, 1)] * 2
+    assert [record.facts[FieldPlace(IN_TPDU, 0, "cotp.type")] for record in frame.tpdus] == [LocatedValue(15, 1)] * 2
 
 
 def test_a_tpkt_without_tpdu_does_not_take_that_of_the_next() -> None:
@@ -197,9 +197,11 @@ def test_parameters_of_a_connect_request() -> None:
         "cotp.src-tsap-bytes": ["01:00", "02:00"],
     }
     record = Frame(layers([tpkt(54, 19)], [(cotp, raw("0e" + "00" * 14, 58))])).tpdus[0]
-    assert record.facts[Place(IN_PARAMETER, 1, "cotp.parameter_code")] == Fact(0xC1, 7)
-    assert record.facts[Place(IN_PARAMETER, 2, "cotp.parameter_length")] == Fact(2, 12)
-    assert record.facts[Place(IN_TPDU, 0, "cotp.src-tsap-bytes")] == Fact(b"\x02\x00", 13), "the last one counts"
+    assert record.facts[FieldPlace(IN_PARAMETER, 1, "cotp.parameter_code")] == LocatedValue(0xC1, 7)
+    assert record.facts[FieldPlace(IN_PARAMETER, 2, "cotp.parameter_length")] == LocatedValue(2, 12)
+    assert record.facts[FieldPlace(IN_TPDU, 0, "cotp.src-tsap-bytes")] == LocatedValue(b"\x02\x00", 13), (
+        "the last one counts"
+    )
 
 
 def pdu(rosctr: str, parameters: Tree, data: Tree | None = None) -> Tree:
@@ -234,11 +236,11 @@ def test_items_of_a_request() -> None:
     (record,) = Frame(pdu("1", parameters)).pdus
     assert record.octets == b"\x32\x00\x00"
     assert record.facts == {
-        Place(IN_HEADER, 0, "s7comm.header.rosctr"): Fact(1, 1),
-        Place(IN_HEADER, 0, "s7comm.header.pduref"): Fact(258, 4),
-        Place(IN_PARAMETERS, 0, "s7comm.param.itemcount"): Fact(2, 11),
-        Place(IN_ITEM, 1, "s7comm.param.item.db"): Fact(1, 18),
-        Place(IN_ITEM, 2, "s7comm.param.item.db"): Fact(2, 30),
+        FieldPlace(IN_HEADER, 0, "s7comm.header.rosctr"): LocatedValue(1, 1),
+        FieldPlace(IN_HEADER, 0, "s7comm.header.pduref"): LocatedValue(258, 4),
+        FieldPlace(IN_PARAMETERS, 0, "s7comm.param.itemcount"): LocatedValue(2, 11),
+        FieldPlace(IN_ITEM, 1, "s7comm.param.item.db"): LocatedValue(1, 18),
+        FieldPlace(IN_ITEM, 2, "s7comm.param.item.db"): LocatedValue(2, 30),
     }
 
 
@@ -252,8 +254,8 @@ def test_data_items_of_an_answer() -> None:
     data: Tree = {"s7comm.data.item_raw": raw("ff", 90), "s7comm.data.item": item}
     record = Frame(pdu("3", {}, data)).pdus[0]
     assert {place: fact for place, fact in record.facts.items() if place.part != IN_HEADER} == {
-        Place(IN_DATA_ITEM, 1, "s7comm.data.returncode"): Fact(0xFF, 29),
-        Place(IN_DATA_ITEM, 1, "s7comm.resp.data"): Fact(b"\x0a\x0b", 33),
+        FieldPlace(IN_DATA_ITEM, 1, "s7comm.data.returncode"): LocatedValue(0xFF, 29),
+        FieldPlace(IN_DATA_ITEM, 1, "s7comm.resp.data"): LocatedValue(b"\x0a\x0b", 33),
     }
 
 
@@ -292,7 +294,7 @@ def test_of_userdata_the_first_head_is_that_of_the_data() -> None:
     }
     record = Frame(pdu("7", {}, data)).pdus[0]
     assert {place: fact for place, fact in record.facts.items() if place.part != IN_HEADER} == {
-        Place(IN_DATA, 0, "s7comm.data.returncode"): Fact(0xFF, 29),
-        Place(IN_BODY, 35, "s7comm.data.returncode"): Fact(b"\x05", 35),
-        Place(IN_BODY, 40, "s7comm.data.returncode"): Fact(b"\x0a", 40),
+        FieldPlace(IN_DATA, 0, "s7comm.data.returncode"): LocatedValue(0xFF, 29),
+        FieldPlace(IN_BODY, 35, "s7comm.data.returncode"): LocatedValue(b"\x05", 35),
+        FieldPlace(IN_BODY, 40, "s7comm.data.returncode"): LocatedValue(b"\x0a", 40),
     }

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Final
 
-from dissect.protocols.s7plus.contents import Address
+from dissect.protocols.s7plus.contents import VariableAddress
 from dissect.protocols.s7plus.objects import PlusObject
 from dissect.protocols.s7plus.session import SERVER_SESSION, SUBSCRIPTION
 from dissect.protocols.s7plus.tables import CREATE_OBJECT, DELETE_OBJECT, GET_MULTI_VARIABLES, SET_MULTI_VARIABLES
@@ -34,9 +34,9 @@ DB1: Final = 0x8A0E0001
 VALUES: Final = 2550
 
 
-def word(offset: int) -> Address:
+def word(offset: int) -> VariableAddress:
     """A word of DB1."""
-    return Address(0, DB1, VALUES, [3, offset, 2])
+    return VariableAddress(0, DB1, VALUES, [3, offset, 2])
 
 
 def value(content: int) -> Value:

@@ -20,7 +20,7 @@ from dissect.engine.transactions.side import Side
 from dissect.engine.transactions.transaction import Transaction
 from dissect.files.session import Run
 from dissect.meaning.facts.keys import connection_community_id, connection_uid
-from dissect.output.export.forms import Export, Request
+from dissect.output.export.forms import Export, ExportRequest
 from dissect.output.export.mapping import told
 from dissect.output.export.rows import Rows
 from dissect.output.export.tables import ACTS, FINDING_COUNTS
@@ -48,7 +48,7 @@ class _Known:
 class ZeekExport(Export, Observer):
     """Writes the logs into a folder."""
 
-    def __init__(self, request: Request, as_json: bool) -> None:
+    def __init__(self, request: ExportRequest, as_json: bool) -> None:
         Observer.__init__(self)
         self.observer = self
         self.wants_pdus = True
@@ -221,11 +221,11 @@ def _ends(connection: Connection) -> tuple[str, int, str, int]:
     return client.host, client.port, server.host, server.port
 
 
-def tsv_export(request: Request) -> Export:
+def tsv_export(request: ExportRequest) -> Export:
     """Return an export to logs as tab-separated values."""
     return ZeekExport(request, as_json=False)
 
 
-def json_export(request: Request) -> Export:
+def json_export(request: ExportRequest) -> Export:
     """Return an export to logs as JSON lines."""
     return ZeekExport(request, as_json=True)

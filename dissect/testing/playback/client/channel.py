@@ -14,7 +14,7 @@ from dissect.protocols.iso.build import build_tpkt, build_tsdu
 from dissect.protocols.iso.cotp import Assembler, Tpdu, parse_tpdu
 from dissect.protocols.iso.tables import CC, DR, DT, ER
 from dissect.protocols.iso.tpkt import HEADER, Framer
-from dissect.testing.playback.client.record import Record, Talk
+from dissect.testing.playback.client.record import Record, RecordedConnection
 from dissect.testing.playback.client.watch import Watch
 
 #: Octets read at once, and maximum size of unprocessed messages: beyond it, reading stops and the server has to wait.
@@ -62,7 +62,7 @@ class Channel:
         self.their_reference = 0
         self._gone = False  # the server has closed its direction
         self._socket = one
-        self._talk: Talk = record.conversation(one.getsockname(), one.getpeername())
+        self._talk: RecordedConnection = record.conversation(one.getsockname(), one.getpeername())
         self._framer = Framer()
         self._framer.synced = True
         self._assembler = Assembler()

@@ -13,11 +13,11 @@ from dissect.engine.transactions.transaction import CONNECTION_CLOSED
 from dissect.testing.golden.model import Link, Session, Transaction
 from dissect.testing.playback.client.permissions import NO_ANSWER
 from dissect.testing.playback.client.plan import ASK, SERVER_ASKED
-from dissect.testing.playback.client.player import Player
+from dissect.testing.playback.client.player import PartPlayer
 
 
 def expected_session(
-    name: str, players: Sequence[Player], came: Session, links: Mapping[int, Link]
+    name: str, players: Sequence[PartPlayer], came: Session, links: Mapping[int, Link]
 ) -> tuple[Session, list[tuple[Session, Session]]]:
     """Return the expected session, and each of its connections with the actual one, None if it did not take place.
 
@@ -42,7 +42,7 @@ def _alone(name: str, link: Link | None) -> Session:
     return session
 
 
-def _expected_link(player: Player, came: Link | None) -> Link:
+def _expected_link(player: PartPlayer, came: Link | None) -> Link:
     part, recorded = player.part, player.part.link
     link = Link()
     link.number = recorded.number
@@ -63,7 +63,7 @@ def _expected_link(player: Player, came: Link | None) -> Link:
     return link
 
 
-def _leave_out(came: Link, player: Player) -> None:
+def _leave_out(came: Link, player: PartPlayer) -> None:
     """Remove transactions without a recorded counterpart: our own Setup, and requests of the server in both sessions."""
     if player.setup_reference:
         ours = [each for each in came.transactions if each.asked_by == "client"]
@@ -76,7 +76,7 @@ def _leave_out(came: Link, player: Player) -> None:
         ]
 
 
-def _take(link: Link, player: Player, came: Link | None) -> None:
+def _take(link: Link, player: PartPlayer, came: Link | None) -> None:
     ours = [each for each in came.transactions if each.asked_by == "client"] if came is not None else []
     by_reference = {each.pdu_ref: each for each in ours if each.request}
     references = {id(transaction): number for number, transaction in player.sent.items()}

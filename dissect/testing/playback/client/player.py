@@ -38,7 +38,7 @@ NOT_LOADED: Final = "the download did not proceed as recorded"
 INTERRUPTED: Final = "interrupted"
 
 
-class Player:
+class PartPlayer:
     """Plays ``part`` to a server: `begin`, `step` for each of its steps, `end`; other connections may run in between.
 
     Results: ``sent`` maps our references to the requests sent with them, in order. ``withheld`` are requests left out on

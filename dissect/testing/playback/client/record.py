@@ -33,10 +33,12 @@ class Record:
         # Wall-clock time at the beginning, then advanced by a clock that never goes back.
         self._offset_ns = time.time_ns() - time.monotonic_ns()
 
-    def conversation(self, client: tuple[Any, ...], server: tuple[Any, ...]) -> Talk:
+    def conversation(self, client: tuple[Any, ...], server: tuple[Any, ...]) -> RecordedConnection:
         """Begin a connection between two socket addresses."""
         self._count += 1
-        return Talk(self, Conversation(endpoint_of(client), endpoint_of(server), self._count), self._frames + 1)
+        return RecordedConnection(
+            self, Conversation(endpoint_of(client), endpoint_of(server), self._count), self._frames + 1
+        )
 
     def put(self, frames: list[bytes]) -> None:
         """Take packets at the current time."""
@@ -65,7 +67,7 @@ class Record:
         return session
 
 
-class Talk:
+class RecordedConnection:
     """A connection that is recorded. ``first_frame`` is the number of its first packet, from 1."""
 
     def __init__(self, record: Record, conversation: Conversation, first_frame: int) -> None:

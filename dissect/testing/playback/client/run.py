@@ -14,7 +14,7 @@ from dissect.testing.golden.model import Link, Session
 from dissect.testing.playback.client.expected import expected_session
 from dissect.testing.playback.client.permissions import Permissions
 from dissect.testing.playback.client.plan import Part, Withheld, playable, withheld
-from dissect.testing.playback.client.player import INTERRUPTED, Player
+from dissect.testing.playback.client.player import INTERRUPTED, PartPlayer
 from dissect.testing.playback.client.record import Record
 from dissect.testing.playback.client.schedule import expect_few, perform
 from dissect.testing.playback.client.settings import Settings, Shared
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 _NAMED: Final = 10
 
 
-class Outcome:
+class ReplayOutcome:
     """The result of a replay. ``expected`` and ``came`` are the expected and the actual session; `differences` compares them.
 
     ``withheld`` was left out on purpose; ``not_sent`` could no longer be sent; ``problems`` say why. ``unreachable`` counts
@@ -36,7 +36,7 @@ class Outcome:
     capture file is incomplete, otherwise empty.
     """
 
-    def __init__(self, name: str, came: Session, links: Mapping[int, Link], players: Sequence[Player]) -> None:
+    def __init__(self, name: str, came: Session, links: Mapping[int, Link], players: Sequence[PartPlayer]) -> None:
         self.came = came
         self.expected, self._pairs = expected_session(name, players, came, links)
         self.withheld: list[Withheld] = []
@@ -113,7 +113,7 @@ def replay(
     writer: PcapngWriter | None = None,
     decoder: PayloadDecoder | None = None,
     watch: Watch | None = None,
-) -> Outcome:
+) -> ReplayOutcome:
     """Play the connections of ``plan`` (`make_plan`) to ``places`` (`places_of`); connections overlap as in the recording.
 
     Raises `ReplayError` if too many are open at once, before anything is sent.
@@ -127,12 +127,12 @@ def replay(
         expect_few(plan)
     record = Record(str(target), writer, decoder)
     shared = Shared(permissions or Permissions(), settings, record, watch)
-    players = [Player(part, shared) for part in playable(plan)]
+    players = [PartPlayer(part, shared) for part in playable(plan)]
     try:
         perform(players, places, shared)
     finally:
         came = record.finish()
-    outcome = Outcome(recorded.name, came, record.links, players)
+    outcome = ReplayOutcome(recorded.name, came, record.links, players)
     played = {id(player.part) for player in players}
     for part in plan:
         if id(part) not in played:

@@ -10,7 +10,7 @@ from typing import Final, NamedTuple
 
 from dissect.online.net.addresses import Place
 from dissect.testing.playback.client.plan import ASK, Part, playable
-from dissect.testing.playback.client.player import Player
+from dissect.testing.playback.client.player import PartPlayer
 from dissect.testing.playback.client.recorded import ReplayError
 from dissect.testing.playback.client.settings import Shared
 
@@ -97,12 +97,12 @@ class Clock:
         return self._began + (time_ns - self._first_ns) / 1e9 * self._pace
 
 
-def perform(players: Sequence[Player], places: Sequence[Place], shared: Shared) -> None:
+def perform(players: Sequence[PartPlayer], places: Sequence[Place], shared: Shared) -> None:
     """Play connections. One that fails does not stop the others; all are closed at the end."""
     settings = shared.settings
     parts = [player.part for player in players]
     clock = Clock(settings.pace)
-    waiting: dict[int, Player] = {}
+    waiting: dict[int, PartPlayer] = {}
     try:
         for moment in moments(parts, settings.one_by_one):
             player = players[moment.part]
@@ -128,13 +128,13 @@ def perform(players: Sequence[Player], places: Sequence[Place], shared: Shared) 
         shared.watch.close()
 
 
-def _is_paced(player: Player, at: int) -> bool:
+def _is_paced(player: PartPlayer, at: int) -> bool:
     """Return whether the client decides when this is done; messages of the server are awaited instead."""
     steps = player.part.steps
     return steps[at].kind == ASK if 0 <= at < len(steps) else at == CONNECT or player.part.by_client
 
 
-def _take_moment(player: Player, at: int, places: Sequence[Place]) -> None:
+def _take_moment(player: PartPlayer, at: int, places: Sequence[Place]) -> None:
     if at == CONNECT:
         player.begin(places)
     elif at == len(player.part.steps):

@@ -11,7 +11,7 @@ from dissect.protocols.s7.message import Pdu, parse_pdu
 from dissect.protocols.s7.parameters import HEADER_SIZE, REQUEST
 from dissect.protocols.s7.tables import ACK_DATA, GROUP_TIME, JOB, READ_VAR, SUCCESS, USERDATA, WRITE_VAR
 from dissect.testing.golden.masking import mask_s7
-from dissect.testing.playback.server.model import Script, Step
+from dissect.testing.playback.server.model import RecordedStep, Script
 
 #: Levels of similarity, the best first: equal except for the reference; except for all counters (sequence numbers, upload ids:
 #: `dissect.testing.golden.masking`); except for the written data, or the time that a clock is set to.
@@ -79,17 +79,17 @@ class AnswerIndex:
     """The steps of scripts by their keys, in recorded order; items of reads and writes are indexed on demand."""
 
     def __init__(self, scripts: Sequence[Script]) -> None:
-        self._steps: list[dict[bytes, list[Step]]] = [{}, {}, {}]
+        self._steps: list[dict[bytes, list[RecordedStep]]] = [{}, {}, {}]
         self._items: dict[bytes, list[ItemAnswer]] | None = None
         self._scripts = list(scripts)
-        self.setup: Step | None = None
+        self.setup: RecordedStep | None = None
         self.pdu_length = max([script.pdu_length for script in scripts], default=0)
         self.full = False
         for script in scripts:
             for step in script.steps:
                 self._enter(step)
 
-    def _enter(self, step: Step) -> None:
+    def _enter(self, step: RecordedStep) -> None:
         pdu = parse_pdu(step.request)
         for level, key in enumerate(keys_of(step.request, pdu)):
             if key:
@@ -97,7 +97,7 @@ class AnswerIndex:
         if self.setup is None and pdu.parameters.setup is not None and pdu.rosctr == JOB and step.answer:
             self.setup = step
 
-    def steps(self, level: int, key: bytes) -> list[Step]:
+    def steps(self, level: int, key: bytes) -> list[RecordedStep]:
         """Return the recorded requests that are equal at a level."""
         return self._steps[level].get(key, [])
 
@@ -126,7 +126,7 @@ class AnswerIndex:
         return answers
 
 
-def _pairs(step: Step) -> list[tuple[bytes, bytes]]:
+def _pairs(step: RecordedStep) -> list[tuple[bytes, bytes]]:
     request = parse_pdu(step.request)
     if request.rosctr != JOB or request.function not in {READ_VAR, WRITE_VAR} or not step.answer:
         return []

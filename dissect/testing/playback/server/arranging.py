@@ -9,7 +9,7 @@ from typing import Final
 from dissect.engine.transactions.transaction import BEHIND_MALFORMED, HOLE, OUTCOMES, PUSH, UNANSWERED
 from dissect.meaning.report import words
 from dissect.testing.golden.model import Transaction
-from dissect.testing.playback.server.model import Recording, Script, ServerMessage, Step
+from dissect.testing.playback.server.model import RecordedStep, Recording, Script, ServerMessage
 
 #: The beginning of an S7comm-plus message.
 _PLUS: Final = b"\x72"
@@ -73,7 +73,7 @@ def arrange(script: Script, seen: Sequence[Seen], recording: Recording) -> None:
             others.append(one)
     over.sort()
     messages: list[Seen] = []
-    behind: list[Step] = []  # the step that each of these follows
+    behind: list[RecordedStep] = []  # the step that each of these follows
     at, latest = 0, -1
     for one in others:
         while at < len(over) and over[at][0] <= one.place:
@@ -117,6 +117,6 @@ def _note_losses(script: Script, recording: Recording, lost: int, unheard: int, 
         recording.note(f"{who}: {count} before any request and {'is' if early == 1 else 'are'} ignored")
 
 
-def _step(one: Seen) -> Step:
+def _step(one: Seen) -> RecordedStep:
     pushed = one.outcome == _PUSH
-    return Step(one.request or one.answer, b"" if pushed else one.answer, one.latency_ns)
+    return RecordedStep(one.request or one.answer, b"" if pushed else one.answer, one.latency_ns)

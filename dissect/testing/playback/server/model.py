@@ -28,7 +28,7 @@ class ServerMessage:
         self.waits = waits
 
 
-class Step:
+class RecordedStep:
     """A recorded request, its answer (empty if there was none) and answer time, and the server's messages after it."""
 
     __slots__ = ("answer", "latency_ns", "request", "then")
@@ -74,7 +74,7 @@ class Script:
         self.pdu_length = 0
         self.plus = False
         self.numbered = True
-        self.steps: list[Step] = []
+        self.steps: list[RecordedStep] = []
 
 
 class Recording:

@@ -1,6 +1,6 @@
 """The fake PLC without its sockets: answers requests from the recording.
 
-A client's connection is assigned a recorded one (`Stage.script_for`) and has its own `Player`, so that the answers to one
+A client's connection is assigned a recorded one (`Stage.script_for`) and has its own `FakePlc`, so that the answers to one
 client do not depend on the requests of others. A request is looked up in the recorded connection first, then in all of them, by
 similarity (`answer_index.LEVELS`). Reads and writes without a recorded match are answered from recorded items.
 """
@@ -24,7 +24,7 @@ from dissect.testing.playback.server.answers import (
     refuse,
 )
 from dissect.testing.playback.server.image import Image, holds
-from dissect.testing.playback.server.model import Recording, Script, ServerMessage, Step
+from dissect.testing.playback.server.model import RecordedStep, Recording, Script, ServerMessage
 from dissect.testing.playback.server.nearest import nearest
 from dissect.testing.playback.server.plus import PlusIndex
 from dissect.testing.playback.server.plus_items import PlusItems
@@ -116,7 +116,7 @@ class Stage:
         return chosen
 
 
-class Player:
+class FakePlc:
     """The fake PLC for one client."""
 
     def __init__(self, stage: Stage, script: Script) -> None:
@@ -154,11 +154,11 @@ class Player:
 
     # ---- recorded answers -------------------------------------------------------------------------------------------
 
-    def _recorded_answer(self, step: Step, request: Pdu) -> bytes:
+    def _recorded_answer(self, step: RecordedStep, request: Pdu) -> bytes:
         answer = with_reference(step.answer, request.octets[PDU_REF])
         return answer if self.script.numbered else answered_piece(answer, request)
 
-    def _find(self, keys: tuple[bytes, bytes, bytes]) -> tuple[Step | None, int, bool]:
+    def _find(self, keys: tuple[bytes, bytes, bytes]) -> tuple[RecordedStep | None, int, bool]:
         """Return the recorded request to play, its similarity (`LEVELS`), and whether it is from this connection."""
         for level, key in enumerate(keys):
             for number, book in enumerate(self._books):
@@ -173,7 +173,7 @@ class Player:
         self._turns[key] = turn + 1
         return turn % count if self._stage.repeat == CYCLE else min(turn, count - 1)
 
-    def _end_after(self, step: Step, own: bool) -> str:
+    def _end_after(self, step: RecordedStep, own: bool) -> str:
         """Return how the connection ends after a step: as the recorded one, once all of it was played."""
         if not self.script.end or not own:
             return ""
@@ -266,6 +266,6 @@ class Player:
         return b"\xff" if image.write(item, data) else b""
 
 
-def _refused_whole(step: Step) -> bool:
+def _refused_whole(step: RecordedStep) -> bool:
     """Return whether a request was refused in the header of its answer, or not answered at all."""
     return len(step.answer) < 12 or step.answer[1] not in {2, 3} or step.answer[10:12] != b"\0\0"

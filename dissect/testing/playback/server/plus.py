@@ -26,7 +26,7 @@ from dissect.testing.golden.keys import subject
 from dissect.testing.golden.masking import mask_plus
 from dissect.testing.golden.plus import plus_subject
 from dissect.testing.playback.plus_octets import PROTOCOL_ID, with_integrity, with_sequence
-from dissect.testing.playback.server.model import Script, Step
+from dissect.testing.playback.server.model import RecordedStep, Script
 from dissect.wire.varint import VLQ, VLQ64, build_varint
 
 #: The return value "Service unknown request" (docs/s7plus.md): no such request was recorded.
@@ -78,14 +78,14 @@ class PlusIndex:
 
     def __init__(self, scripts: Sequence[Script]) -> None:
         self.requests = [step.request for script in scripts for step in script.steps]
-        self._steps: tuple[dict[bytes, list[Step]], dict[bytes, list[Step]]] = ({}, {})
+        self._steps: tuple[dict[bytes, list[RecordedStep]], dict[bytes, list[RecordedStep]]] = ({}, {})
         for script in scripts:
             for step in script.steps:
                 for steps, key in zip(self._steps, plus_keys(step.request, parse_plus(step.request)), strict=True):
                     if key:
                         steps.setdefault(key, []).append(step)
 
-    def steps(self, level: int, key: bytes) -> list[Step]:
+    def steps(self, level: int, key: bytes) -> list[RecordedStep]:
         """Return the recorded requests that are equal at a level."""
         return self._steps[level].get(key, [])
 

@@ -9,7 +9,7 @@ from dissect.protocols.s7plus.bodies import parse_contents
 from dissect.protocols.s7plus.contents import Contents
 from dissect.protocols.s7plus.message import PlusPdu, parse_plus
 from dissect.protocols.s7plus.tables import GET_MULTI_VARIABLES
-from dissect.testing.playback.server.model import Script, Step
+from dissect.testing.playback.server.model import RecordedStep, Script
 from dissect.testing.playback.server.plus import answer_with
 from dissect.wire.varint import VLQ, VLQ64, build_varint
 
@@ -21,7 +21,7 @@ NO_ITEM: Final = 0x8104
 Key = tuple[int, ...]
 
 
-class ItemAnswer:
+class PlusItemAnswer:
     """The result of an item: ``value`` are its octets with flags and type, empty if it was refused with ``code``."""
 
     __slots__ = ("code", "latency_ns", "value")
@@ -36,29 +36,31 @@ class PlusItems:
     """The items of recorded reads by their addresses, in recorded order."""
 
     def __init__(self, scripts: Sequence[Script]) -> None:
-        self._items: dict[Key, list[ItemAnswer]] = {}
+        self._items: dict[Key, list[PlusItemAnswer]] = {}
         left = MAX_ITEMS
         for script in scripts:
             for step in script.steps:
                 left -= self._add(step) if left > 0 else 0
 
-    def _add(self, step: Step) -> int:
+    def _add(self, step: RecordedStep) -> int:
         request, response = parse_plus(step.request), parse_plus(step.answer)
         if request.function != GET_MULTI_VARIABLES or response.function != GET_MULTI_VARIABLES or response.malformed:
             return 0
         keys = _keys(parse_contents(request))
         contents = parse_contents(response)
         for number, value in contents.items:
-            self._enter(keys, number, ItemAnswer(bytes(response.data[value.offset : value.end]), 0, step.latency_ns))
+            self._enter(
+                keys, number, PlusItemAnswer(bytes(response.data[value.offset : value.end]), 0, step.latency_ns)
+            )
         for number, code in contents.refusals:
-            self._enter(keys, number, ItemAnswer(b"", code, step.latency_ns))
+            self._enter(keys, number, PlusItemAnswer(b"", code, step.latency_ns))
         return len(keys)
 
-    def _enter(self, keys: Sequence[Key], number: int, answer: ItemAnswer) -> None:
+    def _enter(self, keys: Sequence[Key], number: int, answer: PlusItemAnswer) -> None:
         if 0 < number <= len(keys) and (answer.value or answer.code):
             self._items.setdefault(keys[number - 1], []).append(answer)
 
-    def of(self, key: Key) -> list[ItemAnswer]:
+    def of(self, key: Key) -> list[PlusItemAnswer]:
         """Return the recorded results of a variable."""
         return self._items.get(key, [])
 
@@ -74,7 +76,7 @@ class Together:
         self.missing: list[str] = []
 
 
-def put_together(request: PlusPdu, of: Callable[[Key], ItemAnswer | None]) -> Together | None:
+def put_together(request: PlusPdu, of: Callable[[Key], PlusItemAnswer | None]) -> Together | None:
     """Return the answer to a read with at least one recorded item; None for anything else."""
     contents = parse_contents(request)
     if request.function != GET_MULTI_VARIABLES or not contents.addresses or not request.whole:

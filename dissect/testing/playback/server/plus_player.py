@@ -6,11 +6,11 @@ from typing import Final
 
 from dissect.protocols.s7plus.message import PlusPdu
 from dissect.testing.playback.server.answer_index import LEVELS
-from dissect.testing.playback.server.model import Script, Step
+from dissect.testing.playback.server.model import RecordedStep, Script
 from dissect.testing.playback.server.nearest import nearest_plus
 from dissect.testing.playback.server.player import CYCLE, Reply, Stage
 from dissect.testing.playback.server.plus import plus_keys, refuse_plus, renewed, wants_answer
-from dissect.testing.playback.server.plus_items import ItemAnswer, Key, put_together
+from dissect.testing.playback.server.plus_items import Key, PlusItemAnswer, put_together
 from dissect.wire.text import some
 
 #: The number of items for which turns are counted.
@@ -47,7 +47,7 @@ class PlusPlayer:
         lacking = "no similar request was recorded" + nearest_plus(request, self._books[1].requests)
         return Reply(refuse_plus(request) if wants_answer(request) else b"", "unmatched", lacking=lacking)
 
-    def _item(self, key: Key) -> ItemAnswer | None:
+    def _item(self, key: Key) -> PlusItemAnswer | None:
         """Return the result of a variable for this read, None if it was never recorded."""
         answers = self._items.of(key)
         return answers[self._turn((_ITEM, 0, repr(key).encode()), len(answers))] if answers else None
@@ -57,6 +57,6 @@ class PlusPlayer:
         self._turns[key] = turn + 1
         return turn % count if self._cycles else min(turn, count - 1)
 
-    def _end_after(self, step: Step) -> str:
+    def _end_after(self, step: RecordedStep) -> str:
         self._heard.add(id(step))
         return self.script.end if self.script.end and len(self._heard) == len(self.script.steps) else ""

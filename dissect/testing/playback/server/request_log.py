@@ -12,7 +12,7 @@ from dissect.protocols.s7.message import Pdu
 from dissect.protocols.s7plus.message import PlusPdu
 from dissect.testing.playback.server.faults import Fault
 from dissect.testing.playback.server.nearest import request_name
-from dissect.testing.playback.server.player import Player, Reply, Stage
+from dissect.testing.playback.server.player import FakePlc, Reply, Stage
 from dissect.testing.playback.server.plus import plus_name
 from dissect.testing.playback.server.plus_player import PlusPlayer
 from dissect.wire.text import some
@@ -84,7 +84,7 @@ class RequestLog:
         with self._lock:
             return list(self._unmatched)
 
-    def answer(self, connection: int, player: Player, request: Pdu) -> tuple[Reply, list[Fault], float]:
+    def answer(self, connection: int, player: FakePlc, request: Pdu) -> tuple[Reply, list[Fault], float]:
         """Return the reply to a request, the faults to apply, and the delay in seconds."""
         self.total += 1
         reply = player.reply(request)

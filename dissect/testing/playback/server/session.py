@@ -24,7 +24,7 @@ from dissect.testing.playback.plus_octets import frames_of, with_sequence
 from dissect.testing.playback.server.answers import confirm, farewell, refuse
 from dissect.testing.playback.server.faults import CUT, DELAY, DROP, REFUSE, SPLIT, WRONG_REF, Fault
 from dissect.testing.playback.server.model import ServerMessage
-from dissect.testing.playback.server.player import Player, Reply
+from dissect.testing.playback.server.player import FakePlc, Reply
 from dissect.testing.playback.server.plus import refuse_plus
 from dissect.testing.playback.server.plus_player import PlusPlayer
 from dissect.testing.playback.server.request_log import RequestLog
@@ -65,7 +65,7 @@ class ClientSession:
         self._framer = Framer()
         self._framer.synced = True
         self._assembler = Assembler()
-        self._player: Player | None = None
+        self._player: FakePlc | None = None
         self._plus: PlusPlayer | None = None
         self._joined = PlusAssembler()
         self._reference = 0  # the client's reference of the transport connection
@@ -134,7 +134,7 @@ class ClientSession:
         if script.plus:
             self._plus = PlusPlayer(self._log.stage, script)
         else:
-            self._player = Player(self._log.stage, script)
+            self._player = FakePlc(self._log.stage, script)
         confirmed = confirm(
             request, script.confirm if script.confirm and parse_tpdu(script.confirm).type == CC else b""
         )
@@ -143,7 +143,7 @@ class ClientSession:
 
     # ---- messages ---------------------------------------------------------------------------------------------------
 
-    def _tsdu(self, player: Player, tsdu: bytes) -> None:
+    def _tsdu(self, player: FakePlc, tsdu: bytes) -> None:
         pdu = parse_pdu(tsdu)
         if len(tsdu) < HEADER_SIZE or tsdu[0] != PROTOCOL_ID or pdu.rosctr not in {JOB, ACK, ACK_DATA, USERDATA}:
             self._log.stranger(self.number, tsdu, "no S7comm")
@@ -195,7 +195,7 @@ class ClientSession:
             self._actions.append(Action(SEND, octets, delay_s, SPLIT_SIZE if SPLIT in by_kind else 0))
         return True
 
-    def _request(self, player: Player, request: Pdu) -> None:
+    def _request(self, player: FakePlc, request: Pdu) -> None:
         reply, faults, delay_s = self._log.answer(self.number, player, request)
         by_kind = {fault.kind: fault for fault in faults}
         answer = _spoilt(request, reply, by_kind)
@@ -208,7 +208,7 @@ class ClientSession:
         self._know(request, player)
         self._follow(delay_s)
 
-    def _know(self, request: Pdu, player: Player) -> None:
+    def _know(self, request: Pdu, player: FakePlc) -> None:
         """Store which reference of this client stands for the recorded one, for answers out of turn."""
         recorded = player.reference
         if recorded:

@@ -14,8 +14,8 @@ from dissect.online.net.addresses import Address
 from dissect.packets.source.pcapng_writer import PcapngWriter
 from dissect.testing.golden.model import Session
 from dissect.testing.playback.client import (
-    Outcome,
     Permissions,
+    ReplayOutcome,
     Settings,
     load_recorded,
     make_plan,
@@ -51,7 +51,7 @@ def play(
     numbers: Sequence[int] = (),
     called: bytes | tuple[int, int] | None = None,
     writer: PcapngWriter | None = None,
-) -> Outcome:
+) -> ReplayOutcome:
     """Play a recording to a server."""
     address = Address("127.0.0.1", server.port) if isinstance(server, Server) else server
     recorded = path if isinstance(path, Session) else load_recorded(path)
@@ -59,7 +59,7 @@ def play(
     return replay(recorded, plan, places_of(address, False), address, permissions, settings, writer)
 
 
-def texts(outcome: Outcome) -> list[str]:
+def texts(outcome: ReplayOutcome) -> list[str]:
     """Return the changes, one per line."""
     return [difference.text for difference in outcome.differences()]
 

@@ -11,7 +11,7 @@ import pytest
 from dissect.protocols.s7.message import parse_pdu
 from dissect.testing.golden.exchange import S7, Exchange
 from dissect.testing.golden.model import Link, Session, Transaction
-from dissect.testing.playback.client import Outcome, Permissions, Settings, load_recorded, make_plan
+from dissect.testing.playback.client import Permissions, ReplayOutcome, Settings, load_recorded, make_plan
 from dissect.testing.playback.client.download import Downloads, find_downloads
 from dissect.testing.playback.client.permissions import NO_CONTROL
 from dissect.testing.playback.client.plan import FOLLOWS_WITHHELD, NOT_WHOLE, SERVE, SERVER_ASKED, Part, plan_lines
@@ -175,7 +175,7 @@ def test_another_piece_is_what_the_server_gets_and_nothing_else(tmp_path: Path) 
 # ---- and nothing more -----------------------------------------------------------------------------------------------
 
 
-def unfinished(asks: Callable[[Wire], None], tmp_path: Path) -> tuple[Outcome, list[bytes]]:
+def unfinished(asks: Callable[[Wire], None], tmp_path: Path) -> tuple[ReplayOutcome, list[bytes]]:
     """Play to a server that does not ask as recorded; return also what came after the Request download."""
     with serving(loading(asks)) as (address, wires):
         outcome = play(recording(tmp_path / "a.pcapng"), address, CONTROL, SOON)

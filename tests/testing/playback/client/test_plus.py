@@ -9,7 +9,7 @@ import pytest
 from dissect.packets.source.pcapng_writer import PcapngWriter
 from dissect.protocols.s7.tables import CONTROL, READ, WRITE
 from dissect.protocols.s7plus.bodies import parse_contents
-from dissect.protocols.s7plus.contents import Address
+from dissect.protocols.s7plus.contents import VariableAddress
 from dissect.protocols.s7plus.message import parse_plus
 from dissect.protocols.s7plus.objects import PlusObject
 from dissect.protocols.s7plus.session import SERVER_SESSION
@@ -115,7 +115,7 @@ def test_an_object_made_here_stands_for_the_recorded_one() -> None:
 
 
 HERE = frozenset((SESSION, CONTAINER))
-STATE = Address(0, 52, 2167, [])
+STATE = VariableAddress(0, 52, 2167, [])
 
 
 @pytest.mark.parametrize(

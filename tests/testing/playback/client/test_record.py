@@ -8,7 +8,7 @@ from pathlib import Path
 from dissect.packets.source.pcapng_writer import PcapngWriter
 from dissect.testing.golden import golden_text, read_session
 from dissect.testing.golden.model import Session
-from dissect.testing.playback.client.record import Record, Talk
+from dissect.testing.playback.client.record import Record, RecordedConnection
 from tests.meaning.report.support import WORD
 from tests.properties import messages
 from tests.properties.messages import dt
@@ -17,7 +17,7 @@ CLIENT, SERVER = ("127.0.0.1", 40_001), ("127.0.0.1", 102)
 OURS, THEIRS = 0, 1
 
 
-def conversed(talk: Talk) -> None:
+def conversed(talk: RecordedConnection) -> None:
     """Connect, set up, read."""
     for side, octets in (
         (OURS, messages.connect(0xE0)),

@@ -10,7 +10,7 @@ from dissect.protocols.s7.message import Pdu, parse_pdu
 from dissect.testing.messages import pdu, userdata
 from dissect.testing.playback.server import Recording
 from dissect.testing.playback.server.answer_index import item_answers
-from dissect.testing.playback.server.player import CYCLE, Player, Reply, Stage
+from dissect.testing.playback.server.player import CYCLE, FakePlc, Reply, Stage
 from dissect.testing.talk import (
     Ask,
     Talk,
@@ -32,18 +32,18 @@ from dissect.testing.talk import (
 from tests.testing.playback.server.support import small
 
 
-def player(recording: Recording, repeat: str = "last", memory: bool = False) -> Player:
+def player(recording: Recording, repeat: str = "last", memory: bool = False) -> FakePlc:
     stage = Stage(recording, repeat, memory)
-    return Player(stage, stage.script_for(None, None))
+    return FakePlc(stage, stage.script_for(None, None))
 
 
-def reply(to: Player, ask: Ask, reference: bytes = b"\x12\x34") -> Reply:
+def reply(to: FakePlc, ask: Ask, reference: bytes = b"\x12\x34") -> Reply:
     told = to.reply(parse_pdu(ask.octets[:4] + reference + ask.octets[6:]))
     assert told.octets[4:6] in {reference, b""}
     return told
 
 
-def told(to: Player, ask: Ask) -> Pdu:
+def told(to: FakePlc, ask: Ask) -> Pdu:
     return parse_pdu(reply(to, ask).octets)
 
 
@@ -60,7 +60,7 @@ def test_a_client_that_pushes_is_refused() -> None:
     assert plc.reply(parse_pdu(sent)).octets == b""
 
 
-def word(to: Player, address: str = "DB10.DBW4") -> int:
+def word(to: FakePlc, address: str = "DB10.DBW4") -> int:
     return int.from_bytes(told(to, read(address)).data_items()[0].data, "big")
 
 
@@ -76,7 +76,7 @@ def test_or_the_first_one_comes_again() -> None:
 
 def test_each_client_hears_it_from_the_beginning() -> None:
     stage = Stage(small())
-    plcs = [Player(stage, stage.script_for(None, None)) for _ in range(3)]
+    plcs = [FakePlc(stage, stage.script_for(None, None)) for _ in range(3)]
     assert [word(plc) for plc in plcs] == [1, 1, 1]
 
 
@@ -228,7 +228,7 @@ def test_one_memory_for_all_clients() -> None:
     talk = Talk()
     talk >> read("MW0") << words(1)
     stage = Stage(talk.recording(), memory=True)
-    first, second = (Player(stage, stage.script_for(None, None)) for _ in range(2))
+    first, second = (FakePlc(stage, stage.script_for(None, None)) for _ in range(2))
     reply(first, write("MW0 = 77"))
     assert word(second, "MW0") == 77
 

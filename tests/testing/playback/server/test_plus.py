@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from dissect.protocols.s7plus.bodies import parse_contents
-from dissect.protocols.s7plus.contents import Address
+from dissect.protocols.s7plus.contents import VariableAddress
 from dissect.protocols.s7plus.message import parse_plus
 from dissect.protocols.s7plus.tables import GET_MULTI_VARIABLES
 from dissect.testing.golden import golden_text, read_session
@@ -127,7 +127,7 @@ def test_frames_of_an_answer_are_sent_one_by_one() -> None:
     assert frames_of(first[: 4 + 14] + last) == [first[: 4 + 14], last]
 
 
-def multi(*words: Address) -> bytes:
+def multi(*words: VariableAddress) -> bytes:
     return framed(asked(5, GET_MULTI_VARIABLES, SESSION, body=get_multi(*words)))
 
 

@@ -9,8 +9,8 @@ import pytest
 from dissect.packets.source.pcapng_writer import PcapngWriter
 from dissect.testing.golden import diff_sessions, golden_text, read_session
 from dissect.testing.playback.client import (
-    Outcome,
     Permissions,
+    ReplayOutcome,
     load_recorded,
     make_plan,
     places_of,
@@ -30,7 +30,7 @@ ALL = Permissions(write=True, control=True)
 PIECES = [(b"first", True), (b"second", True), (b"third", True), (b"last", False)]
 
 
-def played(path: Path, again: Path, permissions: Permissions = ALL) -> Outcome:
+def played(path: Path, again: Path, permissions: Permissions = ALL) -> ReplayOutcome:
     """Serve a recording, play it to that server, and keep what passed."""
     with Server(path, writer=PcapngWriter(str(again))) as server:
         target = read_target(f"127.0.0.1:{server.port}")
