@@ -100,7 +100,7 @@ def test_a_type_that_is_larger_than_the_bound_is_remembered_alone() -> None:
     program = Program()
     program.learn([type_of(0x92000001, ("first", variable(1)))])
     program.learn([type_of(0x92000002, *[("v", variable(lid)) for lid in range(1, MAX_VARIABLES + 2)])])
-    found = [program.find(Address(0, 0x8A0E0000 | number, ACTUAL, [1])) is not None for number in (1, 2)]
+    found = [program.find(VariableAddress(0, 0x8A0E0000 | number, ACTUAL, [1])) is not None for number in (1, 2)]
     assert (found, program.count) == ([False, True], MAX_VARIABLES + 1)
 
 
