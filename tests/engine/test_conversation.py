@@ -10,6 +10,7 @@ from dissect.engine.observer import Observer
 from dissect.engine.pipeline import Options, Pipeline
 from dissect.engine.transactions.connection import Connection
 from dissect.engine.transactions.side import Side
+from tests.engine.transactions import talk as lines
 from tests.properties.books import Result, check_books
 from tests.properties.messages import (
     ACK,
@@ -476,3 +477,16 @@ def test_a_shared_reference_is_counted_once_and_the_requests_behind_it_are_judge
         talk.send(0, asked(ref))
     counts = run(talk).pipeline.finding_counts
     assert (counts["session.shared_reference"], counts["session.too_many_jobs"]) == (1, 3)
+
+
+@pytest.mark.parametrize("seconds", [0, 2])
+@pytest.mark.parametrize("code", [0, 0x8104])
+def test_a_command_whose_content_is_short_is_judged_once(code: int, seconds: int) -> None:
+    """Before its outcome where it failed, because the content may explain that; else behind it."""
+    talk = lines.Talk()
+    talk.open()
+    talk.ask(lines.job(3, b"\x29" + bytes(5) + b"\x20P_PROGRAM"))  # its name is said to be longer than what is there
+    talk.tell(lines.ack_data(3, b"\x29", code=code), after_ns=seconds * lines.SECOND + lines.MS)
+    talk.close()
+    assert talk.pipeline.finding_counts["s7.malformed"] == 1
+    assert len(talk.transactions) == 1
