@@ -103,7 +103,7 @@ def _parse(octets: bytes) -> Body:
             "body", "not in the one form a dictionary has: fields too many, or numbers written longer"
         )
     if minor <= MINOR and wire_id(body) != identity:
-        raise DictionaryError("header, byte 32", "the wire id is not that of the body")
+        raise DictionaryError("header, byte 32", "the wire id does not match the body")
     return body
 
 

@@ -125,7 +125,7 @@ class Envelope:
     def __init__(self, record: EnvelopeRecord = DEFAULT) -> None:
         roles = [field.role for field in record.fields]
         if roles.count("data") != 1:
-            raise Error(E_DICTIONARY, "envelope", f"one field is the data, here are {roles.count('data')}")
+            raise Error(E_DICTIONARY, "envelope", f"exactly one field must be the data, got {roles.count('data')}")
         at = roles.index("data")
         self.record = record
         self.roles = frozenset(roles)
@@ -137,7 +137,7 @@ class Envelope:
         self._crc_in_head = any(place.field.role == "crc" for place in self._head)
         crcs = [place.field for place in self._head + self._tail if place.field.role == "crc"]
         if len(crcs) > 1 or (crcs and crcs[0].bits != 16):
-            raise Error(E_DICTIONARY, "envelope", "there is one crc, of 16 bits")
+            raise Error(E_DICTIONARY, "envelope", "at most one crc is allowed, of 16 bits")
         self._crc_size = 2 * len(crcs)
         self._crc = crc_function(record.crc) if crcs and record.crc else None
         self._crc_place = next((place for place in self._head + self._tail if place.field.role == "crc"), None)

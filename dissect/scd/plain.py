@@ -32,7 +32,7 @@ def from_plain(plain: Plain, kind: SimpleType, bits: int, where: str = "") -> Va
         try:
             value = plain.decode()
         except UnicodeDecodeError as error:
-            raise Error(E_UTF8, where, f"no UTF-8: {error.reason}") from None
+            raise Error(E_UTF8, where, f"not UTF-8: {error.reason}") from None
     found = kind.check(value, bits, where)
     kept = as_plain(found)
     same = kept == plain or (isinstance(plain, float) and math.isnan(plain) and math.copysign(1, plain) > 0)

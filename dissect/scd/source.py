@@ -142,7 +142,7 @@ def parse_json(text: str, path: str = "") -> Dictionary:
 def _no_key_twice(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     found = dict(pairs)
     if len(found) != len(pairs):
-        raise ContentError("a key is there twice in one object")
+        raise ContentError("a key occurs twice in one object")
     return found
 
 

@@ -204,7 +204,7 @@ def _chain(path: Path, covered: set[str], known: set[str], wanted: set[str]) -> 
         last = number == len(lines)
         if entry is None:
             cut = (last and not whole) or (not last and _is_begin(lines[number]))
-            yield Verdict(f"{path.name}:{number}", "was cut off by a kill" if cut else "is no entry", False)
+            yield Verdict(f"{path.name}:{number}", "was cut off by a kill" if cut else "is not an entry", False)
         elif entry.get("previous") != before:
             yield Verdict(f"{path.name}:{number}", "does not follow the entry before it: the chain is broken", False)
         before = hash_of(line)

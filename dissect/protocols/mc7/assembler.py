@@ -179,7 +179,7 @@ def assemble(text: str, german: bool = False, names: Names = NO_NAMES) -> Assemb
 def _distance(at: int, label: str, labels: dict[str, int], row: Row, line: int) -> bytes:
     target = labels.get(label)
     if target is None:
-        raise AssemblyError(line, f"label {label} is nowhere")
+        raise AssemblyError(line, f"label {label} is not defined")
     kind = row.shape.decode(row.firsts[0] << 8, 0).kind
     distance, rest = divmod(target - at - 4, 4) if kind == JUMP_LIST else divmod(target - at, 2)
     if rest or not (0 if kind == JUMP_LIST else -0x8000) <= distance < 0x8000:

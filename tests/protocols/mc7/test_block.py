@@ -257,7 +257,7 @@ def test_hostile_tables_are_bounded() -> None:
     [
         ("A I 0.0\nFOO 1", "line 2: 'FOO' is not an instruction"),
         ("L MZ 1", "line 1: L does not take 'MZ 1'"),
-        ("JU nowhere", "line 1: label nowhere is nowhere"),
+        ("JU nowhere", "line 1: label nowhere is not defined"),
         ("x: A I 0.0\nx: BE", "line 2: label x occurs twice"),
         ("UC FC 1 (M 0.0)", "line 1: 'M 0.0' is not an address of a parameter"),
         ("SLD", ""),
