@@ -70,7 +70,7 @@ def _key(_ctx: click.Context, _param: click.Parameter, value: str) -> Key:
 @click.option(
     "--shift-time", is_flag=True, help="Shift all times into the future, by an offset that the key determines."
 )
-@format_option(OUTCOME, help="Format of the account of what was replaced")
+@format_option(OUTCOME, help="Format of the account of the replacements")
 @click.option("--force", is_flag=True, help="Overwrite OUT if it exists (never FILE).")
 @scd_options
 def command(

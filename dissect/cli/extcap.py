@@ -76,7 +76,7 @@ def _asked(name: str, what: str, **more: Any) -> Callable[[Any], Any]:
 @_asked("--extcap-control-in", "Not used", metavar="PATH", expose_value=False)
 @_asked("--extcap-control-out", "Not used", metavar="PATH", expose_value=False)
 @_asked("--capture", "Capture", is_flag=True)
-@_asked("--fifo", "Where to write packets to", metavar="PATH")
+@_asked("--fifo", "File to which packets are written", metavar="PATH")
 @click.option(
     "--interface", "interface", metavar="NAME", help="Live: the network interface (see `s7dissect interfaces`)."
 )

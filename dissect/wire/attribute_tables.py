@@ -44,7 +44,7 @@ _FLAGS: Final = {
 ATTRIBUTES: Final[Mapping[str, Mapping[str, str]]] = {
     "Act": {
         "kind": "What kind of act it is, such as stop, download or password.",
-        "slug": "The finding that it makes.",
+        "slug": "Slug of the finding for it.",
         "command": "The kind of operation that its one request is, empty for none.",
         "connection": "The connection it was done on.",
         "asked_by": "The side of the connection that did it: 0 or 1.",

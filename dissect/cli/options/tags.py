@@ -153,7 +153,7 @@ def guarded(read: Callable[[], Any], error: type[Exception]) -> Any:
     except OSError as refused:
         name = str(refused.filename)
         odd = isinstance(refused, FileNotFoundError) and "=" in name
-        hint = "; what stands before '=' has to be the IP address of a PLC" if odd else ""
+        hint = "; the text before '=' has to be the IP address of a PLC" if odd else ""
         raise click.ClickException(f"{printable(name)}: {refused.strerror}{hint}") from None
     except ImportError as refused:
         raise click.ClickException(printable(str(refused))) from None

@@ -118,5 +118,5 @@ OUTCOMES: Final[dict[str, str]] = {
     UNFINISHED: "It began, and its end is missing: the connection or the capture ended, or a step was not answered.",
     UNANSWERED: "It was asked for, and not answered.",
     UNCONFIRMED: "The request wanted no answer.",
-    NOT_CAPTURED: "What tells how it ended is not in the capture.",
+    NOT_CAPTURED: "The capture lacks the packets that show how it ended.",
 }

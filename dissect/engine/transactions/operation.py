@@ -73,7 +73,7 @@ RESULTS: Final[dict[str, str]] = {
     FAILED: "It started, and a later step was refused or reported an error.",
     UNFINISHED: "Its end is missing: the connection or the capture ended first, or a request was not answered.",
     RUNNING: "A subscription or test job that was running when the connection or the capture ended.",
-    NOT_CAPTURED: "What tells how it ended is not in the capture, mostly because only one direction was captured.",
+    NOT_CAPTURED: "The capture lacks the packets that show how it ended, mostly because only one direction was captured.",
 }
 #: Results without a failure, as far as was captured.
 NO_FAILURES: Final = frozenset((DONE, RUNNING, NOT_CAPTURED))

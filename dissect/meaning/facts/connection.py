@@ -102,7 +102,7 @@ _ROWS: Final[tuple[Fact[Connection], ...]] = (
          " that InitSSL was requested and what followed. Null elsewhere.", lambda of: of.identified_by or None, null=True),
     Fact("tls", JSON, "TLS in its COTP messages, as far as it was captured (docs/tls.md); null without it.",
          None, shape={"oneOf": [{"$ref": "#/$defs/tls"}, {"type": "null"}]}),
-    Fact("start", CODE, "Where it begins: with the TCP handshake, with the COTP connect request alone, or in the middle.",
+    Fact("start", CODE, "Its begin: the TCP handshake, the COTP connect request alone, or a point in the middle.",
          _start, codes=("syn", "cr", "mid_stream")),
     Fact("first_frame", FRAME, "Its first packet, within its file.", lambda of: int(of.tcp.first_frame)),
     Fact("first_time", TIME, "Time of `first_frame`.", lambda of: int(of.tcp.first_ns), column="ts"),
@@ -125,7 +125,7 @@ _ROWS: Final[tuple[Fact[Connection], ...]] = (
     Fact("answered", COUNT, "Requests with their answers.", lambda of: int(of.answered)),
     Fact("unanswered", COUNT, "Requests without answer, those included whose answer was not due yet when the capture ended.",
          lambda of: int(of.unanswered)),
-    Fact("still_open", COUNT, "Those of `unanswered` whose answer was not due yet when the capture ended; they did not fail.",
+    Fact("still_open", COUNT, "Part of `unanswered`: the answer was not due yet when the capture ended; these did not fail.",
          lambda of: int(of.still_open)),
     Fact("answers_not_captured", COUNT, "Only where there are any: those of `unanswered` whose answer may be what the capture"
          " lacks: it is in a gap, for sure or perhaps (reason `hole`), or only the other direction was captured (`one_sided`);"

@@ -10,8 +10,8 @@ from dissect.engine.findings.ledger import Ledger, Occurrences, Pair
 from dissect.meaning.facts.fact import COUNT, FILE, FLAG, FRAME, TIME, WORD, Fact, by_name
 
 _ROWS: Final[tuple[Fact[Occurrences], ...]] = (
-    Fact("events", COUNT, "How often the rule applied.", lambda of: int(of.events), least=1),
-    Fact("reports", COUNT, "How many findings it made of that.", lambda of: int(of.reports)),
+    Fact("events", COUNT, "Number of times that the rule applied.", lambda of: int(of.events), least=1),
+    Fact("reports", COUNT, "Number of findings that report them.", lambda of: int(of.reports)),
     Fact("first_time", TIME, "Time of the first event.", lambda of: int(of.first_ns) or None, column="ts", null=True),
     Fact("first_frame", FRAME, "Packet of the first event.", lambda of: int(of.first_frame), null=True),
     Fact("last_time", TIME, "Time of the last event.", lambda of: int(of.last_ns) or None, column="end", null=True),
@@ -72,8 +72,8 @@ def _pair(name: str) -> Callable[[Counted], str | None]:
 _COUNTED: Final[tuple[Fact[Counted], ...]] = (
     Fact("scope", WORD, "rule, or of its events pair, further_pairs; or explained.", lambda of: of.scope),
     Fact("slug", WORD, "The stable name of the rule.", lambda of: of.rule.slug),
-    Fact("severity", WORD, "How much it weighs.", lambda of: of.rule.severity),
-    Fact("kind", WORD, "What the rule is about.", lambda of: of.rule.kind),
+    Fact("severity", WORD, "Severity of the rule.", lambda of: of.rule.severity),
+    Fact("kind", WORD, "Kind of the rule.", lambda of: of.rule.kind),
     Fact("reported", WORD, "How often the rule reports: each, once a connection …", lambda of: of.rule.reported),
     Fact("client_host", WORD, "Address of the client, in the rows of pairs.", _pair("client")),
     Fact("server_host", WORD, "Address of the server, in the rows of pairs.", _pair("server")),

@@ -73,15 +73,15 @@ def _modules(of: Any) -> list[tuple[str, dict[str, Any]]]:
 
 _STRETCH: Final[tuple[Fact[Any], ...]] = (
     Fact("value", TEXT, "The value, a text from the wire.", lambda of: of.value),
-    Fact("source", TEXT, "What said so: `SZL 0x0011`, `S7comm-plus session`, `I&M0 record`, `Ethernet` and so on.",
+    Fact("source", TEXT, "Source of the statement: `SZL 0x0011`, `S7comm-plus session`, `I&M0 record`, `Ethernet` and so on.",
          lambda of: of.source),
-    Fact("times", COUNT, "How many times it was said without a different value between.", lambda of: of.count),
-    Fact("first_frame", FRAME, "Number of the packet in which it was said first; null for none.", lambda of: of.first_frame,
+    Fact("times", COUNT, "Number of statements of this value without a different one between them.", lambda of: of.count),
+    Fact("first_frame", FRAME, "Number of the packet with the first statement; null for none.", lambda of: of.first_frame,
          null=True),
-    Fact("first_time", TIME, "When it was said first.", lambda of: of.first_ns),
-    Fact("last_frame", FRAME, "Number of the packet in which it was said last; null for none.", lambda of: of.last_frame,
+    Fact("first_time", TIME, "Time of the first statement.", lambda of: of.first_ns),
+    Fact("last_frame", FRAME, "Number of the packet with the last statement; null for none.", lambda of: of.last_frame,
          null=True),
-    Fact("last_time", TIME, "When it was said last.", lambda of: of.last_ns),
+    Fact("last_time", TIME, "Time of the last statement.", lambda of: of.last_ns),
 )  # fmt: skip
 #: Statements with first and last packet (`Stretch`); for a network card with its vendor.
 STRETCH: Final = by_name(_STRETCH)
@@ -89,17 +89,17 @@ MAC: Final = by_name((*_STRETCH, Fact("vendor", TEXT, "Vendor of the network car
                                       " unknown one.", lambda of: vendor(of.value) or None, null=True)))  # fmt: skip
 
 _REASON: Final[tuple[Fact[Any], ...]] = (
-    Fact("role", CODE, "What it speaks for.", lambda of: of.role, codes=_ROLES),
-    Fact("certainty", CODE, "How sure it makes that.", lambda of: of.certainty, codes=_SURE),
-    Fact("text", TEXT, "What was seen, in a few words for a person.", lambda of: of.text),
-    Fact("times", COUNT, "On how many connections.", lambda of: of.count),
+    Fact("role", CODE, "The role that it suggests.", lambda of: of.role, codes=_ROLES),
+    Fact("certainty", CODE, "Certainty of that role.", lambda of: of.certainty, codes=_SURE),
+    Fact("text", TEXT, "The observation, in a few words for a person.", lambda of: of.text),
+    Fact("times", COUNT, "Number of connections with this evidence.", lambda of: of.count),
     Fact("frame", FRAME, "Number of a packet that shows it; null for none.", lambda of: of.frame, null=True),
 )
 #: A reason for the role of a device.
 REASON: Final = by_name(_REASON)
 
 _MODULE: Final[tuple[Fact[Any], ...]] = (
-    Fact("module", TEXT, "Rack and slot that were asked, such as `rack 0 slot 2`; null for what was said without.",
+    Fact("module", TEXT, "Rack and slot that were asked, such as `rack 0 slot 2`; null for statements without them.",
          lambda of: of[0] or None, null=True),
     Fact("facts", RECORDS, "Values by kind (docs/devices.md), each kind one value after another: a new entry wherever it"
          " changed.", lambda of: of[1], records=STRETCH,
@@ -113,11 +113,11 @@ _DEVICE: Final[tuple[Fact[Any], ...]] = (
     Fact("address", WORD, "IP address.", lambda of: of.address),
     Fact("vlan", COUNTS, "VLAN ids of its network, the outer tag first; the same address in another VLAN is another station.",
          lambda of: vlan_ids(of.vlan), column="vlans", shape=VLANS),
-    Fact("role", CODE, "What it is, by the heaviest evidence.", lambda of: of.role, codes=(*_ROLES, "unknown")),
+    Fact("role", CODE, "Role of the device, by the heaviest evidence.", lambda of: of.role, codes=(*_ROLES, "unknown")),
     Fact("certainty", CODE, "How sure that is: `stated` it says so itself, `behaviour` it does what only such devices do,"
          " `tsap` its TSAP is one of such a device, null for an unknown role.", lambda of: of.certainty or None, null=True,
          codes=_SURE),
-    Fact("evidence", RECORDS, "Why it is taken for what it is, the heaviest first.",
+    Fact("evidence", RECORDS, "Evidence for the role, the heaviest first.",
          lambda of: sorted(of.reasons.values(), key=lambda reason: reason.weight), records=REASON),
     _said(facts.ORDER_NUMBER, "Order number (MLFB), the latest that was stated; null where none was."),
     _said(facts.HARDWARE, "Hardware version."),
@@ -127,19 +127,19 @@ _DEVICE: Final[tuple[Fact[Any], ...]] = (
     _said(facts.MODULE_NAME, "Name of the module."),
     _said(facts.PLANT, "Plant designation."),
     _said(facts.OPERATING_MODE, "The latest operating mode, such as `RUN`."),
-    _said(facts.PROTECTION, "Protection level that holds, such as `1 (none)`."),
+    _said(facts.PROTECTION, "Protection level in force, such as `1 (none)`."),
     Fact("macs", RECORDS, "MAC addresses one after another; that of a router where the device is behind one.",
          lambda of: of.history(facts.MAC), records=MAC),
-    Fact("modules", RECORDS, "What it stated, by module.", _modules, records=MODULE),
+    Fact("modules", RECORDS, "Statements of the device, by module.", _modules, records=MODULE),
     Fact("clock_offset_ns", DURATION, "How far its clock, as it was last read, is ahead of the capture's, which is in UTC, in"
          " nanoseconds; its time zone is part of that. Null where its clock was not read.", lambda of: of.clock_offset_ns,
          null=True),
     Fact("clock_set_offset_ns", DURATION, "The same of the time that its clock was last set to. Null where nobody set it.",
          lambda of: of.clock_set_offset_ns, null=True),
     Fact("blocks", JSON, "Blocks of its program.", None, shape={"$ref": "#/$defs/blocks"}),
-    Fact("sessions", WORDS, "What it said of itself as a client of S7comm-plus: application, computer, user.",
+    Fact("sessions", WORDS, "Its statements about itself as a client of S7comm-plus: application, computer, user.",
          lambda of: _list(of.sessions.texts)),
-    Fact("tsaps", WORDS, "TSAPs it calls with, and by which it is called, for a person.", lambda of: _list(of.tsaps.texts)),
+    Fact("tsaps", WORDS, "TSAPs with which it calls and is called, for a person.", lambda of: _list(of.tsaps.texts)),
     Fact("pdu_lengths", COUNTS, "PDU lengths that it granted.", lambda of: sorted(map(int, of.pdu_lengths.texts))),
     Fact("parallel_jobs", COUNTS, "Parallel jobs that it granted (AmQ).", lambda of: sorted(map(int, of.parallel_jobs.texts))),
     Fact("names_not_listed", COUNT, "Sessions, TSAPs, PDU lengths and numbers of parallel jobs that had no room: 16 of each are"
@@ -150,9 +150,9 @@ _DEVICE: Final[tuple[Fact[Any], ...]] = (
          " it opened.", lambda of: of.asked.answered),
     Fact("likely", COUNT, "Only where there are any: those of `answered` that are only likely (`certainty` of a transaction);"
          " the answer times leave them out.", lambda of: of.asked.likely or None, rare=True, least=1),
-    Fact("unanswered", COUNT, "Those to it whose answer was due and did not come.", lambda of: of.asked.missed),
-    Fact("with_errors", COUNT, "Those to it whose answer reports an error.", lambda of: of.asked.errors),
-    Fact("answer_time_ns", OBJECT, "How long it took to answer.", lambda of: of.latencies,
+    Fact("unanswered", COUNT, "Requests to it without an answer, although the answer was due.", lambda of: of.asked.missed),
+    Fact("with_errors", COUNT, "Transactions of these with an answer that reports an error.", lambda of: of.asked.errors),
+    Fact("answer_time_ns", OBJECT, "Its answer times.", lambda of: of.latencies,
          shape={"$ref": "urn:s7dissect:schema:analysis:1#/$defs/latency"}),
     Fact("asked_by", WORDS, "Addresses of its clients.", lambda of: [talk.client for talk in of.asked_by]),
     Fact("asks", WORDS, "Addresses of its servers.", lambda of: [talk.server for talk in of.asks]),
@@ -181,7 +181,8 @@ _DEVICE: Final[tuple[Fact[Any], ...]] = (
          lambda of: of.asked.likely, key="", column="likely"),
     Fact("median_ns", DURATION, "Median of its response times.", lambda of: of.latencies.as_dict()["median"], key="",
          unit="ns"),
-    Fact("p95_ns", DURATION, "Their 95th percentile.", lambda of: of.latencies.as_dict()["p95"], key="", unit="ns"),
+    Fact("p95_ns", DURATION, "95th percentile of its response times.", lambda of: of.latencies.as_dict()["p95"], key="",
+         unit="ns"),
     Fact("file", FILE, "Capture file of the first packet.", lambda of: of.first_frame, key=""),
 )  # fmt: skip
 #: The facts of a device by their names, in the order of their keys in JSON.
@@ -189,12 +190,13 @@ DEVICE: Final = by_name(_DEVICE)
 
 _AREA: Final[tuple[Fact[Any], ...]] = (
     Fact("name", TEXT, "Data block (`DB10`) or area (`M`, `I`, `Q`, `T`, `C`).", lambda of: of.name),
-    Fact("reads", COUNT, "Requests that read there.", lambda of: of.reads),
-    Fact("writes", COUNT, "Requests that wrote there.", lambda of: of.writes),
-    Fact("refused", COUNT, "Requests of which something was refused, counted in neither.", lambda of: of.refused),
+    Fact("reads", COUNT, "Requests that read from it.", lambda of: of.reads),
+    Fact("writes", COUNT, "Requests that wrote to it.", lambda of: of.writes),
+    Fact("refused", COUNT, "Requests that were refused at least in part, counted in neither.", lambda of: of.refused),
     Fact("first_byte", COUNT, "First byte, or number of the timer or counter; null where it is not known.",
          lambda of: of.low if of.low >= 0 else None, null=True),
-    Fact("last_byte", COUNT, "Last one.", lambda of: of.high if of.high >= 0 else None, null=True),
+    Fact("last_byte", COUNT, "Last byte, or number of the timer or counter; null where it is not known.",
+         lambda of: of.high if of.high >= 0 else None, null=True),
     Fact("tags", WORDS, "Tags that were read or written there, with `--tags` or by the program of an S7-1200/1500.",
          lambda of: _list(sorted(of.tags))),
     Fact("tags_not_listed", COUNT, "Tags that had no room.", lambda of: len(of.more_tags)),
@@ -208,19 +210,19 @@ _TALK: Final[tuple[Fact[Any], ...]] = (
     Fact("vlan", COUNTS, "The VLAN ids of their network, the outer tag first.", lambda of: vlan_ids(of.vlan), shape=VLANS),
     Fact("connections", COUNT, "Connections between them; 0 where the server of others asks on their connection.",
          lambda of: of.connections),
-    Fact("protocols", WORDS, "What these speak, as `protocol` of a connection in the analysis.",
+    Fact("protocols", WORDS, "Protocols of these connections, as `protocol` of a connection in the analysis.",
          lambda of: [text for text in of.protocols.texts if text]),
     Fact("transactions", COUNT, "Transactions.", lambda of: of.transactions),
     Fact("reads", COUNT, "Requests that read variables.", lambda of: of.reads),
     Fact("writes", COUNT, "Requests that write variables.", lambda of: of.writes),
     Fact("answered", COUNT, "Transactions with an answer.", lambda of: of.answered),
-    Fact("unanswered", COUNT, "Those whose answer was due and did not come.", lambda of: of.missed),
-    Fact("with_errors", COUNT, "Those whose answer reports an error.", lambda of: of.errors),
-    Fact("pushes", COUNT, "What was sent without being asked.", lambda of: of.pushes),
+    Fact("unanswered", COUNT, "Requests without an answer, although the answer was due.", lambda of: of.missed),
+    Fact("with_errors", COUNT, "Transactions with an answer that reports an error.", lambda of: of.errors),
+    Fact("pushes", COUNT, "Messages that were sent without a request.", lambda of: of.pushes),
     Fact("operations", JSON, "Operations by kind, as in `operations`.", lambda of: dict(sorted(of.operations.items())),
          shape={"type": "object", "additionalProperties": {"type": "integer", "minimum": 1}}),
-    Fact("areas", RECORDS, "What is read and written at the server.", lambda of: [of.areas[name] for name in sorted(of.areas)],
-         records=AREA),
+    Fact("areas", RECORDS, "Areas of the server that are read and written.",
+         lambda of: [of.areas[name] for name in sorted(of.areas)], records=AREA),
     Fact("areas_not_listed", COUNT, "Areas that had no room.", lambda of: len(of.more_areas)),
     Fact("first_frame", FRAME, "Number of the first packet between them; null for none.", lambda of: of.first_frame, null=True),
     Fact("first_time", TIME, "Time of it.", lambda of: of.first_ns if of.first_frame else None, null=True),

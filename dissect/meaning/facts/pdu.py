@@ -53,7 +53,7 @@ _ROWS: Final[tuple[Fact[Any], ...]] = (
     Fact("cotp", JSON, "COTP only: the TPDU.", None, rare=True, shape={"$ref": "#/$defs/cotp"}),
     Fact("rosctr", COUNT, "Kind of the PDU: 1 Job, 2 Ack, 3 Ack_Data, 7 Userdata. This and every header field below is null"
          " when the capture cut the PDU before it.", None, null=True, most=255),
-    Fact("rosctr_name", TEXT, "Its name; an unknown one names itself.", None, null=True),
+    Fact("rosctr_name", TEXT, "Its name; for an unknown one its number.", None, null=True),
     Fact("redundancy_id", COUNT, "Redundancy identification, 0 in practice.", None, null=True, most=65535),
     Fact("pdu_ref", DURATION, "PDU reference, read in network order; for SCD the transaction number.", None, null=True),
     Fact("param_length", COUNT, "Bytes of the parameter block, as stated in the header.", None, null=True, most=65535),
@@ -84,7 +84,7 @@ _ROWS: Final[tuple[Fact[Any], ...]] = (
     Fact("octets", BYTES, "The whole PDU in hexadecimal, passwords as zeros as in `parameters` and `parts`; only when it is"
          " cut or malformed.", None, rare=True),
     Fact("cut", FLAG, "True when the capture kept only the beginning of the PDU (snaplen).", None),
-    Fact("malformed", JSON, "What is malformed in this PDU, empty if nothing is.", None, shape={"$ref": "#/$defs/malformed"}),
+    Fact("malformed", JSON, "Malformed parts of this PDU; empty for none.", None, shape={"$ref": "#/$defs/malformed"}),
     Fact("tpdu", JSON, "Only where the header of the TPDU that carries the PDU is irregular.",
          None, rare=True, shape={"$ref": "#/$defs/tpdu"}),
     # ---- what JSON has inside of an object, or not at all
@@ -102,7 +102,7 @@ _ROWS: Final[tuple[Fact[Any], ...]] = (
     Fact("error", COUNT, "Error of header or parameter.", None, key="", column="error_code"),
     Fact("announced", COUNT, "Items that its parameters announce.", None, key="", column="item_count"),
     Fact("size", COUNT, "Size of the message.", None, key="", column="bytes", unit="bytes"),
-    Fact("malformations", WORDS, "What is malformed in it.", None, key="", column="malformed"),
+    Fact("malformations", WORDS, "Malformed parts of the PDU.", None, key="", column="malformed"),
 )  # fmt: skip
 #: The facts of a PDU by their names, in the order of their keys in JSON.
 PDU: Final = by_name(_ROWS)

@@ -42,14 +42,14 @@ _ROWS: Final[tuple[Fact[Any], ...]] = (
     Fact("plc", END, "The end that has the variable.", lambda of: of.plc),
     Fact("how", CODE, "`push` of a cyclic or change-driven service or of a variable table, `modify` and `force` of a variable"
          " table, `notification` of S7comm-plus, `pdo` of SCD.", lambda of: of.how, column="operation", codes=_HOWS),
-    Fact("address", WORD, "Where the value begins, for example `DB10.DBD4`; for S7comm-plus the name or the LIDs, of SCD index"
+    Fact("address", WORD, "Begin of the value, for example `DB10.DBD4`; for S7comm-plus the name or the LIDs, for SCD index"
          " and sub-index.", lambda of: encodable(of.address)),
-    Fact("tag", WORD, "Name of the variable, by `--tags` or an SCD dictionary; null where nobody knows one.",
+    Fact("tag", WORD, "Name of the variable, by `--tags` or an SCD dictionary; null if none is known.",
          lambda of: encodable(of.tag) or None, column="name", null=True),
     Fact("type", WORD, "Type of the value, for example `REAL`, `10 x BYTE`, `Array[1..3] of INT`; null for values of SCD.",
          lambda of: encodable(of.type) or None, null=True),
     Fact("unit", WORD, "Its unit, null for none.", lambda of: encodable(of.unit) or None, null=True),
-    Fact("value", JSON, "The value in `unit`; null where the bytes have none. Of S7comm-plus also an object with members.",
+    Fact("value", JSON, "The value in `unit`; null where the bytes have none. For S7comm-plus also an object with members.",
          None, shape=_VALUE),
     Fact("text", TEXT, "Only where an SCD dictionary, or S7comm-plus, has a text for the value.",
          lambda of: of.text or None, rare=True),
@@ -57,9 +57,9 @@ _ROWS: Final[tuple[Fact[Any], ...]] = (
          None, shape=_VALUE),
     Fact("changed", FLAG, "Whether the value is different from the one before; null where none was seen.",
          lambda of: None if of.first else of.changed, null=True),
-    Fact("octets", BYTES, "The bytes of the value, of a bit one byte; null for values that have none of their own.",
+    Fact("octets", BYTES, "The bytes of the value, for a bit one byte; null for values without bytes of their own.",
          lambda of: of.data, column="data", null=True),
-    Fact("remark", TEXT, "What is odd about the value, for a person; null for nothing.", None, null=True),
+    Fact("remark", TEXT, "A remark on an odd value, for a person; null for none.", None, null=True),
     Fact("certainty", CODE, "Only with `--likely`, of a value from a pair of request and answer that is only likely, as in a"
          " transaction. It is never `previous` of another value.",
          lambda of: LIKELY if of.doubt else None, rare=True, codes=(LIKELY,)),
@@ -67,13 +67,13 @@ _ROWS: Final[tuple[Fact[Any], ...]] = (
          lambda of: of.doubt or None, rare=True, codes=tuple(DOUBT_TEXTS)),
     # ---- what JSON has inside of an object, or not at all
     Fact("file", FILE, "Capture file of the packet.", lambda of: int(of.frame), key=""),
-    Fact("server_host", WORD, "Address of the PLC that holds the variable.", lambda of: of.plc.host, key=""),
+    Fact("server_host", WORD, "Address of the PLC that has the variable.", lambda of: of.plc.host, key=""),
     Fact("written", FLAG, "The client gave the value.", lambda of: bool(of.writes), key=""),
     Fact("number", REAL, "Value: a number or truth value.", None, key="", unit="unit"),
     Fact("text_value", TEXT, "Value where it is text, several numbers as JSON, an integer beyond 2^53.",
          None, key="", column="text"),
-    Fact("previous_number", REAL, "The one before it: a number or truth value.", None, key="", unit="unit"),
-    Fact("odd", TEXT, "What is odd about it.", lambda of: of.remark or None, key="", column="remark", null=True),
+    Fact("previous_number", REAL, "The value before it: a number or truth value.", None, key="", unit="unit"),
+    Fact("odd", TEXT, "Remark on an odd value.", lambda of: of.remark or None, key="", column="remark", null=True),
 )  # fmt: skip
 #: The facts of a value by their names, in the order of their keys in JSON.
 VALUE: Final = by_name(_ROWS)
@@ -91,7 +91,7 @@ def _of(name: str, nothing: Any, counts: str = "") -> Callable[[Any], Any]:
 
 _CLIENT: Final[tuple[Fact[Any], ...]] = (
     Fact("client", TEXT, "Address of the host.", lambda of: of[0]),
-    Fact("count", COUNT, "How many values.", lambda of: int(of[1].count), least=1),
+    Fact("count", COUNT, "Number of values.", lambda of: int(of[1].count), least=1),
     Fact("period_ns", DURATION, "Mean time between two of them, null for fewer.", lambda of: of[1].period_ns, null=True),
     Fact("jitter_ns", DURATION, "Standard deviation of that time, null for fewer than three values.",
          lambda of: of[1].jitter_ns, null=True),
@@ -103,12 +103,12 @@ _VARIABLE: Final[tuple[Fact[Any], ...]] = (
     Fact("plc", END, "The end that has the variable.", lambda of: of.plc),
     Fact("vlan", COUNTS, "The VLAN ids of its network, the outer tag first; the same address in another VLAN is another PLC.",
          lambda of: vlan_ids(of.vlan), shape=VLANS),
-    Fact("address", TEXT, "Where it begins, as in a value.", lambda of: of.address),
-    Fact("tag", TEXT, "Its name, null where nobody knows one.", lambda of: of.tag or None, null=True),
+    Fact("address", TEXT, "Begin of the variable, as in a value.", lambda of: of.address),
+    Fact("tag", TEXT, "Its name, null if none is known.", lambda of: of.tag or None, null=True),
     Fact("type", TEXT, "Its type, as in a value.", lambda of: of.type or None, null=True),
     Fact("unit", TEXT, "Its unit, null for none.", lambda of: of.unit or None, null=True),
     Fact("count", COUNT, "Values: reads, writes and pushes that were not refused.", _of("count", 0)),
-    Fact("changes", COUNT, "How many of them were different from the one before.", _of("changes", 0)),
+    Fact("changes", COUNT, "Number of values that differ from the one before.", _of("changes", 0)),
     Fact("distinct", COUNT, "Distinct values, counted up to 20.", _of("distinct_count", 0)),
     Fact("distinct_more", FLAG, "True if there were more.", _of("more_distinct", False)),
     Fact("first_time", TIME, "Time of the first value, null without one.", _of("first_ns", None, "count"), null=True),
