@@ -37,10 +37,9 @@ def command(reading: Reading, format_: Format, brief: bool, per_file: bool) -> i
     The report lists connections, transactions by function with answer times, findings, failed and slowest transactions, and
     what is missing from the capture.
 
-    FILE is a pcap or pcapng file, plain or compressed with gzip or zstd; - is standard input. Several files are read in
-    order; one that continues where the previous one ended (a ring buffer) continues its connections, unless --separate
-    reads each file on its own. Each file of a folder is read separately, in the order
-    of their times, and gets a row.
+    FILE is a pcap or pcapng file, plain or compressed with gzip or zstd; - is standard input. Several files are read in order;
+    one that continues where the previous one ended (a ring buffer) continues its connections, unless --separate reads each file
+    on its own. Each file of a folder is read separately, in the order of their times, and gets a row.
     """
     from dissect.meaning.report.analysis import Analysis
     from dissect.meaning.report.summary import Summary

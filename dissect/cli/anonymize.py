@@ -87,10 +87,10 @@ def command(
 ) -> int:
     """Write a copy of a capture that can be shared, and report what was replaced in it.
 
-    Addresses, TSAP texts, names, serial numbers, passwords and values are replaced by others of the same size; data that is
-    not understood becomes zeros. Sizes, times, pairing, error codes and requested addresses are kept, so an analysis gives the
-    same results. Correct checksums stay correct. FILE is a pcap or pcapng file, plain or compressed with gzip or zstd; it is
-    read twice.
+    Addresses, TSAP texts, names, serial numbers, passwords and values are replaced by others of the same size; data that is not
+    understood becomes zeros. Sizes, times, pairing, error codes and requested addresses are kept, so an analysis gives the same
+    results. Correct checksums stay correct. FILE is a pcap or pcapng file, plain or compressed with gzip or zstd; it is read
+    twice.
     """
     from dissect.engine.pipeline import Options
     from dissect.files.anonymize.account import Account, Choices

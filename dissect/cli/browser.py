@@ -38,8 +38,8 @@ def command(output: str | None, verified: str | None, folder: Path | None, force
     """Write the whole analyzer as one HTML file: it opens in a browser from the disk, and nothing is installed.
 
     The page needs no network and sends nothing. Python for browsers comes from npm and some packages from PyPI, in pinned
-    versions; the same version of s7dissect with the same packages always gives the same file, so --verify tells whether a
-    file is what it should be.
+    versions; the same version of s7dissect with the same packages always gives the same file, so --verify tells whether a file
+    is what it should be.
     """
     from dissect import __version__
     from dissect.output.browser.contents import Contents

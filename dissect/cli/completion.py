@@ -19,8 +19,8 @@ _SHELLS = ("bash", "zsh", "fish")
 def command(shell: str) -> int:
     """Write the completion script of a shell, to be loaded where the shell starts.
 
-    It completes commands, options, values of options, the fields of -Y expressions, questions of sql, topics of help, tables
-    of export --only, and the connections of a capture.
+    It completes commands, options, values of options, the fields of -Y expressions, questions of sql, topics of help, tables of
+    export --only, and the connections of a capture.
     """
     kind = get_completion_class(shell)
     assert kind is not None

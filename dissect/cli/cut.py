@@ -105,9 +105,9 @@ def command(
 ) -> int:
     """Extract part of a capture to a pcapng file, with findings as comments on their packets.
 
-    --connection, --transaction and --finding may be repeated and combined: a packet that any of them selects is written.
-    --time narrows the selection. Without any of them, all packets are written. Packets keep their order, times (nanoseconds),
-    link types, interface names and comments.
+    --connection, --transaction and --finding may be repeated and combined: a packet that any of them selects is written. --time
+    narrows the selection. Without any of them, all packets are written. Packets keep their order, times (nanoseconds), link
+    types, interface names and comments.
 
     FILE is a pcap or pcapng file, plain or compressed with gzip or zstd. It is read twice, so it cannot be standard input.
     Several files are read as one capture and written to one OUT.

@@ -73,8 +73,8 @@ def command(
 ) -> int:
     """Report what changed from A to B, each a capture or a golden (see `s7dissect golden`).
 
-    Transactions are matched by their request, not by their position, so one added or missing request is one difference.
-    Times, addresses and reference numbers are not compared; answer times only with --latency.
+    Transactions are matched by their request, not by their position, so one added or missing request is one difference. Times,
+    addresses and reference numbers are not compared; answer times only with --latency.
     """
     try:
         options = DiffOptions([part for text in ignore for part in text.split(",") if part], latency, reading.naming)

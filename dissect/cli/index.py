@@ -64,9 +64,9 @@ def command(
     """Keep an index of the captures in a folder: what each holds, and which of them can answer a question.
 
     A file is read once, and again only after it changed. For each file the index has the time range, the addresses of the
-    connections, the number of messages, transactions and errors, and the findings. With -Y it names the files from which
-    the expression can select something, so that other commands need not open the rest; addresses, ports, times and findings
-    rule files out, whatever else the expression says.
+    connections, the number of messages, transactions and errors, and the findings. With -Y it names the files from which the
+    expression can select something, so that other commands need not open the rest; addresses, ports, times and findings rule
+    files out, whatever else the expression says.
     """
     from dissect.files.index.facts import continued
     from dissect.files.index.place import index_of, made_room

@@ -176,8 +176,8 @@ def command(
 ) -> int:
     """Watch live S7 traffic: connections, transactions and findings as they occur. Nothing is ever sent.
 
-    The source is an interface (-i), a capture in progress on standard input (-), for example from
-    `ssh gateway tcpdump -U -w - tcp port 102`, or a FILE.
+    The source is an interface (-i), a capture in progress on standard input (-), for example from `ssh gateway tcpdump -U -w -
+    tcp port 102`, or a FILE.
     """
     from dissect.engine.pipeline import Options
     from dissect.online.live.lines import kinds_of

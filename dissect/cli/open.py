@@ -69,8 +69,8 @@ def command(
 ) -> int:
     """Open a capture in Wireshark at the packet that matters, with findings as packet comments.
 
-    Wireshark gets a copy of FILE, with -Y a part of it; comments in FILE are kept. Its display filter
-    `frame.comment contains "s7dissect:"` shows the packets with findings.
+    Wireshark gets a copy of FILE, with -Y a part of it; comments in FILE are kept. Its display filter `frame.comment contains
+    "s7dissect:"` shows the packets with findings.
 
     Without Wireshark on this machine, -o OUT writes the file and says how to open it elsewhere.
     """

@@ -92,8 +92,8 @@ def command(
 ) -> int:
     """Write captures as one HTML page: what broke, since when and who is affected, plots, and tables to sort and search.
 
-    The page is one file that works offline and loads nothing from a network. Its size is bounded: it says what it left
-    out. FILE is as for `analyze`; several files are read as one capture.
+    The page is one file that works offline and loads nothing from a network. Its size is bounded: it says what it left out.
+    FILE is as for `analyze`; several files are read as one capture.
     """
     from dissect import __version__
     from dissect.output.page.rendering import MAX_DIFFERENCES, render

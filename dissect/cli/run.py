@@ -184,8 +184,8 @@ def drive(
     run.lenient = run.lenient or any_folder()
     if len(files) > 1 and not run.lenient:
         check_captures(files)
-    # The engine makes no cycles, so nothing waits for the collector; its walks over thousands of open connections would
-    # only make pauses.
+    # The engine makes no cycles, so nothing waits for the collector; its walks over thousands of open connections would only
+    # make pauses.
     gc.disable()
     try:
         with Interruption() as interruption, Bar(files, each is not None) as bar:
@@ -292,8 +292,8 @@ class Signals:
 class Interruption(Signals):
     """Signals while files are read.
 
-    The first one is only remembered, so that no packet is left half analysed, unless input is being awaited: that is broken
-    off by KeyboardInterrupt. So does a second signal, wherever it comes.
+    The first one is only remembered, so that no packet is left half analysed, unless input is being awaited: that is broken off
+    by KeyboardInterrupt. So does a second signal, wherever it comes.
     """
 
     def react(self, again: bool, frame: FrameType | None) -> None:

@@ -67,10 +67,10 @@ def encode_command(
 ) -> int:  # fmt: skip
     """Encode values and write the bytes as hexadecimal text.
 
-    VARIABLE is an address (0x6000:1), a name ("Pump 1.run") or a field of a struct; VALUE is true or false, a number (also
-    0x…, raw:2748, "1374 kPa" with its unit), a name from the dictionary, text, the hexadecimal bytes of a block, an address,
-    or a time in ISO 8601 or as "seconds,nanoseconds". With --value, give VALUE alone. A message about one variable takes
-    VARIABLE, or VARIABLE=VALUE.
+    VARIABLE is an address (0x6000:1), a name ("Pump 1.run") or a field of a struct; VALUE is true or false, a number (also 0x…,
+    raw:2748, "1374 kPa" with its unit), a name from the dictionary, text, the hexadecimal bytes of a block, an address, or a
+    time in ISO 8601 or as "seconds,nanoseconds". With --value, give VALUE alone. A message about one variable takes VARIABLE,
+    or VARIABLE=VALUE.
     """
     from dissect.scd.codec import Codec
 

@@ -1,9 +1,8 @@
 """Rows of files that are read separately (option --separate): transactions and values.
 
 A process that runs the tasks itself writes rows at once. Rows of other processes come through files
-(`dissect.files.jobs.spool`),
-with marks in place of the numbers that count over all files; if a format defines their order in a line, with an index of them
-(`dissect.files.jobs.spots`).
+(`dissect.files.jobs.spool`), with marks in place of the numbers that count over all files; if a format defines their order in a
+line, with an index of them (`dissect.files.jobs.spots`).
 """
 
 from __future__ import annotations

@@ -33,8 +33,8 @@ def command(reading: Reading, format_: Format, frames: tuple[range, ...], verbos
     """List S7comm and S7comm-plus PDUs, one line each, or dissect them (-V).
 
     A line gives the packet that completed the PDU, its time, source and destination, and its content. COTP connects,
-    disconnects and errors and messages of other protocols are listed as well, and in the text output packet comments. To
-    see values, use the transactions command: they take the request and its answer.
+    disconnects and errors and messages of other protocols are listed as well, and in the text output packet comments. To see
+    values, use the transactions command: they take the request and its answer.
 
     FILE is a pcap or pcapng file, plain or compressed with gzip or zstd; - is standard input.
     """

@@ -219,8 +219,8 @@ def _coverage_json(coverage: Coverage, tags: int) -> dict[str, object]:
 def list_command(files: tuple[str, ...], format_: Format, encoding: str, numbers: dict[str, int]) -> int:
     """List tags in the order of their addresses: address, type, name, unit, comment, and what is not certain.
 
-    A capture that holds declarations of S7comm-plus is a tag file as well: its variables are listed last, each
-    with the address it has in transactions.
+    A capture that holds declarations of S7comm-plus is a tag file as well: its variables are listed last, each with the address
+    it has in transactions.
     """
     write_outcome(format_, OUTCOME, _TagListing(load(files, encoding, numbers)))
     return EXIT_OK

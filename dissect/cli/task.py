@@ -24,8 +24,7 @@ class Task:
 
     ``settings`` replace those of this machine; None keeps them. ``folder`` is for its rows, empty if there is none
     (`dissect.files.jobs.tasks`); ``place`` is the position of the file among all, from 0. ``direct`` takes its rows at once, if
-    this
-    process writes the output.
+    this process writes the output.
     """
 
     def __init__(

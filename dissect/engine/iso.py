@@ -215,8 +215,8 @@ class IsoOnTcp(Protocol):
     def longest(self, side: Side) -> i64:
         """Return the size in octets of the longest TPKT of ``side`` that `usual` may take next, 0 for none.
 
-        `usual` may be called while the stream is between two TPKTs, no observer wants TPDUs, no decoder wants TSDUs, no TSDU
-        is being assembled and nothing is decrypted. A TPKT that `usual` takes changes none of these conditions.
+        `usual` may be called while the stream is between two TPKTs, no observer wants TPDUs, no decoder wants TSDUs, no TSDU is
+        being assembled and nothing is decrypted. A TPKT that `usual` takes changes none of these conditions.
         """
         framer = side.framer
         connection = side.connection

@@ -71,8 +71,8 @@ LOOK_OCTETS: Final = 32 * 1024 * 1024
 class Pipeline(PacketSink):
     """Takes packets; reports transactions and findings to ``observer``. The module's docstring describes the path between.
 
-    Callers may read its parts: ``exchange`` (pairing, findings), ``counters``, ``table`` (TCP connections), ``connections``
-    and ``protocols``, of which ``iso``, ``s7``, ``plus`` and ``ibh`` are attributes as well.
+    Callers may read its parts: ``exchange`` (pairing, findings), ``counters``, ``table`` (TCP connections), ``connections`` and
+    ``protocols``, of which ``iso``, ``s7``, ``plus`` and ``ibh`` are attributes as well.
     """
 
     def __init__(self, observer: Observer, options: Options | None = None) -> None:

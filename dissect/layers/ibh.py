@@ -71,8 +71,8 @@ def _size_behind(packet: Packet) -> int:
 class IBH(WireLayer):
     """The header of every packet. ``length`` counts what follows and is filled in when left out; so are the flags.
 
-    Under TCP, what does not look like a whole packet stays `Raw`. Called on octets of your own, ``IBH(octets)`` reads any
-    eight octets as the header.
+    Under TCP, what does not look like a whole packet stays `Raw`. Called on octets of your own, ``IBH(octets)`` reads any eight
+    octets as the header.
     """
 
     name = "IBH"

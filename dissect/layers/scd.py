@@ -1,7 +1,7 @@
 """SCD as a Scapy layer: messages in the default envelope (docs/scd.md), with names and values by a dictionary.
 
-No port is SCD's, so nothing is bound until `bind_scd` is called. A dictionary belongs to a class: ``SCD.using(dictionary)``
-is `SCD` that reads by it, `bind_scd` binds such a class to a port, and ``packet[SCD]`` finds them all. So dictionaries on
+No port is SCD's, so nothing is bound until `bind_scd` is called. A dictionary belongs to a class: ``SCD.using(dictionary)`` is
+`SCD` that reads by it, `bind_scd` binds such a class to a port, and ``packet[SCD]`` finds them all. So dictionaries on
 different ports never mix. A datagram with several messages gives a chain.
 """
 
@@ -53,8 +53,8 @@ class SCD(WireLayer):
     """A message. ``size`` and ``crc`` are filled in when left out; ``data`` are octets, which a dictionary makes and reads.
 
     On a bound port, what does not begin as a message stays `Raw`; under TCP it has to be whole besides. Called on octets of
-    your own, ``SCD(octets)`` reads any ten octets as the header. A message that was cut has the octets of its checksum that
-    are there, often none, as ``crc``.
+    your own, ``SCD(octets)`` reads any ten octets as the header. A message that was cut has the octets of its checksum that are
+    there, often none, as ``crc``.
     """
 
     name = "SCD"

@@ -2,12 +2,11 @@
 
 ::
 
-    sniff(offline="plant.pcapng", session=S7Session)
-    sniff(iface="eth0", session=S7Session, prn=lambda packet: packet.summary())
+    sniff(offline="plant.pcapng", session=S7Session) sniff(iface="eth0", session=S7Session, prn=lambda packet: packet.summary())
 
-Scapy's own TCP session takes Ethernet padding for payload, fills holes with zeros and knows no COTP fragments. Here each
-packet goes through `dissect.engine.pipeline`, which recognises ISO-on-TCP on every port, and what comes out is one packet for
-each whole TPKT, in the order of the stream: ``Ether / IP / TCP / TPKT / …``.
+Scapy's own TCP session takes Ethernet padding for payload, fills holes with zeros and knows no COTP fragments. Here each packet
+goes through `dissect.engine.pipeline`, which recognises ISO-on-TCP on every port, and what comes out is one packet for each
+whole TPKT, in the order of the stream: ``Ether / IP / TCP / TPKT / …``.
 """
 
 from __future__ import annotations

@@ -1,8 +1,7 @@
 """TPKT as a Scapy layer: what lies between TCP and COTP (RFC 1006 section 6).
 
-A segment with several TPKTs gives a chain, ``TPKT / COTP_DT / … / TPKT / COTP_DT / …``, so that
-``packet.getlayer(TPKT, 2)`` is the second one. What follows the last
-whole TPKT, such as the beginning of a cut one, is a `TPKT_Rest`, which is a `Raw`.
+A segment with several TPKTs gives a chain, ``TPKT / COTP_DT / … / TPKT / COTP_DT / …``, so that ``packet.getlayer(TPKT, 2)`` is
+the second one. What follows the last whole TPKT, such as the beginning of a cut one, is a `TPKT_Rest`, which is a `Raw`.
 """
 
 from __future__ import annotations
@@ -19,8 +18,8 @@ from dissect.protocols.iso.cotp import Assembler
 from dissect.protocols.iso.layouts import TPKT as TPKT_LAYOUT
 from dissect.protocols.iso.tpkt import HEADER, Framer, plausible
 
-#: TPKTs of one segment that become layers; those after it stay octets, because Scapy walks a chain by recursion.
-#: `S7Session` has no such limit.
+#: TPKTs of one segment that become layers; those after it stay octets, because Scapy walks a chain by recursion. `S7Session`
+#: has no such limit.
 CHAIN_LIMIT: Final = 32
 
 _PORT: Final = 102
@@ -74,8 +73,8 @@ class TPKT(WireLayer):
         """Cut one TPKT off a stream, for `StreamSocket`, by the engine's rules (`dissect.protocols.iso.tpkt.Framer`).
 
         Octets that belong to no TPKT come as a `Raw`, what follows them later. The DT that ends a PDU of several DTs has the
-        whole PDU. While nothing is whole: None, or for a `StreamSocket`, which would wait for the rest whatever its time-out,
-        a packet that is False, which Scapy ignores.
+        whole PDU. While nothing is whole: None, or for a `StreamSocket`, which would wait for the rest whatever its time-out, a
+        packet that is False, which Scapy ignores.
         """
         if not data:
             return None if metadata else _Unfinished()

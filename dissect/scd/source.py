@@ -3,9 +3,8 @@
 Tables: [dictionary], [[type]], [[object]], [[pdo]], [[instance]], [envelope], [errors]. docs/scd.md lists their keys.
 
 An [[instance]] puts a device that is described once into a dictionary for several of the eight devices (R93-R95). Types,
-objects and PDOs with ``device = "pump"`` are a template for device 0. An instance adds 40h to its types, 800h to its objects
-at 6000h-67FFh and 64 to its PDO numbers for each device, and puts numbers into its texts: ``{device}`` 0..7, ``{segment}``
-1..8.
+objects and PDOs with ``device = "pump"`` are a template for device 0. An instance adds 40h to its types, 800h to its objects at
+6000h-67FFh and 64 to its PDO numbers for each device, and puts numbers into its texts: ``{device}`` 0..7, ``{segment}`` 1..8.
 """
 
 from __future__ import annotations

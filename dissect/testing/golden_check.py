@@ -67,10 +67,9 @@ class GoldenCheck:
 
         ``what`` is a capture (a path, or a name in the captures' folder), a recorder or a session. ``name`` distinguishes
         several goldens of one test. ``ignore`` and ``latency`` are those of `s7dissect diff`
-        (`dissect.testing.golden.DiffOptions`);
-        with ``latency`` answer times are stored in the golden. ``where`` is the option -Y: only the part of a capture or
-        recorder that the expression selects is compared and stored (docs/select.md). Raises ValueError for an invalid option,
-        `SelectError` for a wrong expression.
+        (`dissect.testing.golden.DiffOptions`); with ``latency`` answer times are stored in the golden. ``where`` is the option
+        -Y: only the part of a capture or recorder that the expression selects is compared and stored (docs/select.md). Raises
+        ValueError for an invalid option, `SelectError` for a wrong expression.
         """
         __tracebackhide__ = True
         try:

@@ -1,8 +1,7 @@
 """Rewrites ordinary packets in few steps: TCP in IPv4 without options, complete, with checksums.
 
 `dissect.files.anonymize.packet` rewrites every packet; the functions here give the same results for ordinary ones, and nothing
-for
-others. Compiled: each slice ends after its beginning and within the packet.
+for others. Compiled: each slice ends after its beginning and within the packet.
 """
 
 from __future__ import annotations

@@ -1,8 +1,7 @@
 """Results of a run over one file, on their way to be added up, and the sum of the counters of all pipelines.
 
 A part is made of an observer that `dissect.files.jobs.sending` can send, after the run that filled it (`part_of`). A `Sum`
-takes the
-parts in the order of the files.
+takes the parts in the order of the files.
 """
 
 from __future__ import annotations

@@ -124,7 +124,7 @@ _ACT: Final[tuple[Fact[Act], ...]] = (
     Fact("reason", TEXT, "Why there is no answer.", lambda of: of.reason or None, null=True),
     Fact("error_code", COUNT, "Code of the refusal, 0 for none.", lambda of: of.error_code),
     Fact("error_name", WORD, "Its name.", lambda of: of.error.name if of.error is not None else None, null=True),
-    Fact("slug", WORD, "The finding that it makes, null for none.", lambda of: of.slug or None, null=True),
+    Fact("slug", WORD, "Slug of the finding for it, null for none.", lambda of: of.slug or None, null=True),
     Fact("transactions", COUNTS, "Numbers of its transactions, the first thousand.", lambda of: list(of.transactions)),
 )  # fmt: skip
 

@@ -28,8 +28,8 @@ class SpoolLane:
     """A lane (see `Lane`) for an action whose alerts wait on disk.
 
     One thread writes alerts to ``spool``, others deliver them from there. While the receiver does not answer, the most severe
-    alert is tried after 1, 2, 4 … 60 s. An alert that the receiver refuses for good is dropped. A folder that cannot be used
-    at the start is tried again as often, when there is an alert for it; until then alerts wait in memory.
+    alert is tried after 1, 2, 4 … 60 s. An alert that the receiver refuses for good is dropped. A folder that cannot be used at
+    the start is tried again as often, when there is an alert for it; until then alerts wait in memory.
     """
 
     def __init__(

@@ -152,8 +152,7 @@ def live(
     and a named pipe. The run ends by itself after so many ``seconds`` or ``packets`` (0: it does not). ``engine`` is dumpcap,
     ring or auto (docs/live.md). ``overdue_ns``: a request that is open for longer is a finding at once. The other arguments are
     those of `dissect.open`. Raises `dissect.packets.source.live.reader.LiveError`, a `CaptureError`, with advice, where the
-    interface
-    cannot be opened.
+    interface cannot be opened.
     """
     queue = EventQueue(pdus)
     options = Options(

@@ -1,9 +1,8 @@
 """Runs the relay in a separate process, so that a slow dissection never delays the relayed data (the GIL is not shared).
 
 The relay's process has the bounded queue (`dissect.online.proxy.tap`), and sends its content through a socket as fast as this
-process
-reads. Data that does not fit into the queue is relayed, but not dissected, and counted there. The relay ends on request, or
-when this process is gone.
+process reads. Data that does not fit into the queue is relayed, but not dissected, and counted there. The relay ends on
+request, or when this process is gone.
 """
 
 from __future__ import annotations

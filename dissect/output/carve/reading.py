@@ -73,8 +73,7 @@ def blocks(
 
     Incomplete blocks are included; their ``missing`` says what they lack. ``where`` selects operations. ``tls_keys``,
     ``checksums`` and ``tags`` are as for `dissect.open`; with tags, `dissect.output.carve.contents.block_values` names the
-    values of a
-    data block. Raises `CaptureError` if a file cannot be read at all, `SelectError` for a wrong expression,
+    values of a data block. Raises `CaptureError` if a file cannot be read at all, `SelectError` for a wrong expression,
     `dissect.meaning.tags.TagError` for files of tags, and what `read_tls_keys` raises.
     """
     reading = reading_of([path, *more], Options(checksums=checksums), where, tags, tls_keys)

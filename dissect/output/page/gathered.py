@@ -146,8 +146,8 @@ class Gathered(Observer):
         self._gaps = Samples(MAX_GAPS, counted=False)
         self.modes: list[Mode] = []
         self.modes_not_drawn = 0
-        #: Rows of operations, each with its `Span`; those of blocks and of failed transactions; those of connections, each
-        #: with client, server and VLAN.
+        #: Rows of operations, each with its `Span`; those of blocks and of failed transactions; those of connections, each with
+        #: client, server and VLAN.
         self.operations = Samples(MAX_OPERATIONS)
         self.blocks = Samples(MAX_BLOCKS)
         self.failed = Samples(MAX_FAILED)

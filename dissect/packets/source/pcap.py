@@ -1,8 +1,8 @@
 """`PcapReader` for classic pcap files, and `ChunkReader`, the base class of it and of the reader of pcapng.
 
-The format is draft-ietf-opsawg-pcap: a header of 24 octets, then records of a header of 16 octets and the packet. Read are
-both byte orders, microseconds and nanoseconds, the "modified" format of old tcpdump patches (magic 0xa1b2cd34, record headers
-of 24 octets), and the swapped length fields of files older than version 2.4.
+The format is draft-ietf-opsawg-pcap: a header of 24 octets, then records of a header of 16 octets and the packet. Read are both
+byte orders, microseconds and nanoseconds, the "modified" format of old tcpdump patches (magic 0xa1b2cd34, record headers of 24
+octets), and the swapped length fields of files older than version 2.4.
 """
 
 from __future__ import annotations
@@ -20,8 +20,8 @@ from dissect.wire.build import COMPILED
 #: to cost up to three times as much as reading the packets; below, the cost does not depend on the state of the heap.
 CHUNK: Final = 64 * 1024
 
-#: The largest packet accepted, on Ethernet and on any other link; a record that claims more is damaged. (libpcap uses the
-#: first bound for all links.)
+#: The largest packet accepted, on Ethernet and on any other link; a record that claims more is damaged. (libpcap uses the first
+#: bound for all links.)
 MAX_ETHERNET_PACKET: Final = 256 * 1024
 MAX_PACKET: Final = 16 * 1024 * 1024
 

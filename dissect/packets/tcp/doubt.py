@@ -30,11 +30,10 @@ REFUTED: Final = 2
 class Doubt:
     """An end in doubt: packet ``frame`` from the address of ``side``, with sequence number ``seq``.
 
-    ``how`` is ``fin`` or ``reset``.
-    ``distance`` is how far ``seq`` was ahead of the octet that was expected next (negative: behind); ``sender`` is the Ethernet
-    address that the packet came from, empty for none. ``other`` is a certain end that came after it, with its side, packet and
-    time; ``silent`` has a bit for each side that sends nothing more because of that one. ``due``: something was sent since the
-    last `look`.
+    ``how`` is ``fin`` or ``reset``. ``distance`` is how far ``seq`` was ahead of the octet that was expected next (negative:
+    behind); ``sender`` is the Ethernet address that the packet came from, empty for none. ``other`` is a certain end that came
+    after it, with its side, packet and time; ``silent`` has a bit for each side that sends nothing more because of that one.
+    ``due``: something was sent since the last `look`.
     """
 
     __slots__ = (

@@ -243,8 +243,8 @@ class FragmentStore:
 
         The payload is a TCP segment, the content of a tunnel or, when wanted, a UDP datagram. It is empty when the extension
         headers of the whole datagram lead to another protocol. An impossible fragment, or one that contradicts where its
-        datagram ends, is dropped. The packet that completes a datagram is not counted here: the caller counts it like any
-        whole packet.
+        datagram ends, is dropped. The packet that completes a datagram is not counted here: the caller counts it like any whole
+        packet.
         """
         self._expire(time_ns)
         end: i64 = offset + len(octets)

@@ -1,8 +1,8 @@
 """Finds the IP packet in a captured frame: of Ethernet, Linux cooked, raw IP, BSD loopback or PPP.
 
-Between an EtherType and IP there may be VLAN tags, LLC with SNAP (RFC 1042), MPLS labels (RFC 3032), PPPoE (RFC 2516), an
-HSR tag (IEC 62439-3), Cisco's CMD and VN-Tag, MACsec without encryption (IEEE 802.1AE). None of these holds addresses. Frames
-in frames, which do, are opened by `dissect.packets.tcp.tunnel`.
+Between an EtherType and IP there may be VLAN tags, LLC with SNAP (RFC 1042), MPLS labels (RFC 3032), PPPoE (RFC 2516), an HSR
+tag (IEC 62439-3), Cisco's CMD and VN-Tag, MACsec without encryption (IEEE 802.1AE). None of these holds addresses. Frames in
+frames, which do, are opened by `dissect.packets.tcp.tunnel`.
 """
 
 from __future__ import annotations
@@ -79,8 +79,8 @@ def find_ip(buf: bytes, start: i64, end: i64, link_type: i64) -> tuple[i64, i64]
         at: i64 = start + 4
         if end - start < 5:
             return CUT, 0
-        # The address family is in the byte order of the machine that captured, and IPv6's number differs between
-        # systems; the version nibble of the packet itself is the same everywhere.
+        # The address family is in the byte order of the machine that captured, and IPv6's number differs between systems; the
+        # version nibble of the packet itself is the same everywhere.
         version: i64 = buf[at] >> 4
         return (at if version == 4 or version == 6 else NOT_IP), 0
     if link_type == PPP or link_type == PPP_HDLC:

@@ -1,9 +1,8 @@
 """Tunnels: descends from the outer IP packet to the innermost one, whose addresses are those of a connection.
 
-Sensors and switches send mirrored frames in tunnels. Opened are GRE (RFC 2784, 2890) with IP, Ethernet, MPLS or ERSPAN I to
-III (draft-foschiano-erspan) in it; VXLAN (RFC 7348), Geneve (RFC 8926) and TZSP in UDP; IP in IP (RFC 2003, 4213), EtherIP
-(RFC 3378), MPLS in IP (RFC 4023); and the authentication header of IPv4 (RFC 4302), which is not a tunnel but comes where one
-would.
+Sensors and switches send mirrored frames in tunnels. Opened are GRE (RFC 2784, 2890) with IP, Ethernet, MPLS or ERSPAN I to III
+(draft-foschiano-erspan) in it; VXLAN (RFC 7348), Geneve (RFC 8926) and TZSP in UDP; IP in IP (RFC 2003, 4213), EtherIP (RFC
+3378), MPLS in IP (RFC 4023); and the authentication header of IPv4 (RFC 4302), which is not a tunnel but comes where one would.
 
 The VLAN of a packet is that of the innermost frame; the outer VLAN belongs to the network that carries the tunnel.
 """

@@ -33,8 +33,8 @@ class FrameStream:
     def push(self, octets: bytes) -> list[bytes]:
         """Take the next octets; return the frames that they complete, and all other octets unchanged.
 
-        If ``octets`` are a whole frame, the unfinished frame before it had a wrong length, and ends. After octets that
-        are not a frame, the next frame is searched for.
+        If ``octets`` are a whole frame, the unfinished frame before it had a wrong length, and ends. After octets that are not
+        a frame, the next frame is searched for.
         """
         found: list[bytes] = []
         rest = self._rest

@@ -4,8 +4,8 @@ Masked octets become 0; sizes and positions do not change. Masked in S7comm (ref
 sequence number of userdata (1 if it marks a piece of a BSEND that another piece follows, reference 4.10); the data unit
 reference (1 if there is one, so that "more follows" stays); the id of an upload; the fill octet after an odd item (reference
 3.5), where some devices send leftover memory; and passwords (`dissect.protocols.s7.hiding`), because a stored text must not
-contain them.
-Masked in S7comm-plus: sequence numbers, session id, credit tick, integrity ids, digests and secrets (docs/s7plus.md).
+contain them. Masked in S7comm-plus: sequence numbers, session id, credit tick, integrity ids, digests and secrets
+(docs/s7plus.md).
 """
 
 from __future__ import annotations

@@ -3,8 +3,7 @@
 Comparison, `serve` and `replay` all read this model.
 
 The octets of both PDUs, without their references (`dissect.testing.golden.masking`), are the reference; items, values and
-errors are
-parsed from them on demand, by the parsers that read captures. Equal transactions share one `Exchange`.
+errors are parsed from them on demand, by the parsers that read captures. Equal transactions share one `Exchange`.
 """
 
 from __future__ import annotations
@@ -143,9 +142,8 @@ class Link:
 
     ``carrier`` is ``tcp``, ``udp`` or ``ibh``. ``begun``: its beginning was captured. Sizes are 0 if not negotiated. ``ended``
     is how it ended (`dissect.engine.transactions.ending`), ``ended_by`` ``client``, ``server`` or empty, ``farewell`` a DR or
-    ER in
-    words. ``addresses`` of client and server belong to one recording and are empty if unknown; so do ``span`` and ``tpdus``,
-    which are None if unknown.
+    ER in words. ``addresses`` of client and server belong to one recording and are empty if unknown; so do ``span`` and
+    ``tpdus``, which are None if unknown.
     """
 
     __slots__ = (

@@ -1,8 +1,8 @@
 """Ordinary reads and writes, well formed and answered as devices answer: masked and written in few steps.
 
 `dissect.testing.golden.masking` masks every message and `dissect.testing.golden.forms` writes every transaction; the functions
-here give the
-same results for ordinary ones, and nothing for others. Compiled: each slice ends after its beginning and within the message.
+here give the same results for ordinary ones, and nothing for others. Compiled: each slice ends after its beginning and within
+the message.
 """
 
 from __future__ import annotations

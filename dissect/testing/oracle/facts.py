@@ -1,8 +1,7 @@
 """Facts: one field of one TPDU or S7 PDU, its position and its value, from either side.
 
 The layouts (`dissect.protocols.iso.layouts`, `dissect.protocols.s7.layouts`) define the fields, their Wireshark names and their
-positions. Names
-for contents outside fixed headers are defined here.
+positions. Names for contents outside fixed headers are defined here.
 """
 
 from __future__ import annotations

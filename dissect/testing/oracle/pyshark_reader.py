@@ -2,8 +2,7 @@
 
 pyshark drives tshark from its own event loop, and fails in a process that ever ran another one. It therefore runs in a child
 (``python -m dissect.testing.oracle.pyshark_reader``), which writes one JSON line per packet. Its exact mode is
-``use_json=True``:
-several PDUs of a packet are in ``duplicate_layers``, while EK mode raises on them.
+``use_json=True``: several PDUs of a packet are in ``duplicate_layers``, while EK mode raises on them.
 """
 
 from __future__ import annotations

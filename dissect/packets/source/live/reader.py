@@ -18,8 +18,8 @@ _MAX_OUTAGES: Final = 100
 class Drops(NamedTuple):
     """How many packets on the wire were lost since the source was opened.
 
-    ``kernel``: received, but the buffer between kernel and reader was full. ``interface``: lost before the kernel had them
-    (the card's ``rx_missed_errors`` and ``rx_fifo_errors``). None means not known (yet), never zero.
+    ``kernel``: received, but the buffer between kernel and reader was full. ``interface``: lost before the kernel had them (the
+    card's ``rx_missed_errors`` and ``rx_fifo_errors``). None means not known (yet), never zero.
     """
 
     kernel: int | None
