@@ -1,4 +1,4 @@
-"""Where a process begins: ``s7dissect`` and ``python -m dissect``."""
+"""The start of a process: ``s7dissect`` and ``python -m dissect``."""
 
 from __future__ import annotations
 

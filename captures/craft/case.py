@@ -77,7 +77,7 @@ class Case:
     # ---- expectations -----------------------------------------------------------------------------------------------
 
     def pair(self, *functions: int) -> None:
-        """Of each function: a request and its answer."""
+        """A request and its answer for each function."""
         for function in functions:
             self.pdu(function, function)
             self.counts["answered"] += 1

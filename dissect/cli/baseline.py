@@ -215,7 +215,7 @@ class _AlertOutcome(Outcome):
         self._clock = clock
 
     def text(self) -> list[str | Line]:
-        """Return its line."""
+        """Return the line of the departure."""
         return [Line(self._alert.line(self._clock), self._alert.severity, HANG)]
 
     def as_dict(self) -> dict[str, object]:

@@ -16,7 +16,7 @@ from dissect.cli.options.completing import from_table
 from dissect.cli.run import write
 
 _PACKAGE: Final = Path(__file__).resolve().parent.parent
-#: Where the pages are in an installed package, and in the source tree.
+#: The folders of the pages in an installed package, and in the source tree.
 _FOLDERS: Final = (_PACKAGE / "help", _PACKAGE.parent / "docs")
 _SUFFIX: Final = ".md"
 #: The list of the pages, in groups: the contents of `s7dissect help`, and the order in README and on the site.

@@ -126,7 +126,7 @@ class LazyGroup(click.Group):
     Every command gets ``--color``, those that show times ``--local-time``, and its help the examples it has.
     """
 
-    #: What precedes the names of the commands in `dissect.cli.examples`.
+    #: Prefix of the names of the commands in `dissect.cli.examples`.
     prefix = ""
 
     def summaries(self) -> dict[str, str]:

@@ -115,7 +115,7 @@ class Reading:
 
     @property
     def interrupted(self) -> bool:
-        """Whether the reading was broken off."""
+        """Whether the reading was interrupted."""
         return self.code == EXIT_INTERRUPTED
 
     @property

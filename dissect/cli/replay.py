@@ -165,7 +165,7 @@ def command(
 
     By default only reads are sent, and only to this machine. References, sequence numbers and upload ids are new, sizes are
     negotiated. Each request is sent once, after everything before it in the recording was answered, on its own connection and
-    on those open at the same time. What was withheld, and why, is reported at the end.
+    on those open at the same time. The withheld requests are reported at the end, with the reasons.
     """
     from dissect.testing.playback.client import (
         Permissions,

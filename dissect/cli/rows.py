@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 class Left(NamedTuple):
-    """What rows do not show: connections by protocol, requested variables that were seen, and omitted pairs, by doubt."""
+    """Facts that rows do not show: connections by protocol, requested variables that were seen, and omitted pairs, by doubt."""
 
     protocols: Mapping[str, int] = {}
     seen: Iterable[str] = ()

@@ -13,7 +13,7 @@ from dissect.cli.options.completing import from_table
 from dissect.cli.run import write
 from dissect.wire.config.hints import close_names
 
-#: Where the schemas are, in the package: `NAME.schema.json`.
+#: The folder of the schemas in the package: `NAME.schema.json`.
 FOLDER: Final = Path(__file__).resolve().parent.parent / "meaning" / "schema"
 _SUFFIX: Final = ".schema.json"
 _URN: Final = "urn:s7dissect:schema:"

@@ -298,7 +298,7 @@ def where_of(where: str | Where | None, options: Options) -> Where | None:
 
 
 class Reading:
-    """What to read of captures: files, options of the engine, and the selection ``where``.
+    """The task of reading captures: files, options of the engine, and the selection ``where``.
 
     The command line and the functions of the library make their runs from it. ``sieve`` filters what the observer of the latest
     run receives; None if it receives everything. ``context`` is for an observer that shows fields although nothing is selected.

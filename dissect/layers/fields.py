@@ -110,7 +110,7 @@ def no_number(field: str, text: str, meaning: str = "") -> ValueError:
 
 
 class _Number:
-    """Of a Scapy field that is a number: a text is a ValueError when it is given, not a struct.error when it is built."""
+    """For Scapy fields that are numbers: a text raises ValueError when it is assigned, not struct.error when it is built."""
 
     def any2i(self, pkt: Packet | None, x: Any) -> Any:
         """Take a number (Scapy's interface). Raises ValueError for a text."""
@@ -505,7 +505,7 @@ def fill_number(octets: bytes, offset: int, size: int, value: int, what: str) ->
 
 
 class WireLayer(Packet):
-    """What every layer of this package shares: octets too short for its fixed part become a `Raw`.
+    """Base of every layer of this package: octets too short for its fixed part become a `Raw`.
 
     ``least`` is that size; the classes set it. Scapy looks for ``dispatch_hook`` in the class itself, so each gets one.
     """

@@ -41,7 +41,7 @@ from dissect.protocols.s7.data_parts import CONTENT, RETURN_CODE
 from dissect.protocols.s7.tables import SUCCESS
 from dissect.wire.part import FILL, OCTETS, SURPLUS
 
-#: What an alarm counts as its objects.
+#: The parts that an alarm counts as its objects.
 _OBJECTS: Final = (
     "S7_AlarmToLock",
     "S7_AlarmMessage",

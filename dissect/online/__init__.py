@@ -1,1 +1,1 @@
-"""What works on a network: addresses, alerts, live runs and their screens, counters, a relay."""
+"""The parts that use a network: addresses, alerts, live runs and their screens, counters, a relay."""

@@ -125,7 +125,7 @@ def _file_time(ctx: click.Context, param: click.Parameter, value: str) -> int:
 
 
 class Beside:
-    """What runs beside the session, by the options. `companions` makes it; `watch` passes it the session."""
+    """The parts that run beside the session, by the options. `companions` makes it; `watch` passes it the session."""
 
     def __init__(
         self,

@@ -34,7 +34,7 @@ class NumberRange(_RangeType):
 
 
 class Numbers:
-    """What several `NumberRange` options chose."""
+    """The choice of several `NumberRange` options."""
 
     def __init__(self, ranges: Iterable[range]) -> None:
         self.ranges = list(dict.fromkeys(ranges))

@@ -67,7 +67,7 @@ class Chosen:
 
     @property
     def context(self) -> Context:
-        """What fields need to know of the run."""
+        """The facts about the run that fields need."""
         if self._context is None:
             from dissect.meaning.select.things import Context
 

@@ -1,1 +1,1 @@
-"""What deserves attention: the catalogue and the rules that judge."""
+"""Findings: the catalogue, and the rules that make them."""

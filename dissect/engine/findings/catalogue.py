@@ -19,8 +19,8 @@ NOTE: Final = "note"
 SEVERITIES: Final = (ERROR, WARNING, NOTE)
 
 
-#: What a rule is about: the capture itself; the octets of a protocol; what was negotiated; requests and answers; actions of a
-#: possible intruder; operations, which take several requests.
+#: Kinds of rules, by subject: the capture itself; the octets of a protocol; the negotiation; requests and answers; actions of
+#: a possible intruder; operations, which take several requests.
 CAPTURE: Final = "capture"
 PROTOCOL: Final = "protocol"
 NEGOTIATION: Final = "negotiation"

@@ -111,7 +111,7 @@ CAUSES: Final[tuple[Cause, ...]] = (
     ),
 )
 
-#: What each cause explains, by its slug.
+#: The findings that each cause explains, by the slug of the cause.
 EXPLAINS: Final[dict[str, frozenset[str]]] = {cause.slug: frozenset(cause.consequences) for cause in CAUSES}
 
 #: Findings that may be explained by a cause that appears only later: they wait while there are signs of it.

@@ -7,7 +7,7 @@ from typing import Final
 
 from dissect.engine.program.carved import CODE, HEADER, INTERFACE, VALUES, CarvedBlock
 
-# What happened to a block.
+# States of a block in the comparison.
 NEW: Final = "new"
 GONE: Final = "gone"
 MOVED: Final = "moved"

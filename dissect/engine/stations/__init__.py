@@ -1,1 +1,1 @@
-"""What stations state about themselves: facts that are read from transactions, and the book that stores them."""
+"""Statements of stations about themselves: facts that are read from transactions, and the book that stores them."""

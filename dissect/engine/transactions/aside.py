@@ -32,7 +32,7 @@ class Held:
 
     @property
     def octets(self) -> i64:
-        """Its size in octets."""
+        """The size in octets."""
         return self.transaction.request_size + self.transaction.response_size
 
 

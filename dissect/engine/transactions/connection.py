@@ -93,7 +93,7 @@ class EarlyAck:
 
 
 class Traits:
-    """What a connection was used for so far; the security rules need it. Every part of it is bounded.
+    """The uses of a connection so far; the security rules need them. Every part of it is bounded.
 
     ``written`` has a bit for each kind of area that was written (`dissect.protocols.s7.items.written_areas`), ``sent`` for each
     that may have been written, because there was no answer. ``told`` has the slugs that are reported only once per connection,
@@ -190,7 +190,7 @@ class Traits:
 
     @property
     def writes(self) -> Writes:
-        """Its latest writes."""
+        """The latest writes of the connection."""
         found = self._writes
         if found is None:
             found = self._writes = Writes()
@@ -406,7 +406,7 @@ class Connection:
 
     @property
     def traits(self) -> Traits:
-        """What it was used for so far."""
+        """The uses of the connection so far."""
         found = self._traits
         if found is None:
             found = self._traits = Traits()
@@ -468,7 +468,7 @@ class Connection:
 
     @property
     def last_frame(self) -> i64:
-        """Its latest packet."""
+        """The latest packet of the connection."""
         return self.ending.last_frame if self.ending is not None else self.tcp.last_frame
 
     @property

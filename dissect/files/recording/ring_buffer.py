@@ -146,7 +146,7 @@ class RingLimits:
 
     @property
     def removes(self) -> bool:
-        """Whether files are removed by themselves."""
+        """Whether files are removed automatically."""
         return bool(self.files or self.total or self.age_ns)
 
 

@@ -1,4 +1,4 @@
-"""Where SCD is carried (`bindings_file`), and how it is decoded there (`engine`)."""
+"""Places of SCD in traffic (`bindings_file`), and the decoding of SCD there (`engine`)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is known about each device: its constants, and mappings that were rewritten during the capture (R104-R106)."""
+"""Facts about each device: its constants, and mappings that were rewritten during the capture (R104-R106)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What `analyze` adds up over a whole run.
+"""The sums of `analyze` over a whole run.
 
 Counters are exact; lists keep only the most important entries, so memory is limited.
 """

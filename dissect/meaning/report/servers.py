@@ -1,4 +1,4 @@
-"""What each server of a run did: its connections, PDUs, and what became of the requests that it got."""
+"""The servers of a run: their connections and PDUs, and the outcomes of the requests that they got."""
 
 from __future__ import annotations
 

@@ -27,7 +27,7 @@ from dissect.wire.text import count as count  # noqa: PLC0414 - it is one of the
 class Places:
     """Finds packets of a run in its files.
 
-    ``files`` may grow while the run goes on. ``several`` says whether outputs name files; it does not depend on how many were
+    ``files`` may grow during the run. ``several`` says whether outputs name files; it does not depend on how many were
     read so far. ``hosts`` are names of hosts by address.
     """
 

@@ -67,7 +67,7 @@ class Stretch:
 
 
 class Places:
-    """Where wanted packets are. ``same`` has the first key of a connection for each other key (`SameKeys`).
+    """The places of wanted packets. ``same`` has the first key of a connection for each other key (`SameKeys`).
 
     ``frames`` are numbers of packets; ``looks`` says whether anything else is known, so that packets must be examined.
     """

@@ -31,7 +31,7 @@ Make = Callable[[int], Alert]
 
 
 class _Reported:
-    """What is remembered of one thing that a rule may report."""
+    """The memory of one thing that a rule may report."""
 
     __slots__ = ("counted", "looked_ns", "make", "repeated", "since_ns", "spoken", "told_ns")
 
@@ -115,7 +115,7 @@ class Cooldown:
             told.counted = True
             self._speak(rule, told, now_ns)
         elif now_ns - told.told_ns >= rule.cooldown_ns and not rule.once:
-            self._say(told, now_ns)  # it goes on
+            self._say(told, now_ns)  # the state lasts
 
     def flush(self, now_ns: int, over: bool = False) -> None:
         """Give alerts that were held back when their time has come; all of them when the run is ``over``.

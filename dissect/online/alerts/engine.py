@@ -175,7 +175,7 @@ class AlertEngine(Observer):
     def take_over(self, before: AlertEngine) -> None:
         """Go on where an engine with other rules stopped: with its open connections, and its time.
 
-        What ``before`` held back it gives now. States and cooldowns begin anew, because they are those of its rules.
+        It now gives the alerts that ``before`` held back. States and cooldowns begin anew, because they are those of its rules.
         """
         before.finish()
         self.now_ns = self._look_ns = before.now_ns

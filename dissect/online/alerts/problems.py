@@ -1,4 +1,4 @@
-"""What can go wrong with this program itself: the kinds of problems, which rules, metrics and the live run share."""
+"""Problems of this program itself: their kinds, which rules, metrics and the live run share."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ DROPS: Final = "drops"
 INTERFACE: Final = "interface"
 #: The metrics cannot be fetched.
 METRICS: Final = "metrics"
-#: Something failed for good, and goes on no longer.
+#: A part failed permanently and is switched off.
 STOPPED: Final = "stopped"
 
 #: No problem: the hash of the latest entry of the manifest, for whoever keeps it elsewhere.

@@ -10,7 +10,7 @@ from dissect.output.baseline.subjects import Pair
 
 Network = IPv4Network | IPv6Network
 
-# What a rule can look for (`Rule.when`).
+# Conditions of rules (`Rule.when`).
 FINDING: Final = "finding"
 NEW: Final = "new"
 RATE: Final = "rate"

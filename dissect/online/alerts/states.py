@@ -32,7 +32,7 @@ LEAST_RATE: Final = 10
 LEAST_SILENCE_NS: Final = 1_000_000_000
 LEAST_ANSWER_NS: Final = 10_000_000
 
-# What a rule measures (`Rule.of`).
+# Quantities that a rule can measure (`Rule.of`).
 TRANSACTIONS: Final = "transactions"
 MESSAGES: Final = "messages"
 #: All that is captured, also what belongs to no connection.
@@ -51,7 +51,7 @@ _LOST: Final = frozenset((CONNECTION_CLOSED, REFERENCE_REUSED))
 
 #: The result of a check for one pair or connection: which one, and what makes the alert if the rule's state holds.
 Found = tuple[Hashable, Make | None]
-#: What a rule measures is kept by pair, by number of the connection, or together.
+#: The measured values of a rule are kept by pair, by number of the connection, or together.
 _About = Pair | int | None
 _Kept = TypeVar("_Kept")
 

@@ -1,4 +1,4 @@
-"""What goes wrong with a live run itself, reported where an operator looks: as lines, as metrics, and to alert rules.
+"""Problems of a live run itself, reported where an operator sees them: as lines, as metrics, and to alert rules.
 
 `Recovery` says when something that failed is tried again. Nothing that writes is switched off because a disk is full.
 """

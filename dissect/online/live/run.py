@@ -192,7 +192,7 @@ class Companion(Observer):
 
     @property
     def remark(self) -> str:
-        """What else there is to say at the end of the run, empty for nothing; no failure."""
+        """Further remarks at the end of the run, empty for none; these are no failures."""
         return ""
 
     def recover(self, error: OSError) -> bool:

@@ -212,7 +212,7 @@ class Server:
 
 
 class Door:
-    """Where metrics are served: opened as often as need be. ``target`` is what the address meant at first."""
+    """The place where metrics are served; it is opened again if necessary. ``target`` is what the address meant at first."""
 
     def __init__(self, metrics: Metrics, address: Address, target: Place) -> None:
         from dissect.online.metrics.exposition import Exposition

@@ -55,7 +55,7 @@ class Wanted:
 
     @property
     def everything(self) -> bool:
-        """Whether everything is wanted."""
+        """Whether everything is selected."""
         return not self.typed and self.where is None
 
     @property

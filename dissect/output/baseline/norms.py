@@ -19,7 +19,7 @@ _Entry = TypeVar("_Entry", int, str)
 
 @dataclass(slots=True)
 class PairNorm:
-    """What is normal for a client and a server. A set that is None allows anything; a measure that is None is not known.
+    """The normal traffic of a client and a server. A set that is None allows anything; a measure that is None is not known.
 
     ``highest_1s`` and ``highest_10s`` are transactions within so many seconds; ``longest_silence`` and ``seconds`` (from the
     first transaction to the last, all captures together) are seconds; answer times are milliseconds.

@@ -52,7 +52,7 @@ class SharedValue:
         return self._value
 
 
-#: Where no value is known.
+#: In place of an unknown value.
 UNTOLD: Final = SharedValue(None)
 
 

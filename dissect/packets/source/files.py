@@ -23,7 +23,7 @@ from dissect.wire.errors import MissingCaptureError
 #: The largest window of a zstd frame that is decompressed, in octets: enough for all levels up to ``zstd --ultra -20``.
 MAX_ZSTD_WINDOW: Final = 32 * 1024 * 1024
 
-#: How many octets show what a file is.
+#: Number of octets that show the kind of a file.
 _HEAD: Final = 12
 
 _GZIP_MAGIC: Final = b"\x1f\x8b"
@@ -152,7 +152,7 @@ def _is_skippable(magic: bytes) -> bool:
 
 
 class _Stream(Protocol):
-    """What is used of a raw binary file. ``read`` returns None when a non-blocking file has nothing yet."""
+    """The used methods of a raw binary file. ``read`` returns None when a non-blocking file has nothing yet."""
 
     def read(self, size: int, /) -> bytes | None: ...
 

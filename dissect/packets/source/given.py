@@ -1,4 +1,4 @@
-"""What a program may give as a capture besides a path: an open binary file, or packets of its own."""
+"""Captures that a program may give besides a path: an open binary file, or packets of its own."""
 
 from __future__ import annotations
 

@@ -98,7 +98,7 @@ class SourceFile:
 
     @property
     def loss(self) -> str:
-        """What of the file could not be read: damage, a cut, damaged blocks. Empty when all of it was read."""
+        """The unreadable parts of the file: damage, a cut, damaged blocks. Empty when all of it was read."""
         said = [self.damage] if self.damage else []
         if self.rejected:
             blocks = "1 damaged block" if self.rejected == 1 else f"{self.rejected} damaged blocks"

@@ -40,7 +40,7 @@ def plain_block(interface: int, time_ns: int, octets: bytes, wire_length: int, o
 
 
 class InterfaceStatistics:
-    """What the statistics of one interface say at the end of the file; ``received`` and ``dropped`` are -1 if not known."""
+    """The statistics of one interface at the end of the file; ``received`` and ``dropped`` are -1 if not known."""
 
     __slots__ = ("dropped", "first_ns", "last_ns", "packets", "received")
 

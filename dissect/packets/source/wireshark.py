@@ -1,4 +1,4 @@
-"""Where the programs of Wireshark are: dumpcap, tshark, Wireshark itself."""
+"""Finds the programs of Wireshark: dumpcap, tshark, Wireshark itself."""
 
 from __future__ import annotations
 

@@ -91,7 +91,7 @@ class TcpConnection:
 
     @property
     def streams(self) -> list[HalfStream]:
-        """What each side sent; once the connection was let go, only ``octets`` and ``position`` are right."""
+        """The data of each side; once the connection was let go, only ``octets`` and ``position`` are right."""
         found = self._streams
         if found is not None:
             return found

@@ -91,7 +91,7 @@ class Doubt:
         self.silent |= silent
 
     def look(self, mine: HalfStream, theirs: HalfStream, my_ack: i64, their_ack: i64) -> i64:
-        """Return what is known by now: OPEN, HOLDS or REFUTED.
+        """Return the present state: OPEN, HOLDS or REFUTED.
 
         ``mine`` is the stream of ``side``, ``theirs`` that of the other side. ``my_ack`` and ``their_ack`` are what each
         acknowledged last, -1 for none.

@@ -1,4 +1,4 @@
-"""What to do when capturing is not allowed or not possible: exact commands, for this machine and this user."""
+"""Advice for when capturing is not allowed or not possible: exact commands, for this machine and this user."""
 
 from __future__ import annotations
 

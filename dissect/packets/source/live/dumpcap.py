@@ -103,7 +103,7 @@ class DumpcapReader(PipeReader):
 
     @property
     def drops(self) -> Drops:
-        """What was lost so far; the kernel's part is only known once dumpcap has ended."""
+        """The losses so far; those of the kernel are only known once dumpcap has ended."""
         if self._lost is not None:
             return self._lost
         described = find_interface(self._name)

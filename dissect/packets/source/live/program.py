@@ -12,7 +12,7 @@ from dissect.packets.source.pcap import LINKTYPE_ETHERNET
 
 #: The most instructions that the kernel accepts.
 MAX_INSTRUCTIONS: Final = 4096
-#: What a filter returns for a packet that it accepts: how many octets to keep, more than any packet has.
+#: Result of a filter for an accepted packet: the number of octets to keep, more than any packet has.
 WHOLE: Final = 0x40000
 
 LOAD_WORD, LOAD_HALF, LOAD_OCTET = 0x20, 0x28, 0x30  # at an absolute offset

@@ -97,12 +97,12 @@ class LiveReader(Reader):
 
     @property
     def drops(self) -> Drops:
-        """What was lost so far. May be read at any time, even after the end."""
+        """The losses so far. May be read at any time, even after the end."""
         return Drops(None, None)
 
     @property
     def drops_of(self) -> dict[str, Drops]:
-        """What was lost so far, by interface."""
+        """The losses so far, by interface."""
         return {self.interface: self.drops}
 
     def stop(self) -> None:

@@ -115,7 +115,7 @@ class RingReader(LiveReader):
 
     @property
     def drops(self) -> Drops:
-        """What was lost so far, by the kernel and by the interface."""
+        """The losses so far, by the kernel and by the interface."""
         if not self._closed:
             self._count()
         return self._last

@@ -127,12 +127,12 @@ class SeveralReader(LiveReader):
 
     @property
     def drops(self) -> Drops:
-        """What was lost on all of them; not known as long as one does not know it."""
+        """The losses on all interfaces; unknown while they are unknown for one interface."""
         return in_all(self.drops_of.values())
 
     @property
     def drops_of(self) -> dict[str, Drops]:
-        """What was lost on each."""
+        """The losses on each interface."""
         found = {}
         for reader in self.readers:
             kernel, interface = reader.drops
