@@ -1,8 +1,8 @@
 """Makes the Ethernet frames of a TCP connection from the octets that both sides sent, as if it had been captured.
 
 A proxy or a recorder knows the octets but has no packets. Sequence numbers, acknowledgements and checksums are consistent, so
-that readers of captures find neither gaps nor retransmissions. Facts that a socket does not show are invented: the MAC addresses,
-the borders of segments, and that the next packet of the other side acknowledges every octet.
+that readers of captures find neither gaps nor retransmissions. Facts that no socket shows are invented: the MAC addresses, the
+borders of segments, and that the next packet of the other side acknowledges every octet.
 """
 
 from __future__ import annotations
