@@ -115,7 +115,7 @@ def wait_asking(client: subprocess.Popen[str]) -> None:
 
 
 def end_clients(session: Session, clients: list[subprocess.Popen[str]]) -> None:
-    """Wait for each; kill the one that is to be killed. Raises RuntimeError if a conversation did not go as expected."""
+    """Wait for each process; kill the one that must be killed. Raises RuntimeError if a conversation did not go as expected."""
     if session.moment == "kill":
         wait_asking(clients[0])
         clients[0].kill()

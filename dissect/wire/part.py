@@ -27,8 +27,9 @@ FILL: Final = Layout(
 class Part:
     """A part of a message: ``octets[offset:end]``, read by ``layout``.
 
-    ``values`` are the fields that lie whole in it. ``note`` says in a few words what the part is about (``SZL 0x0011``), if its
-    parser knows; it may hold text from the wire, which is not escaped. ``depth`` is how many parts enclose it.
+    ``values`` are the fields that are completely inside the part. ``note`` says in a few words what the part is about (``SZL
+    0x0011``), if its parser knows; it may hold text from the wire, which is not escaped. ``depth`` is how many parts enclose
+    it.
     """
 
     __slots__ = ("_octets", "_values", "depth", "end", "layout", "note", "offset")

@@ -198,7 +198,7 @@ class HalfStream:
 
     @property
     def held_size(self) -> i64:
-        """The memory that held segments and the latest stretches passed on take, in octets, roughly."""
+        """Approximate memory, in octets, of the held segments and of the latest stretches passed on."""
         size: i64 = self.held_octets + len(self.last) + len(self.before)
         held = self.held
         return size if held is None else size + len(held) * HELD_COST

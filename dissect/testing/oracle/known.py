@@ -360,7 +360,7 @@ KNOWN: Final = (
         SCOPE,
         (WHOLE,),
         "A TPKT is shown of a packet that was not captured whole.",
-        "We tell what is left of an S7 PDU as cut, and pass over what is left of other TPDUs.",
+        "We report the rest of an S7 PDU as cut, and skip the rest of other TPDUs.",
         "5.5",
         grounds.cut_frame,
     ),
