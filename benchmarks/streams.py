@@ -194,7 +194,7 @@ def _holes(size: int) -> Iterator[bytes]:
 
 
 def _fragments(size: int) -> Iterator[bytes]:
-    """IP fragments of datagrams that never become complete: ever new ones, and one in endless pieces.
+    """IP fragments of datagrams that never become complete: a steady stream of new ones, and one in endless pieces.
 
     Hurts analyzers that keep or search data.
     """

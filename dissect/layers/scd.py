@@ -1,8 +1,8 @@
 """SCD as a Scapy layer: messages in the default envelope (docs/scd.md), with names and values by a dictionary.
 
-No port is SCD's, so nothing is bound until `bind_scd` is called. A dictionary belongs to a class: ``SCD.using(dictionary)`` is
-`SCD` that reads by it, `bind_scd` binds such a class to a port, and ``packet[SCD]`` finds them all. So dictionaries on
-different ports never mix. A datagram with several messages gives a chain.
+SCD has no port of its own, so nothing is bound until `bind_scd` is called. A dictionary belongs to a class:
+``SCD.using(dictionary)`` is `SCD` that reads by it, `bind_scd` binds such a class to a port, and ``packet[SCD]`` finds them
+all. So dictionaries on different ports never mix. A datagram with several messages gives a chain.
 """
 
 from __future__ import annotations

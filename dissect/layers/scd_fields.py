@@ -91,10 +91,10 @@ class SCDDataField(OctetsField):
 
 
 class SCDCrcField(Field[Any, Any]):
-    """The checksum: a number, computed when left out; of a message that was cut the octets of it that are there."""
+    """The checksum: a number, computed if omitted. If the message was cut, it is the captured octets of the checksum."""
 
     def getfield(self, pkt: Packet, s: bytes) -> tuple[bytes, Any]:
-        """Take the number, or what there is of it (Scapy's interface)."""
+        """Take the number, or its captured octets (Scapy's interface)."""
         return super().getfield(pkt, s) if len(s) >= self.sz else (b"", s)
 
     def addfield(self, pkt: Packet, s: bytes, val: Any) -> bytes:

@@ -68,7 +68,7 @@ def bit_engine() -> Callable[[str], Any]:
 
 
 class _Plan(NamedTuple):
-    """How numbers are packed without looking at each: ``take`` returns them in the order of the packer.
+    """A way to pack numbers without checking each one: ``take`` returns them in the order of the packer.
 
     They must have exactly the Python types ``forms``. The packer itself refuses an integer that does not fit. ``spans`` has
     what it does not check: position, lowest and highest value of reals, which may not be infinite, and of variables with

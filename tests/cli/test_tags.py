@@ -187,4 +187,4 @@ def test_the_number_of_a_block_is_that_of_whichever_plc_has_it(capfdbinary: Capt
     assert (ran.code, ran.err) == (2, "Error: --tags-db Pump: no file of tags has a data block of that name\n")
     ran = run(capfdbinary, "transactions", tank_capture(tmp_path), "--tags", f"plc={source}")
     assert ran.code == 2
-    assert ran.err.endswith("No such file or directory; what stands before '=' has to be the IP address of a PLC\n")
+    assert ran.err.endswith("No such file or directory; the text before '=' has to be the IP address of a PLC\n")

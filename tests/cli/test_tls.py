@@ -192,7 +192,7 @@ def test_a_key_log_whose_end_is_missing_is_said_to_be_cut_off(capfdbinary: Captu
     keys.write_bytes(next(line for line in keys.read_bytes().splitlines() if line.startswith(b"CLIENT_"))[:-7])
     ran = run(capfdbinary, "analyze", "--tls-keys", keys, trace)
     assert "not decrypted: the key log holds only the beginning of a line that is cut off" in ran.out
-    assert ran.err == "s7dissect: --tls-keys: the last line is cut off and gives no key unless it goes on\n"
+    assert ran.err == "s7dissect: --tls-keys: the last line is cut off and gives no key unless the rest is added\n"
 
 
 @pytest.mark.parametrize("content", [b"hello\nworld\n", b"hello", bytes(range(256)) * 20])

@@ -27,7 +27,7 @@ class Difference(NamedTuple):
 
 
 class Compared:
-    """What was compared: for each cell (kind of record, fact, face) how often, and how often there was a value."""
+    """Counts for each cell (kind of record, fact, face): the comparisons, and the comparisons with a value."""
 
     def __init__(self) -> None:
         self.times: Counter[tuple[str, str, str]] = Counter()

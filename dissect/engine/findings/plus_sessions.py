@@ -38,7 +38,7 @@ class PlusSessions:
             OrderedDict()
         )  # the number of the connection, by CPU and session
         self._judged: tuple[str, str] = ("", "")  # order number and firmware of the CPU that was checked last
-        self._offers_tls = False  # whether it offers TLS
+        self._offers_tls = False  # whether that CPU offers TLS
 
     def take(self, session: PlusSession, transaction: Transaction) -> None:
         """Judge the use of a session; call this before judging the contents of the transaction."""
