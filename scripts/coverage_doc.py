@@ -55,7 +55,7 @@ _PROGRAMMER: Final = "bytes: no source tells what its data mean"
 _ROUTING: Final = "bytes: of data record routing nobody published more than the names"
 _RECORDS: Final = "head decoded, records bytes: no source at hand describes them"
 _ADDRESSES: Final = (
-    "no capture shows one, and how Wireshark reads it (items instead of a length) no source confirms; as any data item"
+    "no capture shows one, and no source confirms how Wireshark reads it (items instead of a length); as any data item"
 )
 _UNIT_DATA: Final = (
     "belongs to connectionless transport, which does not run over TCP; kept as bytes (`COTP_Unknown`) and reported"
