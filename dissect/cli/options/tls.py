@@ -48,5 +48,7 @@ def _keys(files: tuple[str, ...]) -> KeyLog | None:
         lines = "1 line has" if keys.wrong == 1 else f"{keys.wrong} lines have"
         click.echo(f"s7dissect: --tls-keys: {lines} another form and no key", err=True)
     if keys.unfinished:
-        click.echo("s7dissect: --tls-keys: the last line is cut off and gives no key unless the rest is added", err=True)
+        click.echo(
+            "s7dissect: --tls-keys: the last line is cut off and gives no key unless the rest is added", err=True
+        )
     return keys
