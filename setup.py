@@ -116,6 +116,7 @@ HOT: Final = (
     "dissect/meaning/report/plus.py",
     "dissect/meaning/report/plus_items.py",
     "dissect/meaning/report/plus_octets.py",
+    "dissect/meaning/report/servers.py",
     "dissect/meaning/report/tree.py",
     "dissect/meaning/report/tree_fields.py",
     "dissect/meaning/report/words.py",

@@ -12,7 +12,6 @@ import pytest
 from dissect.engine.findings.catalogue import CATALOGUE
 from dissect.engine.findings.reporter import Finding
 from dissect.engine.transactions.connection import Connection
-from dissect.meaning.report import servers as books
 from dissect.meaning.report.analysis import MAX_CONNECTIONS, Analysis
 from dissect.meaning.report.brief import brief_lines
 from dissect.meaning.report.examples import examples_of
@@ -139,9 +138,8 @@ def test_the_connections_that_matter_most_are_kept_whenever_they_come(parts: int
     assert whole.servers.found["10.0.0.2"].connections == most
 
 
-def test_servers_have_a_bound_and_silent_ones_push_out_nobody(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(books, "MAX_SERVERS", 3)
-    servers = Servers()
+def test_servers_have_a_bound_and_silent_ones_push_out_nobody() -> None:
+    servers = Servers(3)
     for number in range(20):
         servers.take(connection(number, 100 + number, pdus=0))  # a scan
     for number in range(5):
@@ -149,7 +147,7 @@ def test_servers_have_a_bound_and_silent_ones_push_out_nobody(monkeypatch: pytes
     servers.take(connection(9, 1, pdus=0))
     assert list(servers.found) == ["10.0.0.0", "10.0.0.1", "10.0.0.2"]
     assert (servers.found["10.0.0.1"].connections, servers.further) == (2, 2)
-    more = Servers()
+    more = Servers(3)
     more.take(connection(1, 1, errors=2))
     more.take(connection(2, 8))
     more.take(connection(3, 100))
