@@ -44,7 +44,7 @@ def test_pushes_have_a_mean_interval(transaction: Transaction) -> None:
     one = begun(OperationBook(), transaction)
     for count, time_ns, mean in ((1, 100, 0), (2, 300, 200), (3, 400, 150), (4, 403, 101)):
         transaction.response_ns = time_ns
-        one.count_push(transaction, 7)
+        one._count_push(transaction, 7)
         assert (one.pushes, one.push_interval_ns, one.octets) == (count, mean, 7 * count)
 
 
@@ -52,7 +52,7 @@ def test_pushes_have_a_mean_interval(transaction: Transaction) -> None:
 def test_oddities_are_kept_up_to_a_bound(count: int, transaction: Transaction) -> None:
     one = begun(OperationBook(), transaction)
     for number in range(count):
-        one.odd("wrong_size", str(number), number)
+        one._odd("wrong_size", str(number), number)
     assert [odd.detail for odd in one.oddities] == [str(number) for number in range(min(count, 8))]
 
 
@@ -74,18 +74,18 @@ def test_content_is_kept_up_to_a_bound_and_then_without_a_gap(transaction: Trans
     assert book.gather(one, bytes(MAX_CONTENT - 2))
     assert not book.gather(one, b"abc")
     assert not book.gather(one, b"a")  # it would fit, and stand behind a gap
-    assert (one.held, one.dropped) == (MAX_CONTENT - 2, 4)
+    assert (one._held, one.dropped) == (MAX_CONTENT - 2, 4)
     other = begun(book, transaction, "y")
     assert book.gather(other, bytes(MAX_CONTENT))
     assert not book.gather(other, b"a")
     assert not book.gather(other, b"a", alone=True)  # there is no room for it either
-    assert (other.held, other.dropped) == (MAX_CONTENT, 2)
+    assert (other._held, other.dropped) == (MAX_CONTENT, 2)
     last = begun(book, transaction, "z")
     last.dropped = 5
     assert not book.gather(last, b"ab")
     assert book.gather(last, b"ab", alone=True)
     book.close(last, "done")
-    assert (last.content, last.pieces, last.held, last.dropped) == (b"ab", [], 0, 7)
+    assert (last.content, last._pieces, last._held, last.dropped) == (b"ab", [], 0, 7)
 
 
 def test_the_content_of_all_operations_has_a_bound_and_is_given_back(transaction: Transaction) -> None:
@@ -94,7 +94,7 @@ def test_the_content_of_all_operations_has_a_bound_and_is_given_back(transaction
     made = [begun(book, transaction, str(number)) for number in range(MAX_CONTENTS // MAX_CONTENT + 1)]
     assert [book.gather(one, piece) for one in made] == [True] * (len(made) - 1) + [False]
     assert not book.gather(made[-1], b"a", alone=True)
-    made[0].pieces[0] = b"content"  # what is joined need not be large here
+    made[0]._pieces[0] = b"content"  # what is joined need not be large here
     book.close(made[0], "done")
     assert made[0].content == b"content"
     assert book.gather(made[-1], piece, alone=True)
