@@ -38,12 +38,16 @@ MAX_FRAMES: Final = 16
 
 
 class Beginning:
-    """The ``frames`` of TPDUs or IBH-NetLink packets that open or close a connection; frames and spans of its latest Setup."""
+    """The TPDUs or IBH-NetLink packets that open or close a connection, and its latest Setup, by packets and by spans.
 
-    __slots__ = ("frames", "setup", "spans")
+    ``frames`` are the packets that completed the TPDUs, ``opening`` the spans of their octets.
+    """
+
+    __slots__ = ("frames", "opening", "setup", "spans")
 
     def __init__(self) -> None:
         self.frames: list[int] = []
+        self.opening: list[TimedSpan] = []
         self.setup: list[int] = []
         self.spans: list[Span] = []
 
@@ -54,11 +58,13 @@ class ContextBook:
     def __init__(self) -> None:
         self._known: OrderedDict[int, Beginning] = OrderedDict()
 
-    def opened(self, number: int, frame: int) -> None:
-        """Packet ``frame`` opens or closes connection ``number``."""
+    def opened(self, number: int, frame: int, time_ns: int, span: Span | None) -> None:
+        """Packet ``frame`` completes what opens or closes connection ``number``; ``span`` has its octets, None if unknown."""
         beginning = self.of(number)
         if len(beginning.frames) < MAX_FRAMES:
             beginning.frames.append(frame)
+            if span is not None:
+                beginning.opening.append(TimedSpan(span, time_ns - AGAIN_NS, time_ns))
 
     def negotiated(self, number: int, frames: list[int], spans: list[Span]) -> None:
         """Note the packets of a Setup communication."""
@@ -151,15 +157,15 @@ class Selection(Observer):
 
     def tpdu(self, frame: i64, time_ns: i64, side: Side, octets: bytes) -> None:
         """Note where in its stream a TPKT is."""
-        self._book.tpkt(side, octets)
+        span = self._book.tpkt(side, octets)
         if self._context is not None and octets[5] >> 4 in _OPENING:
-            self._context.opened(int(side.connection.number), int(frame))
+            self._context.opened(int(side.connection.number), int(frame), int(time_ns), span)
 
     def ibh_packet(self, frame: i64, time_ns: i64, side: Side, octets: bytes) -> None:
         """Note where in its stream an IBH-NetLink packet is."""
-        self._book.ibh_packet(side, octets)
+        span = self._book.ibh_packet(side, octets)
         if self._context is not None and parse_packet(octets).kind in _OPENING_IBH:
-            self._context.opened(int(side.connection.number), int(frame))
+            self._context.opened(int(side.connection.number), int(frame), int(time_ns), span)
 
     def pdu(self, frame: i64, time_ns: i64, side: Side, octets: bytes, cut: bool) -> None:
         """Note where a PDU is in its stream."""
@@ -264,7 +270,9 @@ class Selection(Observer):
         marked = [_stretch(connection, frame) for connection, frame in self._unanswered]
         if self._context is not None:
             for number in self._around:
-                self._around_frames.update(self._context.of(number).frames)
+                beginning = self._context.of(number)
+                self._around_frames.update(beginning.frames)
+                self._around_spans += beginning.opening
             marked = [_stretch(connection) for connection in self._around.values()]
         if marked:
             around = Places(frozenset(self._around_frames), same)

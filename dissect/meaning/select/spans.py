@@ -28,15 +28,17 @@ _EOT: Final = 0x80
 class Span:
     """A range of octets of one direction of a TCP connection: ``size`` octets from sequence number ``seq`` on.
 
-    ``key`` is the key of the packets in this direction (`dissect.engine.transactions.table`).
+    ``key`` is the key of the packets in this direction (`dissect.engine.transactions.table`). ``more`` counts PDUs of one size
+    that one packet completed: they share a range.
     """
 
-    __slots__ = ("key", "seq", "size")
+    __slots__ = ("key", "more", "seq", "size")
 
     def __init__(self, key: bytes, seq: int, size: int) -> None:
         self.key = key
         self.seq = seq
         self.size = size
+        self.more = 0
 
     def overlaps(self, seq: int, size: int) -> bool:
         """Return whether a segment with ``size`` octets from ``seq`` on carries any of them."""
@@ -130,27 +132,29 @@ class SpanBook:
         self._directions: OrderedDict[bytes, _Direction] = OrderedDict()
         self._spans: OrderedDict[tuple[int, int, int, int], Span] = OrderedDict()
 
-    def tpkt(self, side: Side, octets: bytes) -> None:
-        """Take a whole TPKT that is reported."""
+    def tpkt(self, side: Side, octets: bytes) -> Span | None:
+        """Take a whole TPKT that is reported; return its range, None if it is unknown."""
         last = len(octets) <= _EOT_AT or octets[_EOT_AT] & _EOT != 0
-        self._take(side, len(octets), len(octets) > 5 and octets[5] & 0xF0 == _DT, last)
+        return self._take(side, len(octets), len(octets) > 5 and octets[5] & 0xF0 == _DT, last)
 
-    def ibh_packet(self, side: Side, octets: bytes) -> None:
-        """Take a whole IBH-NetLink packet that is reported; parts of a message are not distinguished."""
-        self._take(side, len(octets), True, False)
+    def ibh_packet(self, side: Side, octets: bytes) -> Span | None:
+        """Take a whole IBH-NetLink packet that is reported, as `tpkt`; parts of a message are not distinguished."""
+        return self._take(side, len(octets), True, False)
 
-    def _take(self, side: Side, size: int, carries: bool, last: bool) -> None:
+    def _take(self, side: Side, size: int, carries: bool, last: bool) -> Span | None:
         direction = self._direction(side)
         framer, ibh = side.framer, side.ibh
         skipped = int(framer.skipped) + int(side.missing) + (int(ibh.skipped) if ibh is not None else 0)
         framed = int(framer.framed) + (int(ibh.framed) if ibh is not None else 0)
-        begin, _ = direction.take(framed + skipped, skipped, size)
+        begin, end = direction.take(framed + skipped, skipped, size)
         if carries:
             if direction.complete:
                 direction.first = begin
                 if not _unfinished(side):
                     direction.begun = begin
             direction.complete = last
+        start = int(side.stream.start_seq)
+        return Span(side.key, (start + begin) & MASK, end - begin) if start >= 0 and end > begin else None
 
     def pdu(self, side: Side, frame: int, size: int) -> None:
         """Remember the range of a PDU of ``size`` octets that packet ``frame`` completed."""
@@ -171,12 +175,25 @@ class SpanBook:
             spans.popitem(last=False)
             self.forgotten += 1
         key = (int(side.connection.number), int(side.index), frame, size)
-        spans.pop(key, None)
-        spans[key] = Span(side.key, (start + begin) & MASK, end - begin)
+        span = Span(side.key, (start + begin) & MASK, end - begin)
+        same = spans.pop(key, None)
+        if same is not None:
+            span.more = same.more + 1
+            span.size += (span.seq - same.seq) & MASK
+            span.seq = same.seq
+        spans[key] = span
 
     def pop(self, connection: int, side: int, frame: int, size: int) -> Span | None:
         """Return and forget the range of a PDU; None if it is unknown."""
-        return self._spans.pop((connection, side, frame, size), None)
+        key = (connection, side, frame, size)
+        span = self._spans.get(key)
+        if span is None:
+            return None
+        if span.more:
+            span.more -= 1
+        else:
+            del self._spans[key]
+        return span
 
     def _direction(self, side: Side) -> _Direction:
         direction = self._directions.get(side.key)

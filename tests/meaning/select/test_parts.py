@@ -27,7 +27,7 @@ from tests.meaning.select.support import CAPTURES
 #: All transports: ISO-on-TCP, IBH-NetLink, S7comm-plus in frames, IP fragments, VLANs, slivers, retransmissions.
 PARTS: Final = (
     "item-errors", "slivers", "two-clients", "crafted/netlink", "crafted/plus-plant", "crafted/ip-fragments", "crafted/vlan",
-    "crafted/retransmissions", "crafted/sequence-wrap", "crafted/ipv6",
+    "crafted/retransmissions", "crafted/sequence-wrap", "crafted/ipv6", "crafted/segments",
 )  # fmt: skip
 
 

@@ -12,6 +12,7 @@ from dissect.engine.transactions.transaction import Transaction
 from dissect.meaning.select import selection as selecting
 from dissect.meaning.select.places import packet_key, parsed
 from dissect.meaning.select.selection import Choice, ContextBook, Selection, Wanted
+from dissect.meaning.select.spans import Span
 from dissect.packets.tcp import ip
 from dissect.wire.build import COMPILED
 from tests.engine.transactions import talk as line
@@ -217,6 +218,31 @@ def test_with_context_a_setup_that_was_sent_again_is_taken_again() -> None:
     assert of(tape, 2, context=True) == [1, 2, 4, 5, 6, 7, 8, 9, 10]
 
 
+@pytest.mark.parametrize("size", [1, 7, 21])
+def test_with_context_every_segment_of_what_opens_and_closes_a_connection_is_taken(size: int) -> None:
+    """Octets that close it are one TPDU in segments, too; a part without the first of them would hold no TPDU."""
+    talk, tape = taped()
+    talk.hello()  # 1 to 3
+
+    def sliced(side: int, octets: bytes) -> list[int]:
+        before = tape.frames
+        for at in range(0, len(octets), size):
+            talk.packet(side, octets[at : at + size])
+        return list(range(before + 1, tape.frames + 1))
+
+    opening = sliced(CLIENT, line.CONNECT) + sliced(SERVER, line.CONFIRM)
+    talk.ask(line.setup(0))
+    talk.tell(line.granted(0))
+    setup = tape.frames
+    talk.ask(read(1, dbw(1, 0)))
+    talk.tell(words(1, 1))
+    talk.ask(read(2, dbw(1, 0)))
+    talk.tell(words(2, 1))
+    closing = sliced(CLIENT, line.tpkt(bytes.fromhex("06800001000200")))
+    wanted = [1, 2, *opening, setup - 1, setup, setup + 3, setup + 4, *closing]
+    assert of(tape, 3, context=True) == wanted
+
+
 def test_of_two_setups_the_latest_before_a_transaction_is_its_context() -> None:
     talk, tape = taped()
     talk.open()  # 1 to 7
@@ -396,8 +422,9 @@ def test_only_transactions_need_all_messages() -> None:
 def test_no_more_packets_of_a_beginning_than_the_bound_are_kept() -> None:
     book = ContextBook()
     for frame in range(1, 40):
-        book.opened(5, frame)
+        book.opened(5, frame, 0, Span(b"", frame, 1))
     assert book.of(5).frames == list(range(1, selecting.MAX_FRAMES + 1))
+    assert [timed.span.seq for timed in book.of(5).opening] == book.of(5).frames
     book.negotiated(5, [50, 51], [])
     assert book.of(5).setup == [50, 51]
     book.negotiated(5, [60], [])
@@ -410,9 +437,9 @@ def test_the_connections_that_were_used_least_recently_are_forgotten(monkeypatch
     monkeypatch.setattr(selecting, "MAX_CONNECTIONS", 3)
     book = ContextBook()
     for number in (1, 2, 3):
-        book.opened(number, number)
-    book.opened(1, 11)
-    book.opened(4, 4)
+        book.opened(number, number, 0, None)
+    book.opened(1, 11, 0, None)
+    book.opened(4, 4, 0, None)
     assert [book.of(number).frames for number in (1, 3, 4)] == [[1, 11], [3], [4]]
     assert book.of(2).frames == []  # it had to go, and is new
 

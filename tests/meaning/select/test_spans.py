@@ -88,6 +88,31 @@ def test_beside_octets_of_no_tpkt_the_range_is_too_long_rather_than_too_short() 
     assert other.seq + other.size >= end
 
 
+@pytest.mark.parametrize("count", [2, 3])
+def test_pdus_of_one_size_that_one_packet_completes_share_a_range(count: int) -> None:
+    """Which of them a transaction means is not known: each has the range of all, and none is without one."""
+
+    class Later(Watching):
+        """Asks only when all have come, as transactions do."""
+
+        def pdu(self, frame: i64, time_ns: i64, side: Side, octets: bytes, cut: bool) -> None:
+            self.book.pdu(side, int(frame), len(octets))
+            self.found.append((int(side.index), octets, None))
+
+    talk = begun()
+    start = talk.next[0]
+    framed_ = [dt(messages.read_job(ref, [WORD])) for ref in range(1, count + 1)]
+    stream = b"".join(framed_)
+    before = len(talk.packets())
+    talk.send(0, stream[:9]).send(0, stream[9:])
+    watching = Later()
+    observed(watching, talk.packets())
+    size = len(messages.read_job(1, [WORD]))
+    found = [watching.book.pop(1, 0, before + 2, size) for _ in range(count + 1)]
+    assert [(span.seq, span.size) for span in found if span is not None] == [(start, len(stream))] * count
+    assert found[count] is None
+
+
 def test_a_range_overlaps_what_shares_an_octet_with_it() -> None:
     span = Span(b"", MASK - 1, 5)  # ..., MASK-1, MASK, 0, 1, 2
     carried = [
