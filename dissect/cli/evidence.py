@@ -11,7 +11,7 @@ from dissect.cli.main import EXIT_OK, LazyGroup
 from dissect.cli.run import write
 from dissect.wire.text import printable, reason
 
-_EXIT_PROBLEMS: Final = 1
+EXIT_PROBLEMS: Final = 1
 
 
 class _EvidenceGroup(LazyGroup):
@@ -73,4 +73,4 @@ def verify_command(directory: str, heads: tuple[str, ...]) -> int:
             "s7dissect: without --head this proves only that manifest and files fit together; see `s7dissect help evidence`",
             err=True,
         )
-    return _EXIT_PROBLEMS if wrong else EXIT_OK
+    return EXIT_PROBLEMS if wrong else EXIT_OK

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import click
 
+from dissect.cli.evidence import EXIT_PROBLEMS
 from dissect.cli.main import EXIT_INTERRUPTED, EXIT_OK
 from dissect.cli.options.given import was_given
 from dissect.cli.options.select import read_time, time_option
@@ -19,7 +20,6 @@ from dissect.wire.text import Clock, count, printable, reason
 if TYPE_CHECKING:
     from dissect.files.recording.incident import Chosen
 
-_EXIT_PROBLEMS: Final = 1
 _SECOND: Final = 1_000_000_000
 _MOST: Final = 1 << 20
 
@@ -76,7 +76,7 @@ def export_command(directory: str, output: str, window: str | None, alert: str |
         click.echo(f"s7dissect: {printable(problem)}", err=True)
     text = f"{count(len(chosen.files), 'file')} exported to {printable(output)}"
     click.echo(f"s7dissect: {text}; head {head}", err=True)
-    return _EXIT_PROBLEMS if chosen.problems else EXIT_OK
+    return EXIT_PROBLEMS if chosen.problems else EXIT_OK
 
 
 def _filled(out: Path, chosen: Chosen, place: Path, begin_ns: int, end_ns: int) -> str:

@@ -81,7 +81,7 @@ def analysis_sections(analysis: Analysis, interrupted: bool = False) -> Iterator
     told = facts_of(analysis, clock)
     rules = by_gravity(analysis.ledger.rules, analysis.ledger)
     yield "finding_facts", {rule.slug: told.as_dict(rule, places) for rule in rules}
-    details = by_weight(analysis.findings, analysis.explained)
+    details = worst_first(analysis.findings, analysis.explained)
     yield "finding_details", (finding_as_dict(finding, places, clock) for finding in details)
     yield "loss", _loss(pipeline)
 
@@ -178,7 +178,7 @@ def connection_as_dict(connection: Connection, places: Places, clock: Clock | No
     return written(CONNECTION, connection, places, clock or Clock(), owned)
 
 
-def by_weight(findings: Sequence[Finding], explained: Sequence[Finding] = ()) -> Iterator[Finding]:
+def worst_first(findings: Sequence[Finding], explained: Sequence[Finding] = ()) -> Iterator[Finding]:
     """Yield findings ordered by severity, the heaviest first, then in their original order."""
     sorted_out: dict[str, list[Finding]] = {severity: [] for severity in SEVERITIES}
     for some in (findings, explained):

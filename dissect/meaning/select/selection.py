@@ -20,7 +20,7 @@ from dissect.engine.transactions.connection import Connection
 from dissect.engine.transactions.side import Side
 from dissect.engine.transactions.table import keys_of, reverse_key
 from dissect.engine.transactions.transaction import PUSH, Transaction
-from dissect.meaning.report.contract import by_weight
+from dissect.meaning.report.contract import worst_first
 from dissect.meaning.select.comments import finding_comment
 from dissect.meaning.select.places import Places, Stretch, parsed
 from dissect.meaning.select.spans import Span, SpanBook, TimedSpan
@@ -252,7 +252,7 @@ class Selection(Observer):
     def choice(self, from_ns: int, to_ns: int) -> Choice:
         """Return the `Choice` of the wanted packets between two times, both included (nanoseconds since 1970)."""
         frames = set(self._frames)
-        ordered = list(by_weight(self._findings))
+        ordered = list(worst_first(self._findings))
         for finding in ordered:
             if finding.number in self._wanted.findings or finding.slug in self._wanted.slugs:
                 frames.update([int(frame) for frame in finding.frames])

@@ -49,7 +49,7 @@ class Verdict:
         self.finding = finding
 
 
-def by_weight(analysis: Analysis) -> list[Rule]:
+def heaviest_rules(analysis: Analysis) -> list[Rule]:
     """Return the rules that applied, the heaviest first: changes of a running plant, then failures, then by time."""
     rules = by_gravity(analysis.finding_counts, analysis.ledger)
     return sorted(rules, key=_weight)  # for equal weight, the order stays
@@ -68,7 +68,7 @@ def verdict(gathered: Gathered) -> Verdict:
 
 def _verdict(gathered: Gathered) -> Verdict:
     analysis = gathered.analysis
-    rules = [rule for rule in by_weight(analysis) if rule.severity != NOTE]
+    rules = [rule for rule in heaviest_rules(analysis) if rule.severity != NOTE]
     if not analysis.total and not any([rule.kind != CAPTURE for rule in rules]):
         return Verdict(rules[0].severity if rules else "", _nothing(gathered))
     if not rules:

@@ -177,8 +177,8 @@ class ChunkReader(Reader):
         """The source has ended: end too. ``inside`` says what is cut if octets are left over."""
         damage = self._source.damage
         if self._pos < len(self._buf):
-            cut = f"cut off at byte {self.octets}, {inside}"
-            damage = f"{damage}; what it held is {cut}" if damage else cut
+            at = f"at byte {self.octets}, {inside}"
+            damage = f"{damage}; the capture that could be read ends {at}" if damage else f"cut off {at}"
         self._end(damage)
 
     def _stop(self, at: i64, why: str) -> None:

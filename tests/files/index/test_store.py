@@ -185,7 +185,9 @@ def test_what_a_disk_or_server_broke_off_is_read_again(tmp_path: Path) -> None:
     (tmp_path / "a.pcap").write_bytes(b"x")
 
     def broken(_: str, facts: FileFacts) -> FileFacts:
-        facts.damage = "reading failed after byte 4096: Input/output error; what it held is cut off at byte 4096"
+        facts.damage = (
+            "reading failed after byte 4096: Input/output error; the capture that could be read ends at byte 4096"
+        )
         return facts
 
     with Store(tmp_path / "index", "1") as store:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from dissect.output.page.verdict import by_weight, verdict
+from dissect.output.page.verdict import heaviest_rules, verdict
 from tests.meaning.report.schemas import ROOT
 from tests.meaning.report.support import WORD, begun, read, saved
 from tests.output.page.support import gathered_of
@@ -86,7 +86,7 @@ def test_an_empty_capture(tmp_path: Path) -> None:
 
 
 def test_the_heaviest_finding_comes_first() -> None:
-    rules = by_weight(gathered_of([OWN / "crafted" / "plus-plant.pcapng"]).analysis)
+    rules = heaviest_rules(gathered_of([OWN / "crafted" / "plus-plant.pcapng"]).analysis)
     assert [rule.severity for rule in rules] == sorted(
         [rule.severity for rule in rules], key=["error", "warning", "note"].index
     )
@@ -100,7 +100,7 @@ def test_what_was_seen_goes_on_where_the_sentence_ends_and_notes_are_not_counted
         what
         == "A client sent a PLC stop command: 192.0.2.10:49152 to 192.0.2.20:102: PLC stop, accepted (packets 46, 47)."
     )
-    left = [rule.severity for rule in by_weight(gathered.analysis)[1:]]
+    left = [rule.severity for rule in heaviest_rules(gathered.analysis)[1:]]
     errors, warnings = left.count("error"), left.count("warning")
     assert "note" in left
     assert who.endswith(f"; there are {errors} more kinds of errors and {warnings} more kinds of warnings below.")
@@ -111,7 +111,7 @@ def test_one_more_kind_is_not_several(tmp_path: Path) -> None:
     read(talk, 1, WORD, 0x0A)
     talk.send(1, dt(messages.read_answer(9, [WORD], [0x0A])))
     gathered = gathered_of([saved(tmp_path / "a.pcapng", talk.packets())])
-    left = [rule.severity for rule in by_weight(gathered.analysis)[1:] if rule.severity != "note"]
+    left = [rule.severity for rule in heaviest_rules(gathered.analysis)[1:] if rule.severity != "note"]
     assert left == ["warning"]
     assert verdict(gathered).sentences[2].endswith("; there is 1 more kind of warning below.")
 
@@ -123,7 +123,7 @@ def test_a_flood_comes_before_the_first_write(tmp_path: Path) -> None:
         talk.send(0, dt(messages.write_job(number, [WORD], [number.to_bytes(2, "big")])))
         talk.send(1, dt(messages.write_answer(number, [0xFF])))
     gathered = gathered_of([saved(tmp_path / "a.pcapng", talk.packets())])
-    assert [rule.slug for rule in by_weight(gathered.analysis)] == ["security.flood", "security.write"]
+    assert [rule.slug for rule in heaviest_rules(gathered.analysis)] == ["security.flood", "security.write"]
     assert "What stands out: A connection floods a PLC" in verdict(gathered).sentences[0]
 
 

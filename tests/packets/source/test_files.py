@@ -256,7 +256,7 @@ def test_cut_anywhere_gives_the_whole_records_and_tells(
         else:
             assert reader.damage.startswith(f"the {compression[:4]} data is cut off at byte {size}")
             inside = reader.octets not in sample.boundaries
-            assert ("; what it held is cut off at byte" in reader.damage) == inside
+            assert ("; the capture that could be read ends at byte" in reader.damage) == inside
     assert seen > len(sample.octets) - 100, "the last block, member or frame is all that may be lost"
 
 
@@ -302,7 +302,7 @@ def test_corrupt_gzip_gives_all_that_stands_before(tmp_path: Path) -> None:
     reader, recorder = _read_all(path)
     assert recorder.frames == sample.frames_before(200_000)
     assert reader.octets == 200_000
-    assert reader.damage.startswith(f"the gzip data is corrupt at byte {len(front)} (invalid block type); what it held")
+    assert reader.damage.startswith(f"the gzip data is corrupt at byte {len(front)} (invalid block type); the capture that could be read ends")
 
 
 def test_corrupt_zstd_gives_all_that_stands_before(tmp_path: Path) -> None:
