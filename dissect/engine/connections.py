@@ -71,11 +71,7 @@ class Foreign(Protocol):
             self._note(connection, name, connection.identified_by, frame, time_ns)
 
     def feed(self, side: Side, buf: bytes, at: i64, size: i64, frame: i64, time_ns: i64) -> None:
-        """Count octets of a connection that speaks an unsupported protocol."""
-        if side.connection.protocol == UPPER_NAMES[TLS]:
-            if side.index != side.connection.client_side:
-                side.connection.last_encrypted_ns = time_ns
-            self._version(side, buf, at, at + size)
+        """Count octets that waited behind those which showed an unsupported protocol."""
         side.framer.skipped += size
 
     def tsdu(self, side: Side, upper: i64, buf: bytes, at: i64, size: i64, frame: i64, time_ns: i64) -> None:

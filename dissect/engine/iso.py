@@ -33,7 +33,7 @@ from dissect.engine.findings.transport_rules import (
 from dissect.engine.findings.ways import Way
 from dissect.engine.s7 import S7
 from dissect.engine.tls import Tls
-from dissect.engine.transactions.connection import FOREIGN, ISO
+from dissect.engine.transactions.connection import ISO
 from dissect.engine.transactions.protocol import Protocol
 from dissect.engine.transactions.side import Place, Side
 from dissect.protocols.iso.cotp import MAX_EXPEDITED, Tpdu, parse_tpdu
@@ -164,9 +164,6 @@ class IsoOnTcp(Protocol):
                 longest = -1  # the TPKT may have changed it
             if at == end:
                 return
-        if side.connection._state == FOREIGN:
-            framer.skipped += end - at
-            return
         self._frame(side, buf, at, at == start, frame, time_ns)
 
     def _completed(self, side: Side, buf: bytes, at: i64, end: i64, frame: i64, time_ns: i64) -> i64:
