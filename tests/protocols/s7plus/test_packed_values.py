@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+from itertools import pairwise
 from typing import Final
 
 import pytest
@@ -178,7 +179,7 @@ def test_a_dtl_is_known_by_its_type_or_its_structure() -> None:
 def nested(levels: int) -> tuple[object, bool]:
     """Read structures inside each other, so many with the outermost one."""
     ids = [TANK, *[0x91000100 + level for level in range(1, levels)]]
-    types = [type_of(type_id, ("v1", structure(below))) for type_id, below in zip(ids[1:], ids[2:], strict=False)]
+    types = [type_of(type_id, ("v1", structure(below))) for type_id, below in pairwise(ids[1:])]
     leaf = type_of(ids[-1], ("v1", plain("Int")))
     found, wrong = read(b"\0\7", structure(ids[1]), types=(*types, leaf))
     while isinstance(found, dict):

@@ -20,7 +20,7 @@ from tests.protocols.s7plus.pdus import asked, framed
 INT: Final = 5
 BBOOL: Final = 40
 #: By kind: how many numbers it has, and which of them are the count of all elements, the type, and the size of an element in
-#: the optimised and in the classic layout; then, of the first dimension, the lower bound and the count, and how many dimensions.
+#: the optimised and in the classic layout; of the first dimension, the lower bound and the count; and how many dimensions.
 KINDS: Final[dict[int, tuple[int, int, int, int, int, int, int, int]]] = {
     0: (25, 9, 2, -1, -1, 13, 19, 6),
     1: (0, -1, -1, -1, -1, -1, -1, 0),
