@@ -183,8 +183,15 @@ def test_the_sessions_of_a_connection_are_bounded() -> None:
 
 @pytest.mark.parametrize(
     ("order_number", "role", "kind"),
-    [("", -1, ""), ("6ES7 215", 1, ""), ("6ES7 215", 2, "panel"), ("6AV2 124", -1, "panel"), ("", 2, "panel"), ("A6AV", -1, "")],
-)  # fmt: skip
+    [
+        ("", -1, ""),
+        ("6ES7 215", 1, ""),
+        ("6ES7 215", 2, "panel"),
+        ("6AV2 124", -1, "panel"),
+        ("", 2, "panel"),
+        ("A6AV", -1, ""),
+    ],
+)
 def test_a_panel_is_one_by_its_number_or_its_role(order_number: str, role: int, kind: str) -> None:
     identity = Identity()
     identity.order_number, identity.role = order_number, role
