@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dissect.protocols.s7plus.message import parse_plus
-from dissect.protocols.s7plus.plain import Head
+from dissect.protocols.s7plus.plain import Head, data_of, one_frame
 from dissect.protocols.s7plus.tables import EXPLORE, GET_MULTI_VARIABLES
 from dissect.wire.varint import VLQ64, build_varint
 from tests.cases import each
@@ -85,3 +85,115 @@ def test_numbers_of_notifications_and_return_values_of_any_length(value: int) ->
     for written in (build_varint(value, VLQ64), build_varint(value, VLQ64)[:-1], build_varint(value, VLQ64) + b"\x80"):
         found, parsed = facts(framed(told(1, body=written), 2))
         assert found == parsed, value
+
+
+#: Messages of each kind, with numbers that fill their fields.
+KINDS = [
+    asked(0xFEDC, session=0x89ABCDEF, flags=0xFF),
+    asked(0xFEDC, session=0x89ABCDEF, flags=0xBF),
+    asked(1, 0x9999),
+    told(0xFEDC),
+    told(0xFEDC, 0x9999),
+    told(1, body=b"\x81\xff\x74"),
+    told(1, opcode=2),
+    notified(5, 0x70000000),
+    notified(5, 0x6FFFFFFF),
+    notified(5, 0xFFFFFFFF)[:-3] + number(300) + b"\1\0",
+    b"\x44" + bytes(20),
+]
+
+
+@each("version", [0, 1, 2, 3, 4, 0xFE, 0xFF])
+def test_whatever_is_wrong_with_a_message_its_head_is_that_of_the_pdu(version: int) -> None:
+    """Cut off or longer, or with another octet: in its header, its head, and its trailer."""
+    for data in KINDS:
+        octets = framed(data, version)
+        begin = len(octets) - len(data) - 4
+        for cut in range(len(octets)):
+            found, parsed = facts(octets[:cut])
+            assert found == parsed, (data, cut)
+        for behind in (b"\0", b"\x72", bytes(4), octets[-4:]):
+            found, parsed = facts(octets + behind)
+            assert found == parsed, (data, behind)
+        for at in sorted(
+            {*range(5), *range(begin, min(begin + 16, len(octets))), *range(len(octets) - 4, len(octets))}
+        ):
+            for octet in {0, 1, 3, 0x72, 0x7F, 0x80, 0xFF, octets[at] ^ 1, octets[at] ^ 0x40}:
+                changed = octets[:at] + bytes((octet,)) + octets[at + 1 :]
+                found, parsed = facts(changed)
+                assert found == parsed, (data, at, octet)
+
+
+@each("version", [1, 2, 3])
+def test_the_data_of_a_message_are_found_in_any_frames(version: int) -> None:
+    for octets in (
+        framed(asked(1), version),
+        framed(asked(1), version, trailer=False),
+        framed(asked(1), version, trailer=False) + framed(b"more", version),
+        framed(b"", version),
+        framed(b"\x31", version),
+        framed(asked(1), version)[:20],
+        framed(asked(1), version) + b"behind",
+        framed(asked(1), 9),
+    ):
+        buffer, at, end = data_of(octets)
+        assert buffer[at:end] == parse_plus(octets).data
+    assert data_of(framed(asked(1), version))[0] == framed(asked(1), version)  # not copied
+    for octets in (b"", b"\x72", KEEP_ALIVE):
+        assert data_of(octets) == (b"", 0, 0)
+
+
+def test_one_frame_with_its_trailer_is_taken_as_it_is() -> None:
+    for version, at in ((1, 4), (2, 4), (3, 37)):
+        assert one_frame(framed(b"\x31", version)) == (at, at + 1)
+        for wrong in (
+            framed(b"\x31", version, trailer=False),
+            framed(b"\x31", version)[:-1],
+            framed(b"\x31", version) + b"\0",
+            b"\x73" + framed(b"\x31", version)[1:],
+            framed(b"\x31", version)[:-4] + b"\x72" + bytes((version ^ 3, 0, 0)),
+            framed(b"\x31", version)[:-4] + b"\x72" + bytes((version, 0, 1)),
+        ):
+            assert one_frame(wrong) == (-1, -1)
+    assert one_frame(framed(b"\x31", 3).replace(b"\x20\x5a", b"\x1f\x5a")) == (-1, -1)
+    assert one_frame(b"\x72\3\0\x20" + bytes(32) + b"\x72\3\0\0") == (-1, -1)  # a digest without its last octet
+    for version in (0, 4, 0xFE, 0xFF):
+        assert one_frame(framed(b"\x31", version)) == (-1, -1)
+    # The frame says that it is longer, or shorter, than it is.
+    assert one_frame(b"\x72\2\0\2\x31\x72\2\0\0") == one_frame(b"\x72\2\0\0\x31\x72\2\0\0") == (-1, -1)
+
+
+NAMES = (
+    "at", "begins", "end", "frames", "function", "opcode", "sequence", "subscription_id", "version", "wants_response",
+)  # fmt: skip
+
+
+def test_a_head_keeps_nothing_of_the_message_before() -> None:
+    head = Head()
+    assert (head.begins, head.wants_response, head.sequence, head.version, head.frames) == (False, False, -1, -1, 0)
+    for data in KINDS[:-1]:
+        if head.read_plain(framed(data, 2)):
+            once = Head()
+            assert once.read_plain(framed(data, 2))
+            for name in NAMES:
+                assert getattr(head, name) == getattr(once, name), (data, name)
+
+
+def test_the_return_value_is_one_of_a_response_with_a_name() -> None:
+    for data, code in (
+        (told(1, body=b"\x13"), 0x13),
+        (told(1, body=b"\xff" * 8 + b"\xf4"), 0xFFF4),
+        (told(1, body=b"\x84\x80\0"), 0),  # only the lower 16 bits count
+        (told(1, body=b"\x80"), -1),
+        (told(1, body=b""), -1),
+        (told(1, 0x9999, b"\x13"), -1),
+        (told(1, body=b"\x13", opcode=2), 0x13),
+        (asked(1, body=b"\x13"), -1),
+        (notified(0x13), -1),
+    ):
+        for version in (2, 3):
+            head = Head()
+            octets = framed(data, version)
+            assert head.read_plain(octets)
+            assert head.return_code(octets) == code
+            assert parse_plus(octets).return_code == code
