@@ -6,9 +6,20 @@ import struct
 
 import pytest
 
-from dissect.engine.transactions.alike import HELD_NS, MAX_HELD, REST_NS, possible
-from dissect.engine.transactions.open_requests import Row
-from dissect.engine.transactions.transaction import LIKELY, REFERENCE_REUSED, SURE
+from dissect.engine.transactions.alike import (
+    HELD_NS,
+    MAX_HELD,
+    REST_NS,
+    assign,
+    fitting,
+    is_complete,
+    is_due,
+    is_over,
+    is_repeat,
+    possible,
+)
+from dissect.engine.transactions.open_requests import HeldAnswer, Row
+from dissect.engine.transactions.transaction import LIKELY, REFERENCE_REUSED, SURE, Transaction
 from tests.engine.transactions.talk import (
     CLIENT,
     MS,
@@ -279,3 +290,137 @@ def test_requests_to_which_an_answer_may_belong_by_its_place(
     row = Row(0, requests[0])
     row.requests = list(requests)
     assert possible(row, 300, 1100, gap_end, [requests[at] for at in lost]) == [requests[at] for at in left]
+
+
+# ---- rules of one row -----------------------------------------------------------------------------------------------
+
+
+def row_of(asks: list[tuple[int, int]], answers: list[list[int]], same: bool = False) -> tuple[Row, list[Transaction]]:
+    """A row of requests, each (time in ms, acknowledgement), and of answers with the places of the requests that they fit."""
+    talk = begun(8)
+    for number in range(len(asks)):
+        talk.ask(read(number + 1, dbw(1, 0 if same else number)))
+        talk.tell(words(number + 1, 1))
+    requests = list(talk.transactions)
+    for one, (time_ms, ack) in zip(requests, asks, strict=True):
+        one.request_ns, one._request_ack = time_ms * MS, ack
+        if same:
+            one._request_buf, one._request_offset = asks_once(), 0
+            one.request_size = len(asks_once())
+    row = Row(0, requests[0])
+    row.requests = list(requests)
+    for fits in answers:
+        held = HeldAnswer(0, requests[0], 0, 0)
+        held.fits = [requests[place] for place in fits]
+        row.hold(held)
+    return row, requests
+
+
+def asks_once() -> bytes:
+    return read(1, dbw(1, 0))
+
+
+ALL = [0, 1, 2]
+#: Requests 10 ms apart, and the same with a pause of 300 ms before the second, or before the third.
+STEADY = [(0, 5), (10, 5), (20, 5)]
+LATE_SECOND = [(0, 5), (300, 5), (310, 5)]
+LATE_THIRD = [(0, 5), (10, 5), (310, 5)]
+LATE_BOTH = [(0, 5), (300, 5), (600, 5)]
+
+
+@pytest.mark.parametrize(
+    ("asks", "answers", "over", "expected"),
+    [
+        (STEADY, [ALL, ALL, ALL], False, [0, 1, 2]),
+        (STEADY, [ALL, ALL, ALL], True, [0, 1, 2]),
+        (STEADY, [ALL, ALL, ALL, ALL], False, [0, 1, 2, None]),  # one too many
+        (STEADY, [ALL, ALL], True, [1, 2]),  # the oldest waited in vain
+        (STEADY, [ALL], True, [2]),
+        (STEADY, [ALL, ALL], False, [0, 1]),  # the third answer may still come
+        (STEADY, [ALL], False, [0]),
+        (LATE_SECOND, [ALL, ALL], False, [1, 2]),  # the client had given the first up
+        (LATE_SECOND, [ALL], False, [1]),
+        (LATE_THIRD, [ALL], False, [2]),
+        (LATE_THIRD, [ALL, ALL], False, [0, 1]),  # not the second: then one answer would be too many
+        (LATE_BOTH, [ALL], False, [2]),
+        (LATE_BOTH, [ALL, ALL], False, [1, 2]),
+        ([(0, 5), (300, 6), (310, 6)], [ALL, ALL], False, [0, 1]),  # it got something in between
+        ([(0, 5), (200, 5), (210, 5)], [ALL, ALL], False, [0, 1]),  # not long enough to give up
+        (STEADY, [[1], [2]], False, [1, 2]),
+        (STEADY, [[0, 2], ALL], False, [0, 1]),
+        (STEADY, [[2], [0, 1]], False, [2, None]),  # what it fits was asked before the one that is answered already
+        (STEADY, [[0, 1], [0, 1]], False, [0, 1]),  # the third is wanted by none of them
+        (STEADY, [[0, 1]], True, [1]),
+        (STEADY, [[0], [1, 2]], True, [0, 2]),
+    ],
+)
+def test_which_request_each_answer_belongs_to(
+    asks: list[tuple[int, int]], answers: list[list[int]], over: bool, expected: list[int | None]
+) -> None:
+    row, requests = row_of(asks, answers)
+    chosen = assign(row, over)
+    assert [requests.index(one) if one is not None else None for one in chosen] == expected
+
+
+@pytest.mark.parametrize(
+    ("same", "after_ms", "expected"), [(True, 1000, 0), (True, 1001, 1), (False, 1000, 1), (True, 300, 0)]
+)
+def test_one_answer_to_a_request_and_its_repetition_is_that_of_the_first(
+    same: bool, after_ms: int, expected: int
+) -> None:
+    row, requests = row_of([(0, 5), (after_ms, 5)], [[0, 1]], same)
+    assert is_repeat(requests[1], requests[0]) is (expected == 0)
+    assert assign(row, True) == [requests[expected]]
+
+
+def test_of_three_the_first_may_be_the_one_without_answer_though_they_are_equal() -> None:
+    row, requests = row_of(LATE_BOTH, [ALL, ALL], same=True)
+    assert assign(row, False) == requests[1:]
+
+
+@pytest.mark.parametrize(
+    ("answers", "complete"), [([[0, 1]], False), ([[0, 1], [0, 1]], True), ([[0]], True), ([[0, 1]] * 3, True)]
+)
+def test_a_row_is_complete_with_as_many_answers_as_may_be_theirs(answers: list[list[int]], complete: bool) -> None:
+    row, _ = row_of(STEADY, answers)
+    assert is_complete(row) is complete
+
+
+@pytest.mark.parametrize(
+    ("waited_ms", "rest_ms", "over"),
+    [
+        (1, 500, True),
+        (1, 499, False),
+        (500, 500, True),
+        (700, 699, False),
+        (700, 700, True),
+        (9000, 4999, False),
+        (9000, 5000, True),  # no longer than answers are held
+    ],
+)
+def test_a_connection_is_idle_after_as_long_as_an_answer_took(waited_ms: int, rest_ms: int, over: bool) -> None:
+    row, requests = row_of(STEADY, [ALL])
+    row.answers[0].transaction.response_ns = requests[0].request_ns + waited_ms * MS
+    last = 100 * SECOND
+    assert is_over(row, last + rest_ms * MS, last) is over
+
+
+def test_answers_are_due_when_they_waited_too_long_or_are_too_many() -> None:
+    row, _ = row_of(STEADY, [ALL])
+    row.answers[0].transaction.response_ns = 70
+    assert not is_due(row, 70 + HELD_NS - 1)
+    assert is_due(row, 70 + HELD_NS)
+    row.answers *= MAX_HELD - 1
+    assert not is_due(row, 70)
+    row.answers.append(row.answers[0])
+    assert is_due(row, 70)
+
+
+def test_only_requests_that_an_answer_does_not_contradict_fit_it() -> None:
+    talk = begun(8)
+    for number, size in enumerate((1, 2, 1, 1, 2, 3), 1):
+        talk.ask(read(number, dbw(1, 0, size)))
+        talk.tell(words(number, *range(size)))
+    requests, answers = talk.transactions[:3], talk.transactions[3:]
+    found = [fitting(requests, answer, answer._response_offset + 14) for answer in answers]
+    assert found == [[requests[0], requests[2]], [requests[1]], []]

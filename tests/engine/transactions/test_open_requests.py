@@ -6,16 +6,25 @@ from hypothesis import strategies as st
 
 from dissect.engine.transactions.connection import Connection
 from dissect.engine.transactions.open_requests import (
+    BESIDE_NS,
     MAX_ORPHANS,
     ORPHAN_HOLD_FRAMES,
     ORPHAN_HOLD_NS,
+    SHORT_REST_NS,
     HeldAnswer,
     OpenRequests,
+    acknowledged,
+    excludes,
+    key_of,
+    no_answer,
 )
+from dissect.engine.transactions.payloads import SCD
 from dissect.engine.transactions.transaction import Transaction
 from dissect.packets.tcp.connection import TcpConnection
-from dissect.packets.tcp.stream import Endpoint
+from dissect.packets.tcp.stream import FAR_AHEAD, Endpoint
 from dissect.protocols.s7.parameters import Parameters
+from dissect.protocols.s7.tables import ACK, ACK_DATA, JOB, USERDATA
+from dissect.protocols.s7plus.parameters import PLUS
 from tests.growth import assert_growth
 
 CONNECTION = Connection(
@@ -337,3 +346,202 @@ def test_held_answers_are_given_up_after_a_second_or_fifty_packets(time_ns: int,
     assert [one.transaction.number for one in requests.expired_orphans(time_ns, packet)] == gone
     assert (requests.orphans is None) is (len(gone) == 2)
     assert OpenRequests().expired_orphans(time_ns, packet) == []
+
+
+@pytest.mark.parametrize(
+    ("hold", "time_ns", "packet", "gone"),
+    [
+        (10, 10 * ORPHAN_HOLD_NS, 10 * ORPHAN_HOLD_FRAMES, False),
+        (10, 10 * ORPHAN_HOLD_NS + 1, 0, True),
+        (10, 0, 10 * ORPHAN_HOLD_FRAMES + 1, True),
+        (1, ORPHAN_HOLD_NS + 1, 0, True),
+    ],
+)
+def test_held_answers_wait_longer_for_an_unfinished_request(hold: int, time_ns: int, packet: int, gone: bool) -> None:
+    requests = OpenRequests()
+    requests.hold_orphan(1, answer(1, 0), 0, 0)
+    assert bool(requests.expired_orphans(time_ns, packet, hold == 10)) is gone
+
+
+@pytest.mark.parametrize("zero", [1000, 2**32 - 5])
+def test_a_request_passes_held_answers_to_earlier_ones(zero: int) -> None:
+    """Those that acknowledge less than its end; what an answer without acknowledgement belongs to is not known."""
+    requests = OpenRequests()
+    assert requests.passed_orphans(0) == []
+    for number, octets in enumerate((0, 9, 10, 20), 1):
+        requests.hold_orphan(5, answer(number), (zero + octets) & 0xFFFFFFFF, 1)
+    requests.hold_orphan(5, answer(5), -1, 1)
+    end = (zero + 10) & 0xFFFFFFFF
+    assert [one.transaction.number for one in requests.passed_orphans(end)] == [1, 2]
+    assert [one.number for one in requests.waiting()] == [3, 4, 5]
+    assert requests.passed_orphans(end) == []
+    assert [one.number for one in requests.waiting()] == [3, 4, 5]
+
+
+def test_when_all_held_answers_are_passed_none_is_held() -> None:
+    requests = OpenRequests()
+    requests.hold_orphan(5, answer(1), 10, 1)
+    assert len(requests.passed_orphans(11)) == 1
+    assert requests.orphans is None
+
+
+@pytest.mark.parametrize(
+    ("frame", "key", "ack", "passed"),
+    [
+        (11, 5, 100, False),  # for the request itself
+        (11, 6, 100, True),
+        (11, 5, 99, True),  # sent before the request arrived
+        (11, 5, -1, True),
+        (10, 6, 100, False),  # not after the request before
+        (9, 6, 99, False),
+    ],
+)
+def test_an_answer_since_the_request_before_that_is_not_for_this_one(
+    frame: int, key: int, ack: int, passed: bool
+) -> None:
+    requests = OpenRequests()
+    requests.asked_frame = 10
+    assert not requests.was_passed(5, 100)
+    told = answer(1)
+    told.response_frame = frame
+    requests.hold_orphan(key, told, ack, 1)
+    assert requests.was_passed(5, 100) is passed
+
+
+# ---- rules of one request -------------------------------------------------------------------------------------------
+
+
+def test_references_of_different_kinds_do_not_meet() -> None:
+    keys = [key_of(kind, ref) for kind in (JOB, USERDATA, PLUS, SCD) for ref in (0, 1, 0x0102, 0xFFFF)]
+    assert len(set(keys)) == 16
+    for ref in (0, 0x8000, 0xFFFF):
+        assert key_of(JOB, ref) == key_of(ACK, ref) == key_of(ACK_DATA, ref) == ref
+    assert key_of(SCD, 0x1FFFFFF) != key_of(SCD, 0x0FFFFFF)
+
+
+@pytest.mark.parametrize("zero", [1000, 2**32 - 5, 2**31 - 5])
+@pytest.mark.parametrize(
+    ("end", "ack", "excluded"),
+    [
+        (101, 501, False),
+        (100, 501, True),  # the request acknowledges the answer
+        (99, 501, True),
+        (101, 500, True),  # the answer acknowledges nothing of the request
+        (101, 499, True),
+        (101, 501 - FAR_AHEAD, True),
+        (101, 500 - FAR_AHEAD, False),  # too far to prove anything
+        (101, None, False),
+    ],
+)
+def test_what_places_in_the_stream_exclude(zero: int, end: int, ack: int | None, excluded: bool) -> None:
+    """A request that acknowledges up to 100, and begins at 500."""
+
+    def at(octets: int) -> int:
+        return (zero + octets) & 0xFFFFFFFF
+
+    one = request(1, 0, at(100))
+    one._request_seq = at(500)
+    told = at(ack) if ack is not None else -1
+    assert excludes(one, at(end), told) is excluded
+    assert acknowledged(one, at(end)) is (end <= 100)
+    one._request_ack = -1
+    assert not excludes(one, at(end), told)
+    assert not acknowledged(one, at(end))
+
+
+@pytest.mark.parametrize(
+    ("after_ns", "ack", "nothing"), [(BESIDE_NS + 1, 70, True), (BESIDE_NS, 70, False), (BESIDE_NS + 1, 71, False)]
+)
+def test_a_client_that_got_nothing_gave_its_request_up(after_ns: int, ack: int, nothing: bool) -> None:
+    assert no_answer(request(2, 1000 + after_ns, ack), request(1, 1000, 70)) is nothing
+
+
+# ---- a client with one reference ------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("opens", [False, True])
+def test_the_first_repetition_is_doubtful_if_requests_may_be_open(opens: bool) -> None:
+    requests = OpenRequests()
+    requests.repeat(opens, False, 0, 0)
+    assert (requests.repeats, requests.doubtful) == (1, opens)
+    requests.repeat(not opens, False, 0, 0)  # what opened then is known already
+    assert (requests.repeats, requests.doubtful) == (2, opens)
+
+
+@pytest.mark.parametrize(
+    ("count", "answered", "since", "beside", "gap", "doubtful"),
+    [
+        (0, True, SHORT_REST_NS + 1, True, 99, False),  # it was idle
+        (0, True, SHORT_REST_NS, True, 9, True),
+        (0, True, 0, False, 9, False),  # one exchange without a gap
+        (0, True, 0, False, 10, True),
+        (0, True, 0, True, 9, True),
+        (1, True, SHORT_REST_NS + 1, False, 9, True),  # one is open
+        (0, False, SHORT_REST_NS + 1, False, 9, True),  # never answered
+    ],
+)
+def test_when_pairs_are_doubtful_no_longer(
+    count: int, answered: bool, since: int, beside: bool, gap: int, doubtful: bool
+) -> None:
+    requests = OpenRequests()
+    requests.repeat(True, False, 0, 0)
+    requests.count, requests.beside, requests.asked_frame = count, beside, 10
+    requests.repeat(False, answered, since, gap)
+    assert requests.doubtful is doubtful
+
+
+# ---- how many are open ----------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("closed", [(), (1,), (-1,), (-2,), (-1, -2), (0, 3, -1)])
+@pytest.mark.parametrize("many", [1, 2, 3, 4, 12, 25])
+def test_whether_as_many_as_asked_for_are_open(many: int, closed: tuple[int, ...]) -> None:
+    """Whichever are closed already, by time or by packet; how many more there are is not counted."""
+    requests = OpenRequests()
+    made = [request(number, number * 10) for number in range(1, many + 1)]
+    for one in made:
+        put(requests, int(one.number), one)
+    for place in closed:
+        if -len(made) <= place < len(made):
+            requests.close(int(made[place].number), made.pop(place))
+    for since in range(many + 2):
+        recent = len([one for one in made if one.number > since])
+        for enough in range(many + 3):
+            by_time = requests.open_since(since * 10 + 1, 0, -1, enough)
+            by_packet = requests.open_since(0, since, -1, enough)
+            assert (by_time >= enough) is (by_packet >= enough) is (recent >= enough), (since, enough)
+            assert max(by_time, by_packet) <= enough
+        assert requests.open_since(since * 10 + 1, 0, -1, 99) == requests.open_since(0, since, -1, 99) == recent
+
+
+@pytest.mark.parametrize("looked", [False, True])
+def test_of_requests_with_one_key_each_is_counted(looked: bool) -> None:
+    requests = OpenRequests()
+    for number, key in enumerate((4, 5, 5, 5), 1):
+        put(requests, key, request(number, number * 10))
+    if looked:
+        assert len(requests.table) == 2
+    assert [requests.open_since(time_ns, 0, -1, 99) for time_ns in (0, 11, 21, 31, 41)] == [4, 3, 2, 1, 0]
+
+
+def test_the_latest_of_all_that_are_open() -> None:
+    requests = OpenRequests()
+    assert requests.asked_last() is None
+    made = [request(number) for number in range(1, 5)]
+    for one in made:
+        put(requests, int(one.number), one)
+    for one in reversed(made):
+        assert requests.asked_last() is one
+        requests.close(int(one.number), one)
+    assert requests.asked_last() is None
+
+
+def test_the_oldest_is_found_however_often_it_left() -> None:
+    requests = OpenRequests()
+    for number in range(3000):
+        put(requests, number % 4096, request(number + 1))
+        if number >= 5:
+            oldest = requests.oldest()
+            assert oldest is not None
+            assert (oldest[0], oldest[1].number) == (number - 5, number - 4)
+            requests.close(*oldest)
