@@ -9,10 +9,21 @@ from typing import Any
 import pytest
 
 from dissect.engine.pipeline import Options, Pipeline
-from dissect.engine.transactions.naming import item_subject, named_items, named_values, plain, subject
+from dissect.engine.transactions.naming import (
+    NamedValue,
+    Naming,
+    item_subject,
+    items_said,
+    named_items,
+    named_values,
+    plain,
+    subject,
+)
+from dissect.engine.transactions.naming import written as written_tag
 from dissect.engine.transactions.probes import Probes
 from dissect.engine.transactions.transaction import Transaction
 from dissect.meaning.tags.loading import load_tags
+from dissect.protocols.s7.values import Value
 from tests.cases import each
 from tests.engine.transactions.talk import Talk, ack_data, dbw, good, item, read, words, write, written
 
@@ -128,3 +139,53 @@ def test_probes_are_counted_with_the_first_and_the_last() -> None:
         assert (first.frames, first.count, first.filled, first.last_ns) == (joined, 4, 2, last_ns)
     empty = Probes().join(one_side)
     assert (empty.frames, empty.count, empty.last_ns) == ([5, 9], 2, 900)
+
+
+def test_a_naming_of_nothing_names_nothing() -> None:
+    """What a naming need not define."""
+    naming = Naming()
+    given = wrote((dbw(1, 0), word(215)))
+    assert naming.of(given.connection) is naming
+    assert (naming.program("10.0.0.2"), naming.named(given.s7_results[0])) == (None, [])
+    assert items_said(naming, given.s7_results, True) == "DB1.DBW0 = 215"
+    assert items_said(naming, given.s7_results, False) == "DB1.DBW0"
+
+
+def test_a_named_value_shows_name_value_and_unit() -> None:
+    one_value = NamedValue("Temp", "DB1.DBW0", "INT")
+    assert (one_value.origin, one_value.whole, one_value.value, one_value.offset) == ("tag", True, None, 0)
+    one_value.value, one_value.unit = 21.5, "°C"
+    assert repr(one_value) == "NamedValue('Temp', 21.5, '°C')"
+
+
+@each(
+    ("value", "data", "unit", "said"),
+    [
+        (80.0, b"", "°C", "T = 80.0 °C (DB1.DBD4)"),
+        (80.0, b"", "", "T = 80.0 (DB1.DBD4)"),
+        (None, b"", "°C", "T (DB1.DBD4)"),
+        (None, b"\x01\xff", "°C", "T = 01 ff (DB1.DBD4)"),
+        ([1, 2], b"\0\1\0\2", "°C", "T = 00 01 00 02 °C (DB1.DBD4)"),
+        (False, b"", "", "T = false (DB1.DBD4)"),
+        ("", b"", "", "T = '' (DB1.DBD4)"),
+    ],
+)
+def test_a_written_tag_is_said_with_its_value(value: Value, data: bytes, unit: str, said: str) -> None:
+    tag = NamedValue("T", "DB1.DBD4", "REAL")
+    tag.value, tag.data, tag.unit = value, data, unit
+    assert written_tag(tag) == said
+
+
+def test_an_item_without_address_is_said_by_nothing() -> None:
+    talk = Talk()
+    talk.open()
+    talk.tell(words(5, 1))
+    talk.finish()
+    assert items_said(None, talk.transactions[0].s7_results, False) == ""
+    assert item_subject(talk.transactions[0], 1, "here") == "here"
+
+
+def test_as_many_items_are_said_as_asked_for() -> None:
+    results = wrote(*[(dbw(1, 2 * at), word(at)) for at in range(4)]).s7_results
+    assert items_said(None, results, False, 1) == "DB1.DBW0 and 3 more"
+    assert items_said(None, results, False, 4) == "DB1.DBW0, DB1.DBW2, DB1.DBW4, DB1.DBW6"
