@@ -170,7 +170,7 @@ class Ending:
             if asked_frame < self.frame:
                 return self.deed(connection).removesuffix(",")  # the clock ran backwards between the two
             return f"sent {duration_text(asked_ns - self.time_ns)} after {self._first_deed(connection)}"
-        return f"{self.deed(connection)} {distance_text(asked_ns - self.time_ns)}"
+        return f"{self.deed(connection)} {duration_text(self.time_ns - asked_ns)} later"
 
     def age(self) -> str:
         """Return how old the oldest open request was at the end: ``1.20 s old``.

@@ -2,9 +2,15 @@
 
 from __future__ import annotations
 
+import pickle
+
 import pytest
 
+from dissect.engine.transactions.connection import Connection
 from dissect.engine.transactions.ending import Ending
+from dissect.packets.tcp.connection import TcpConnection
+from dissect.packets.tcp.stream import Endpoint
+from dissect.protocols.s7.parameters import Parameters
 from tests.cases import each
 from tests.engine.transactions.talk import (
     ACK,
@@ -199,3 +205,164 @@ def test_whose_answer_may_be_in_a_hole_is_not_called_open(talk: Talk, asked_afte
     told = ending(talk)
     assert talk.connections[0].unanswered == 1 + asked_after
     assert (told.open_requests, told.oldest_frame) == (int(asked_after), last)
+
+
+# ---- in words -------------------------------------------------------------------------------------------------------
+
+
+def ended(
+    how: str = "fin", side: int = SERVER, frame: int = 20, time_ns: int = 5 * SECOND
+) -> tuple[Ending, Connection]:
+    """An end at 5 s in packet 20, by the server."""
+    connection = Connection(1, TcpConnection(Endpoint(b"\x0a\0\0\1", 50000), Endpoint(b"\x0a\0\0\2", 102), 0, 1, 0))
+    tcp = connection.tcp
+    tcp.ended, tcp.ended_by, tcp.ended_frame, tcp.ended_ns = how, side, frame, time_ns
+    return Ending(connection, [], 21, 6 * SECOND), connection
+
+
+@each(
+    ("frame", "time_ns", "said"),
+    [
+        (10, 3 * SECOND, "the server closed the connection 2.00 s later"),
+        (10, 5 * SECOND, "the server closed the connection 0 µs later"),
+        (19, 5 * SECOND + 1, "the server closed the connection"),  # the clock ran backwards
+        (20, 6 * SECOND, "sent 1.00 s after the server closed the connection"),
+        (21, 5 * SECOND + 1000, "sent 1.0 µs after the server closed the connection"),
+    ],
+)
+def test_the_time_of_the_end_after_a_request(frame: int, time_ns: int, said: str) -> None:
+    ending, connection = ended()
+    assert ending.deed_after(connection, frame, time_ns) == said
+    ending, connection = ended("open", -1)
+    assert ending.deed_after(connection, frame, time_ns) == ""
+
+
+def test_a_reset_by_the_other_side_that_no_time_is_known_of() -> None:
+    ending, connection = ended()
+    ending.reset_frame, ending.reset_side = 22, CLIENT
+    assert ending.deed_after(connection, 10, 4 * SECOND) == (
+        "the server closed the connection, the client reset it, 1.00 s later"
+    )
+    assert ending.deed_after(connection, 10, 6 * SECOND) == "the server closed the connection, the client reset it"
+    ending.reset_side = SERVER
+    assert ending.deed(connection) == "the server closed the connection and reset it"
+
+
+@each(
+    ("oldest_frame", "oldest_ns", "frame", "said"),
+    [
+        (10, 3 * SECOND, 20, "2.00 s old"),
+        (10, 5 * SECOND, 20, "0 µs old"),
+        (19, 5 * SECOND + 1, 20, "of unknown age, the clock ran backwards"),
+        (20, 5 * SECOND + 1000, 20, "sent 1.0 µs after the end had begun"),
+        (19, 5 * SECOND + 1, 0, "of unknown age, the clock ran backwards"),
+        (10, 3 * SECOND, 0, "2.00 s old"),
+    ],
+)
+def test_how_old_the_oldest_open_request_was(oldest_frame: int, oldest_ns: int, frame: int, said: str) -> None:
+    ending, _ = ended(frame=frame)
+    ending.oldest_frame, ending.oldest_ns = oldest_frame, oldest_ns
+    assert ending.age() == said
+
+
+def test_the_last_message_of_the_server() -> None:
+    ending, _ = ended()
+    assert ending.last_heard() == ""
+    ending.last_answer, ending.last_answer_ns = Parameters(b"\x04", 3), 4 * SECOND
+    assert ending.last_heard() == "; last answer 1.00 s earlier"
+    assert ending.last_heard("response") == "; last response 1.00 s earlier"
+    ending.last_encrypted_ns = 4 * SECOND
+    assert ending.last_heard() == "; last answer 1.00 s earlier"
+    ending.last_encrypted_ns = 4 * SECOND + SECOND // 2
+    assert ending.last_heard() == "; last encrypted message of the server 500 ms earlier"
+
+
+@each(
+    ("asked", "answered", "encrypted", "silence"),
+    [
+        (0, 0, 0, None),
+        (3, 2, 0, 2),
+        (2, 3, 0, 2),
+        (2, 3, 4, 1),
+        (5, 0, 0, 0),
+    ],
+)
+def test_the_silence_before_the_end(asked: int, answered: int, encrypted: int, silence: int | None) -> None:
+    ending, _ = ended()
+    ending.last_request_ns, ending.last_answer_ns = asked * SECOND, answered * SECOND
+    ending.last_encrypted_ns = encrypted * SECOND
+    assert ending.silence_ns == (None if silence is None else silence * SECOND)
+
+
+@each(
+    ("how", "requests", "connecting", "cut"),
+    [
+        ("fin", 1, False, True),
+        ("fin", 0, False, False),
+        ("fin", 0, True, True),
+        ("reset", 2, False, True),
+        ("open", 2, True, False),
+        ("reused", 2, True, False),
+    ],
+)
+def test_what_is_cut(how: str, requests: int, connecting: bool, cut: bool) -> None:
+    ending, _ = ended(how)
+    ending.open_requests, ending.connecting = requests, connecting
+    assert ending.cut is cut
+
+
+def test_an_end_shows_how_and_where() -> None:
+    assert repr(ended()[0]) == "Ending(fin, packet 20)"
+    assert repr(ended("open", frame=0)[0]) == "Ending(open)"
+
+
+def test_the_time_of_an_end_that_no_packet_shows() -> None:
+    assert ended("open", -1, 0, 0)[0].time_ns == 6 * SECOND  # when the capture ended
+    ending, connection = ended("evicted", -1, 0, 0)
+    assert ending.time_ns == 0
+    connection.tcp.last_ns = 4 * SECOND
+    assert Ending(connection, [], 21, 6 * SECOND).time_ns == 4 * SECOND  # when it was last heard of
+
+
+@each(("asked", "answered", "how"), [(4, 4, "disconnect"), (5, 4, "fin"), (4, 5, "fin"), (3, 2, "disconnect")])
+def test_a_cotp_end_counts_unless_something_was_sent_after_it(asked: int, answered: int, how: str) -> None:
+    _, connection = ended(frame=30)
+    connection._note_iso_end("DR", "disconnect", CLIENT, 18, 4)
+    connection.last_request_ns, connection.last_answer_ns = asked, answered
+    ending = Ending(connection, [], 31, 6 * SECOND)
+    assert (ending.how, ending.side, ending.frame, ending.time_ns) == (
+        ("disconnect", CLIENT, 18, 4) if how == "disconnect" else ("fin", SERVER, 30, 5 * SECOND)
+    )
+
+
+@each(
+    ("how", "frame", "resets"),
+    [("fin", 25, True), ("fin", 20, False), ("fin", 0, False), ("reused", 25, False), ("open", 25, False)],
+)
+def test_a_reset_after_an_end_of_another_kind(how: str, frame: int, resets: bool) -> None:
+    _, connection = ended(how)
+    connection.tcp.reset_by, connection.tcp.reset_frame, connection.tcp.reset_ns = CLIENT, frame, 7
+    ending = Ending(connection, [], 31, 8)
+    found = (ending.reset_side, ending.reset_frame, ending.reset_ns)
+    assert found == ((CLIENT, 25, 7) if resets else (-1, 0, 0))
+
+
+@each(
+    ("change", "connecting"),
+    [("", True), ("no request", False), ("confirmed", False), ("data", False), ("octets", False), ("own octets", True)],
+)
+def test_a_connect_request_that_had_no_answer_of_any_kind(change: str, connecting: bool) -> None:
+    _, connection = ended()
+    connection.cr_seen = change != "no request"
+    connection.tpdu_size = 1024 if change == "confirmed" else 0
+    connection.pdus = 1 if change == "data" else 0
+    if "octets" in change:
+        connection.tcp.streams[0 if change == "own octets" else 1].octets = 1
+    assert Ending(connection, [], 21, 6 * SECOND).connecting is connecting
+
+
+def test_a_copy_of_an_end_is_the_same_without_its_connection() -> None:
+    ending, _ = ended("reset", CLIENT, 9, 77)
+    copied = pickle.loads(pickle.dumps(ending))
+    assert (copied.how, copied.side, copied.frame, copied.time_ns) == ("reset", CLIENT, 9, 77)
+    assert repr(copied) == "Ending(reset, packet 9)"

@@ -2,8 +2,9 @@ from __future__ import annotations
 
 import pytest
 
-from dissect.engine.transactions.good_items import good_octets
-from dissect.engine.transactions.results import ALIKE, GAPS
+from dissect.engine.transactions.good_items import GoodItems, good_octets
+from dissect.engine.transactions.naming import Naming
+from dissect.engine.transactions.results import ALIKE, GAPS, REORDERED
 from dissect.engine.transactions.transaction import Transaction
 from tests.engine.transactions.talk import Talk, ack_data, dbw, good, item, read, refused, write, written
 
@@ -54,3 +55,96 @@ def test_an_item_of_no_octets_has_none() -> None:
     nothing = dbw(1, 0, 0)
     assert good_octets(read_of(good(4, b""), good(4, b"\x00\x2a"), request=(nothing, dbw(1, 2)))) == [b"", b"\x00\x2a"]
     assert good_octets(read_of(good(4, b"\0\1"), good(4, b"\x00\x2a"), request=(nothing, dbw(1, 2)))) is None
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("_outcome", 0),
+        ("response_parameters", None),
+        ("response_rosctr", 2),
+        ("rosctr", 7),
+        ("request_size", 0),
+        ("has_errors", True),
+    ],
+)
+def test_what_is_no_answered_read_has_no_good_octets(name: str, value: object) -> None:
+    found = read_of(good(4, b"\x00\x2a"), request=(dbw(1, 0),))
+    stepper = GoodItems()
+    assert stepper.begin(found)
+    setattr(found, name, value)
+    assert not stepper.begin(found)
+    assert good_octets(found) is None
+
+
+def test_with_tags_items_are_not_stepped_over() -> None:
+    found = read_of(good(4, b"\x00\x2a"), request=(dbw(1, 0),))
+    found.connection.naming = Naming()
+    assert good_octets(found) is None
+
+
+def test_the_answer_to_another_function_has_no_good_octets() -> None:
+    talk = Talk()
+    talk.open()
+    talk.ask(read(1, dbw(1, 0)))
+    talk.tell(ack_data(1, b"\x05\x01", b"\xff"))
+    talk.close()
+    stepper = GoodItems()
+    assert not stepper.begin(talk.transactions[0])
+    assert not stepper.whole
+
+
+def test_areas_of_one_item_are_left_to_the_results() -> None:
+    areas = bytes.fromhex("120cb00202004401600100480030")
+    found = read_of(b"\xff\x09\x00\x05" + bytes.fromhex("ff0001ff7a"), request=(areas,))
+    assert not found.has_errors
+    assert good_octets(found) is None
+
+
+def test_it_steps_from_item_to_item() -> None:
+    found = read_of(good(4, b"\x00\x2a"), good(4, b"\x01\x02\x03") + b"\x00", good(4, b"\x00\x2b"))
+    stepper = GoodItems()
+    assert stepper.begin(found)
+    places = []
+    while stepper.step():
+        places.append((int(stepper.index), stepper.buf[stepper.at : stepper.at + stepper.size].hex(), stepper.whole))
+    assert places == [(0, "002a", False), (1, "010203", False), (2, "002b", False)]
+    assert stepper.whole
+    assert stepper.begin(found)  # once more
+    assert (stepper.index, stepper.whole) == (-1, False)
+
+
+@pytest.mark.parametrize(
+    ("data", "whole"),
+    [
+        (b"\xff\x04\x00\x18abc", True),  # without the fill octet
+        (b"\xff\x04\x00\x18abc\0", True),
+        (b"\xff\x09\x00\x03abc", True),
+        (b"\xff\x04\x00\x10ab\0", False),  # two octets instead of three
+        (b"\xff\x04\x00\x20abcd", False),
+        (b"\xff\x04\x00\x18ab", False),
+        (b"\xff\x04\x00", False),
+        (b"\x0a\x04\x00\x18abc", False),
+    ],
+)
+@pytest.mark.parametrize("begins", [False, True])
+def test_an_answer_with_some_fault_is_judged_item_by_item(begins: bool, data: bytes, whole: bool) -> None:
+    """``begins``: a good item comes before it. Where a flag of the transaction is set, sizes are not trusted."""
+    answers = [good(4, b"\x00\x2a"), data] if begins else [data]
+    places = [dbw(1, 8), item(0x84, 1, 16, 2, 3)] if begins else [item(0x84, 1, 16, 2, 3)]
+    found = read_of(*answers, request=tuple(places))
+    for flag in (0, REORDERED):
+        found._flags |= flag
+        found.has_errors = False
+        octets = good_octets(found)
+        assert octets == ([b"\x00\x2a"] * begins + [b"abc"] if whole else None)
+
+
+def test_octets_after_the_answer_are_not_its_own() -> None:
+    """The answer is in a segment with others."""
+    talk = Talk()
+    talk.open(8, 8)
+    talk.ask(read(1, dbw(1, 0)), read(2, dbw(1, 2)))
+    talk.tell(ack_data(1, b"\x04\x01", good(4, b"\0\1")[:-1]), ack_data(2, b"\x04\x01", good(4, b"\0\2")))
+    first, second = talk.transactions
+    assert (good_octets(first), good_octets(second)) == (None, [b"\0\2"])
