@@ -302,7 +302,9 @@ def test_corrupt_gzip_gives_all_that_stands_before(tmp_path: Path) -> None:
     reader, recorder = _read_all(path)
     assert recorder.frames == sample.frames_before(200_000)
     assert reader.octets == 200_000
-    assert reader.damage.startswith(f"the gzip data is corrupt at byte {len(front)} (invalid block type); the capture that could be read ends")
+    assert reader.damage.startswith(
+        f"the gzip data is corrupt at byte {len(front)} (invalid block type); the capture that could be read ends"
+    )
 
 
 def test_corrupt_zstd_gives_all_that_stands_before(tmp_path: Path) -> None:
