@@ -247,6 +247,8 @@ def _explain(text: str, error: Any) -> NoReturn:
     if at is None or at < 0 or not text[at:].strip():
         end = len(text.rstrip())
         raise SelectError(f"the expression ends here: expected {_wanted(could)}", text, end, end + 1) from None
+    if text[at - 1 : at + 1] in _ELSEWHERE:  # the first character of <> is an operator of its own
+        at, could = at - 1, {"OPERATOR"}
     found = _NEXT.match(text, at)
     word = found[0] if found else text[at]
     if text[at] in "\"'":
@@ -270,6 +272,8 @@ def _wanted(could: set[str]) -> str:
     """Return in words what the parser expected; ``could`` are names of terminals."""
     if "OPERATOR" in could:
         return f"an operator ({', '.join(OPERATORS)})"
+    if "IN" in could:
+        return "in"
     if "FIELD" in could:
         return "a field (`s7dissect fields` lists them)"
     if "LBRACE" in could:

@@ -213,7 +213,7 @@ def comparison_test(condition: Comparison, field: Field, context: Context) -> Te
     if operator not in kind.operators:
         takes = ", ".join(field.kind.operators)
         raise SelectError(
-            f"{field.name} is a {field.kind.name} and cannot be compared with {operator}; it takes {takes}",
+            f"{field.name} ({field.kind.name}) cannot be compared with {operator}; it takes {takes}",
             start=condition.start, end=condition.end,
         )  # fmt: skip
     plain = "==" if operator == "===" else _NEGATED.get(operator, operator)
