@@ -15,7 +15,7 @@ from typing import Any, Final, NamedTuple
 from dissect.meaning.select.errors import SelectError, range_hint
 from dissect.meaning.select.grammar import Literal
 from dissect.meaning.select.patterns import searching
-from dissect.meaning.select.window import Moment, parse_moment, parse_window
+from dissect.meaning.select.window import UNITS, Moment, parse_moment, parse_window
 from dissect.protocols.s7.address import Address, address_text, parse_address
 from dissect.protocols.s7.tables import AREA_LETTERS, DB_AREAS, NUMBERED_AREAS, RECORD_AREA
 from dissect.wire.config.hints import close_names
@@ -162,18 +162,6 @@ def _compared(operator: str, wanted: Any) -> Test:
     return lambda value: order(value, wanted)
 
 
-#: Nanoseconds in each unit.
-UNITS: Final = {
-    "ns": 1,
-    "us": 1_000,
-    "\u00b5s": 1_000,
-    "\u03bcs": 1_000,
-    "ms": 1_000_000,
-    "s": 1_000_000_000,
-    "min": 60_000_000_000,
-    "h": 3_600_000_000_000,
-    "d": 86_400_000_000_000,
-}
 _DURATION: Final = re.compile(r"([+-]?[0-9]+(?:\.[0-9]+)?) ?([^\d\s.]*)")
 
 

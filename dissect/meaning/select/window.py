@@ -16,7 +16,19 @@ _DURATION: Final = r"(\+?)([0-9]{1,9})(?:\.([0-9]{1,9}))?(ns|us|ms|s|min|h|d)?"
 _ZONE: Final = r"(?:(Z| ?UTC)|([+-])([0-9]{2}):?([0-9]{2}))?"
 _DATE: Final = r"([0-9]{4})-([0-9]{2})-([0-9]{2})"
 _TIME: Final = rf"(?:{_DATE}[T ])?([0-9]{{2}}):([0-9]{{2}})(?::([0-9]{{2}})(?:\.([0-9]{{1,9}}))?)?{_ZONE}"
-_UNITS: Final = {"ns": 1, "us": 1000, "ms": 1_000_000, "s": _NS, "min": _MINUTE_NS, "h": 60 * _MINUTE_NS, "d": _DAY_NS}
+
+#: Nanoseconds in each unit; the micro sign has two spellings.
+UNITS: Final = {
+    "ns": 1,
+    "us": 1_000,
+    "\u00b5s": 1_000,
+    "\u03bcs": 1_000,
+    "ms": 1_000_000,
+    "s": _NS,
+    "min": _MINUTE_NS,
+    "h": 60 * _MINUTE_NS,
+    "d": _DAY_NS,
+}
 
 # The bases from which a moment is counted.
 _START: Final = "start"
@@ -107,14 +119,11 @@ class Window:
         Times of day are on its first day, or on the next day if the window would end before the capture begins.
         """
         begin, end = self.resolve(first_ns, first_ns)
-        named = self.begin or self.end or _NOTHING
-        if end < first_ns and named.base == _MIDNIGHT:
+        named = self.begin if self.end is not None and self.end.base == _BEGIN else self.end
+        if named is not None and end < first_ns and named.base == _MIDNIGHT:
             midnight = named.next_midnight(first_ns)
             return self.resolve(midnight, midnight)
         return begin, end
-
-
-_NOTHING: Final = Moment(_START, 0)
 
 
 def zone_name(local: bool) -> str:
@@ -147,7 +156,7 @@ def parse_window(text: str, local: bool = False) -> Window:
 
 def _alone(text: str, local: bool) -> Window:
     """Return the window of a single time: the day, minute or second that it names."""
-    moment = parse_moment(text, local) if text else _NOTHING
+    moment = parse_moment(text, local) if text else Moment(_START, 0)
     if moment.base == _START:
         ahead = f": the first {text} are ..{text}" if text else ""
         raise ValueError(f"{text!r} is not of the form BEGIN..END{ahead}")
@@ -158,7 +167,7 @@ def parse_moment(text: str, local: bool = False) -> Moment:
     """Parse one end of a window. Raises ValueError with a message for users."""
     found = re.fullmatch(_DURATION, text)
     if found:
-        return Moment(_START, _counted(found[2], found[3], _UNITS[found[4] or "s"]))
+        return Moment(_START, _counted(found[2], found[3], UNITS[found[4] or "s"]))
     found = re.fullmatch(_TIME, text)
     if found:
         return _of_time(found, text, local)
@@ -167,7 +176,8 @@ def parse_moment(text: str, local: bool = False) -> Moment:
         zone = _zone(found[4], found[5], found[6], found[7], text, local)
         day = _day(found[1], found[2], found[3], text)
         begin = _instant(day, 0, zone, text)
-        return Moment(_EPOCH, begin, _instant(day + timedelta(1), 0, zone, text) - begin)
+        end = _instant(day + timedelta(1), 0, zone, text) if day < date.max else begin + _DAY_NS
+        return Moment(_EPOCH, begin, end - begin)
     raise ValueError(
         f"{text!r} is not a time: expected HH:MM, HH:MM:SS, YYYY-MM-DD, YYYY-MM-DDTHH:MM:SS ({zone_name(local)} without a zone "
         "such as Z or +01:00), or seconds from the first packet"
