@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tracemalloc
 from collections.abc import Callable
 from typing import Any, Final
 
@@ -215,6 +216,27 @@ def test_a_message_behind_a_malformed_header() -> None:
         assert through(expression, say)[0].of("pdu") == frames
 
 
+def test_findings_beyond_the_limit_of_the_engine_are_judged_as_well() -> None:
+    def say(talk: Talk) -> None:
+        talk.open()
+        for ref in range(MAX_DETAILED + 20):
+            talk.ask(read(ref, dbw(9, 0)))
+            talk.tell(line.ack_data(ref, b"\x04\x01", line.refused(0x0A)))
+        talk.close()
+
+    kept, made, talk = through("slug == transaction.item_error", say)
+    assert made.findings == {"transaction.item_error": MAX_DETAILED + 20}
+    assert len(kept.findings) == MAX_DETAILED
+    assert made.part(talk.pipeline).findings_not_judged == 0
+
+
+def test_a_fact_before_any_transaction_is_of_none() -> None:
+    made, kept = sieved()
+    for key in ("firmware", MAC):
+        made.fact(Fact("10.0.0.2", "", key, "x", "", 1, [5], 0))
+    assert kept.of("fact") == [(MAC, (5,))]
+
+
 def test_a_comment_of_a_packet_always_comes() -> None:
     kept = Kept()
     Sieve(kept, Where("host == 10.0.0.9")).comment(3, "hello")
@@ -240,7 +262,7 @@ LINE: Final = WHOLE.connections[0]
 def sieved(expression: str = "pdu_ref == 21", at_once: bool = False, every: bool = False) -> tuple[Sieve, Kept]:
     """A sieve with an open connection."""
     kept = Kept(every)
-    made = Sieve(kept, Where(expression), at_once)
+    made = Sieve(kept, Where(expression), at_once=True) if at_once else Sieve(kept, Where(expression))
     made.connection_opened(LINE)
     return made, kept
 
@@ -283,6 +305,19 @@ def test_the_packet_of_either_half_selects_a_finding() -> None:
         made.transaction(STOP)
         made.finding(about(SLOW, 9_999, int(frame)))
         assert kept.of("finding") == [SLOW]
+
+
+def test_twenty_thousand_findings_wait() -> None:
+    made, _ = sieved()
+    one = about(SLOW, frame_of(STOP))
+    for _ in range(20_000):
+        made.finding(one)
+    assert made.left_out[FINDING] == 0
+    made.finding(one)
+    assert made.left_out[FINDING] == 1
+    made.transaction(STOP)
+    made.connection_closed(LINE)
+    assert made.passed[FINDING] == 20_000
 
 
 def test_so_many_findings_wait_and_no_more(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -369,9 +404,17 @@ def test_every_number_of_a_page_has_a_bit_of_its_own() -> None:
         assert begin + 32_768 not in numbers
 
 
-def test_just_so_many_pages_are_kept(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(sieve, "_PAGES", 3)
-    numbers = Numbers()
-    for page in range(5):
-        numbers.add(page * 32_768)
-        assert [at for at in range(5) if at * 32_768 in numbers] == list(range(max(0, page - 2), page + 1))
+def test_sixteen_million_numbers_are_kept_in_two_mebibytes() -> None:
+    tracemalloc.start()
+    try:
+        before, _ = tracemalloc.get_traced_memory()
+        numbers = Numbers()
+        for page in range(512):
+            numbers.add(page * 32_768)
+        after, _ = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert 2 * 1024 * 1024 < after - before < 2.25 * 1024 * 1024
+    assert 0 in numbers
+    numbers.add(512 * 32_768)
+    assert [page for page in (0, 1, 511, 512) if page * 32_768 in numbers] == [1, 511, 512]
