@@ -115,7 +115,7 @@ def test_each_kind_of_thing_is_judged_by_its_own_fields() -> None:
     assert Where("port == 102 and frame == 1").connection(connection)
     ends = connection.tcp.ends
     for number in (11, 12):
-        assert where.packet(Packet(number, 0, ends, None)) == (number == 12)
+        assert where.packet(Packet(number, 0, (ends[0], ends[1]), None)) == (number == 12)
         assert where.message(Message("s7comm", number, 0, connection, 0, read(1, dbw(1, 0)))) == (number == 12)
     assert where.predicate(PACKET) is where.predicate(PACKET)
 
