@@ -64,7 +64,12 @@ def scd_names(decoder: PayloadDecoder | None) -> list[str]:
     """Return the names of the variables in the SCD dictionary of a decoder; empty for no decoder."""
     if not isinstance(decoder, ScdCarrier):
         return []
-    return [field.label for row in decoder.dictionary.objects.values() for field in row.fields]
+    return [
+        variable.label
+        for row in decoder.dictionary
+        for variable in ([row.head] if row.single and row.head is not None else row.fields)
+        if not variable.reserved
+    ]
 
 
 def choose(texts: Sequence[str], known: Known) -> WantedSet:
@@ -121,8 +126,7 @@ def _element(text: str, tag: Tag, indexes: str, naming: TagNaming | None) -> Wan
         if f"{tag.prefix}{tag.index(number)}" == indexes:
             start = int(tag.start + number * tag.step)
             wanted = Wanted(text, int(tag.area), int(tag.db), start, int(tag.size))
-            at = 0 if tag.area in NUMBERED_AREAS else start % 8
-            wanted.part = TagPart(tag, number, 1, at, int(tag.size), 0, True)
+            wanted.part = TagPart(tag, number, 1, start % 8, int(tag.size), 0, True)
             wanted.naming = naming
             return wanted
     return None
@@ -133,13 +137,11 @@ def _of_address(text: str, address: TagAddress) -> Wanted:
     base = address.type
     count = max(address.elements, 1)
     if base is None:
-        bits = WIDTHS.get(address.width or ("X" if address.bit >= 0 else "B"), 8)
-        if bits > 1 and address.bit >= 0 and not address.loose:
-            bits = 1
+        bits = WIDTHS[address.width or ("X" if address.bit >= 0 else "B")]
         return Wanted(text, address.area, address.db, address.start, bits * count)
     if address.bit > 0 and base.bits != 1:
         raise AddressError(f"{shortened(text, 60)}: {base.name} has no bit")
-    wanted = Wanted(text, address.area, address.db, address.start, max(base.bits, 8 if base.bits > 1 else 1) * count)
+    wanted = Wanted(text, address.area, address.db, address.start, base.bits * count)
     wanted.part = whole(_typed(address, base, count))
     return wanted
 

@@ -54,7 +54,8 @@ from dissect.protocols.s7.values import decode_value
 from dissect.protocols.s7plus.items import WRITES, PlusItem
 from dissect.protocols.s7plus.parameters import PlusParameters
 from dissect.protocols.s7plus.tables import NOTIFICATION as PLUS_NOTIFICATION
-from dissect.scd.wording import json_value
+from dissect.scd.layout import address_text
+from dissect.scd.wording import Row, described, json_value
 
 #: At most this many plans of items are remembered; polling repeats the same items.
 MAX_PLANS: Final = 16_384
@@ -504,7 +505,7 @@ class ValueCollector(Observer):
             refused = transaction.has_errors
         unsure: bool = writes and how == WRITE and not carried and transaction._outcome != ANSWERED
         plc = self._store.plc(transaction, side)
-        for row in found.values:
+        for row in found.values or (_refused_rows(found) if refused else []):
             wanted = self._wanted
             if wanted is not None:
                 one = wanted.words.get(row.address.lower())
@@ -526,6 +527,16 @@ class ValueCollector(Observer):
                 made._told = SharedValue(None, -1, value, row.text)
                 made.remark = ", ".join(row.flags)
                 self._store.finish(made)
+
+
+def _refused_rows(found: ScdMessage) -> list[Row]:
+    """Return the variable that a refusal without a value names; none for a message without an address."""
+    message = found.message
+    if "index" not in message.numbers:
+        return []
+    address = (message.index, message.sub)
+    name, type_, unit = described(found.dictionary, address)
+    return [Row(address_text(address), name, 0, 0, unit, "", (), type_)]
 
 
 def _own_octets(named: NamedValue) -> bytes:

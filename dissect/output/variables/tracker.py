@@ -63,9 +63,7 @@ class Tracker:
     transaction that is only likely, values only make rows: they are not remembered, added up or compared with later values.
     """
 
-    def __init__(
-        self, changes: bool, every_ns: i64, sums: bool, most: i64, likely: bool = False, refusals: bool = False
-    ) -> None:
+    def __init__(self, changes: bool, every_ns: i64, sums: bool, most: i64, likely: bool, refusals: bool) -> None:
         self.rows: list[ValueRow] = []
         self.untracked: i64 = 0
         self.refused: i64 = 0

@@ -11,16 +11,11 @@ from dissect.meaning.tags.model import NUMBERED_BITS, UNLETTERED, Tag, place_tex
 from dissect.meaning.tags.naming import TagNaming, part_name
 from dissect.meaning.tags.values import decode_part
 from dissect.output.variables.model import Variable
-from dissect.protocols.s7.tables import BYTE, DB_AREAS, NUMBERED_AREAS, TRANSPORT_SIZES
+from dissect.protocols.s7.tables import BYTE, DB_AREAS, TRANSPORT_SIZES
 from dissect.protocols.s7.values import decode_value
 
-#: Transport sizes by bits, for a place of unknown type.
-_BY_BITS: Final[dict[int, int]] = {8: BYTE, 16: 0x04, 32: 0x06, 64: 0x30}
-#: Sizes in bits of places of unknown type that are shown as a number.
-_BITS: Final = frozenset((1, *_BY_BITS))
-_BY_NAME: Final[dict[int, str]] = {8: "BYTE", 16: "WORD", 32: "DWORD"}
-
-
+#: The types of places of unknown type that are shown as a number, by their bits.
+_NUMBERS: Final[dict[int, str]] = {8: "BYTE", 16: "WORD", 32: "DWORD", 64: "LWORD"}
 #: The areas of timers and counters; the transport size of their values has the same number as the area.
 _COUNTING: Final = frozenset((0x1C, 0x1D))
 
@@ -74,7 +69,7 @@ def of_tag(text: str, tag: Tag, naming: TagNaming | None) -> Wanted:
 def whole(tag: Tag) -> TagPart:
     """Return the whole of a tag as a part; its first bit counts from the octet in which it begins."""
     bits: i64 = tag.end - tag.start
-    return TagPart(tag, 0, tag.count, 0 if tag.area in NUMBERED_AREAS else tag.start % 8, bits, 0, True)
+    return TagPart(tag, 0, tag.count, tag.start % 8, bits, 0, True)
 
 
 class Image:
@@ -96,6 +91,8 @@ class Image:
         self.part: TagPart | None = wanted.part
         if self.part is None and naming is not None:
             self.part = _tag_at(wanted, naming)
+        if self.part is None and wanted.bits > 1 and (wanted.start % 8 or wanted.bits % 8):
+            self.part = whole(_truths(wanted))
         if self.part is None and wanted.area in _COUNTING and wanted.bits == NUMBERED_BITS:
             self.transport_size = wanted.area  # for timers and counters, both have the same number
 
@@ -156,15 +153,17 @@ class Image:
             return data[0] == 1
         if part is not None:
             return decode_part(part, data)[0]
-        size: i64 = self.transport_size if self.transport_size >= 0 else _BY_BITS.get(self.wanted.bits, BYTE)
-        return int.from_bytes(data, "big") if size == 0x30 and self.transport_size < 0 else decode_value(size, data)
+        if self.transport_size >= 0:
+            return decode_value(self.transport_size, data)
+        return int.from_bytes(data, "big") if self.wanted.bits in _NUMBERS else list(data)
 
     @property
     def bytes_only(self) -> bool:
         """Whether the octets have no known meaning and are shown as bytes."""
-        if self.part is not None:
+        bits: i64 = self.wanted.bits
+        if self.part is not None or bits == 1:
             return False
-        return self.wanted.bits not in _BITS or (self.transport_size == BYTE and self.wanted.bits > 8)
+        return self.transport_size == BYTE and bits > 8 if self.transport_size >= 0 else bits not in _NUMBERS
 
     def names(self, typed: str) -> tuple[str, str, str, str]:
         """Return address, type, tag and unit; ``typed`` is the type of an item that had exactly this place, else empty."""
@@ -178,12 +177,20 @@ class Image:
                 return place_text(wanted.area, wanted.db, wanted.start, 8), typed, "", ""
             if not typed and self.transport_size >= 0:
                 typed = TRANSPORT_SIZES.name(self.transport_size)
-            return wanted.address, typed or _BY_NAME.get(bits, f"{bits // 8} x BYTE"), "", ""
+            return wanted.address, typed or _NUMBERS.get(bits, f"{bits // 8} x BYTE"), "", ""
         tag = part.tag
         address = place_text(wanted.area, wanted.db, wanted.start, 8 if tag.kind in UNLETTERED else tag.size)
         name = part_name(part) if tag.name else ""
         typename = tag.declared if part.all else tag.type if part.count == 1 else f"{part.count} x {tag.type}"
         return address, typename, name, tag.unit
+
+
+def _truths(wanted: Wanted) -> Tag:
+    """Return a tag without a name for several bits that are no whole octets: a truth value for each."""
+    tag = Tag("", wanted.area, wanted.db, wanted.start, "BOOL", "BOOL", 1)
+    tag.count = wanted.bits
+    tag.dims = [(0, int(wanted.bits) - 1)]
+    return tag
 
 
 def _tag_at(wanted: Wanted, naming: TagNaming) -> TagPart | None:
@@ -193,8 +200,7 @@ def _tag_at(wanted: Wanted, naming: TagNaming) -> TagPart | None:
         return None
     for part in cover.parts:
         if part.whole and part.bit == 0 and part.bits == wanted.bits:
-            at: i64 = 0 if wanted.area in NUMBERED_AREAS else wanted.start % 8
-            return TagPart(part.tag, part.first, part.count, at, part.bits, 0, True)
+            return TagPart(part.tag, part.first, part.count, wanted.start % 8, part.bits, 0, True)
     return None
 
 

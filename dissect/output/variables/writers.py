@@ -288,13 +288,13 @@ class ValueText(RowWriter):
 
     def show(self, out: BytesWriter, variable: Variable, told: SharedValue) -> None:
         """Write a value for a person."""
-        if not told.text and not variable.unit:
-            data = told.data
-            if variable.bytes_only:
-                if data is not None and write_hex(out, data):
-                    return
-            elif write_shown(out, told):
+        # Values with a name or a unit are decoded already: `write_shown` leaves them to the slow way.
+        data = told.data
+        if variable.bytes_only:
+            if data is not None and write_hex(out, data):
                 return
+        elif write_shown(out, told):
+            return
         out.write(shown(variable, told.value, told.data, told.text).encode("utf-8", ERRORS))
 
     def end(self, out: BytesWriter, row: ValueRow, written: Written) -> None:

@@ -1,0 +1,221 @@
+"""Wanted places: what an item of another form, place or size says of them, compared with a plain memory of bits."""
+
+from __future__ import annotations
+
+import random
+from pathlib import Path
+
+from dissect.meaning.tags.loading import load_tags
+from dissect.output.variables.choosing import Known, choose
+from dissect.output.variables.collector import ValueCollector
+from dissect.output.variables.model import ValueRow
+from dissect.output.variables.writers import line_end
+from tests.cases import each
+from tests.meaning.report.support import begun
+from tests.output.variables.support import BIT, BYTE, INT, REAL, WORD, collected, db, reads, rows_of, writes
+from tests.properties.messages import Item
+from tests.properties.packets import Talk
+
+_CHAR, _DWORD, _DINT, _COUNTER, _TIMER = 0x03, 0x06, 0x07, 0x1C, 0x1D
+_FLAGS = "DB1.DBX0.3 Array[0..9] of BOOL = [false, true, true, false, false, true, false, true, … 10 in all]"
+_TAGS = """address,type,name,unit,scale
+DB1.DBX0.3,"Array[0..9] of BOOL",Flags,,
+DB1.DBW4,"Array[1..3] of INT",Levels,mm,
+DB1.DBB10,STRING[4],Name,,
+DB1.DBX20.6,BOOL,Pump,,
+T5,TIMER,Delay,,
+DB1.DBW30,INT,Temp,°C,0.1
+"""
+
+
+def lines(rows: list[ValueRow]) -> list[str]:
+    """What a line says of each row: address, type, value."""
+    return [line_end(row, f"{row.address} {row.type}") for row in rows]
+
+
+def seen(item: Item, content: bytes, *names: str) -> list[str]:
+    return lines(rows_of(reads(begun(), 1, (item, content)), *names))
+
+
+@each(
+    ("name", "expected"),
+    [
+        ("DB1.DBX1.4", "DB1.DBX1.4 BOOL = true"),  # 0x11
+        ("DB1.DBX1.1", "DB1.DBX1.1 BOOL = false"),
+        ("DB1.DBB1", "DB1.DBB1 BYTE = 17"),
+        ("DB1.DBW1", "DB1.DBW1 WORD = 4370"),
+        ("DB1.DBD1", "DB1.DBD1 DWORD = 286397204"),
+        ("DB1.DBL1", "DB1.DBL1 LWORD = 1230066625199609624"),
+        ("DB1.DBB1 x2", "DB1.DBW1 WORD = 4370"),
+        ("DB1.DBB1 x3", "DB1.DBB1 3 x BYTE = 11 12 13"),
+        ("DB1.DBB0 x16", "DB1.DBB0 16 x BYTE = 10 11 12 13 14 15 16 17 18 19 1a 1b 1c 1d 1e 1f"),
+        ("DB1.DBX1.3 x3", "DB1.DBX1.3 Array[0..2] of BOOL = [false, true, false]"),
+        ("DB1.DBX1.4 x6", "DB1.DBX1.4 Array[0..5] of BOOL = [true, false, false, false, false, true]"),
+        ("DB1.DBX1.4 x4", "DB1.DBX1.4 Array[0..3] of BOOL = [true, false, false, false]"),
+        ("DB1.DBX1.0 x7", "DB1.DBX1.0 Array[0..6] of BOOL = [true, false, false, false, true, false, false]"),
+        ("DB1.DBX1.0 x8", "DB1.DBB1 BYTE = 17"),
+    ],
+)
+def test_the_form_of_a_place_inside_an_item_of_bytes(name: str, expected: str) -> None:
+    """A place without a type is a number by its width; other octets are shown as such, several bits as truth values."""
+    (line,) = seen(db(BYTE, 0, 16), bytes(range(0x10, 0x20)), name)
+    assert line == expected
+
+
+@each(
+    ("item", "expected"),
+    [
+        (db(WORD, 0, 2), "DB1.DBD0 2 x WORD = [16706, 17220]"),
+        (db(INT, 0, 2), "DB1.DBD0 2 x INT = [16706, 17220]"),
+        (db(REAL, 0), "DB1.DBD0 REAL = 12.141422"),
+        (db(_DWORD, 0), "DB1.DBD0 DWORD = 1094861636"),
+        (db(_DINT, 0), "DB1.DBD0 DINT = 1094861636"),
+        (db(_CHAR, 0, 4), "DB1.DBD0 4 x CHAR = 'ABCD'"),
+        (db(BYTE, 0, 4), "DB1.DBB0 4 x BYTE = 41 42 43 44 'ABCD'"),
+    ],
+)
+def test_a_place_that_is_exactly_an_item_has_its_form(item: Item, expected: str) -> None:
+    for name in ("DB1.DBD0", "DB1.DBB0 x4", "DB1.DBW0 x2"):
+        assert seen(item, b"ABCD", name) == [expected]
+
+
+@each(
+    ("item", "content", "name", "expected"),
+    [
+        (db(REAL, 0, 3), b"\x3f\x80\0\0" * 3, "DB1.DBD0 x3", "DB1.DBB0 3 x REAL = [1.0, 1.0, 1.0]"),
+        (db(INT, 2, 5), b"\xff\xfe" * 5, "DB1.DBW2 x5", "DB1.DBB2 5 x INT = [-2, -2, -2, -2, -2]"),
+        (db(BYTE, 2, 5), bytes(5), "DB1.DBB2 x5", "DB1.DBB2 5 x BYTE = 00 00 00 00 00"),
+        (db(BYTE, 2, 2), bytes(2), "DB1.DBB2 x2", "DB1.DBB2 2 x BYTE = 00 00"),
+        (db(BYTE, 2), b"\x10", "DB1.DBB2", "DB1.DBB2 BYTE = 16"),
+        (
+            Item(_TIMER, 3, 0, _TIMER, 5), b"\0\5\x12\x50\0\7", "T5 x3",
+            "T5 3 x TIMER = ['S5T#50ms', 'S5T#25s', 'S5T#70ms']",
+        ),
+        (Item(_TIMER, 3, 0, _TIMER, 4), b"\0\5\x12\x50\0\7", "T5", "T5 TIMER = 'S5T#25s'"),
+        (Item(_TIMER, 3, 0, _TIMER, 4), b"\0\5\x12\x50\0\7", "T6", "T6 TIMER = 'S5T#70ms'"),
+        (Item(_COUNTER, 2, 0, _COUNTER, 4), b"\0\5\1\x50", "C5", "C5 COUNTER = 150"),
+        (Item(WORD, 2, 0, _COUNTER, 4), b"\0\5\1\x50", "C5", "C5 COUNTER = 150"),  # whatever the item is read as
+        (Item(_COUNTER, 4, 0, _COUNTER, 4), bytes(8), "C5 x2", "C5 DWORD = 0"),
+    ],
+)  # fmt: skip
+def test_values_in_a_row_and_timers(item: Item, content: bytes, name: str, expected: str) -> None:
+    """Values in a row are shown as values where an item says what they are."""
+    assert seen(item, content, name) == [expected]
+
+
+def named(folder: Path, talk: Talk, *names: str) -> list[tuple[str, str]]:
+    path = folder / "tags.csv"
+    path.write_text(_TAGS, encoding="utf-8")
+    rows = rows_of(talk, *names, naming=load_tags([path]).naming())
+    return [(row.name, line) for row, line in zip(rows, lines(rows), strict=True)]
+
+
+@each(
+    ("name", "expected"),
+    [
+        ("Flags", ("Flags", _FLAGS)),
+        ("DB1.DBX0.3 x10", ("Flags", _FLAGS)),
+        ("DB1.DBX0.4 x3", ("Flags[1..3]", "DB1.DBX0.4 3 x BOOL = [true, true, false]")),
+        ("Flags[2]", ("Flags[2]", "DB1.DBX0.5 BOOL = true")),
+        ("DB1.DBX0.5", ("Flags[2]", "DB1.DBX0.5 BOOL = true")),
+        ("DB1.DBX0.2 x2", ("DB1.DBX0.2", "DB1.DBX0.2 Array[0..1] of BOOL = [true, false]")),
+        ("Levels", ("Levels", "DB1.DBW4 Array[1..3] of INT = [-1, 2, -3] mm")),
+        ("DB1.DBW4 x3", ("Levels", "DB1.DBW4 Array[1..3] of INT = [-1, 2, -3] mm")),
+        ("DB1.DBW6 x2", ("Levels[2..3]", "DB1.DBW6 2 x INT = [2, -3] mm")),
+        ("Levels[3]", ("Levels[3]", "DB1.DBW8 INT = -3 mm")),
+        ("DB1.DBW5", ("DB1.DBW5", "DB1.DBW5 WORD = 65280")),
+        ("Name", ("Name", "DB1.DBB10 STRING[4] = 'ab'")),
+        ("DB1.DBB10 x6", ("Name", "DB1.DBB10 STRING[4] = 'ab'")),
+        ("Pump", ("Pump", "DB1.DBX20.6 BOOL = true")),
+        ("DB1.DBB20", ("DB1.DBB20", "DB1.DBB20 BYTE = 64")),
+        ("Temp", ("Temp", "DB1.DBW30 INT = 21.5 °C")),
+        ("DB1.DBW30", ("Temp", "DB1.DBW30 INT = 21.5 °C")),
+        ("DB1.DBW30:WORD", ("DB1.DBW30", "DB1.DBW30 WORD = 215")),  # of the type that is asked for
+    ],
+)  # fmt: skip
+def test_a_place_that_is_a_tag_or_some_of_its_elements(tmp_path: Path, name: str, expected: tuple[str, str]) -> None:
+    content = bytearray(32)
+    content[0:2] = bytes((0b00110100, 0b00000101))
+    content[4:10] = b"\xff\xff\0\2\xff\xfd"
+    content[10:14] = b"\4\2ab"
+    content[20] = 0x40
+    content[30:32] = b"\0\xd7"
+    assert named(tmp_path, reads(begun(), 1, (db(BYTE, 0, 32), bytes(content))), name) == [expected]
+
+
+def test_timers_by_their_tag(tmp_path: Path) -> None:
+    talk = reads(begun(), 1, (Item(_TIMER, 3, 0, _TIMER, 4), b"\0\5\x12\x50\0\7"))
+    for name in ("Delay", "T5"):
+        assert named(tmp_path, talk, name) == [("Delay", "T5 TIMER = 'S5T#25s'")]
+
+
+# ---- beside a memory of bits ----------------------------------------------------------------------------------------
+
+_SIZE = 6
+#: Places by their names: first bit, bits, and the form of the value. Items have other types.
+_PLACES = {
+    "DB1.DBX1.3 x11": ("DB1.DBX1.3", 11, 11, "bits"),
+    "DB1.DBX2.2 x2": ("DB1.DBX2.2", 18, 2, "bits"),
+    "DB1.DBX0.5 x3": ("DB1.DBX0.5", 5, 3, "bits"),
+    "DB1.DBW2:INT": ("DB1.DBW2", 16, 16, "number"),
+    "DB1.DBB3:SINT": ("DB1.DBB3", 24, 8, "number"),
+}
+
+
+class Memory:
+    """Bits of a block, None where none was transferred yet."""
+
+    def __init__(self) -> None:
+        self.bits: list[bool | None] = [None] * (8 * _SIZE)
+
+    def value(self, start: int, bits: int, form: str) -> object:
+        found = self.bits[start : start + bits]
+        if form == "bits":
+            return found
+        octets = [sum(bool(found[at + bit]) << bit for bit in range(8)) for at in range(0, bits, 8)]
+        return int.from_bytes(bytes(octets), "big", signed=True)
+
+
+@each("seed", range(4))
+def test_places_of_bits_and_octets_say_what_a_memory_says(seed: int) -> None:
+    """Each place that an item touches has a row once all of its bits are known; the item itself, if one is not."""
+    roll = random.Random(seed)
+    talk, memory = begun(), Memory()
+    expected: list[tuple[str, object, bool]] = []
+    for ref in range(1, 100):
+        if roll.random() < 0.5:
+            start = roll.randrange(8 * _SIZE)
+            values = [roll.random() < 0.5]
+            item, content = db(BIT, start // 8, bit=start % 8), bytes(values)
+            own = f"DB1.DBX{start // 8}.{start % 8}"
+        else:
+            octets = roll.randrange(1, 4)
+            start = 8 * roll.randrange(_SIZE - octets + 1)
+            content = roll.randbytes(octets)
+            values = [bool(octet >> bit & 1) for octet in content for bit in range(8)]
+            item, own = db(BYTE, start // 8, octets), f"DB1.DBB{start // 8}"
+        if roll.random() < 0.3:
+            writes(talk, ref, (item, content, 0xFF))
+        else:
+            reads(talk, ref, (item, content))
+        end = start + len(values)
+        memory.bits[start:end] = values
+        alone = False
+        for address, begin, bits, form in sorted(_PLACES.values(), key=lambda place: place[1]):
+            if begin >= end or start >= begin + bits:
+                continue
+            if None in memory.bits[begin : begin + bits]:
+                alone = True
+            else:
+                whole = start <= begin and begin + bits <= end
+                expected.append((address, memory.value(begin, bits, form), not whole))
+        if alone:
+            expected.append((own, "itself", False))
+    rows = collected(ValueCollector(choose(list(_PLACES), Known(None))), talk.packets()).take()
+    told = [
+        (row.address, row.value if row.type in {"INT", "SINT"} or "Array" in row.type else "itself", row.pieced)
+        for row in rows
+    ]
+    assert told == expected
+    assert len(expected) > 80
+    assert any(value == "itself" for _, value, _ in expected)
