@@ -18,7 +18,6 @@ from dissect.protocols.s7plus.tables import (
     EXPLORE,
     GET_LINK,
     GET_MULTI_VARIABLES,
-    GET_VAR_SUBSTREAMED,
     GET_VARIABLE,
     INIT_SSL,
     INVOKE,
@@ -96,7 +95,7 @@ _REQUESTS: Final = {
     "sequence": (BEGIN_SEQUENCE, b"\1\0\1" + build_object(_NAMED) + end(9)),
     "sequence, one octet": (BEGIN_SEQUENCE, b"\1\0\1\7" + build_object(_NAMED) + end(9)),
     "sequence, two octets": (BEGIN_SEQUENCE, b"\1\0\1\7\7" + build_object(_NAMED) * 2 + end(9)),
-    "create several": (CREATE_OBJECT, rid(285) + build_value(_TEXT) + bytes(4) + number(300) + build_object(_NAMED) * 2 + bytes(4)),
+    "create several": (CREATE_OBJECT, rid(285) + build_value(_TEXT) + bytes(4) + b"\7" + build_object(_NAMED) * 2 + bytes(4)),
     "link": (GET_LINK, rid(7) + b"\x81\x09\0\0" + end(9)),
 }  # fmt: skip
 _RESPONSES: Final = {
@@ -191,8 +190,9 @@ def test_what_is_whole_is_passed_over_and_nothing_else() -> None:
 
 def results(found: Check) -> tuple[object, ...]:
     return (
-        found.code, found.integrity_id, found.made, found.refuses, found.refusals, found.numbered, found.expected, found.details,
-        found.asks, found.item, found.object_id, found.spent, found.function, found.opcode, found.sequence, found.subscription_id,
+        found.code, found.integrity_id, found.made, found.refuses, found.refusals, found.numbered, found.expected,
+        found.details, found.asks, found.item, found.object_id, found.spent, found.function, found.opcode,
+        found.sequence, found.subscription_id,
     )  # fmt: skip
 
 

@@ -92,12 +92,9 @@ def with_code(db: int = 3) -> PlusObject:
 
 def subscription(addresses: list[VariableAddress], *elements: Element) -> PlusObject:
     """The reference of the first address is 1."""
-    items = [
-        one
-        for reference, address in enumerate(addresses, 1)
-        for one in (0x80040000 | len(address.lids) + 1, reference, 0, address.area, address.crc, address.sub_area)
-        + tuple(address.lids)
-    ]
+    items: list[int] = []
+    for reference, one in enumerate(addresses, 1):
+        items += [0x80040000 | len(one.lids) + 1, reference, 0, one.area, one.crc, one.sub_area, *one.lids]
     listed = Value(ADDRESS_ARRAY, UDINT, [0x80000000, 0, len(addresses), *items])
     return new_object(1001, Attribute(1048, listed), *elements)
 
