@@ -25,9 +25,6 @@ MAX_INFLATED: Final = 32 * 1024 * 1024
 #: Total size of sound blobs that are remembered, and the memory that each one needs besides its octets.
 MAX_KEPT: Final = 512 * 1024
 _COST: Final = 128
-#: Any blob may grow to this size, however small it is.
-_LEAST: Final = 4096
-
 #: A blob of this size may grow beyond `MAX_INFLATED`: deflate makes at most 1032 octets from one.
 _LARGE: Final = MAX_INFLATED // 1032
 #: By octet: 0 if its even bits are all equal, or its odd bits are; else 1.
@@ -194,7 +191,7 @@ def _inflate(octets: bytes, dictionary: bytes, allowed: int, kept: int) -> Opene
     if start < 0:
         opened.fault = BAD
         return opened
-    most = min(allowed, max(_LEAST, MAX_RATIO * len(octets)))
+    most = min(allowed, MAX_RATIO * len(octets))
     checks = opened.dictionary < 0 or dictionary is not _EMPTY
     if checks:
         stream = zlib.decompressobj(zdict=dictionary) if dictionary and opened.dictionary >= 0 else zlib.decompressobj()

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dissect.protocols.s7plus.assembly import MAX_FRAMES, PlusAssembler
+from dissect.protocols.s7plus.assembly import MAX_FRAMES, PlusAssembler, is_notification
 from dissect.protocols.s7plus.message import parse_plus
 from dissect.protocols.s7plus.value_tables import DINT
 from dissect.protocols.s7plus.values import Value
@@ -167,3 +167,114 @@ def test_a_frame_that_goes_on_is_not_taken_for_a_notification() -> None:
     assembler.push(framed(told(1, body=bytes(50)), trailer=False))
     assert not assembler.interrupted(framed(b"\x33\x71" + bytes(range(1, 60))))
     assert assembler.interrupted(framed(notified()))
+
+
+@pytest.mark.parametrize(
+    ("octets", "is_one"),
+    [
+        (framed(notified(), 2), True),
+        (framed(notified(), 3), True),
+        (framed(notified(subscription=5), 3), True),  # of old firmware
+        (framed(notified()[:11], 3), True),
+        (framed(notified()[:10], 3), False),
+        (framed(b"\x33" + bytes(20), 3), False),
+        (framed(b"\x33" + bytes(20), 1), True),  # version 1 has nothing that could be checked
+        (b"\x72\2\0", True),
+        (framed(notified(), 3, trailer=False), True),
+    ],
+)
+def test_a_notification_is_known_by_what_follows_its_subscription(octets: bytes, is_one: bool) -> None:
+    assert is_notification(octets) == is_one
+
+
+def test_each_octet_behind_the_subscription_counts() -> None:
+    data = notified()
+    for version in (2, 3):
+        for at in range(1, len(data)):
+            changed = data[:at] + bytes((data[at] ^ 1,)) + data[at + 1 :]
+            frames = framed(changed[:7], version, trailer=False) + framed(changed[7:], version)
+            assert is_notification(framed(changed, version)) == is_notification(frames) == (not 5 <= at < 11)
+
+
+@pytest.mark.parametrize("behind", [b"", bytes(1), bytes(2), b"\x72", b"\x72\2\0"])
+def test_a_tsdu_without_a_header_is_given_on(behind: bytes) -> None:
+    assembler = PlusAssembler()
+    assembler.push(framed(told(1), trailer=False))
+    assert assembler.push(behind) == behind
+    assert assembler.parts == framed(told(1), trailer=False)
+    assert not assembler.interrupted(behind)
+
+
+@pytest.mark.parametrize("version", [1, 2])
+@pytest.mark.parametrize(
+    ("data", "whole"),
+    [
+        (asked(1, 0x05B3, body=b"InitSSL" + bytes(3)), True),  # nobody knows its body: three zeros end it
+        (asked(1, 0x05B3, body=b"InitSSL" + bytes(2)), False),
+        (b"any octets" + bytes(4), False),
+        (whole_request()[:-5], False),
+    ],
+)
+def test_contents_decide_whether_a_frame_without_data_is_the_trailer(version: int, data: bytes, whole: bool) -> None:
+    assembler = PlusAssembler()
+    frame, empty = framed(data, version, trailer=False), bytes((0x72, version, 0, 0))
+    assert assembler.push(frame) is None
+    assert assembler.push(empty) == (frame + empty if whole else None)
+    assert assembler.passed != whole
+
+
+def test_a_digest_ends_contents_as_zeros_do() -> None:
+    for end, whole in ((b"\7\x20" + bytes(range(32)), True), (b"\7\x20" + bytes(range(31)), False)):
+        assembler = PlusAssembler()
+        frame = framed(whole_request()[:-4] + end, trailer=False)
+        assert assembler.push(frame) is None
+        assert (assembler.push(b"\x72\2\0\0") is not None) == whole
+
+
+def test_a_large_pdu_is_not_examined_for_empty_frames() -> None:
+    """It is over with the first one, whatever it contains."""
+    for size, whole in ((1 << 16, False), ((1 << 16) + 1, True)):
+        assembler = PlusAssembler()
+        frames = [framed(whole_request()[:20] + bytes(30_000), trailer=False)]
+        frames.append(framed(b"\1" * (size - len(frames[0]) - 8), trailer=False))
+        assert [assembler.push(frame) for frame in frames] == [None, None]
+        assert (assembler.push(b"\x72\2\0\0") is not None) == whole, size
+
+
+def test_a_pdu_of_just_the_allowed_size_is_kept() -> None:
+    first, last = framed(told(1), trailer=False), framed(b"the end")
+    for most, kept in ((len(first) + len(last), True), (len(first) + len(last) - 1, False)):
+        assembler = PlusAssembler(most)
+        assembler.push(first)
+        assert assembler.push(last) == (first + last if kept else first)
+        assert assembler.left_out == (0 if kept else len(last))
+
+
+def test_an_empty_frame_of_version_3_has_a_digest() -> None:
+    """Frames without data before the first one that has some do not end what they begin; one octet of data does."""
+    for data, interrupts in ((b"", False), (b"\x31", True)):
+        assembler = PlusAssembler()
+        assembler.push(framed(data, 3, trailer=False))
+        assert assembler.interrupted(framed(asked(2), 3)) == interrupts
+        assembler.push(framed(b"", 3, trailer=False))
+        assert assembler.interrupted(framed(asked(2), 3)) == interrupts
+        assembler.push(framed(b"more", 3, trailer=False))
+        assert assembler.interrupted(framed(asked(2), 3))
+
+
+def test_after_a_pdu_nothing_of_it_is_left() -> None:
+    assembler = PlusAssembler(200)
+    assert (assembler.asked, assembler.notified, assembler.left_out, assembler.holed) == (-1, -1, 0, False)
+    first, more, last = framed(told(1), trailer=False), framed(bytes(150), trailer=False), framed(b"end")
+    for _ in range(2):
+        assert [assembler.push(one) for one in (first, more)] == [None, None]
+        assert assembler.push(framed(bytes(99), trailer=False)) is None
+        assert assembler.left_out == 103
+        assert assembler.push(last) == first + more  # what follows a frame that is left out is left out, too
+        assert assembler.left_out == 103 + len(last)
+        assert assembler.parts is None
+    # Neither are frames without data that were passed.
+    for _ in range(40):
+        half, empty = whole_request()[:20], b"\x72\2\0\0"
+        assert [assembler.push(one) for one in (framed(half, trailer=False), empty, empty)] == [None] * 3
+        assert assembler.push(framed(whole_request()[20:])) is not None

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import zlib
+from bisect import bisect_left
 from typing import Final
 
 import pytest
@@ -245,3 +246,100 @@ def test_large_blobs_are_always_looked_into() -> None:
     noise = b"".join([zlib.crc32(number.to_bytes(4, "big")).to_bytes(4, "big") for number in range(10_000)])
     assert may_swell(noise)
     assert not may_swell(noise[:30_000])
+
+
+def test_an_octet_may_be_of_a_run_if_every_other_bit_of_it_is_the_same() -> None:
+    """In either half of its bits: a run has one bit that changes and one that does not, or none that changes."""
+    for octet in range(256):
+        bits = f"{octet:08b}"
+        of_a_run = len(set(bits[::2])) == 1 or len(set(bits[1::2])) == 1
+        for size in (1, 7, 8, 9, 20):
+            assert may_swell(bytes((octet,)) * size) == of_a_run, (octet, size)
+        rest = bytes((0, octet, 0xAA, octet, 0x55, octet, 0xFF, octet, 0x00, octet, 0xAB))
+        assert may_swell(rest) == (of_a_run or len(rest) > 2 * 5)
+
+
+@pytest.mark.parametrize("size", [*range(1, 25), 447, 448, 449, 450, 455, 456, 457, 900, 2000, 20_000])
+@pytest.mark.parametrize("first", [True, False])
+def test_half_of_the_octets_decide_wherever_they_are(size: int, first: bool) -> None:
+    """They are counted seven at a time, 64 times, before the counts are added up."""
+    for others in {0, 1, (size - 1) // 2, size // 2, (size + 1) // 2, size}:
+        parts = [b"\x1b" * others, b"\0" * (size - others)]
+        blob = b"".join(parts if first else parts[::-1])
+        assert may_swell(blob) == (2 * others < size), (others, size)
+
+
+def test_from_one_in_1032_of_all_that_may_be_inflated_a_blob_is_looked_into() -> None:
+    most = MAX_INFLATED / 1032
+    assert not may_swell(b"\x1b" * (int(most) - 1))
+    assert may_swell(b"\x1b" * (int(most) + 1))
+
+
+@pytest.mark.parametrize(
+    ("head", "known"),
+    [
+        (b"\x78\x9c", True),
+        (b"\x78\x9d", False),  # no multiple of 31
+        (b"\x78\x7d", True),  # with a dictionary
+        (b"\x08\x1d", True),  # the smallest window
+        (b"\x88\x1c", False),  # a window that is too large
+        (b"\x79\x9a", False),  # not deflate
+        (b"\x77\x9e", False),
+        (b"\x78", False),
+        (b"", False),
+    ],
+)
+def test_a_stream_is_known_by_its_first_two_octets(head: bytes, known: bool) -> None:
+    for octets in (head, VERSION + head, VERSION + head + b"more"):
+        assert is_compressed(octets) == known
+    assert is_compressed(head + b"more") == (known and len(head) == 2)
+    assert not is_compressed(b"\0" + head)
+    assert not is_compressed(VERSION + b"\0" + head)
+
+
+def test_a_dictionary_is_named_by_the_four_octets_behind_the_head() -> None:
+    blob = VERSION + compressed(TEXT, DICTIONARY)
+    for _ in range(2):  # the second time it is known to be sound
+        assert check_blob(blob).dictionary == zlib.adler32(DICTIONARY)
+    assert check_blob(blob[:10]).dictionary == zlib.adler32(DICTIONARY)
+    assert check_blob(blob[:9]).dictionary == -1
+    assert check_blob(VERSION + compressed(TEXT)).dictionary == -1
+    assert check_blob(VERSION).dictionary == -1
+
+
+def test_content_of_several_pieces_is_kept_as_far_as_it_is_wanted() -> None:
+    text = b"".join([zlib.crc32(number.to_bytes(4, "big")).to_bytes(4, "big") for number in range(200_000)])
+    blob = VERSION + compressed(text)
+    for kept in (0, 1, 300_000, 600_000, 800_000, 900_000):
+        opened = open_blob(blob, {}, kept)
+        assert (opened.fault, opened.size, opened.octets) == ("", len(text), text[:kept])
+
+
+def test_a_thousand_times_its_size_is_the_most_that_a_blob_may_become() -> None:
+    """Zeros become a 1032nd, and some octets more: at some size, in thousands, they are just what is allowed."""
+    packed = bisect_left(range(2000), 1, 500, key=lambda size: size >= len(zlib.compress(bytes(1000 * size), 9)))
+    faults = set()
+    for size in (1000 * packed - 1000, 1000 * packed, 1000 * packed + 1, 1000 * packed + 1000, 1000 * packed + 9000):
+        blob = zlib.compress(bytes(size), 9)
+        fault = TOO_LARGE if size > 1000 * len(blob) else ""
+        assert (check_blob(blob).fault, open_blob(blob, {}).fault) == (fault, fault)
+        faults.add(fault)
+    assert faults == {"", TOO_LARGE}
+
+
+def test_what_is_allowed_is_a_bound_of_its_own() -> None:
+    blob = zlib.compress(bytes(5_000))
+    assert [check_blob(blob, allowed).fault for allowed in (4_999, 5_000, 5_001)] == [TOO_LARGE, "", ""]
+
+
+def test_a_blob_of_a_quarter_of_what_is_remembered_is_remembered() -> None:
+    sound = SoundBlobs()
+    quarter = bytes(MAX_KEPT // 4)
+    sound.add(quarter, 5)
+    sound.add(quarter + b"\0", 6)
+    assert (sound.size(quarter), sound.size(quarter + b"\0"), sound.size(b"")) == (5, -1, -1)
+    sound.add(quarter, 7)
+    assert sound.size(quarter) == 5  # what is known stays as it is
+    for number in range(3):
+        sound.add(bytes((number + 1,)) + quarter[1:], number)
+    assert [sound.size(bytes((number,)) + quarter[1:]) for number in range(4)] == [-1, 0, 1, 2]

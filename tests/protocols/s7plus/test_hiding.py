@@ -176,8 +176,14 @@ def test_a_secret_that_is_written_hides_its_item_only(address: VariableAddress) 
 def test_a_secret_attribute_hides_itself_and_what_it_contains() -> None:
     """The name stays, the attributes beside it are shown."""
     key = Value(0, STRUCT, Struct(1800, [(1805, SECRET), (1806, FIVE)]))
-    attributes = [Attribute(233, Value(0, WSTRING, "before")), Attribute(3449, key), Attribute(1049, Value(0, UDINT, 77))]
-    pdu = request(CREATE_OBJECT, bodies.create_object(3, FIVE, PlusObject(7, 9, 0, 0, 0, list(attributes)), integrity_id=5))
+    attributes = [
+        Attribute(233, Value(0, WSTRING, "before")),
+        Attribute(3449, key),
+        Attribute(1049, Value(0, UDINT, 77)),
+    ]
+    pdu = request(
+        CREATE_OBJECT, bodies.create_object(3, FIVE, PlusObject(7, 9, 0, 0, 0, list(attributes)), integrity_id=5)
+    )
     found, spans = shown_contents(pdu)
     octets = clean(pdu, spans)
     assert b"SECRET" not in octets
