@@ -288,14 +288,16 @@ class Check(Checked):
     def _notification(self, subscription: i64) -> bool:
         """Walk over the body of a notification, including its end."""
         if subscription >= SHORT_HEADS:
-            if self.number() < 0:
-                return False
-            if self._peek() == 0 and not self._skip(_TIME):
-                return False
-        if not self._skip(1) or not self._notified():
+            self.number()  # if it is missing, so is what must follow
+            if self._peek() == 0:
+                self.at += _TIME
+        self.at += 1
+        if not self._notified():
             return False
-        if self._peek() > 0 and not (self._skip(_SECOND_PART) and self._notified()):
-            return False
+        if self._peek() > 0:
+            self.at += _SECOND_PART
+            if not self._notified():
+                return False
         left: i64 = self._end - self.at
         return left == 0 or (
             NOTIFICATION_FILL - 1 <= left <= NOTIFICATION_FILL and zeros_at(self._octets, self.at, self._end)
@@ -315,7 +317,10 @@ class Check(Checked):
         return count >= 0 and self.ids(count)
 
     def _addresses(self) -> i64:
-        """Pass over the addresses of items. Return the number of their values, -1 if they must be read."""
+        """Pass over the addresses of items. Return the number of their values, -1 if they must be read.
+
+        Where a number is missing, nothing is left, so that the element after it is missing too.
+        """
         if not self._skip(_ID):
             return -1
         link: i64 = u32(self._octets, self.at - _ID)
@@ -324,8 +329,9 @@ class Check(Checked):
         if count < 0 or fields < 0:
             return -1
         if link:
-            passed: bool = self._attributes(fields) if link == CPU_EXEC_UNIT else self.numbers(fields)
-            if not passed:
+            if link == CPU_EXEC_UNIT:
+                self._attributes(fields)
+            elif not self.numbers(fields):
                 return -1
             return count
         index: i64 = 0
@@ -334,11 +340,9 @@ class Check(Checked):
                 return -1
             area = self.number()
             ids = self._count()
-            if area < 0 or ids <= 0 or not self.numbers(ids - 1):
+            if ids <= 0 or not self.numbers(ids - 1):
                 return -1
             last = self.number()
-            if last < 0:
-                return -1
             index += 1
             if area == CPU_EXEC_UNIT and last == (OPERATING_STATE if ids > 1 else DIAGNOSIS):
                 self._ask(index)
@@ -347,17 +351,13 @@ class Check(Checked):
             return -1
         return count
 
-    def _attributes(self, count: i64) -> bool:
+    def _attributes(self, count: i64) -> None:
         """Walk over ``count`` attributes of the execution unit, each of which is an item."""
         index: i64 = 0
         while index < count:
-            id_ = self.number()
-            if id_ < 0:
-                return False
             index += 1
-            if id_ == DIAGNOSIS:
+            if self.number() == DIAGNOSIS:
                 self._ask(index)
-        return True
 
     def _ask(self, index: i64) -> None:
         """Note that an item may be the operating state."""
@@ -381,13 +381,11 @@ class Check(Checked):
 
     def _values(self, count: i64) -> bool:
         """Pass over ``count`` numbers with values."""
-        if count < 0:
-            return False
         while count > 0:
             number = self.number()
             if self._seeking:
                 self._meet(number)
-            if number < 0 or not self.value(0):
+            if not self.value(0):
                 return False
             count -= 1
         return True
@@ -424,8 +422,6 @@ class Check(Checked):
         while True:
             filters = self._octet()
             count = self._octet()
-            if self.at > self._end:
-                return False
             last = filters == 0
             while filters > 0:
                 if not self._skip(_FILTER) or not self.members(0, 0):
@@ -461,7 +457,7 @@ class Check(Checked):
         while index < 2 and self._peek() != OBJECT_TAG:
             self.at += 1
             index += 1
-        return self.at <= self._end and self.elements(self._marks)
+        return self.elements(self._marks)
 
     def _notified(self) -> bool:
         """Pass over the items of a notification."""
@@ -491,7 +487,7 @@ class Check(Checked):
                 reference = self.number()
                 if self._seeking:
                     self._meet(reference)
-                if reference < 0 or not self.value(0):
+                if not self.value(0):
                     return False
             elif form == NOTIFIED_OBJECTS:
                 if not self.elements(self._marks):

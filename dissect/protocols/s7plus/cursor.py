@@ -260,9 +260,10 @@ class Cursor:
                 if not self.careful_value(level, mark & _CAREFUL != 0):
                     return False
             elif tag == RELATION_TAG:
-                if self.number() < 0 or self.at + _RID > end:
-                    return False
+                self.number()  # if it is missing, nothing is left
                 self.at += _RID
+                if self.at > end:
+                    return False
             else:
                 if tag == OBJECT_TAG:
                     level += 1
@@ -346,7 +347,7 @@ class Cursor:
         """Skip plain values that are numbered 1, 2, 3 …, at most ``most``; return how many there were."""
         octets = self._octets
         at: i64 = self.at
-        last: i64 = min(self._end, len(octets)) - _WORD
+        last: i64 = self._end - _WORD
         count: i64 = 0
         most = min(most, _BIT_7 - 1)
         while at <= last and count < most:
@@ -374,7 +375,7 @@ class Cursor:
         careful = self._careful
         octets = self._octets
         end: i64 = self._end
-        last: i64 = min(end, len(octets)) - _WORD
+        last: i64 = end - _WORD
         while True:
             at: i64 = self.at
             if at <= last:
@@ -396,9 +397,9 @@ class Cursor:
         self.spent += STEP
         self.at += _RID
         class_id = self.number()
-        flags = self.number()
-        attribute = self.number()
-        if class_id < 0 or flags < 0 or attribute < 0 or (attribute > 0 and self.number() < 0):
+        self.number()  # flags
+        attribute = self.number()  # missing if one before it is
+        if attribute < 0 or (attribute > 0 and self.number() < 0):
             return False
         if class_id < _IDS:
             self.seen |= bits[_IDS + class_id]
@@ -489,8 +490,6 @@ class Cursor:
         self.at += _INTERFACE_TIME
         flags = self.number()
         size = self.number()
-        if flags < 0 or size < 0:
-            return False
         if flags & PACKED_COUNT_TWICE:
             size = self.number()
         self.at += size

@@ -88,6 +88,8 @@ _REQUESTS: Final = {
     "write of attributes": (SET_MULTI_VARIABLES, _ATTRIBUTES + b"\2" + build_value(_FIVE) + b"\1" + build_value(_TEXT) + b"\0"
                             + QUALIFIER + end(9)),
     "write of several": (SET_MULTI_VARIABLES, bodies.set_multi([(one, _FIVE) for one in _WORDS], 2**31)),
+    "write of nothing": (SET_MULTI_VARIABLES, bodies.set_multi([])),
+    "read of nothing": (GET_MULTI_VARIABLES, bodies.get_multi()),
     "write of a member": (SET_VARIABLE, bodies.set_variable(0x70000001, [2237, 300, 7], _TEXT, 300)),
     "write without ids": (SET_VARIABLE, bodies.set_variable(9, [], _TEXT, 300)),
     "call without items": (INVOKE, rid(7) + rid(9) + b"\0\0" + end(9)),
@@ -261,6 +263,28 @@ def test_the_places_of_items_are_those_of_their_values() -> None:
                     several += len(places) > 1
                 assert results(said)[:5] == before[:5]
     assert several
+
+
+def test_an_address_has_at_least_one_id() -> None:
+    for fields in (3, 4, 5):
+        addresses = rid(0) + bytes((1, fields)) + b"\0\x52\0" + b"\7" * (fields - 3)
+        octets = framed(asked(7, GET_MULTI_VARIABLES, body=addresses + QUALIFIER + end(9)), 3)
+        assert [fact.reason for fact in contents_of(octets).malformed] == ["length_below"]
+        assert check(octets).odd
+
+
+def test_what_ends_anywhere_in_several_frames_is_odd() -> None:
+    """Nothing follows its data in memory, not even a trailer."""
+    for name, data in sound().items():
+        begin = 12 if name.startswith("notification") else 14 if name.startswith("request") else 10
+        for size in range(begin, len(data), 1 if len(data) < 120 else 7):
+            octets = framed(data[: begin - 1], 3, trailer=False) + framed(data[begin - 1 : size], 3)
+            found, said = contents_of(octets), check(octets)
+            if name == "request: write of a stream":
+                assert not said.sound  # its frames are pieces of the stream
+            else:
+                assert said.sound == found.whole, (name, size)
+                assert said.odd or not found.malformed, (name, size)
 
 
 @pytest.mark.parametrize("version", [2, 3])

@@ -313,6 +313,10 @@ def test_blocks_that_an_answer_shows_with_their_code_are_read() -> None:
     assert line.explore(block(3)) == []
     assert line.explore(with_code(3)) == [(READ_OUT, "DB3", 0)]
     assert line.explore(new_object(2520, with_code(3), block(4), with_code(5))) == [(READ_OUT, "DB3, DB5", 0)]
+    for id_ in (2533, 2580):  # in whatever form it comes
+        for value in (text("code"), FIVE, Value(0x10, UDINT, [1, 2])):
+            assert line.explore(block(3, Attribute(id_, value))) == [(READ_OUT, "DB3", 0)]
+    assert line.explore(block(3, Attribute(2544, text("interface")))) == []
     assert line.explore(with_code(3), result=PARTLY) == [(READ_OUT, "DB3", 0)]
     assert line.explore(with_code(3), result=REFUSED) == []
 
@@ -504,6 +508,10 @@ def test_a_read_whose_check_is_known_is_not_checked_again() -> None:
     facts = take(session, GET_MULTI_VARIABLES, request, bad, check(bad), reads)
     assert facts is not None
     assert ([fact.reason for fact in facts.malformed], facts.in_request) == (["trailing_octets"], 0)
+    lying = framed(asked(1, GET_MULTI_VARIABLES, body=bodies.get_multi(WORD) + b"\1"), 3)
+    facts = take(session, GET_MULTI_VARIABLES, lying, good, check(good), Reads(check(lying)))
+    assert facts is not None
+    assert ([fact.reason for fact in facts.malformed], facts.in_request) == (["trailing_octets"], 1)
 
 
 def test_a_state_that_a_subscription_reports() -> None:

@@ -7,7 +7,14 @@ from typing import Final
 import pytest
 
 from dissect.protocols.s7plus.contents import VariableAddress
-from dissect.protocols.s7plus.hiding import reads_secret, shown_answer, shown_contents, shown_half, without_secrets
+from dissect.protocols.s7plus.hiding import (
+    reads_secret,
+    said_half,
+    shown_answer,
+    shown_contents,
+    shown_half,
+    without_secrets,
+)
 from dissect.protocols.s7plus.ids import HIDDEN, SECRETS
 from dissect.protocols.s7plus.message import PlusPdu, parse_plus
 from dissect.protocols.s7plus.objects import Attribute, PlusObject
@@ -170,7 +177,8 @@ def test_a_secret_that_is_written_hides_its_item_only(address: VariableAddress) 
     assert octets.count(build_value(FIVE)) == 2
     half = shown_half(pdu)
     assert [value.content for _, value in half.contents.items] == [0x1234, HIDDEN, 0x1234]
-    assert half.contents.parts == []
+    assert half.contents.parts == said_half(pdu).contents.parts == []
+    assert said_half(pdu).contents.items == half.contents.items
 
 
 def test_a_secret_attribute_hides_itself_and_what_it_contains() -> None:
