@@ -343,3 +343,15 @@ def test_a_blob_of_a_quarter_of_what_is_remembered_is_remembered() -> None:
     for number in range(3):
         sound.add(bytes((number + 1,)) + quarter[1:], number)
     assert [sound.size(bytes((number,)) + quarter[1:]) for number in range(4)] == [-1, 0, 1, 2]
+
+
+@pytest.mark.parametrize(
+    ("key", "compressed_"), [(1, True), (0x7FFFFFFF, True), (0x80000000, False), (0xFFFFFFFF, False)]
+)
+def test_elements_with_high_keys_are_not_compressed(key: int, compressed_: bool) -> None:
+    broken = VERSION + compressed(TEXT)[:-3]
+    found = parse_contents(parse_plus(download((COMMENTS, Value(SPARSE_ARRAY, BLOB, [(key, Blob(0, broken))])))))
+    assert [fact.reason for fact in found.malformed] == [BAD] * compressed_
+    sound = VERSION + compressed(TEXT)
+    found = parse_contents(parse_plus(download((COMMENTS, Value(SPARSE_ARRAY, BLOB, [(key, Blob(0, sound))])))))
+    assert (len(found.blobs), found.malformed) == (compressed_, [])

@@ -405,6 +405,18 @@ def test_sequences_begin_with_what_they_load_and_end() -> None:
     assert line.take(END_SEQUENCE, b"\0\0" + end(10), b"\0" + end(9)) == [(SEQUENCE_ENDED, "", 0)]
     body = b"\1\0\1\0" + build_object(new_object(2520, block(4))) + end(11)
     assert line.take(BEGIN_SEQUENCE, body) == [(LOADED, "the program, DB4", 0), (SEQUENCE_BEGUN, "", 0)]
+    package = build_object(new_object(2520, Attribute(233, text("V4")), object_id=16))
+    for damage in (end(12), b"\1"):
+        facts = line.facts(BEGIN_SEQUENCE, b"\1\0\1\0" + package + damage)
+        assert facts is not None
+        assert [(event.kind, event.text) for event in facts.events] == [
+            (LOADED, "the program"), (FIRMWARE, "PLCProgram 'V4'"), (SEQUENCE_BEGUN, ""),
+        ]  # fmt: skip
+    facts = line.facts(BEGIN_SEQUENCE, b"\1\0\1\0" + package[:-1] + b"\1")
+    assert facts is not None
+    assert [(event.kind, event.text) for event in facts.events] == [
+        (LOADED, "the program and more that was not read"), (FIRMWARE, "PLCProgram 'V4'"), (SEQUENCE_BEGUN, ""),
+    ]  # fmt: skip
     facts = line.facts(BEGIN_SEQUENCE, body[:-4] + b"\1")
     assert facts is not None
     assert [(event.kind, event.text) for event in facts.events][-1] == (SEQUENCE_BEGUN, "")
@@ -528,6 +540,12 @@ def test_a_state_that_a_subscription_reports() -> None:
     assert line.notify((2, condition(STOPS))) == [stopped]
     assert line.notify((2, run), behind=b"\x44") == [running]  # an item of an unknown kind hides none before it
     assert line.notify() == []
+    lying = framed(notified(7, CREATED)[:-1] + b"\x92" + rid(2) + build_value(stop) + b"\x44\0" + bytes(4), 3)
+    facts = take(line.session, -1, b"", lying)
+    assert facts is not None
+    assert ([event.kind for event in facts.events], [fact.reason for fact in facts.malformed]) == (
+        [STOPPED], ["unknown_type"]
+    )  # fmt: skip
 
 
 def test_a_long_notification_is_read_in_full() -> None:
@@ -689,3 +707,53 @@ def test_a_function_that_neither_changes_nor_shows_anything_is_passed_over() -> 
     line.session.given.add(SESSION_ID)
     for _ in range(2):
         assert line.facts(INVOKE, called + end(10), b"\0\0\0\1" + build_value(FIVE) + b"\0\0" + end(9)) is None
+
+
+# ---- what is a refusal ----------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("damage", [b"", b"\1"], ids=["sound", "damaged"])
+@pytest.mark.parametrize(("code", "good"), [(0, True), (1, True), (0x7FFF, True), (0x8000, False), (0xFFFF, False)])
+def test_a_code_from_0x8000_on_refuses_a_request(code: int, good: bool, damage: bytes) -> None:
+    """The errors are the negative ones of 16 bits; what they refuse has not happened."""
+    result = build_varint(code, VLQ64)
+    line = Line()
+
+    def take_(function: int, body: bytes, answer: bytes) -> list[str]:
+        facts = line.facts(function, body, result + answer + damage)
+        assert facts is not None
+        assert len(facts.malformed) == len(damage)
+        return [event.kind for event in facts.events]
+
+    assert take_(
+        CREATE_OBJECT,
+        bodies.create_object(285, NONE, subscription([WORD]), integrity_id=1),
+        b"\1" + number(CREATED) + end(9),
+    ) == [SUBSCRIBED]
+    assert (CREATED in line.session.subscriptions) == good
+    line.session.subscriptions[CREATED] = {}
+    listed = Value(ADDRESS_ARRAY, UDINT, [0x80000000, 0, 1, 0x80040002, 1, 0, 82, 0, 3736, 9])
+    assert take_(SET_VARIABLE, bodies.set_variable(CREATED, [1048], listed), end(9)) == ["subscription list"] * good
+    assert bool(line.session.subscriptions[CREATED]) == good
+    several = bodies.set_multi([(VariableAddress(0, 0x386, 1830, []), FIVE)])
+    assert take_(SET_MULTI_VARIABLES, several, b"\0" + end(9)) == []
+    assert line.session.authenticated == good
+    assert (
+        take_(
+            EXPLORE,
+            rid(3) + b"\0\1\1\0" + b"\0\0" + end(4) + b"\0",
+            rid(3) + number(9) + build_object(with_code()) + end(),
+        )
+        == [READ_OUT] * good
+    )
+    line.session.identity.state = RUNS
+    assert (
+        take_(
+            GET_VAR_SUBSTREAMED,
+            bodies.get_stream(52, [2237, 3486]) + end(9),
+            b"\0" + build_value(Value(0, DINT, STOPS)) + end(9),
+        )
+        == [STOPPED] * good
+    )
+    assert take_(DELETE_OBJECT, bodies.delete_object(CREATED), rid(CREATED) + end(9)) == [DELETED] * good
+    assert (CREATED in line.session.subscriptions) != good
