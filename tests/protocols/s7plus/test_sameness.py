@@ -191,3 +191,137 @@ def test_any_octets(octets: bytes) -> None:
     Seen().read(octets)
     Seen().read(framed(octets, 3))
     Seen().read(framed(bytes((0x32, 0, 0, 4, 0xBB)) + octets, 3))
+
+
+def counted(number: int) -> bytes:
+    """A notification with a number of any length."""
+    return notified()[:-3] + bodies.number(number) + b"\1\0"
+
+
+def seen(octets: bytes) -> Seen:
+    one = Seen()
+    assert one.read(octets), octets.hex()
+    return one
+
+
+def test_messages_with_another_head_or_another_length_are_not_alike() -> None:
+    read, told_ = ALIKE["read"], ALIKE["read: told"]
+    nothing = (True, END_SEQUENCE, b"\0\0", b"")
+    these = [
+        pdu(read, 5, 9, 4),
+        pdu(read, 5, 9, 5),  # as long as one with an id of two octets
+        pdu(read, 5, 9, 4, version=2),
+        pdu(read, 5, 9, 4, version=1),
+        pdu((True, GET_VARIABLE, read[2], b""), 5, 9, 4),
+        pdu((False, *read[1:]), 5, 9, 4),
+        pdu(told_, 5, 9, 4),
+        pdu(nothing, 5, 9, 4),
+        pdu((True, END_SEQUENCE, b"\0\1", b""), 5, 9, 4),
+        pdu(ALIKE["explore: told"], 5, 9, 4),
+        pdu(ALIKE["explore: told"], 5, 300, 4),
+        framed(notified(5)),
+        framed(counted(300)),
+        framed(notified(5), 3),
+        framed(notified(5, 0x386)),
+    ]
+    kinds = [(one.kind, one.body) for one in map(seen, these)]
+    assert len(set(kinds)) == len(kinds)
+
+
+def test_a_session_is_one_with_its_flags_and_its_version() -> None:
+    found = [
+        seen(framed(asked(5, session=session, flags=flags, body=ALIKE["read"][2] + bodies.end(9)), version)).session
+        for session in (0, 1, 0x100, 0x386, 0x10000, 0xFFFFFFFF)
+        for flags in (0, 0x34, 0x74, 0xFF)
+        for version in (1, 2, 3)
+    ]
+    assert len(set(found)) == len(found)
+    one = framed(asked(5, session=0x386, body=ALIKE["read"][2] + bodies.end(9)))
+    other = framed(asked(6, session=0x386, body=ALIKE["set"][2] + bodies.end(9)))
+    assert seen(one).session == seen(other).session
+
+
+@each("version", [1, 2, 3])
+def test_the_numbers_of_a_message_are_those_of_its_head(version: int) -> None:
+    octets = pdu(ALIKE["read: told"], 5, 9, 4, version=version)
+    one = seen(octets)
+    assert (one.version, one.opcode, one.octets, one.alike) == (version, 0x32, octets, True)
+    assert octets[one.at :].startswith(told(5))
+    if version > 1:
+        one = seen(framed(counted(300), version))
+        assert (one.subscription_id, one.number, one.credit_tick, one.opcode) == (0x70000E51, 300, 1, 0x33)
+
+
+def test_one_message_leaves_nothing_to_the_next() -> None:
+    one = Seen()
+    assert (one.alike, one.has_id, one.integrity_id, one.number, one.session) == (False, False, -1, -1, -1)
+    assert one.read(pdu(ALIKE["read"], 5, 9, 4))
+    assert (one.has_id, one.integrity_id) == (True, 9)
+    assert one.read(pdu(ALIKE["read"], 5, 9, 4, version=2))
+    assert (one.has_id, one.integrity_id) == (False, -1)
+    assert not one.read(b"")
+    assert not one.alike
+
+
+@each(
+    "octets",
+    [
+        b"",
+        framed(notified(), 1),  # another form
+        framed(notified()[:-3] + b"\x80"),  # its number is cut off
+        framed(notified()[:11]),
+        framed(asked(1)[:-1]),
+        framed(asked(1)[:12]),
+        framed(told(1, opcode=2)),
+        framed(b"\x44" + bytes(20)),
+        framed(asked(1), trailer=False),
+        framed(asked(1), trailer=False) + framed(b"more"),
+        framed(told(1, EXPLORE, b"\x80"), 3),
+        framed(told(1, EXPLORE, b"\x80\x80\x80"), 3),
+        framed(told(1, EXPLORE, b"\0" + bodies.rid(7)), 3),  # nothing behind the object
+        framed(told(1, EXPLORE, b"\0" + bodies.rid(7) + b"\x80"), 3),
+        framed(told(1, EXPLORE, b"\0" + bodies.rid(7)[:-1]), 3),
+        framed(told(1, SET_VARIABLE, b""), 3),
+        framed(asked(1, SET_VARIABLE, body=bytes(6)), 3),
+        framed(asked(1, SET_VARIABLE, body=b"\x05"), 3),
+    ],
+)
+def test_a_message_of_another_form_is_compared_with_none(octets: bytes) -> None:
+    assert not Seen().read(octets)
+
+
+@each("fill", range(9))
+@each("id_", [5, 128, 300, (1 << 28) - 1, 1 << 28])
+def test_an_id_is_found_in_front_of_four_or_five_zeros(fill: int, id_: int) -> None:
+    one = Seen()
+    taken = one.read(pdu((True, SET_VARIABLE, b"\x01", b""), 5, id_, fill))
+    assert taken == (fill in {4, 5} and id_ < 1 << 28)
+    assert (one.has_id, one.integrity_id) == ((True, id_) if taken else (False, -1))
+
+
+def test_an_id_with_an_octet_that_adds_nothing_is_not_found() -> None:
+    for id_ in (b"\x80\5", b"\x80\x81\5", b"\x80\x80\x80\5"):
+        assert not Seen().read(framed(asked(1, SET_VARIABLE, body=b"\1" + id_ + bytes(4)), 3))
+    assert seen(framed(asked(1, SET_VARIABLE, body=b"\1\x81\x80\5" + bytes(4)), 3)).integrity_id == (1 << 14) + 5
+
+
+def test_the_body_has_all_but_the_id_and_the_zeros() -> None:
+    request = pdu((True, SET_VARIABLE, b"\1\2\3", b""), 5, 300, 5)
+    assert seen(request).body == b"\1\2\3"
+    answer = pdu((False, SET_VARIABLE, b"\1\2\3", b""), 5, 300, 5)
+    assert seen(answer).body == b"\x34\1\2\3"  # with its flags
+    explored = pdu((False, EXPLORE, b"\1" + bodies.rid(7), b"\xa2"), 5, 300, 5)
+    assert seen(explored).body == b"\x34\1" + bodies.rid(7) + b"\xa2" + bytes(5)
+    assert seen(explored).integrity_id == 300
+    assert seen(framed(counted(300), 2)).body == b"\1\0"
+    assert seen(framed(notified(5, 0x386), 2)).body == b"\5\1\0"
+    assert seen(pdu((True, SET_VARIABLE, b"\1\2\3", b""), 5, 300, 5, version=2)).body == b"\1\2\3\x82\x2c" + bytes(5)
+
+
+def test_messages_up_to_4096_octets_are_compared() -> None:
+    for size, compared in ((4096, True), (4097, False)):
+        data = told(5, SET_VARIABLE, b"\1" * (size - 10))
+        assert len(data) == size
+        assert Seen().read(framed(data)) == compared
+    for size, compared in ((11, False), (12, True)):
+        assert Seen().read(framed(told(5, SET_VARIABLE, b"\1" * (size - 10)))) == compared

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -79,3 +80,75 @@ def test_any_cut_gives_the_same_frames(cuts: list[int]) -> None:
     for begin, end in itertools.pairwise(places):
         found += stream.push(octets[begin:end])
     assert found == WHOLE + PARTS
+
+
+def given_at(octets: bytes, behind: bytes = b"") -> list[int]:
+    """Push octet by octet; give after how many octets each piece came."""
+    stream = FrameStream()
+    found = []
+    for at, octet in enumerate(octets + behind, 1):
+        for _ in stream.push(bytes((octet,))):
+            found.append(at)
+    return found
+
+
+def test_a_frame_is_given_as_soon_as_it_is_whole() -> None:
+    """Where it has no trailer, only what follows shows that: an octet that begins none, or four that may be one."""
+    for frame in WHOLE:
+        assert given_at(frame) == [len(frame)], frame
+        stream = FrameStream()
+        assert (stream.push(frame), stream.held) == ([frame], 0)
+    for frame in PARTS[:2]:
+        assert given_at(frame) == []
+        assert given_at(frame, b"\x32") == [len(frame) + 1, len(frame) + 1]
+        for follows in (b"\x72\2\0\1", b"\x72\1\0\0", b"\x72\2\1\0"):
+            assert given_at(frame, follows) == [len(frame) + 4]
+        assert given_at(frame, b"\x72\2\0\0") == [len(frame) + 4]
+        stream = FrameStream()
+        assert (stream.push(frame), stream.held) == ([], len(frame))
+        assert (stream.push(b"\x72\2"), stream.held) == ([], len(frame) + 2)
+        assert stream.push(b"\0\1") == [frame]
+        assert stream.held == 4
+
+
+def test_events_and_keep_alives_have_no_trailer() -> None:
+    follows = framed(asked(1))
+    for frame in (KEEP_ALIVE, event(7), event(7, b"LOGOUT"), b"\x72\4\0\1x"):
+        assert FrameStream().push(frame + b"\x72\2\0\0") == [frame]
+        assert FrameStream().push(frame + follows) == [frame, follows]
+    assert FrameStream().push(b"\x72\xff\7\xff" + follows) == [b"\x72\xff\7\xff", follows]
+
+
+@pytest.mark.parametrize(
+    "junk", [b"\0", b"\0\0\0", b"\0\x72", b"\0\x72\2", b"\0\x72\2\0\1", b"\0\x72\5\0\1x\x72\5\0\0"]
+)
+def test_behind_anything_the_next_whole_frame_is_found(junk: bytes) -> None:
+    """Also the shortest one; a frame without its trailer is not certain enough."""
+    for frame in (framed(b"\x31"), framed(asked(1)), framed(told(1), 3), framed(notified(), 1)):
+        assert FrameStream().push(junk + frame) == [junk, frame], (junk, frame)
+        assert FrameStream().push(junk + frame + framed(asked(2))) == [junk, frame, framed(asked(2))]
+        assert FrameStream().push(junk + frame[:-1]) == [junk + frame[:-1]]
+        assert FrameStream().push(junk + frame[:-4] + b"behind it") == [junk + frame[:-4] + b"behind it"]
+
+
+def test_a_frame_that_does_not_end_gives_way_to_a_whole_one() -> None:
+    """Only to a whole one, and only if it lacks something by its own length."""
+    whole = framed(asked(1))
+    for begun in (b"\x72", b"\x72\2\0", b"\x72\2\0\x20abc"):
+        stream = FrameStream()
+        assert stream.push(begun) == []
+        assert (stream.push(whole), stream.held) == ([begun, whole], 0)
+    stream = FrameStream()
+    assert stream.push(b"\x72\2\0\x20abc") == []
+    assert stream.push(whole[:-1]) == []  # its first octets may belong to the other
+    stream = FrameStream()
+    assert stream.push(b"\x72\2\0\3abc") == []
+    assert stream.push(whole) == [b"\x72\2\0\3abc", whole]
+
+
+def test_octets_of_a_frame_may_look_like_a_frame() -> None:
+    """It lacks them by its own length, and they do not fill exactly what they would be."""
+    frame = framed(b"x" * 10 + KEEP_ALIVE[:3] + b"\x72\2" + b"y" * 10)
+    for cut in range(1, len(frame)):
+        stream = FrameStream()
+        assert [*stream.push(frame[:cut]), *stream.push(frame[cut:])] == [frame], cut
