@@ -88,9 +88,7 @@ class Attribute:
         """Return the text of the first member with this id, if the value is a structure; empty if it is not UTF-8 text."""
         if self._value is None and _is_plain(self._octets, self._start, STRUCT):
             at = member_at(self._octets, self._start, self._end, id_)
-            if at >= 0:
-                if not _is_plain(self._octets, at, WSTRING):
-                    return ""
+            if at >= 0 and _is_plain(self._octets, at, WSTRING):
                 try:
                     return _text_at(self._octets, at + _HEAD, self._end).decode("utf-8")
                 except UnicodeDecodeError:

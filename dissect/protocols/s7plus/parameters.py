@@ -82,13 +82,15 @@ class PlusParameterCache:
     CAPACITY: Final = 4096
 
     def __init__(self) -> None:
-        self._named: list[PlusParameters | None] = [None] * (_CODES + 1)  # of notifications and of functions with names
+        self._named: list[PlusParameters | None] = [None] * (
+            _CODES + 1
+        )  # of functions with names; the last one of notifications
         self._by_code: dict[int, PlusParameters] = {}  # of all others
 
     def get(self, code: i64) -> PlusParameters:
         """Return the object for a function code, -1 for notifications."""
         at: i64 = code - _FIRST if code >= 0 else _CODES
-        if 0 <= at <= _CODES:
+        if 0 <= at < _CODES or code < 0:
             named = self._named[at]
             if named is None:
                 named = PlusParameters(code)

@@ -42,3 +42,43 @@ def test_the_cache_is_bounded() -> None:
     for code in range(3 * cache.CAPACITY):
         assert cache.get(code).code == code
     assert len(cache._by_code) <= cache.CAPACITY
+
+
+def test_the_rows_of_statistics_begin_where_those_of_s7comm_end() -> None:
+    assert [is_plus_key(key) for key in (0, 0x10000, 0x1FFFF, 0x20000, 0x30001)] == [False, False, False, True, True]
+    assert [names_function(key) for key in (0x20000, 0x2FFFF, 0x30000, 0x30001)] == [True, True, False, False]
+    assert PlusParameters(0).function == 0x20000
+    assert PlusParameters(0xFFFF).function == 0x2FFFF
+    assert PlusParameters(-1).function == PlusParameters(-1).statistics_key == 0x30000
+
+
+def test_a_row_is_named_after_its_function_or_shared() -> None:
+    for code, name, row in (
+        (-1, "S7comm-plus notification", "S7comm-plus notification"),
+        (0, "S7comm-plus 0x0000", "S7comm-plus unknown function"),
+        (0x04BB, "S7comm-plus Explore", "S7comm-plus Explore"),
+        (0x04BC, "S7comm-plus 0x04bc", "S7comm-plus unknown function"),
+    ):
+        one = PlusParameters(code)
+        assert (one.function_name, one.statistics_name) == (name, row)
+        assert (one.statistics_key == PlusParameters(0x1234).statistics_key) == row.endswith("unknown function")
+        assert one.starts_tls == (code == INIT_SSL)
+
+
+def test_the_cache_gives_each_code_its_own() -> None:
+    cache = PlusParameterCache()
+    codes = [-1, 0, *range(0x0400, 0x0800), 0xFFFF]
+    first = [cache.get(code) for code in codes]
+    assert [one.code for one in first] == codes
+    assert all(cache.get(code) is one for code, one in zip(codes, first, strict=True))
+
+
+def test_the_cache_is_emptied_when_it_is_full() -> None:
+    cache = PlusParameterCache()
+    first = cache.get(0x8000)
+    for code in range(0x8001, 0x8000 + cache.CAPACITY):
+        cache.get(code)
+    assert cache.get(0x8000) is first
+    cache.get(0x7FFF)
+    assert cache.get(0x8000) is not first
+    assert cache.get(0x054C) is cache.get(0x054C)

@@ -198,3 +198,155 @@ def test_members_of_structures_are_listed_and_those_of_elements_are_not() -> Non
     assert 'DB4."pump".open' in listed
     assert 'DB4."valves"' in listed
     assert [name for name in listed if name.startswith(('DB4."valves".', 'DB4."field".', 'DB4."motors".'))] == []
+
+
+# ---- what is remembered ----------------------------------------------------------------------------------------------
+
+
+def test_variables_are_counted_as_types_come_and_go() -> None:
+    program, other = Program(), Program()
+    program.learn([TANK, VALVE])
+    assert program.count == 6
+    program.learn([type_of(0x92000003, ("level", variable(9)))])
+    assert program.count == 3
+    other.learn([TANK, TAGS])
+    program.adopt(other)
+    assert program.count == 4  # what it knows stays as it is
+    lamp, valve = VariableAddress(0, 82, 3736, [20]), VariableAddress(0, 0x8A0E0003, ACTUAL, [10, 1])
+    assert (program.find(lamp) is None, program.find(valve) is None) == (False, True)
+    program.adopt(other)
+    assert (program.count, other.count) == (4, 5)
+
+
+def test_each_change_sets_a_number_of_its_own() -> None:
+    one, other = Program(), Program()
+    assert (one.stamp, other.stamp) == (0, 0)
+    seen = []
+    for program, told in ((one, TANK), (other, TANK), (one, VALVE), (one, TANK)):
+        program.learn([told])
+        seen.append(program.stamp)
+    one.learn([PlusObject(3, 2520, 0, 0, 0, [TAGS])])  # no type, whatever is in it
+    one.learn([])
+    one.adopt(other)
+    assert one.stamp == seen[-1]
+    other.adopt(one)
+    seen.append(other.stamp)
+    assert len(set(seen)) == len(seen)
+    assert min(seen) > 0
+
+
+def test_the_meaning_of_an_address_follows_the_types() -> None:
+    """What was found, or not found, is sought again when a type has come, has changed or has gone."""
+    program = Program()
+    address, tag = VariableAddress(0, 0x8A0E0003, ACTUAL, [9]), VariableAddress(0, 82, 3736, [20])
+    for told, path in (
+        ([VALVE], None),
+        ([TANK], '"level"'),
+        ([type_of(0x92000003, ("height", variable(9)))], '"height"'),
+        ([type_of(0x92000003, ("height", variable(10)))], None),
+    ):
+        program.learn(told)
+        found = program.find(address)
+        assert (found.path if found is not None else None) == path
+    assert program.find(tag) is None
+    program.learn([TAGS])
+    assert program.find(tag) is not None
+
+
+def test_a_type_is_that_of_its_block_or_area() -> None:
+    """A block has the number of its type, and an area its place in the order of I, Q, M, C and T."""
+    areas = {1: 80, 2: 81, 3: 82, 4: 83, 5: 84}
+    program = Program()
+    program.learn([type_of(0x90000000 | place << 16, (f"a{area}", variable(20))) for place, area in areas.items()])
+    program.learn([type_of(kind << 24 | 3, ("other", variable(20))) for kind in (0x91, 0x93, 0x94, 0x95)])
+    for area, letter in ((80, "I"), (81, "Q"), (82, "M"), (83, "C"), (84, "T")):
+        address = VariableAddress(0, area, 3736, [20])
+        found = program.find(address)
+        assert found is not None
+        assert symbol(address, found) == f'{letter}."a{area}"'
+    for area in (79, 85, 0x8A0E0003, 0x8A120003, 0x8A0E0000):
+        assert program.find(VariableAddress(0, area, ACTUAL, [20])) is None
+    program.learn([type_of(0x92000003, ("block", variable(20)))])
+    assert program.find(VariableAddress(0, 0x8A0E0003, ACTUAL, [20])) is not None
+    assert program.find(VariableAddress(0, 0x8A120003, ACTUAL, [20])) is None
+    assert Program().find(VariableAddress(0, 82, 3736, [20])) is None
+
+
+def test_variables_are_listed_with_their_addresses() -> None:
+    program = Program()
+    program.learn([TAGS, TANK, VALVE, type_of(0x93000001, ("fb", variable(1)))])
+    listed = [(one.name, one.address, one.declared) for one in program.symbols()]
+    assert listed[:4] == [
+        ('M."lamp"', "M LID 20", "Bool"),
+        ('DB3."level"', "DB3 LID 9", "Int"),
+        ('DB3."valve"', "DB3 LID 10", "Struct"),
+        ('DB3."valve".open', "DB3 LID 10.1", "Bool"),
+    ]
+    assert listed[4] == ('DB3."valve".inner', "DB3 LID 10.2", "Struct")
+    assert listed[-2:] == [
+        ('DB3."history"', "DB3 LID 11", "Array[-2..5] of Int"),
+        ('DB3."pump"', "DB3 LID 12", "Struct"),
+    ]
+
+
+def test_structures_inside_each_other_are_listed_to_a_depth() -> None:
+    program = Program()
+    program.learn([type_of(0x92000001, ("a", variable(1, 17, 12, numbers=(0, 0, 0x91000007, 0, 0, 0, 0)))), VALVE])
+    names = [one.name for one in program.symbols()]
+    deepest = 'DB1."a"' + ".inner" * 7
+    assert f"{deepest}.open" in names
+    assert f"{deepest}.inner" in names
+    assert f"{deepest}.inner.open" not in names
+    assert len(names) == 1 + 8 * 2
+
+
+def test_bounds_of_several_dimensions_are_in_the_order_of_the_program() -> None:
+    program = Program()
+    program.learn([LINE])
+    declared = {one.name: one.declared for one in program.symbols()}
+    assert declared['DB4."matrix"'] == "Array[-1..0,1..3] of Int"
+    assert declared['DB4."valves"'] == "Array[1..4] of Struct"
+    assert declared['DB4."title"'] == "String"
+
+
+def test_an_array_inside_an_element_has_its_own_index() -> None:
+    inner = type_of(0x91000009, ("list", variable(1, 5, 10, numbers=(0, 0, 0, 4))))
+    outer = type_of(0x92000006, ("rows", variable(1, 17, 13, numbers=(0, 0, 0, 4, 8, 6, 0x91000009, 0, 0, 0, 0))))
+    program = Program()
+    program.learn([outer, inner])
+    for lids, path, whole in (
+        ([1, 2, 1, 1], '"rows"[2].list', True),
+        ([1, 2, 1, 1, 3], '"rows"[2].list[3]', False),
+        ([1, 2, 1, 1, 4], '"rows"[2].list LID 4', False),
+        ([1, 2], '"rows"[2]', False),
+        ([1], '"rows"', True),
+    ):
+        found = program.find(VariableAddress(0, 0x8A0E0006, ACTUAL, lids))
+        assert found is not None
+        assert (found.path, found.whole_array) == (path, whole)
+
+
+@pytest.mark.parametrize(
+    ("declared", "sent", "lids", "same"),
+    [
+        (0xAA, 0xAA, [9], True),
+        (0xAA, 0xAB, [9], False),
+        (0, 0xAB, [9], True),
+        (0xAA, 0, [9], True),
+        (0xAA, 0xAB, [9, 1], True),  # of members the rule is not known
+    ],
+)
+def test_a_checksum_differs_only_where_there_are_two(declared: int, sent: int, lids: list[int], same: bool) -> None:
+    program = Program()
+    program.learn([type_of(0x92000003, ("level", variable(9, crc=declared)))])
+    address = VariableAddress(sent, 0x8A0E0003, ACTUAL, lids)
+    assert (program.find(address) is not None) == same
+    assert bool(program.doubt(address)) == (not same)
+    assert Program().doubt(address) == ""
+
+
+def test_the_members_of_a_type_are_in_their_order() -> None:
+    program = Program()
+    program.learn([VALVE])
+    assert [name for name, _ in program.members(0x91000007) or []] == ["open", "inner"]
+    assert program.members(0x91000008) is None

@@ -87,8 +87,7 @@ def given_at(octets: bytes, behind: bytes = b"") -> list[int]:
     stream = FrameStream()
     found = []
     for at, octet in enumerate(octets + behind, 1):
-        for _ in stream.push(bytes((octet,))):
-            found.append(at)
+        found += [at] * len(stream.push(bytes((octet,))))
     return found
 
 
