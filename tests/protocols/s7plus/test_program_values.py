@@ -18,7 +18,7 @@ from dissect.protocols.s7plus.packed_values import CLASSIC
 from dissect.protocols.s7plus.program import AddressMeaning, Program
 from dissect.protocols.s7plus.program_tables import DATATYPES
 from dissect.protocols.s7plus.program_times import dtl_text, long_date_text, long_duration, long_time_of_day
-from dissect.protocols.s7plus.program_values import DTL_STRUCT, contradiction, program_values
+from dissect.protocols.s7plus.program_values import DTL_STRUCT, contradiction, program_value, program_values
 from dissect.protocols.s7plus.value_tables import (
     ARRAY,
     DINT,
@@ -26,6 +26,7 @@ from dissect.protocols.s7plus.value_tables import (
     STRUCT,
     TIMESPAN,
     TIMESTAMP,
+    UDINT,
     UINT,
     ULINT,
     USINT,
@@ -311,3 +312,172 @@ def test_a_value_contradicts_its_declaration_unless_it_is_sent_as_that() -> None
             assert said == ("" if name == sent else f"declared {declared}, sent as {name}"), (declared, name)
     unknown = AddressMeaning("x", variable(1, datatypes["Variant"]), False)
     assert contradiction(unknown, Value(0, types["Int"], 1), Program()) == ""
+
+
+def declared(datatype: str, kind: int = 8, numbers: tuple[int, ...] = (), most: int = 0) -> Variable:
+    return variable(1, {row.name: row.number for row in DATATYPES}[datatype], kind, (most, 0), numbers)
+
+
+def said_against(found: Variable | None, value: Value, whole: bool = False, program: Program | None = None) -> str:
+    return contradiction(AddressMeaning("x", found, whole), value, program or Program())
+
+
+@pytest.mark.parametrize(
+    ("one", "value", "text"),
+    [
+        (declared("DTL"), packed(NEW_YEAR, DTL_STRUCT), ""),
+        (declared("DTL"), packed(NEW_YEAR, 0x91000009), "declared as the structure 0x02000043, sent as 0x91000009"),
+        (declared("DTL"), Value(0, ULINT, 5), "declared as a structure, sent as ULInt"),
+        (declared("DTL", 12, (0, 0, TANK, 0, 0, 0, 0)), packed(b"a", TANK), ""),
+        (
+            declared("DTL", 12, (0, 0, TANK, 0, 0, 0, 0)),
+            packed(NEW_YEAR, DTL_STRUCT),
+            "declared as the structure 0x91000007, sent as 0x02000043",
+        ),
+        (declared("Struct", 12, (0, 0, TANK, 0, 0, 0, 0)), packed(b"a", TANK), ""),
+        (
+            declared("Struct", 12, (0, 0, TANK, 0, 0, 0, 0)),
+            packed(b"a", 0x91000009),
+            "declared as the structure 0x91000007, sent as 0x91000009",
+        ),
+        (declared("Struct", 12, (0, 0, TANK, 0, 0, 0, 0)), Value(0, STRUCT, Struct(9, [])), ""),
+        (declared("Struct", 12, (0, 0, TANK, 0, 0, 0, 0)), Value(0, INT, 5), "declared as a structure, sent as Int"),
+        (declared("Struct"), Value(0, INT, 5), ""),  # how one without a type is sent is not known
+        (None, Value(0, INT, 5), ""),
+    ],
+)
+def test_a_structure_is_sent_as_the_declared_one(one: Variable | None, value: Value, text: str) -> None:
+    assert said_against(one, value) == text
+
+
+def test_a_structure_of_another_type_that_passed_is_no_contradiction() -> None:
+    """Its members can be read, and a type may have several ids."""
+    program = Program()
+    program.learn([type_of(0x91000009, ("a", variable(1, 5)))])
+    one = declared("Struct", 12, (0, 0, TANK, 0, 0, 0, 0))
+    assert said_against(one, packed(b"\0\1", 0x91000009), program=program) == ""
+
+
+SPARSE: Final = 0x40
+
+
+@pytest.mark.parametrize(
+    ("whole", "value", "text"),
+    [
+        (False, Value(0, INT, 5), ""),
+        (True, Value(ARRAY, INT, [5, 6]), ""),
+        (True, Value(SPARSE, INT, [(1, 5)]), ""),
+        (True, Value(SPARSE, INT, [(1, 5), (2, 6), (3, 7)]), ""),
+        (True, Value(ARRAY, INT, [5]), "declared with 2 elements, sent with 1"),
+        (True, Value(ARRAY, INT, []), "declared with 2 elements, sent with 0"),
+        (True, Value(0, INT, 5), "declared an array of Int, sent as one value"),
+        (False, Value(ARRAY, INT, [5, 6]), "declared Int, sent as an array"),
+        (False, Value(SPARSE, INT, [(1, 5)]), "declared Int, sent as an array"),
+        (True, Value(ARRAY, UINT, [5, 6]), "declared Int, sent as UInt"),
+    ],
+)
+def test_an_array_is_sent_with_its_elements(whole: bool, value: Value, text: str) -> None:
+    assert said_against(declared("Int", 10, (0, 0, 0, 2)), value, whole) == text
+
+
+def test_an_array_of_bits_is_sent_with_any_number() -> None:
+    for datatype in ("Bool", "BBOOL"):
+        one = declared(datatype, 10, (0, 0, 0, 3))
+        for count in (0, 3, 8):
+            assert said_against(one, Value(ARRAY, 1, [True] * count), True) == ""
+        assert said_against(one, Value(ARRAY, USINT, [1]), True) == f"declared {datatype}, sent as USInt"
+
+
+@pytest.mark.parametrize(
+    ("one", "value", "text"),
+    [
+        (declared("String", 9, (0, 0), 4), Value(ARRAY, USINT, [4, 4, 1, 2, 3, 4]), ""),
+        (declared("String", 9, (0, 0), 4), Value(ARRAY, USINT, [4, 0, 1, 2, 3, 4]), ""),
+        (declared("String", 9, (0, 0), 4), Value(ARRAY, USINT, [4, 5, 1, 2, 3, 4]), "String[4], sent with 6 elements"),
+        (
+            declared("String", 9, (0, 0), 4),
+            Value(ARRAY, USINT, [5, 0, 1, 2, 3, 4, 5]),
+            "String[4], sent with 7 elements",
+        ),
+        (declared("String", 9, (0, 0), 4), Value(ARRAY, USINT, [4, 0, 1, 2, 3]), "String[4], sent with 5 elements"),
+        (declared("String", 9, (0, 0)), Value(ARRAY, USINT, [5, 0, 1, 2, 3, 4, 5]), ""),
+        (declared("String", 9, (0, 0)), Value(ARRAY, USINT, [0, 0]), ""),
+        (declared("String", 9, (0, 0)), Value(ARRAY, USINT, [0]), "String, sent with 1 elements"),
+        (declared("String", 9, (0, 0)), Value(ARRAY, USINT, [4, 0]), "String, sent with 2 elements"),
+        (declared("WString", 9, (0, 0), 2), Value(ARRAY, UINT, [2, 2, 1, 2]), ""),
+        (declared("WString", 9, (0, 0), 2), Value(ARRAY, UINT, [2, 3, 1, 2]), "WString[2], sent with 4 elements"),
+    ],
+)
+def test_a_text_is_sent_with_its_maximum_and_its_length(one: Variable, value: Value, text: str) -> None:
+    wanted = f"declared {text} that do not fit it" if text else ""
+    assert said_against(one, value) == wanted
+
+
+@pytest.mark.parametrize(
+    ("datatype", "value", "text"),
+    [
+        ("String", Value(ARRAY, UINT, [0, 0]), "declared String, sent as UInt"),
+        ("String", Value(0, USINT, 4), "declared String, sent as USInt without elements"),
+        ("String", Value(SPARSE, USINT, [(1, 4)]), "declared String, sent as USInt without elements"),
+        ("WString", Value(ARRAY, USINT, [0, 0]), "declared WString, sent as USInt"),
+        ("Date_And_Time", Value(ARRAY, USINT, [1] * 8), ""),
+        ("Date_And_Time", Value(ARRAY, USINT, [1] * 7), "declared Date_And_Time, sent with 7 bytes"),
+        ("Date_And_Time", Value(ARRAY, USINT, [1] * 9), "declared Date_And_Time, sent with 9 bytes"),
+        ("Date_And_Time", Value(0, TIMESTAMP, 1), "declared Date_And_Time, sent as Timestamp without elements"),
+    ],
+)
+def test_what_is_sent_as_an_array_has_elements(datatype: str, value: Value, text: str) -> None:
+    assert said_against(declared(datatype, 9, (0, 0)), value) == text
+
+
+def test_several_texts_in_an_array_are_not_judged() -> None:
+    one = declared("String", 10, (0, 0, 0, 2), 4)
+    assert said_against(one, Value(ARRAY, USINT, [1, 2, 3]), True) == ""
+    assert said_against(one, Value(ARRAY, UINT, [1, 2, 3]), True) == "declared String, sent as UInt"
+
+
+@pytest.mark.parametrize(
+    ("one", "whole", "value", "text"),
+    [
+        (declared("Time"), False, Value(0, DINT, -1500), "T#-1s500ms"),
+        (declared("Time"), False, Value(0, DINT, True), "T#1ms"),
+        (declared("Int"), False, Value(0, INT, 5), None),
+        (declared("Char"), False, Value(0, USINT, 0x41), "A"),
+        (declared("Date"), False, Value(0, UINT, 1), "D#1990-01-02"),
+        (declared("String", 9, (0, 0), 4), False, Value(ARRAY, USINT, [4, 2, 72, 0xE4, 9, 9]), "Hä"),
+        (declared("String", 9, (0, 0), 4), False, Value(ARRAY, USINT, [4, 0, 72, 86, 9, 9]), ""),
+        (declared("WString", 9, (0, 0), 4), False, Value(ARRAY, UINT, [4, 2, 0xD800, 0x48, 9, 9]), "\ufffdH"),
+        (declared("Date_And_Time"), False, Value(ARRAY, USINT, [1] * 7), None),
+        (declared("Time", 10, (0, 0, 0, 2)), True, Value(ARRAY, DINT, [1, 2]), None),
+        (None, False, Value(0, INT, 5), None),
+    ],
+)
+def test_a_value_has_the_text_of_its_declaration(
+    one: Variable | None, whole: bool, value: Value, text: str | None
+) -> None:
+    assert program_value(AddressMeaning("x", one, whole), value) == text
+    assert program_value(None, value) is None
+
+
+def test_a_dtl_is_known_by_its_structure_and_its_size() -> None:
+    content = packed(NEW_YEAR, DTL_STRUCT)
+    assert program_value(None, content) == "DTL#2024-12-31-23:59:58.123456789"
+    for other in (packed(NEW_YEAR, TANK), packed(NEW_YEAR[:-1], DTL_STRUCT), packed(NEW_YEAR + b"\0", DTL_STRUCT)):
+        assert program_value(None, other) is None
+
+
+@pytest.mark.parametrize(
+    ("datatype", "value", "texts"),
+    [
+        ("Time", Value(ARRAY, DINT, [1, -1500]), ["T#1ms", "T#-1s500ms"]),
+        ("Time", Value(ARRAY, UDINT, [1]), None),
+        ("Time", Value(0x40, DINT, [(1, 5)]), None),
+        ("Int", Value(ARRAY, INT, [1]), None),
+        ("LTOD", Value(ARRAY, ULINT, [5, 2**63]), ["LTOD#00:00:00.000000005", None]),
+    ],
+)
+def test_the_elements_of_an_array_have_texts(datatype: str, value: Value, texts: list[str | None] | None) -> None:
+    found = AddressMeaning("x", declared(datatype, 10, (0, 0, 0, 2)), True)
+    assert program_values(found, value) == texts
+    assert program_values(None, value) is None
+    assert program_values(AddressMeaning("x", None, True), value) is None
