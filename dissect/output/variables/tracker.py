@@ -128,7 +128,8 @@ class Tracker:
     ) -> None:
         """Count an item without a value: refused or, if ``code`` is `NO_ANSWER`, a write whose result was not captured.
 
-        ``codes`` names the return code; None for SCD, where it is that of the message.
+        ``codes`` names the return code; None for SCD, where it is that of the message. It is 0 if the answer refuses the whole
+        request, and has the reason itself.
         """
         if self._refusals and code != NO_ANSWER and (self._likely or not self.aside):
             self._refused_row(transaction, variable, code, how, writes, codes)
@@ -162,11 +163,7 @@ class Tracker:
         row.writes = writes
         row.changed = False
         row.doubt = self.doubt
-        row.return_code = code
-        errors = transaction.errors if codes is None else []
-        row.reason = (
-            codes.name(code) if codes is not None else errors[0].text or errors[0].name if errors else "refused"
-        )
+        row.return_code, row.reason = _refusal(transaction, code, codes)
         self.rows.append(row)
 
     def item(
@@ -277,6 +274,15 @@ class Tracker:
             self.kept += len(data)
         variable._told = told
         variable.seen = True
+
+
+def _refusal(transaction: Transaction, code: int, codes: CodeTable | None) -> tuple[int, str]:
+    """Return number and name of a refusal: that of the item, or of the answer if it refuses the whole request."""
+    if codes is None or code == 0:
+        for error in transaction.errors:
+            if error.item == 0:
+                return error.code, error.name if codes is not None else error.text or error.name
+    return code, codes.name(code) if codes is not None else "refused"
 
 
 def item_value(item: Item, data: bytes) -> object:

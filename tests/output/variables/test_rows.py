@@ -68,6 +68,14 @@ def test_a_row_that_was_copied_says_the_same() -> None:
 # ---- what the PLC refused -------------------------------------------------------------------------------------------
 
 
+def beginning(collector: ValueCollector, jobs: int = 1) -> tuple[line.Talk, ValueCollector]:
+    """A talk that is begun, in a pipeline of its own with a collector."""
+    talk = line.Talk()
+    talk.pipeline = Pipeline(collector, Options(strict=True))
+    talk.open(jobs, jobs)
+    return talk, collector
+
+
 def refusals() -> list[ValueRow]:
     made = begun()
     reads(made, 1, (db(REAL, 0), real(1.5)), (db(BIT, 8), 0x0A))
@@ -102,20 +110,54 @@ def test_refusals_are_rows_of_values_only_where_they_are_asked_for(tmp_path: Pat
 
 
 def test_a_request_that_is_refused_as_a_whole_says_so_for_each_item() -> None:
-    talk = line.Talk()
-    collector = ValueCollector(refusals=True)
-    talk.pipeline = Pipeline(collector, Options(strict=True))
-    talk.open()
+    """The reason is that of the answer, because the items have none."""
+    talk, collector = beginning(ValueCollector(refusals=True))
     talk.ask(line.read(1, line.dbw(10, 4), line.dbw(10, 8)))
     talk.tell(line.ack_data(1, b"\x04\x00", code=0x8500))
     talk.ask(line.write(2, [line.dbw(10, 4)], line.written(4, b"\0\1")))
-    talk.tell(line.ack_data(2, b"\x05\x00", code=0x8500))
+    talk.tell(line.ack_data(2, b"\x05\x00", code=0x8104))
     rows = collector.take()
-    assert [(row.how, row.address, row.writes) for row in rows] == [
-        ("read", "DB10.DBW4", False), ("read", "DB10.DBW8", False), ("write", "DB10.DBW4", True),
+    assert [(row.how, row.address, row.writes, row.refused) for row in rows] == [
+        ("read", "DB10.DBW4", False, "Wrong PDU size or frame"), ("read", "DB10.DBW8", False, "Wrong PDU size or frame"),
+        ("write", "DB10.DBW4", True, "Service not implemented or frame error"),
     ]  # fmt: skip
-    assert all(row.refused for row in rows)
+    assert [row.return_code for row in rows if isinstance(row, RefusedRow)] == [0x8500, 0x8500, 0x8104]
     assert [(one.refused_reads, one.refused_writes) for one in collector.variables] == [(1, 1), (1, 0)]
+    assert (collector.refused, collector.unconfirmed) == (3, 0)
+
+
+def test_items_that_the_answer_lacks_are_not_refused() -> None:
+    """A value that was read is not there; whether a value was written is not known. A code of 0 is one of the item."""
+    talk, collector = beginning(ValueCollector(refusals=True))
+    both = [line.dbw(10, 4), line.dbw(10, 8)]
+    values = line.written(4, b"\0\1") + line.written(4, b"\0\2")
+    talk.ask(line.read(1, *both))
+    talk.tell(line.ack_data(1, b"\x04\x01", line.good(4, b"\0\7")))
+    talk.ask(line.write(2, both, values))
+    talk.tell(line.ack_data(2, b"\x05\x01", b"\xff"))
+    assert [(row.how, row.address, row.value) for row in collector.take()] == [
+        ("read", "DB10.DBW4", 7), ("write", "DB10.DBW4", 1),
+    ]  # fmt: skip
+    assert (collector.refused, collector.unconfirmed) == (0, 1)
+    assert [(one.address, one.refused_reads, one.unconfirmed) for one in collector.variables] == [
+        ("DB10.DBW4", 0, 0), ("DB10.DBW8", 0, 1),
+    ]  # fmt: skip
+    talk.ask(line.write(3, both, values))
+    talk.tell(line.ack_data(3, b"\x05\x02", b"\x00\xff"))
+    assert [(row.address, row.refused) for row in collector.take()] == [("DB10.DBW4", "Reserved"), ("DB10.DBW8", "")]
+
+
+def test_one_that_was_not_answered_is_not_likely_refused() -> None:
+    """A doubt is about a pair: a write that has no answer is unconfirmed, also where its answer may be in a gap."""
+    kept = Kept()
+    talk = begun()
+    talk.send(0, line.dt(line.write(1, [line.dbw(1, 0)], line.written(4, b"\0\1"))))
+    observed(kept, talk.packets())
+    (write,) = [one for one in kept.transactions if one.function == 5]
+    write._flags |= GAPS
+    collector = ValueCollector()
+    collector.transaction(write)
+    assert (collector.unconfirmed, collector.doubts, [one.likely for one in collector.variables]) == (1, {}, [0])
 
 
 def test_a_write_without_an_answer_is_no_refusal() -> None:
@@ -213,7 +255,7 @@ def test_bits_in_the_middle_of_items_of_bits_and_of_octets() -> None:
 def test_values_of_a_variable_table_count_once_the_plc_reports_them(subfunction: int, how: str) -> None:
     """They are in the request; where the PLC refuses the job they are refused writes, all of them."""
     values = b"\x00\x09\x00\x04\x41\x33\x85\x1f" + b"\x00\x03\x00\x01\x01\x00"
-    for code, expected in ((0, []), (0xD401, [("MD0", True, ""), ("I8.1", True, "")])):
+    for code, expected in ((0, []), (0xD401, [("MD0", True, "Invalid SZL id"), ("I8.1", True, "Invalid SZL id")])):
         talk = line.Talk()
         collector = ValueCollector(refusals=True)
         talk.pipeline = Pipeline(collector, Options(strict=True))
@@ -221,7 +263,7 @@ def test_values_of_a_variable_table_count_once_the_plc_reports_them(subfunction:
         talk.ask(asked_by_test(1, subfunction, VARIABLES[:2], values))
         talk.tell(line.userdata(1, line.head(2, 1, subfunction, 2, code)))
         rows = collector.take()
-        assert [(row.how, row.address, row.writes) for row in rows] == [(how, name, yes) for name, yes, _ in expected]
+        assert [(row.how, row.address, row.writes, row.refused) for row in rows] == [(how, *one) for one in expected]
         assert collector.refused == len(expected)
         if code:
             continue

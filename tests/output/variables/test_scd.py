@@ -7,7 +7,7 @@ from typing import Any
 from dissect.engine.pipeline import Options, Pipeline
 from dissect.output.variables.choosing import Known, choose, scd_names
 from dissect.output.variables.collector import ValueCollector
-from dissect.output.variables.model import ValueRow
+from dissect.output.variables.model import RefusedRow, ValueRow
 from dissect.output.variables.writers import line_end
 from tests.cases import each
 from tests.engine.transactions import talk as line
@@ -63,35 +63,37 @@ def test_a_value_of_scd_is_compared_with_the_one_before() -> None:
 
 
 @each(
-    ("asked", "told", "expected"),
+    ("asked", "told", "error", "expected"),
     [
         (
-            plant.ask("Давление 1", 100), plant.refuse("Давление 1", -4, service="write"),
+            plant.ask("Давление 1", 100), plant.refuse("Давление 1", -4, service="write"), -4,
             ("write", "0x6001:0", "Давление 1", "write of a read-only object", (0, 1)),
         ),
         (
-            plant.ask("Режим 1", 8), plant.tell("Режим 1", err=-19),
+            plant.ask("Режим 1", 8), plant.tell("Режим 1", err=-19), -19,
             ("write", "0x6061:0", "Режим 1", "refused in this state of the device", (0, 1)),
         ),
         (
-            plant.ask("Режим 1"), plant.tell("Режим 1", 8, err=-19),
+            plant.ask("Режим 1"), plant.tell("Режим 1", 8, err=-19), -19,
             ("read", "0x6061:0", "Режим 1", "refused in this state of the device", (1, 0)),
         ),
         # A refusal of a read has no value: what it names was refused all the same.
         (
-            plant.ask("Расход 1"), plant.refuse("Расход 1", -5),
+            plant.ask("Расход 1"), plant.refuse("Расход 1", -5), -5,
             ("read", "0x6044:0", "Расход 1", "no such object", (1, 0)),
         ),
-        (plant.ask("0x6fff"), plant.refuse("0x6fff", -5), ("read", "0x6fff:0", "", "no such object", (1, 0))),
+        (plant.ask("0x6fff"), plant.refuse("0x6fff", -5), -5, ("read", "0x6fff:0", "", "no such object", (1, 0))),
     ],
 )  # fmt: skip
-def test_what_a_device_refuses_is_no_value(asked: bytes, told: bytes, expected: tuple[object, ...]) -> None:
+def test_what_a_device_refuses_is_no_value(asked: bytes, told: bytes, error: int, expected: tuple[object, ...]) -> None:
     talk, collector = listening(refusals=True)
     talk.datagram(CLIENT, asked)
     frame = talk.datagram(SERVER, told)
     (row,) = collector.take()
     (variable,) = collector.variables
     assert (row.how, row.address, row.tag, row.refused, (variable.refused_reads, variable.refused_writes)) == expected
+    assert isinstance(row, RefusedRow)
+    assert row.return_code == error
     assert (row.value, row.changed, int(row.frame), int(row.time_ns), ends(row)) == (
         None, False, frame, talk.now_ns, (_PANEL, _PLC),
     )  # fmt: skip
