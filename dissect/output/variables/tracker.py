@@ -176,8 +176,7 @@ class Tracker:
         row = self.row(transaction, variable, how, writes, data)
         if row is not None:
             told = variable._told
-            # The same octets may have had no value as a part of a wanted place.
-            if row.changed or (told.coded < 0 and told.value is None):
+            if row.changed:
                 told = SharedValue(data)
                 if item.size == len(data) or item.fits(len(data)):
                     told.coded = item.transport_size

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Final
 from librt.strings import BytesWriter
 from mypy_extensions import i64
 
-from dissect.engine.transactions.connection import Connection
 from dissect.engine.transactions.transaction import SURE
 from dissect.meaning.report import words
 from dissect.meaning.report.certainty import doubt_mark
@@ -115,30 +114,23 @@ def shown(variable: Variable, value: object, data: bytes | None, text: str = "")
 class Beginnings:
     """The beginning that the rows of a transaction share: time, packet, both ends, and how the values were transferred."""
 
-    __slots__ = ("_frame", "_how", "_link", "_side", "_time_ns", "octets")
+    __slots__ = ("_frame", "_how", "_side", "octets")
 
     def __init__(self) -> None:
         self.octets: bytes = b""
-        self._link: Connection | None = None
         self._side: i64 = 0
         self._how: str = ""
-        self._time_ns: i64 = 0
         self._frame: i64 = 0
 
     def fits(self, row: ValueRow) -> bool:
-        """Return whether ``octets`` are the beginning of ``row``; if not, remember ``row``, and the caller must set them."""
-        if (
-            row.link is self._link
-            and row.time_ns == self._time_ns
-            and row.frame == self._frame
-            and row.side == self._side
-            and row.how == self._how
-        ):
+        """Return whether ``octets`` are the beginning of ``row``; if not, remember ``row``, and the caller must set them.
+
+        A packet has one time, and is of one connection.
+        """
+        if row.frame == self._frame and row.side == self._side and row.how == self._how:
             return True
-        self._link = row.link
         self._side = row.side
         self._how = row.how
-        self._time_ns = row.time_ns
         self._frame = row.frame
         return False
 

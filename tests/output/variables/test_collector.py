@@ -357,6 +357,7 @@ def test_tags_name_what_items_cover(tmp_path: Path) -> None:
         ("Tank.Level", b"\x40\x60", "bytes 0 to 1 of 4"),
     ]
     assert [(row.type, row.value) for row in rows if not row.tag] == [("BYTE", 9), ("2 x BYTE", [0, 7])]
+    assert [line_end(row, row.address) for row in rows if not row.tag] == ["DB1.DBB5 = 9", "DB1.DBB8 = 00 07"]
 
 
 def test_a_bit_changes_by_itself(tmp_path: Path) -> None:
@@ -375,8 +376,8 @@ def test_a_bit_changes_by_itself(tmp_path: Path) -> None:
         (False, True),
     ]
     valves = [True, False, False, False]
-    assert [(row.value, row.changed) for row in rows if row.tag == "Valves"] == [
-        (valves, True), (valves, False), ([True, True, False, False], True),
+    assert [(row.value, row.changed, row.data) for row in rows if row.tag == "Valves"] == [
+        (valves, True, b"\1\0\0\0"), (valves, False, b"\1\0\0\0"), ([True, True, False, False], True, b"\1\1\0\0"),
     ]  # fmt: skip
 
 

@@ -219,3 +219,21 @@ def test_places_of_bits_and_octets_say_what_a_memory_says(seed: int) -> None:
     assert told == expected
     assert len(expected) > 80
     assert any(value == "itself" for _, value, _ in expected)
+
+
+@each(
+    ("item", "content", "expected"),
+    [
+        (db(BYTE, 2), b"\x10", "DB1.DBB2 BYTE = 16"),
+        (db(BYTE, 2, 2), b"\x10\x11", "DB1.DBB2 2 x BYTE = 10 11"),
+        (db(BIT, 2, bit=3), b"\1", "DB1.DBX2.3 BOOL = true"),
+        (db(WORD, 2), b"\x10\x11", "DB1.DBW2 WORD = 4113"),
+        (db(WORD, 2, 2), b"\x10\x11\0\1", "DB1.DBW2 2 x WORD = [4113, 1]"),
+        (db(_CHAR, 2, 3), b"abc", "DB1.DBB2 3 x CHAR = 'abc'"),
+        (db(_CHAR, 2), b"a", "DB1.DBB2 CHAR = 'a'"),
+        (db(REAL, 2), bytes(4), "DB1.DBD2 REAL = 0.0"),
+        (Item(_TIMER, 1, 0, _TIMER, 5), b"\0\5", "T5 TIMER = 'S5T#50ms'"),
+    ],
+)
+def test_an_item_of_which_no_place_is_wanted(item: Item, content: bytes, expected: str) -> None:
+    assert seen(item, content) == [expected]

@@ -18,7 +18,7 @@ from dissect.output.variables.collector import ValueCollector
 from dissect.output.variables.model import SharedValue, ValueRow
 from tests.cases import each
 from tests.engine.transactions import talk as line
-from tests.meaning.report.support import begun, saved
+from tests.meaning.report.support import ROOT, begun, saved
 from tests.output.variables.support import BIT, BYTE, INT, REAL, WORD, collected, db, reads, real, writes
 from tests.properties.messages import Item
 
@@ -235,3 +235,51 @@ def test_tags_of_one_plc_are_not_looked_for_on_others(tmp_path: Path) -> None:
         collector = ValueCollector(choose(["Level"], Known(naming)))
         rows = collected(collector, talk.packets(), Options(strict=True, naming=naming)).take()
         assert [(row.type, row.value) for row in rows] == expected, host
+
+
+def test_tables_of_one_name_are_numbered(tmp_path: Path) -> None:
+    """Pieces of a tag have its name, type and PLC."""
+    tags = tmp_path / "tags.csv"
+    tags.write_text("address,type,name\nDB1.DBD0,REAL,Level\n", encoding="utf-8")
+    talk = begun()
+    reads(talk, 1, (db(BYTE, 0, 2), b"\1\2"), (db(BYTE, 2, 2), b"\3\4"), (db(REAL, 0), real(1.5)))
+    options = Options(strict=True, naming=load_tags([tags]).naming())
+    rows = collected(ValueCollector(), talk.packets(), options).take()
+    assert {name: values for name, (_, values) in kinds_of(rows).items()} == {
+        "Level REAL 10.0.0.2:102 1": [None], "Level REAL 10.0.0.2:102 2": [None], "Level REAL 10.0.0.2:102 3": [1.5],
+    }  # fmt: skip
+
+
+def test_likely_values_are_left_out_unless_they_are_asked_for() -> None:
+    path = ROOT / "captures" / "crafted" / "certainty.pcapng"
+    sure, all_of_them = list(dissect.values(path)), list(dissect.values(path, likely=True))
+    assert {row.certainty for row in sure} == {"sure"}
+    assert [row.value for row in all_of_them if not row.doubt] == [row.value for row in sure]
+    assert {row.certainty for row in all_of_them} == {"sure", "likely"}
+
+
+def test_values_at_one_time_are_all_there(tmp_path: Path) -> None:
+    """A variable that a request names twice has two values, which only ``every`` makes one."""
+    talk = begun()
+    reads(talk, 1, (db(WORD, 0), b"\0\1"), (db(WORD, 0), b"\0\2"))
+    path = saved(tmp_path / "twice.pcapng", talk.packets())
+    assert [row.value for row in dissect.values(path)] == [1, 2]
+    assert [row.value for row in dissect.values(path, every=timedelta(microseconds=1))] == [1]
+
+
+@each("every_us", (1, 2, 1000, 1001, 999, 3_600_000_000))
+def test_an_interval_ends_at_a_multiple_of_it(tmp_path: Path, every_us: int) -> None:
+    """The last nanosecond before belongs to it, the first one behind to the next."""
+    size = every_us * 1000
+    talk = begun()
+    for ref in range(1, 4):
+        reads(talk, ref, (db(WORD, 0), bytes((0, ref))))
+    *before, last = talk.packets()
+    begin = (last.time_ns // size + 1) * size
+    times = [begin, begin + size - 1, begin + size]
+    exchanges = [*before, last][-6:]
+    moved = [packet._replace(time_ns=times[at // 2]) for at, packet in enumerate(exchanges)]
+    path = saved(tmp_path / "every.pcapng", [*before[:-5], *moved])
+    assert [row.time_ns for row in dissect.values(path)] == times
+    every = timedelta(microseconds=every_us)
+    assert [row.time_ns for row in dissect.values(path, every=every)] == [begin, begin + size]

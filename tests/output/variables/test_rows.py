@@ -375,3 +375,87 @@ def test_one_value_in_each_stretch_of_time(tmp_path: Path) -> None:
     for every in (timedelta(0), timedelta(microseconds=-1)):
         with pytest.raises(ValueError, match="every: expected a time above 0"):
             dissect.values(path, every=every)
+
+
+def test_the_bounds_of_what_is_remembered() -> None:
+    """20,000 variables, and 8 MiB of values: as the documentation and the sentence of a summary name them."""
+    kept = Kept()
+    talk = begun()
+    reads(talk, 1, (db(BYTE, 0), b"\1"))
+    observed(kept, talk.packets())
+    (read,) = [one for one in kept.transactions if one.function == 4]
+    (item,) = read.parameters.items
+    store = tracker.Tracker(False, 0, False, ValueCollector().most, False, False)
+    plc = store.plc(read, 1)
+    for number in range(20_001):
+        store.named(plc, str(number), "BYTE", "", "")
+    assert (int(store.count), len(plc.variables)) == (20_000, 20_000)
+    store = tracker.Tracker(False, 0, False, 100, False, False)
+    plc = store.plc(read, 1)
+    for number in range(9):
+        store.item(read, store.named(plc, str(number), "BYTE", "", ""), item, "read", False, bytes(1 << 20))
+    assert (int(store.count), int(store.kept), int(store.untracked)) == (8, 8 << 20, 1)
+    assert len(store.rows) == 9
+
+
+def test_a_likely_value_is_there_from_the_next_interval_on() -> None:
+    """Before that the interval has its value; a likely one begins none."""
+    talk = begun()
+    for ref in range(1, 5):
+        reads(talk, ref, (db(WORD, 0), bytes((0, ref))))
+    kept = Kept()
+    observed(kept, talk.packets())
+    first, *others = [one for one in kept.transactions if one.function == 4]
+    for one in others:
+        one._flags |= GAPS
+    size = 2_000_000  # of one read to the next
+    begin = int(first.response_ns)
+    for every_ns, expected in (
+        (size, [1, 2, 3, 4]),
+        (begin + size, [1, 2, 3, 4]),
+        (begin + 2 * size, [1, 3, 4]),
+        (begin + 2 * size + 1, [1, 4]),
+    ):
+        found = ValueCollector(every_ns=every_ns, likely=True)
+        for one in kept.transactions:
+            found.transaction(one)
+        assert [row.value for row in found.take()] == expected, every_ns
+        assert found.doubts == ({"gaps": 4 - len(expected)} if len(expected) < 4 else {})
+
+
+def test_several_bits_are_decoded_where_each_has_a_byte() -> None:
+    """Devices pack them in different ways; where they share bytes, their order is not known."""
+    for octets, value in ((b"\1\0\1", [True, False, True]), (b"\5", None), (b"\1\0\1\0", None)):
+        for sums in (False, True):
+            talk, collector = beginning(ValueCollector(sums=sums))
+            talk.ask(line.read(1, line.item(0x84, 1, 32, BIT, 3)))
+            talk.tell(line.ack_data(1, b"\x04\x01", line.good(9, octets)))
+            rows = collector.take()
+            (variable,) = collector.variables
+            assert (variable.address, variable.type) == ("DB1.DBX4.0", "3 x BOOL")
+            if sums:
+                assert variable.statistics is not None
+                assert variable.statistics.first == (octets if value is None else value)
+            else:
+                assert [(row.value, row.data) for row in rows] == [(value, octets)]
+
+
+def test_each_wanted_place_that_an_item_touches_is_looked_at() -> None:
+    """Whatever the one before it came to: it is not known as a whole, refused, or beyond the bound."""
+    talk = begun()
+    reads(talk, 1, (db(WORD, 2), b"\1\2"))  # half of the first place, all of the others
+    writes(talk, 2, (db(BYTE, 0, 6), bytes(6), 0x05))
+    wanted = choose(["DB1.DBD0", "DB1.DBW2:INT", "DB1.DBB3:SINT"], Known(None))
+    found = collected(ValueCollector(wanted, refusals=True), talk.packets())
+    assert [(row.address, row.type, row.value, bool(row.refused)) for row in found.take()] == [
+        ("DB1.DBW2", "INT", 0x102, False), ("DB1.DBB3", "SINT", 2, False), ("DB1.DBW2", "WORD", 0x102, False),
+        ("DB1.DBD0", "DWORD", None, True), ("DB1.DBW2", "INT", None, True), ("DB1.DBB3", "SINT", None, True),
+    ]  # fmt: skip
+    talk = begun()
+    reads(talk, 1, (db(BYTE, 5), b"\7"))
+    reads(talk, 2, (db(BYTE, 2, 4), b"\1\2\3\4"))
+    wanted = choose(["DB1.DBW2:INT", "DB1.DBB5:SINT"], Known(None))
+    found = collected(ValueCollector(wanted, most=1), talk.packets())
+    assert [(row.address, row.type, row.value) for row in found.take()] == [
+        ("DB1.DBB5", "SINT", 7), ("DB1.DBB5", "SINT", 4), ("DB1.DBB2", "4 x BYTE", [1, 2, 3, 4]),
+    ]  # fmt: skip

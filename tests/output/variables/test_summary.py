@@ -14,7 +14,7 @@ from dissect.engine.pipeline import Options, Pipeline
 from dissect.meaning.report.styled import DIM, HEADING, PLAIN
 from dissect.meaning.report.words import Places
 from dissect.output.variables.collector import ValueCollector
-from dissect.output.variables.statistics import MAX_CLIENTS, MAX_DISTINCT, POINTS, Pace, Statistics
+from dissect.output.variables.statistics import MAX_DISTINCT, POINTS, Pace, Statistics
 from dissect.output.variables.summary import (
     Summary,
     csv_rows,
@@ -170,6 +170,15 @@ def test_what_has_no_value_is_there_where_it_was_refused() -> None:
     assert (cells[2]["first"], cells[2]["last"]) == ("01 02", "01 02")
     text = text_lines(summary, Clock(), Places([], False))
     assert text[2].text.endswith("1 read, 1 write, 1 write unconfirmed")
+    assert text[4].text.split() == ["DB1.DBB8", "3", "x", "BYTE", "1", "01", "02", "1", "10.0.0.1", "(1)"]
+
+
+def test_two_numbers_are_drawn() -> None:
+    talk = begun()
+    for ref, value in enumerate((0.0, 7.0), 1):
+        reads(talk, ref, (db(REAL, 0), real(value)))
+    lines = text_lines(summary_of(talk, spark=True), Clock(), Places([], False))
+    assert lines[2].text.endswith("10.0.0.1 (2)  ▁▁█")  # 2 ms from one to the other
 
 
 def test_a_summary_in_cells() -> None:
@@ -180,7 +189,7 @@ def test_a_summary_in_cells() -> None:
     ]  # fmt: skip
     assert (level["readers"], level["writers"], level["distinct_more"]) == ("10.0.0.1 4", "10.0.0.1 1", "false")
     assert (octets["first"], octets["last"]) == ("01 02 03 04", "04 02 03 04")
-    assert (word["first"], word["last"], word["refused_writes"]) == ("7", "7", "0")
+    assert (word["first"], word["last"], word["refused_writes"], word["likely"]) == ("7", "7", "0", "0")
 
 
 def test_a_variable_that_nobody_told_a_value_of_is_no_row() -> None:
@@ -196,7 +205,7 @@ def test_a_variable_that_nobody_told_a_value_of_is_no_row() -> None:
         setattr(only, name, 0)
 
 
-@pytest.mark.parametrize("clients", [1, MAX_CLIENTS, MAX_CLIENTS + 1, MAX_CLIENTS + 3])
+@pytest.mark.parametrize("clients", [1, 8, 9, 11])
 def test_clients_beyond_the_bound_are_counted_together(clients: int) -> None:
     collector = ValueCollector(sums=True)
     first = line.Talk()
@@ -211,7 +220,7 @@ def test_clients_beyond_the_bound_are_counted_together(clients: int) -> None:
     (variable,) = collector.variables
     found = variable.statistics
     assert found is not None
-    kept = min(clients, MAX_CLIENTS)
+    kept = min(clients, 8)
     assert {host: pace.count for host, pace in found.readers.items()} == {f"10.0.0.{10 + at}": 2 for at in range(kept)}
     assert (found.count, found.others) == (2 * clients, 2 * (clients - kept))
 

@@ -20,6 +20,7 @@ from tests.cases import each
 _ODD: Final = (
     bytes.fromhex("7f800000"), bytes.fromhex("ffc00001"), bytes(4), bytes.fromhex("80000000"), b"=1+1", b"a\"',;",
     b"\x0a\x04text", bytes.fromhex("2aaa"), bytes.fromhex("0999"), bytes.fromhex("00000001"), bytes.fromhex("4b000000"), b"",
+    b"abcdefghi" * 5, b"x" * 36, b"y" * 37,
 )  # fmt: skip
 
 

@@ -300,7 +300,26 @@ def test_a_value_for_a_person(made: Variable, value: object, data: bytes | None,
 def test_a_long_value_is_shortened() -> None:
     said = shown(variable("Struct"), {"members": {f"member{at}": at for at in range(100)}}, None)
     assert said.startswith("{member0: 0, member1: 1, ")
+    assert len(said.partition("…")[0]) == 200
     assert len(said) < 230
+
+
+@each("writer", (ValueText, ValueJsonl, ValueCsv))
+def test_rows_that_are_written_are_a_choice_of_all(writer: type[RowWriter]) -> None:
+    """A row without a change need not follow the one that has the same value: it may be left out, as a filter does."""
+    rows = collected(ValueCollector(), busy(9).packets()).take()
+    steady = [row for row in rows if not row.changed]
+    assert len({(row.variable, row.data) for row in steady}) > 20
+    for chosen in (steady, steady[::2], rows[::3], rows[::-1]):
+        together = writer()
+        together.values(chosen)
+        lines = together.take()[-len(chosen) :]
+        alone = []
+        for row in chosen:
+            one = writer()
+            one.values([row])
+            alone += one.take()[-1:]
+        assert lines == alone
 
 
 @each(
