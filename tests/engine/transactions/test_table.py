@@ -298,6 +298,22 @@ def test_addresses_that_differ_in_a_few_bits_are_kept_apart() -> None:
             assert table.find6(reverse_key(other), 0, 0) is beside.peer
 
 
+@pytest.mark.parametrize("base", [V4, V6])
+def test_addresses_and_ports_that_differ_in_one_bit_are_kept_apart(base: bytes) -> None:
+    table = ConnectionTable()
+    find = table.find if base is V4 else table.find6
+    sides = [(base, table.open(base, 0, 1, 1))]
+    for at in range(len(base)):
+        for bit in (1, 0x80):
+            other = base[:at] + bytes((base[at] ^ bit,)) + base[at + 1 :]
+            sides.append((other, table.open(other, 0, 1, 1)))
+    for one, side in sides:
+        assert find(base, 0, 0) is sides[0][1]
+        assert find(b"?" + one + b"?", 1, 0) is side
+        assert find(one, 0, 0) is side
+        assert find(b"?" + reverse_key(one), 1, 0) is side.peer
+
+
 def test_a_connection_that_is_over_is_not_found_wherever_it_was() -> None:
     table = ConnectionTable()
     for number in range(12_000):

@@ -1,0 +1,361 @@
+"""Rare turns of pairing: what a request or an answer rules out, answers that are kept, gaps, and what is watched or counted."""
+
+from __future__ import annotations
+
+import pytest
+
+from dissect.engine.transactions.results import GAPS, REORDERED
+from dissect.engine.transactions.transaction import HOLE, LIKELY, REFERENCE_REUSED, SURE
+from dissect.protocols.s7plus.tables import SET_VARIABLE
+from dissect.protocols.s7plus.value_tables import DINT
+from dissect.protocols.s7plus.values import Value
+from tests.engine.findings import events
+from tests.engine.findings.test_plus_rules import begun
+from tests.engine.transactions.talk import (
+    ACK,
+    CLIENT,
+    FIN,
+    MS,
+    SECOND,
+    SERVER,
+    Talk,
+    ack,
+    ack_data,
+    dbw,
+    dt,
+    good,
+    head,
+    job,
+    read,
+    refused,
+    userdata,
+    words,
+    write,
+    written,
+)
+from tests.protocols.s7plus import bodies
+from tests.protocols.s7plus.pdus import asked, framed
+
+
+@pytest.fixture
+def talk() -> Talk:
+    talk = Talk()
+    talk.open(8, 8)
+    return talk
+
+
+def heal(talk: Talk) -> None:
+    """Both ends acknowledge what they got, and time passes: a gap is given up."""
+    for _ in range(2):
+        talk.packet(CLIENT)
+        talk.packet(SERVER, after_ns=60 * MS)
+
+
+# ---- what places in the stream rule out -----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("beginning", [(1000, 90000), (2**32 - 40, 2**32 - 60)])
+def test_a_client_that_had_the_answer_before_it_asked_asked_for_another(beginning: tuple[int, int]) -> None:
+    """The reference is used for the first time in the capture; the answer was captured late."""
+    talk = Talk()
+    talk.seq = list(beginning)
+    late = talk.seq[SERVER]
+    talk.seq[SERVER] += len(dt(words(5, 1)))
+    request = talk.ask(read(5, dbw(1, 0)))
+    orphan = talk.packet(SERVER, dt(words(5, 1)), seq=late)
+    answered = talk.tell(words(5, 2))
+    talk.finish()
+    assert sorted(talk.pairs()) == [(0, orphan), (request, answered)]
+
+
+def test_an_answer_that_had_not_got_the_request_belongs_to_another(talk: Talk) -> None:
+    """The client repeats its reference: the answer acknowledges everything before this request, and nothing of it."""
+    first = talk.ask(read(5, dbw(1, 0)))
+    answered = talk.tell(words(5, 1))
+    known = talk.seq[CLIENT]
+    second = talk.ask(read(5, dbw(1, 2)))
+    talk.acked[SERVER] = known
+    orphan = talk.tell(words(5, 2))
+    talk.acked[SERVER] = None
+    last = talk.tell(words(5, 3))
+    talk.close()
+    assert sorted(talk.pairs()) == [(0, orphan), (first, answered), (second, last)]
+
+
+def test_an_answer_to_a_row_that_no_request_fits_waits_for_its_own(talk: Talk) -> None:
+    """With a gap, an answer of another function may belong to a request that was not captured."""
+    talk.ask(read(5, dbw(1, 0)))
+    talk.ask(read(5, dbw(1, 2)))
+    talk.lose(CLIENT, write(5, [dbw(1, 0)], written(4, b"\0\1")))
+    orphan = talk.tell(ack_data(5, b"\x05\x01", b"\xff"))
+    talk.finish()
+    assert [one.response_frame for one in talk.transactions if one.outcome == "orphan_answer"] == [orphan]
+
+
+def test_without_a_gap_an_answer_that_fits_none_is_that_to_the_oldest(talk: Talk) -> None:
+    first = talk.ask(read(5, dbw(1, 0)))
+    talk.ask(read(5, dbw(1, 2)))
+    answered = talk.tell(ack_data(5, b"\x05\x01", b"\xff"))
+    assert talk.pairs() == [(first, answered)]
+
+
+# ---- gaps -----------------------------------------------------------------------------------------------------------
+
+
+def test_an_answer_after_a_gap_that_should_have_contained_it_is_only_likely(talk: Talk) -> None:
+    """As long as an answer is missing, and the request is the only one: it is this answer that may be the second one."""
+    request = talk.ask(read(5, dbw(1, 0)))
+    talk.lose(SERVER, words(9, 1))
+    answered = talk.tell(words(5, 2))
+    heal(talk)
+    talk.close()
+    one = talk.transactions[0]
+    assert talk.pairs()[0] == (request, answered)
+    assert (one.certainty, one.doubt, one._flags & GAPS) == (LIKELY, "gaps", GAPS)
+
+
+def test_servers_answer_in_order_so_what_came_before_was_answered_in_the_gap(talk: Talk) -> None:
+    first = talk.ask(read(5, dbw(1, 0)))
+    talk.lose(SERVER, words(5, 1))
+    second = talk.ask(read(6, dbw(1, 2)))
+    answered = talk.tell(words(6, 2))
+    heal(talk)
+    assert sorted(talk.pairs()) == [(first, 0), (second, answered)]
+    lost = next(one for one in talk.transactions if not one.response_frame)
+    assert (lost.reason, lost.certainty) == (HOLE, SURE)
+    assert talk.pipeline.exchange.dialogue.open == 0
+
+
+def test_a_request_that_ends_in_a_gap_is_only_likely_answered(talk: Talk) -> None:
+    """Its last octets are missing: whatever follows may belong to another."""
+    octets = dt(read(5, dbw(1, 0), dbw(1, 2)))
+    talk.packet(CLIENT, octets[:-6])
+    talk.seq[CLIENT] += 6
+    talk.tell(ack_data(5, b"\x04\x02", good(4, b"\0\1") * 2))
+    talk.ask(read(6, dbw(1, 0)))
+    talk.tell(words(6, 1))
+    heal(talk)
+    talk.close()
+    assert "internal.bug" not in talk.slugs()
+    assert sorted(one.pdu_ref for one in talk.transactions) == [5, 6]
+
+
+@pytest.mark.parametrize(("first", "alike"), [(1, True), (4, True)])
+def test_a_request_after_a_gap_may_share_its_reference_with_one_in_it(first: int, alike: bool) -> None:
+    """A client that repeats its reference, or has sent too few requests to know: the first answer is that of the missing one."""
+    talk = Talk()
+    talk.open(8, 8)
+    talk.ask(read(first, dbw(1, 0)))
+    talk.tell(words(first, 1))
+    talk.lose(CLIENT, write(4, [dbw(1, 0)], written(4, b"\0\1")))
+    request = talk.ask(read(4, dbw(1, 0)))
+    heal(talk)
+    orphan = talk.tell(ack_data(4, b"\x05\x01", b"\xff"))
+    answered = talk.tell(words(4, 7))
+    heal(talk)
+    talk.finish()
+    assert talk.pairs()[-2:] in ([(0, orphan), (request, answered)], [(request, answered), (0, orphan)])
+    (pair,) = [one for one in talk.transactions if one.request_frame == request]
+    assert (pair.doubt == "alike") is alike
+
+
+def test_a_row_whose_older_requests_may_be_answered_in_a_gap(talk: Talk) -> None:
+    first = talk.ask(read(5, dbw(1, 0)))
+    talk.lose(SERVER, words(5, 1))
+    second = talk.ask(read(5, dbw(1, 2, 2)))
+    answered = talk.tell(words(5, 2, 3))
+    heal(talk)
+    talk.close()
+    assert sorted(talk.pairs()) == [(first, 0), (second, answered)]
+    lost = next(one for one in talk.transactions if not one.response_frame)
+    assert lost.reason == HOLE
+
+
+# ---- rows -----------------------------------------------------------------------------------------------------------
+
+
+def test_the_latest_answered_request_is_the_one_that_was_sent_last(talk: Talk) -> None:
+    """In whatever order requests with one reference are answered."""
+    for size in (1, 2, 3):
+        talk.ask(read(5, dbw(1, 0, size)))
+    connection = talk.pipeline.table.all_open()[0].connection
+    numbers = []
+    for size in (2, 1, 3):
+        talk.tell(words(5, *range(size)))
+        numbers.append(int(connection.open_requests[CLIENT].answered) - int(talk.transactions[0].number))
+    assert numbers == [0, 0, 1]
+
+
+def test_too_many_answers_for_a_row_stand_alone(talk: Talk) -> None:
+    asked = [talk.ask(read(5, dbw(1, 2 * number))) for number in range(2)]
+    talk.ask(read(5, dbw(1, 0, 9)))
+    answered = [talk.tell(words(5, number)) for number in range(2)]
+    extra = talk.tell(words(5, 7))
+    talk.close()
+    assert set(zip(asked, answered, strict=True)) < set(talk.pairs())
+    assert [one.response_frame for one in talk.transactions if not one.request_frame] in ([extra], [])
+
+
+def test_a_reference_of_which_too_many_are_open_settles_what_it_knows() -> None:
+    """The rows of a client that sends on and on, though answers to some are kept."""
+    talk = Talk()
+    talk.open(8, 8)
+    for number in range(300):
+        talk.ask(read(5, dbw(1, 2 * number)))
+        if number == 2:
+            talk.tell(words(5, 0))
+    talk.finish()
+    assert len(talk.transactions) == 300
+    assert talk.outcomes().count("answered") == 1
+    assert {one.reason for one in talk.transactions if one.reason} <= {REFERENCE_REUSED, "capture_ended"}
+    assert talk.pipeline.exchange.dialogue.open == 0
+
+
+@pytest.mark.parametrize(("after_ns", "left"), [(10 * SECOND, 2), (10 * SECOND + MS, 1)])
+def test_no_server_answers_after_ten_seconds_once_the_reference_is_used_again(after_ns: int, left: int) -> None:
+    talk = Talk()
+    talk.open(8, 8)
+    talk.ask(read(5, dbw(1, 0)))
+    talk.ask(read(5, dbw(1, 2)), after_ns=after_ns)
+    assert talk.pipeline.exchange.dialogue.open == left
+    assert [one.reason for one in talk.transactions] == [REFERENCE_REUSED] * (2 - left)
+
+
+# ---- what is shared and watched -------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("after_ns", "same", "shared"),
+    [(MS, False, True), (2 * SECOND, False, True), (2 * SECOND + MS, False, False), (MS, True, False)],
+)
+def test_a_reference_shared_by_requests_that_are_open_at_once(after_ns: int, same: bool, shared: bool) -> None:
+    """Unless the client gave the first up, or repeats it."""
+    talk = Talk()
+    talk.open(8, 8)
+    talk.ask(read(5, dbw(1, 0)))
+    talk.ask(read(5, dbw(1, 0 if same else 2)), after_ns=after_ns)
+    talk.finish()
+    assert ("session.shared_reference" in talk.slugs()) is shared
+
+
+def test_a_reference_used_again_where_an_answer_may_be_missing_is_not_shared(talk: Talk) -> None:
+    talk.ask(read(5, dbw(1, 0)))
+    talk.lose(SERVER, words(5, 1))
+    talk.packet(CLIENT)
+    talk.ask(read(5, dbw(1, 2)))
+    talk.finish()
+    assert "session.shared_reference" not in talk.slugs()
+
+
+@pytest.mark.parametrize("number", [1, 2, 5])
+def test_each_request_that_waits_too_long_is_told_of_once(number: int) -> None:
+    """Also the very first one of a capture."""
+    talk = Talk()
+    talk.watch(2 * SECOND)
+    talk.hello()
+    talk.connect()
+    for other in range(1, number):
+        talk.ask(read(other, dbw(1, 0)))
+        talk.tell(words(other, 1))
+    talk.ask(read(number, dbw(1, 0)))
+    talk.silence(SECOND)
+    assert "transaction.overdue" not in talk.slugs()
+    for _ in range(3):
+        talk.silence(2 * SECOND)
+    assert talk.slugs().count("transaction.overdue") == 1
+    talk.tell(words(number, 1))
+    talk.ask(read(number + 1, dbw(1, 0)))
+    for _ in range(3):
+        talk.silence(2 * SECOND)
+    assert talk.slugs().count("transaction.overdue") == 2
+
+
+def test_requests_of_both_sides_are_watched() -> None:
+    talk = Talk()
+    talk.open(8, 8)
+    talk.watch(2 * SECOND)
+    talk.ask(read(1, dbw(1, 0)))
+    talk.tell(job(1, b"\x1b" + bytes(17)))
+    talk.silence(3 * SECOND)
+    talk.silence(3 * SECOND)
+    assert talk.slugs().count("transaction.overdue") == 2
+
+
+# ---- the end --------------------------------------------------------------------------------------------------------
+
+
+def test_of_one_direction_no_request_is_certainly_open() -> None:
+    talk = Talk()
+    for number in range(3):
+        talk.ask(read(number, dbw(1, 0)))
+        talk.lose(SERVER, words(number, 1))
+    talk.packet(CLIENT, flags=FIN | ACK)
+    talk.finish()
+    ending = talk.connections[0].ending
+    assert ending is not None
+    assert (ending.open_requests, ending.cut, talk.connections[0].open_at_end) == (0, False, 3)
+
+
+def test_what_was_kept_goes_to_its_requests_when_the_connection_ends(talk: Talk) -> None:
+    first = talk.ask(read(5, dbw(1, 0)))
+    second = talk.ask(read(5, dbw(1, 2)))
+    answered = talk.tell(words(5, 1))
+    talk.packet(CLIENT, flags=FIN | ACK)
+    talk.finish()
+    assert sorted(talk.pairs()) == [(first, 0), (second, answered)]
+    ending = talk.connections[0].ending
+    assert ending is not None
+    assert ending.open_requests == 0
+
+
+# ---- answers alone --------------------------------------------------------------------------------------------------
+
+
+def test_an_early_answer_to_one_reference_waits_beside_another_request(talk: Talk) -> None:
+    """Where other requests are open, and those that come are of another key."""
+    request = read(5, dbw(1, 0))
+    talk.acked[SERVER] = talk.seq[CLIENT] + len(dt(read(4, dbw(1, 0)))) + len(dt(request))
+    told = talk.tell(words(5, 42))
+    talk.acked[SERVER] = None
+    other = talk.ask(read(4, dbw(1, 0)))
+    assert talk.transactions == []
+    frame = talk.ask(request)
+    assert talk.pairs() == [(frame, told)]
+    assert talk.transactions[0]._flags == REORDERED
+    assert other < frame
+
+
+@pytest.mark.parametrize(
+    ("octets", "rosctr", "errors"),
+    [
+        (ack_data(5, b"\x04\x01", refused(10)), 1, ["item 1"]),
+        (ack_data(5, b"\x04\x01", good(4, b"\0\1")), 1, []),
+        (ack(5, 0xD209), 1, ["header"]),
+        (userdata(5, head(2, 4, 1, 1, 0xD402)), 7, ["parameter"]),
+        (userdata(5, head(2, 4, 1, 1, 0)), 7, ["data"]),
+        (events.tells(5, 7, 1, bytes(10)), 7, []),
+    ],
+)
+def test_an_answer_alone_says_whether_it_refuses(octets: bytes, rosctr: int, errors: list[str]) -> None:
+    talk = Talk()
+    talk.open()
+    talk.tell(octets)
+    talk.finish()
+    (one,) = talk.transactions
+    assert (one.outcome, one.rosctr, one.has_errors) == ("orphan_answer", rosctr, bool(errors))
+    assert [error.where for error in one.errors] == errors
+
+
+# ---- S7comm-plus requests that need no answer ----------------------------------------------------------------------
+
+
+def test_a_request_that_wants_no_answer_is_open_to_none() -> None:
+    """Before version 3 it is answered all the same; without that answer it is not missed."""
+    talk = begun()
+    body = bodies.set_variable(0x90, [233], Value(0, DINT, 1))
+    talk.ask(framed(asked(1, SET_VARIABLE, flags=0x74, body=body), 1))
+    talk.close()
+    connection = talk.connections[0]
+    plus = [one for one in talk.transactions if one.is_plus]
+    assert [(one.outcome, one.missed) for one in plus] == [("unsolicited", False)]
+    assert (connection.one_way, connection.unanswered, connection.unsolicited) == (1, 0, 1)
