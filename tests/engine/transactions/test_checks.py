@@ -350,3 +350,84 @@ def test_errors_are_there_when_they_are_said_to_be(data: bytes, told: bytes, cod
             one = only(talk)
             assert bool(one.errors) is one.has_errors
             assert len(one.s7_results) <= max(2, len(data))
+
+
+PLAIN_BYTES = [item(0x84, 1, 0, 2, 3), item(0x84, 1, 64, 2, 1)]
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "odd"),
+    [(4, 4, False), (4, 9, True), (9, 4, True), (9, 9, True)],
+)
+def test_the_transport_size_of_each_item_is_judged(talk: Talk, first: int, second: int, odd: bool) -> None:
+    """CPUs answer bytes with their number of bits (4); an item of an odd size has a fill octet after it."""
+    talk.ask(read(1, *PLAIN_BYTES))
+    talk.tell(ack_data(1, b"\x04\x02", good(first, b"abc") + b"\0" + good(second, b"d")))
+    assert bool(only(talk)._flags & ODD_DATA_CODE) is odd
+    assert not only(talk)._flags & ~ODD_DATA_CODE
+
+
+@pytest.mark.parametrize("refused_first", [False, True])
+def test_behind_a_refused_item_transport_sizes_are_judged_all_the_same(talk: Talk, refused_first: bool) -> None:
+    data = refused(10) + good(9, b"d") if refused_first else good(9, b"abc") + b"\0" + refused(10)
+    talk.ask(read(1, *PLAIN_BYTES))
+    talk.tell(ack_data(1, b"\x04\x02", data))
+    assert only(talk)._flags == ODD_DATA_CODE
+
+
+def test_a_request_whose_items_were_all_refused_is_judged_by_its_next_answer(talk: Talk) -> None:
+    for number, data in enumerate((refused(10) * 2, good(9, b"abc") + b"\0" + good(4, b"d")), 1):
+        talk.ask(read(number, *PLAIN_BYTES))
+        talk.tell(ack_data(number, b"\x04\x02", data))
+    assert [one._flags for one in talk.transactions] == [0, ODD_DATA_CODE]
+
+
+@pytest.mark.parametrize("sizes", [(1, 2), (3, 1), (1, 1, 1), (5, 2, 3)])
+@pytest.mark.parametrize("wrong", [-1, 0, 1])
+def test_each_item_of_a_write_is_compared_with_its_data(talk: Talk, sizes: tuple[int, ...], wrong: int) -> None:
+    """Odd ones have a fill octet, except the last."""
+    asked = [item(0x84, 1, 64 * number, 2, size) for number, size in enumerate(sizes)]
+    data = b""
+    for number, size in enumerate(sizes):
+        data += bytes(len(data) % 2) + written(4, bytes(size + 2 * (number == wrong)))
+    talk.ask(write(1, asked, data))
+    talk.tell(ack_data(1, bytes((5, len(sizes))), b"\xff" * len(sizes)))
+    assert only(talk)._flags == (WRITE_SIZE if wrong >= 0 else 0)
+
+
+@pytest.mark.parametrize("fault", ["", "refused", "size"])
+def test_an_answer_like_a_good_one_before_is_known_by_its_heads_for_any_items(talk: Talk, fault: str) -> None:
+    """Also where the block is not plain: its first item has an address that no area has."""
+    asked = [item(0x84, 1, 1 << 19, 4), dbw(1, 2)]
+    whole = good(4, b"\0\1") * 2
+    odd = good(4, b"\0\1") + (refused(5) if fault == "refused" else good(4, b"\0\1\2\3") if fault else good(4, b"\0\1"))
+    for number, data in enumerate((whole, whole, odd, whole), 1):
+        talk.ask(read(number, *asked))
+        talk.tell(ack_data(number, b"\x04\x02", data))
+    flags = SIZE_MISMATCH if fault == "size" else 0
+    assert [(one._flags, one.has_errors) for one in talk.transactions] == [
+        (0, False), (0, False), (flags, fault == "refused"), (0, False),
+    ]  # fmt: skip
+    assert talk.transactions[0].parameters.good_answer[:8] == len(whole).to_bytes(8, "big")
+
+
+def test_areas_of_one_item_are_judged_in_each_answer(talk: Talk) -> None:
+    """Their return codes are in the data, so that equal heads do not make a good answer."""
+    areas = bytes.fromhex("120cb00202004401600100480030")
+    for number, data in enumerate(("ff0001ff7a", "ff0001ff7a", "0aff7a", "ff0001ff7b"), 1):
+        octets = bytes.fromhex(data)
+        talk.ask(read(number, areas))
+        talk.tell(ack_data(number, b"\x04\x01", b"\xff\x09\x00" + bytes((len(octets),)) + octets))
+    assert [one.has_errors for one in talk.transactions] == [False, False, True, False]
+
+
+def test_an_answer_with_an_error_code_has_items_or_has_none(talk: Talk) -> None:
+    """None are missing where the whole request is refused; those that come all the same are looked at."""
+    for number, (data, code) in enumerate(
+        ((b"", 0x8500), (b"\xff", 0x8500), (b"\x05", 0x8500), (b"\xff\xff", 0x8500)), 1
+    ):
+        talk.ask(write(number, [dbw(1, 0)], written(4, b"\0\1")))
+        talk.tell(ack_data(number, b"\x05\x01", data, code))
+    assert [one._flags for one in talk.transactions] == [0, 0, 0, BAD_DATA]
+    assert {one.has_errors for one in talk.transactions} == {True}
+    assert [one.error_code for one in talk.transactions] == [0x8500] * 4

@@ -140,9 +140,9 @@ def test_a_request_that_ends_in_a_gap_is_only_likely_answered(talk: Talk) -> Non
     assert sorted(one.pdu_ref for one in talk.transactions) == [5, 6]
 
 
-@pytest.mark.parametrize(("first", "alike"), [(1, True), (4, True)])
-def test_a_request_after_a_gap_may_share_its_reference_with_one_in_it(first: int, alike: bool) -> None:
-    """A client that repeats its reference, or has sent too few requests to know: the first answer is that of the missing one."""
+@pytest.mark.parametrize("first", [1, 4])
+def test_a_request_after_a_gap_may_share_its_reference_with_one_in_it(first: int) -> None:
+    """A client that repeats its reference, or has sent too few requests to know: the first answer is not this one's."""
     talk = Talk()
     talk.open(8, 8)
     talk.ask(read(first, dbw(1, 0)))
@@ -156,7 +156,7 @@ def test_a_request_after_a_gap_may_share_its_reference_with_one_in_it(first: int
     talk.finish()
     assert talk.pairs()[-2:] in ([(0, orphan), (request, answered)], [(request, answered), (0, orphan)])
     (pair,) = [one for one in talk.transactions if one.request_frame == request]
-    assert (pair.doubt == "alike") is alike
+    assert pair.doubt == "alike"
 
 
 def test_a_row_whose_older_requests_may_be_answered_in_a_gap(talk: Talk) -> None:

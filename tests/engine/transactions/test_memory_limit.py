@@ -3,15 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from random import Random
 from typing import Final
 
 import pytest
 
 from dissect.engine.options import MEMORY
 from dissect.engine.pipeline import LOOK_OCTETS, Options
-from dissect.engine.transactions.memory_limit import LEAVE_AT_ONCE, LOOK_AT_ONCE, Room, held_octets
+from dissect.engine.transactions.memory_limit import LEAVE_AT_ONCE, LOOK_AT_ONCE, Room, held_octets, holds_something
 from dissect.engine.transactions.side import Side
+from tests.engine.findings import events
 from tests.engine.test_pipeline import answered, asked, ready
+from tests.engine.transactions.talk import CLIENT, SERVER, dbw, granted, setup, tpkt, words
+from tests.engine.transactions.talk import Talk as Conversation
+from tests.engine.transactions.talk import read as asks
 from tests.engine.transactions.test_multipart import answer, question
 from tests.properties.books import Result, check_books
 from tests.properties.messages import connect, dt
@@ -149,3 +154,107 @@ def test_making_room_is_spread_over_the_packets() -> None:
         gone.append(int(result.pipeline.table.evicted) - before)
     assert 0 < max(gone) <= LEAVE_AT_ONCE
     assert sum(gone) > 200
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_the_fullest_have_to_leave_wherever_they_are(seed: int) -> None:
+    """Their order among the connections says nothing."""
+    segments = []
+    sizes = [100 << number for number in range(10)]
+    Random(seed).shuffle(sizes)
+    for number, size in enumerate(sizes):
+        one = flow(number)
+        segments.append(Segment(one, 0, 1, 1, ACK, connect()))
+        for at in range(0, size, BIG):
+            begin = b"\x03\x00\xff\xf0\x02\xf0\x80\x32" + bytes(min(BIG, size))
+            segments.append(Segment(one, 0, 1 + len(connect()) + at, 1, ACK, begin))
+    result = Result(captured(segments), finish=False)
+    each = sorted((held_octets(side) for side in sides(result)), reverse=True)
+    gone = [held for held, _ in leaving(result, sum(each) - 1)]
+    assert gone == each[: len(gone)]
+    assert sum(each[len(gone) :]) <= (sum(each) - 1) // 2 < sum(each[len(gone) - 1 :])
+
+
+def test_one_that_ended_meanwhile_need_not_leave() -> None:
+    result = Result(half_tpkts(4), finish=False)
+    there = sides(result)
+    room = Room(1)
+    room.begin(there)
+    assert room.step() == []  # all were examined
+    assert (room.looks, room.busy) == (4, True)
+    result.pipeline.table.remove(there[3])
+    room.begin([])  # the round goes on
+    gone = room.step()
+    assert {id(side) for _, side in gone} == {id(side) for side in there[:3]}
+    assert all(held > BIG for held, _ in gone)
+
+
+def test_the_sum_is_that_of_the_latest_round() -> None:
+    result = Result(half_tpkts(3), finish=False)
+    room = Room(10 * MIB)
+    for _ in range(2):
+        room.begin(sides(result))
+        while room.busy:
+            room.step()
+        assert room.total == sum(held_octets(side) for side in sides(result)) > 6 * BIG
+    assert room.looks == 6
+
+
+def test_connections_that_ended_before_they_were_examined_do_not_count() -> None:
+    result = Result(half_tpkts(3), finish=False)
+    there = sides(result)
+    for side in there:
+        result.pipeline.table.remove(side)
+    room = Room(0)
+    room.begin(there)
+    while room.busy:
+        assert room.step() == []
+    assert (room.total, room.looks) == (0, 3)
+
+
+# ---- what would be lost ---------------------------------------------------------------------------------------------
+
+
+def opened(probing: bool = False) -> Conversation:
+    talk = Conversation()
+    talk.hello()
+    if not probing:
+        talk.connect()
+        talk.ask(setup(0, 8, 8))
+        talk.tell(granted(0, 8, 8))
+    return talk
+
+
+@pytest.mark.parametrize(
+    ("what", "holds"),
+    [
+        (lambda talk: talk.packet(CLIENT), False),
+        (lambda talk: (talk.ask(asks(1, dbw(1, 0))), talk.tell(words(1, 1))), False),
+        (lambda talk: talk.ask(asks(1, dbw(1, 0))), True),
+        (lambda talk: talk.tell(asks(1, dbw(1, 0))), True),
+        (lambda talk: talk.tell(words(1, 1)), True),
+        (lambda talk: talk.packet(CLIENT, b"\x03\x00\x00"), True),
+        (lambda talk: talk.packet(SERVER, b"\x03\x00\x00"), True),
+        (lambda talk: (talk.lose(CLIENT, asks(1, dbw(1, 0))), talk.ask(asks(2, dbw(1, 0)))), True),
+        (lambda talk: talk.packet(CLIENT, tpkt(b"\x00\xf0\x80" + asks(1, dbw(1, 0)))), True),
+        (lambda talk: (talk.ask(events.request_download(1)), talk.tell(events.answered(1, 0x1A))), True),
+    ],
+    ids=[
+        "nothing", "an answered read", "a request", "a request of the server", "an answer alone", "half a TPKT of the client",
+        "half a TPKT of the server", "behind a gap", "behind a malformed header", "a download",
+    ],
+)  # fmt: skip
+def test_a_connection_holds_something_that_would_be_lost(what: Callable[[Conversation], object], holds: bool) -> None:
+    talk = opened()
+    what(talk)
+    side = talk.pipeline.table.all_open()[0]
+    assert side.peer is not None
+    assert holds_something(side) is holds_something(side.peer) is holds
+
+
+@pytest.mark.parametrize(("octets", "holds"), [(b"", False), (b"what is this", True)])
+def test_octets_of_a_protocol_that_is_not_known_yet_would_be_lost(octets: bytes, holds: bool) -> None:
+    talk = opened(probing=True)
+    if octets:
+        talk.packet(CLIENT, octets)
+    assert holds_something(talk.pipeline.table.all_open()[0]) is holds

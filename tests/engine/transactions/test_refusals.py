@@ -293,3 +293,32 @@ def test_only_plain_reads_have_codes_of_their_own() -> None:
     assert of(read(1, one), ack_data(1, b"\x04\x01", b"", 0x8500)) is None
     assert of(read(1, one), ack(1, 0x8104)) is None
     assert of(read(1, one), ack_data(1, b"\x05\x01", b"\x0a")) is None
+
+
+@each(
+    ("data", "codes"),
+    [
+        (
+            build.data_item(0xFF, 4, b"abc") + b"\0" + build.refused_item(0x0A) + build.data_item(0xFF, 4, b"d"),
+            [255, 10, 255],
+        ),
+        (build.refused_item(5) + build.data_item(0xFF, 9, b"abc") + b"\0" + build.refused_item(3), [5, 255, 3]),
+        (build.data_item(0xFF, 9, bytes(300)) + build.refused_item(0x0A) + build.refused_item(3), [255, 10, 3]),
+        (build.data_item(0xFF, 4, bytes(40)) + build.refused_item(0x0A), [255, 10]),
+    ],
+)
+def test_codes_are_found_behind_data_of_any_size(data: bytes, codes: list[int]) -> None:
+    talk = Talk()
+    talk.open(8, 8)
+    talk.ask(read(1, *(item(0x84, 1, 8 * number, 2) for number in range(3))))
+    talk.tell(ack_data(1, b"\x04\x03", data))
+    assert read_codes(talk.transactions[0]) == codes
+
+
+def test_an_open_or_orphaned_read_has_no_codes() -> None:
+    talk = Talk()
+    talk.open(8, 8)
+    talk.tell(ack_data(5, b"\x04\x01", build.refused_item(0x0A)))
+    talk.ask(read(1, item(0x84, 1, 8, 2)))
+    talk.finish()
+    assert [read_codes(one) for one in talk.transactions] == [None, None]

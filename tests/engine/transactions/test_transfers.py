@@ -6,10 +6,11 @@ import pytest
 
 from dissect.engine.transactions.connection import MAX_REMEMBERED
 from dissect.engine.transactions.operation import Operation
+from dissect.engine.transactions.results import NOT_LOADED
 from dissect.protocols.s7.tables import DOWNLOAD_BLOCK, UPLOAD
 from tests.engine.findings import events
 from tests.engine.findings.operation_scenarios import load, read_out
-from tests.engine.transactions.talk import CLIENT, FIN, RST, SERVER, Talk, job
+from tests.engine.transactions.talk import CLIENT, FIN, RST, SERVER, Talk, ack_data, job
 
 
 @pytest.fixture
@@ -193,3 +194,160 @@ def test_steps_without_a_beginning_are_no_operation(talk: Talk) -> None:
     talk.tell(events.piece(2, 0x1E, 222, more=True))
     talk.close()
     assert talk.operations == []
+
+
+# ---- blocks that a service names ------------------------------------------------------------------------------------
+
+
+def serve(talk: Talk, name: str, blocks: bytes, code: int = 0) -> int:
+    """A PI service and its answer; return its flag of a block that was not loaded."""
+    talk.ask(events.service(95, name, blocks))
+    talk.tell(events.answered(95, 0x28, code))
+    return talk.transactions[-1]._flags & NOT_LOADED
+
+
+@pytest.mark.parametrize("code", [0, 0xD241])
+@pytest.mark.parametrize(
+    ("names", "not_loaded"),
+    [
+        (("0A00001P",), False),
+        (("0A00002P",), True),
+        (("0A00001P", "0A00002P"), True),
+        (("0A00002P", "0A00001P"), True),
+    ],
+)
+def test_the_activation_of_a_block_that_was_not_loaded(
+    talk: Talk, names: tuple[str, ...], not_loaded: bool, code: int
+) -> None:
+    """Whether it is refused or not, and wherever that block stands among others."""
+    load(talk)
+    assert bool(serve(talk, "_INSE", events.blocks(*names), code)) is not_loaded
+    loaded = talk.transactions[-1].connection.traits.loaded
+    activated = "0A00001P" in names and not code
+    assert [one.due for one in loaded.values()] == [not activated]
+    assert [bool(one.frame) for one in loaded.values()] == [activated]
+    assert (", not activated" in repr(next(iter(loaded.values())))) is not activated
+
+
+def test_a_service_of_another_kind_activates_nothing(talk: Talk) -> None:
+    load(talk)
+    serve(talk, "_GARB", events.blocks("0A00001P"))
+    (loaded,) = talk.transactions[-1].connection.traits.loaded.values()
+    assert (loaded.due, loaded.frame, loaded.deleted) == (True, 0, False)
+
+
+def test_a_block_counts_as_activated_by_the_packet_of_the_request(talk: Talk) -> None:
+    load(talk)
+    serve(talk, "_INSE", events.blocks("0A00001P"))
+    (loaded,) = talk.transactions[-1].connection.traits.loaded.values()
+    download = only(talk)
+    assert loaded.frame == talk.transactions[-1].request_frame
+    assert (loaded.frames, loaded.time_ns) == ([download.first_frame, download.last_frame], download.end_ns)
+    assert repr(loaded) == f"Activation(DB 1, passive, packet {loaded.frame})"
+
+
+@pytest.mark.parametrize("captured", [True, False])
+def test_what_was_loaded_before_the_capture_is_not_missed(captured: bool) -> None:
+    talk = Talk()
+    if captured:
+        talk.open()
+    else:
+        talk.ask(events.start_upload(1))
+        talk.tell(events.upload_started(1))
+    assert bool(serve(talk, "_INSE", events.blocks("0A00001P"))) is captured
+
+
+# ---- pieces ---------------------------------------------------------------------------------------------------------
+
+
+def test_the_content_of_a_download_and_an_upload_is_that_of_its_pieces(talk: Talk) -> None:
+    load(talk)
+    read_out(talk)
+    down, up = talk.operations
+    assert down.content == b"".join(bytes(index & 0xFF for index in range(1, size + 1)) for size in (222, 222, 56))
+    assert up.content == b"".join(bytes(index & 0xFF for index in range(1, size + 1)) for size in (222, 78))
+    assert (down.gap, up.gap, down.begun, up.begun) == (-1, -1, True, True)
+
+
+def test_a_piece_that_is_shorter_than_it_says_leaves_a_gap(talk: Talk) -> None:
+    talk.ask(events.request_download(1, size=100))
+    talk.tell(events.answered(1, 0x1A))
+    talk.tell(events.download_block(10))
+    talk.ask(ack_data(10, b"\x1b\0", b"\0\x64\0\xfb" + bytes(30)))
+    talk.tell(events.download_ended(90))
+    talk.ask(events.answered(90, 0x1C))
+    told = only(talk)
+    assert (told.octets, told.gap, len(told.content)) == (100, 30, 30)
+
+
+def test_pieces_on_both_sides_of_a_gap_are_told_apart(talk: Talk) -> None:
+    talk.ask(events.request_download(1, size=150))
+    talk.tell(events.answered(1, 0x1A))
+    for number in (10, 11, 12):
+        talk.tell(events.download_block(number))
+        piece = events.piece(number, 0x1B, 50, number < 12)
+        if number == 11:
+            talk.lose(CLIENT, piece)
+        else:
+            talk.ask(piece)
+    talk.tell(events.download_ended(90))
+    talk.ask(events.answered(90, 0x1C))
+    talk.finish()
+    told = only(talk)
+    assert (told.octets, told.gap, oddities(told)) == (100, 50, [])
+
+
+def test_a_piece_that_is_refused_ends_the_transfer(talk: Talk) -> None:
+    talk.ask(events.start_upload(1))
+    talk.tell(events.upload_started(1, 7))
+    talk.ask(events.upload(2, 7))
+    talk.tell(events.answered(2, 0x1E, 0xD241))
+    assert (only(talk).result, only(talk).error_code) == ("failed", 0xD241)
+    talk.ask(events.request_download(3))
+    talk.tell(events.answered(3, 0x1A))
+    talk.tell(events.download_block(10))
+    talk.ask(events.answered(10, 0x1B, 0xD242))
+    assert (talk.operations[1].result, talk.operations[1].error_code) == ("failed", 0xD242)
+
+
+def test_an_upload_asks_on_after_its_last_piece(talk: Talk) -> None:
+    talk.ask(events.start_upload(1))
+    talk.tell(events.upload_started(1, 7, 444))
+    for number, more in ((2, False), (3, True)):
+        talk.ask(events.upload(number, 7))
+        talk.tell(events.piece(number, 0x1E, 222, more))
+    talk.ask(events.end_upload(5, 7))
+    talk.tell(events.answered(5, 0x1F))
+    told = only(talk)
+    assert [(one.name, one.frame) for one in told.oddities] == [("beyond_end", 12), ("cut_short", 14)]
+    assert told.oddities[1].detail == "ended after 444 bytes although more was announced"
+
+
+def test_a_transfer_of_another_size_than_announced_is_said_with_both(talk: Talk) -> None:
+    read_out(talk, announced=301)
+    told = only(talk)
+    assert [(one.name, one.detail) for one in told.oddities] == [("wrong_size", "300 bytes, 301 announced")]
+
+
+@pytest.mark.parametrize(("text", "announced"), [("0000300", 300), ("00003x0", -1), ("\u0663", -1)])
+def test_a_size_that_is_no_number_is_not_believed(talk: Talk, text: str, announced: int) -> None:
+    octets = text.encode("utf-8")
+    talk.ask(events.start_upload(1))
+    talk.tell(ack_data(1, b"\x1d\0\x01\0\0\0\0\x07" + bytes((len(octets),)) + octets))
+    talk.close()
+    assert only(talk).announced == announced
+
+
+def test_two_uploads_of_one_id_are_two(talk: Talk) -> None:
+    for number in (1, 5):
+        talk.ask(events.start_upload(number))
+        talk.tell(events.upload_started(number, 7))
+    talk.ask(events.end_upload(9, 7))
+    talk.tell(events.answered(9, 0x1F))
+    assert [(one.result, one.reason) for one in talk.operations] == [("unfinished", "restarted"), ("done", "")]
+
+
+def test_an_upload_that_is_refused(talk: Talk) -> None:
+    talk.ask(events.start_upload(1))
+    talk.tell(events.answered(1, 0x1D, 0xD241))
+    assert (only(talk).result, only(talk).error_code) == ("refused", 0xD241)
