@@ -8,7 +8,7 @@ from collections.abc import Callable
 import pytest
 
 from dissect.engine.transactions.aside import MAX_ASIDE, MAX_OCTETS
-from dissect.engine.transactions.transaction import Transaction
+from dissect.engine.transactions.transaction import MALFORMED_HEADER, REASON_TEXTS, Transaction
 from dissect.protocols.s7plus.tables import SET_VARIABLE
 from dissect.protocols.s7plus.value_tables import DINT
 from dissect.protocols.s7plus.values import Value
@@ -465,3 +465,74 @@ def test_nobody_misses_an_answer() -> None:
     (one,) = talk.transactions
     assert not any(check(one) for check in CHECKS)
     assert one.reason == "malformed_header"
+
+
+@pytest.mark.parametrize(("jobs", "taken"), [(0, 1), (1, 1), (2, 2), (3, 3)])
+def test_a_client_takes_such_answers_when_it_has_more_open_than_it_may(jobs: int, taken: int) -> None:
+    """One, where it is not known how many that are (0). Each answer waits while the client may still get a better one."""
+    talk = ready(jobs) if jobs else Talk()
+    if not jobs:
+        talk.hello()
+        talk.connect()
+    pairs = []
+    for ref in range(1, 5):
+        talk.ask(read(ref, dbw(1, 0)))
+        pairs.append(len([one for one in talk.transactions if one.is_behind]))
+        if ref == 1:
+            talk.packet(SERVER, behind(words(1, 1)))
+    assert pairs.index(1) == taken
+
+
+def test_a_request_whose_answer_was_captured_before_it() -> None:
+    """The answer acknowledges it, and is ordinary."""
+    talk = ready(8)
+    request = behind(read(9, dbw(1, 0)))
+    talk.acked[SERVER] = talk.seq[CLIENT] + len(request)
+    answered = talk.tell(words(9, 5))
+    talk.acked[SERVER] = None
+    asked = talk.packet(CLIENT, request)
+    talk.close()
+    assert [pair for pair in talk.pairs() if asked in pair] == [(asked, answered)]
+    assert marked(talk) == [PAIR]
+
+
+def test_a_request_that_wants_no_answer_waits_for_none() -> None:
+    talk = Talk()
+    talk.open()
+    frame = pdus.framed(
+        pdus.asked(1, SET_VARIABLE, flags=0x74, body=bodies.set_variable(52, [1], Value(0, DINT, 1))), 1
+    )
+    talk.packet(CLIENT, behind(frame))
+    assert marked(talk) == [ALONE]
+    (one,) = [one for one in talk.transactions if one.is_behind]
+    assert (one.missed, one.reason_text) == (False, REASON_TEXTS[MALFORMED_HEADER])
+    talk.close()
+    assert marked(talk) == [ALONE]
+
+
+def test_what_waits_on_one_connection_is_not_that_of_another() -> None:
+    talk = ready()
+    other = Talk(50001, beside=talk)
+    other.open()
+    talk.packet(CLIENT, behind(read(9, dbw(1, 0))))
+    other.packet(SERVER, behind(words(9, 1)))
+    other.tell(words(9, 2))
+    talk.tell(words(9, 3))
+    talk.close()
+    assert [one.response_frame > 0 for one in talk.transactions if one.is_behind and one.request_frame] == [True]
+    pair = next(one for one in talk.transactions if one.is_behind and one.request_frame)
+    assert pair.s7_results[0].value == 3
+
+
+@pytest.mark.parametrize(
+    ("packets", "pause_ms", "waits"), [(49, 0, True), (52, 0, False), (1, 900, True), (1, 1100, False)]
+)
+def test_an_answer_waits_a_second_or_fifty_packets_for_a_better_one(packets: int, pause_ms: int, waits: bool) -> None:
+    talk = ready(8)
+    talk.ask(read(1, dbw(1, 0)))
+    talk.packet(SERVER, behind(words(1, 1)))
+    talk.wait(pause_ms * MS)
+    for _ in range(packets):
+        talk.packet(CLIENT, after_ns=1000)
+    talk.pipeline.tick(talk.now_ns)
+    assert bool(marked(talk)) is not waits

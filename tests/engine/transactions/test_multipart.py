@@ -12,13 +12,13 @@ from hypothesis import strategies as st
 
 import dissect
 from dissect.engine.transactions.connection import Connection
-from dissect.engine.transactions.multipart import MAX_CHAINS, MAX_OCTETS, MAX_UNFINISHED, Chain, Joiner
+from dissect.engine.transactions.multipart import MAX_CHAINS, MAX_OCTETS, MAX_PLACES, MAX_UNFINISHED, Chain, Joiner
 from dissect.engine.transactions.transaction import Transaction
 from dissect.protocols.s7.szl import SZL_HEAD
 from dissect.wire.malformed import Malformed
 from dissect.wire.part import SURPLUS
 from tests.engine.findings.events import bsend
-from tests.engine.transactions.talk import SERVER, Talk, dbw, read, userdata, words
+from tests.engine.transactions.talk import CLIENT, SERVER, Talk, dbw, read, userdata, words
 
 CAPTURE: Final = Path(__file__).resolve().parents[3] / "captures" / "bsend.pcapng"
 
@@ -302,3 +302,101 @@ def test_never_raises_and_keeps_count(exchanges: list[tuple[int, int, int, bytes
     assert joiner.open_count == 0
     seen = sum(chain.transactions for chain in whole) + sum(chain.transactions for chain in joiner.unfinished)
     assert seen + joiner.headless == len(given_)
+
+
+@pytest.mark.parametrize("asked", [True, False])
+def test_octets_of_chains_are_counted_while_they_are_open(asked: bool) -> None:
+    joiner = Joiner()
+    first, second, other, last = transactions(
+        (question(1) if asked else None, answer(1, b"abc", 3, 213, 1)),
+        (question(2, 3), answer(2, b"defg", 3, 213, 1)),
+        (question(3), answer(3, b"x", 4, 214, 1)),
+        (question(4, 3), answer(4, b"h", 3, 213)),
+    )
+    sizes = []
+    for one in sorted((first, second, other, last), key=lambda one: one.response_frame):
+        chain = joiner.feed(one)
+        sizes.append((joiner.octets, joiner.open_count, chain is not None))
+    assert sizes == [(3, 1, False), (7, 1, False), (8, 2, False), (1, 1, True)]
+    assert len(joiner.close()) == 1
+    assert (joiner.octets, joiner.open_count) == (0, 0)
+
+
+def test_each_part_has_its_place_and_its_packet() -> None:
+    given_ = transactions((question(1), answer(1, FIRST, 3, 213, 1)), (question(2, 3), answer(2, SECOND, 3, 213)))
+    (chain,) = joined(Joiner(), given_)
+    sizes = (len(FIRST), len(FIRST + SECOND))
+    assert chain.places == [*zip(sizes, [one.response_frame for one in given_], strict=True)]
+    assert repr(chain) == f"Chain(4, 1, {sizes[1]} bytes in 2, whole)"
+    assert (chain.sent, chain.announced) == (b"", -1)
+
+
+def test_packets_are_remembered_for_a_bounded_number_of_parts() -> None:
+    joiner = Joiner()
+    first, more = transactions((question(1), answer(1, b"x", 3, 1, 1)), (question(2, 3), answer(2, b"y", 3, 1, 1)))
+    joiner.feed(first)
+    for _ in range(MAX_PLACES + 5):
+        joiner.feed(more)
+    (chain,) = joiner.close()
+    assert (chain.transactions, chain.size, len(chain.places)) == (MAX_PLACES + 6, MAX_PLACES + 6, MAX_PLACES)
+
+
+def test_answers_of_the_two_sides_are_apart() -> None:
+    """Both ask for the same list, and get the same sequence number."""
+    talk = Talk()
+    talk.open()
+    talk.ask(question(1))
+    talk.tell(answer(1, b"a", 3, 1, 1))
+    talk.tell(question(1))
+    talk.ask(answer(1, b"b", 3, 1, 1))
+    talk.ask(question(2, 3))
+    talk.tell(answer(2, b"c", 3, 1))
+    talk.tell(question(2, 3))
+    talk.ask(answer(2, b"d", 3, 1))
+    talk.close()
+    assert [one.octets for one in joined(Joiner(), [one for one in talk.transactions if one.response_size])] == [
+        b"ac",
+        b"bd",
+    ]
+
+
+def test_a_chain_does_not_go_on_over_a_gap() -> None:
+    """Octets of its sender are missing between two parts, though the next part names the chain."""
+    talk = Talk()
+    talk.open()
+    talk.ask(question(1))
+    talk.tell(answer(1, FIRST, 3, 213, 1))
+    joiner = Joiner()
+    assert joined(joiner, talk.transactions[-1:]) == []
+    talk.lose(SERVER, answer(9, bytes(28), 3, 213, 1))
+    talk.packet(CLIENT)
+    talk.ask(question(2, 3))
+    talk.tell(answer(2, SECOND, 3, 213))
+    for _ in range(2):
+        talk.packet(CLIENT)
+        talk.packet(SERVER, after_ns=60_000_000)
+    last = next(one for one in talk.transactions if one.pdu_ref == 2)
+    assert last.outcome == "answered"
+    assert joined(joiner, [last]) == []
+    assert (joiner.headless, joiner.unfinished_count, joiner.open_count) == (1, 1, 0)
+
+
+@pytest.mark.parametrize("size", range(6))
+def test_a_payload_has_at_most_the_size_that_its_head_states(size: int) -> None:
+    """What follows it in the data block is no part of it, and what is missing there is missing."""
+    data = b"\xff\x09" + size.to_bytes(2, "big") + b"abc"
+    head = bytes((0, 1, 0x12, 8, 0x12, 0x84, 1, 3, 0, 0, 0, 0))
+    (chain,) = joined(Joiner(), transactions((question(1), userdata(1, head, data))))
+    assert chain.octets == b"abc"[:size]
+    (chain,) = joined(Joiner(), transactions((question(1), userdata(1, head, data[:size]))))
+    assert chain.octets == b"abc"[: max(0, size - 4)]
+
+
+def test_bsends_of_different_kinds_with_one_id_are_apart() -> None:
+    """A BSEND that a station pushes is not continued by one that is requested."""
+    joiner = Joiner()
+    given_ = sends(bsend(1, b"ab", 4, part=5), bsend(2, b"CD", 4, part=6, r_id=2), bsend(3, b"cd", sequence=2, part=-7))
+    assert joiner.octets == 0
+    (chain,) = joined(joiner, given_)
+    assert (chain.r_id, chain.sent, chain.size) == (1, b"abcd", 14)
+    assert (joiner.octets, joiner.open_count) == (12, 1)

@@ -4,10 +4,29 @@ from __future__ import annotations
 
 import pytest
 
-from dissect.engine.transactions.operation import MAX_OPEN, Operation
-from dissect.engine.transactions.operations import ENDLESS
+from dissect.engine.transactions.operation import MAX_OPEN, MAX_SUBJECT, Operation, OperationBook, result_of
+from dissect.engine.transactions.operations import ENDLESS, payload_size, subject_of, subscription_of
+from dissect.engine.transactions.results import ALIKE, EXPECTED, STRAY_PUSH
+from dissect.engine.transactions.transaction import Transaction
+from dissect.protocols.s7.parameters import Parameters
 from tests.engine.findings import events
-from tests.engine.transactions.talk import ACK, CLIENT, FIN, MS, RST, SERVER, SYN, Talk, ack, granted, setup, tpkt
+from tests.engine.transactions.talk import (
+    ACK,
+    CLIENT,
+    FIN,
+    MS,
+    RST,
+    SERVER,
+    SYN,
+    Talk,
+    ack,
+    dbw,
+    dt,
+    granted,
+    setup,
+    tpkt,
+    userdata,
+)
 
 
 @pytest.fixture
@@ -388,3 +407,175 @@ def test_the_numbers_of_endless_transactions_are_bounded(talk: Talk) -> None:
     told = only(talk)
     assert (told.parts, told.pushes, len(told.transactions)) == (1501, 1500, 1000)
     assert told.kind in ENDLESS
+
+
+# ---- pushes that belong to none -------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("case", "stray"), [("", True), ("mid-stream", False), ("gap of the client", False), ("gap of the server", False)]
+)
+def test_a_push_of_no_subscription_is_stray_where_all_was_captured(case: str, stray: bool) -> None:
+    talk = Talk()
+    if case == "mid-stream":
+        talk.ask(setup(0))
+        talk.tell(granted(0))
+    else:
+        talk.open()
+    if "gap" in case:
+        side = CLIENT if "client" in case else SERVER
+        talk.lose(side, setup(9))
+        talk.packet(1 - side)
+        talk.packet(side, dt(events.szl(8, 0x11) if side == CLIENT else events.mode(2)))
+        for _ in range(2):
+            talk.packet(CLIENT)
+            talk.packet(SERVER, after_ns=60 * MS)
+    talk.tell(events.pushes(2, 1, events.CYCLIC_VALUES, sequence=5))
+    push = talk.transactions[-1]
+    assert bool(push._flags & STRAY_PUSH) is stray
+
+
+def test_what_a_program_sends_needs_no_subscription(talk: Talk) -> None:
+    talk.tell(userdata(0, bytes.fromhex("0001120812061f0000000000"), events.payload(bytes(8))))
+    talk.tell(events.pushes(2, 1, events.CYCLIC_VALUES, sequence=5))
+    assert [bool(one._flags & STRAY_PUSH) for one in talk.transactions[-1:]] == [True]
+
+
+@pytest.mark.parametrize(
+    ("push", "kind"),
+    [
+        (events.pushes(2, 1, events.CYCLIC_VALUES, sequence=5), "cyclic"),
+        (events.pushes(2, 1, events.CYCLIC_VALUES, sequence=6), ""),
+        (events.pushes(1, 2, bytes(8), sequence=4), "test_job"),
+        (events.pushes(1, 1, bytes(8), sequence=4), ""),  # a job of another function
+        (events.mode(2), "messages"),
+        (events.pushes(4, 3, bytes(20)), "messages"),  # a diagnostic message
+        (events.pushes(4, 1, bytes(20)), ""),  # no message
+        (events.pushes(3, 3, bytes(20)), ""),
+    ],
+)
+def test_the_subscription_of_a_push(talk: Talk, push: bytes, kind: str) -> None:
+    subscribe(talk, 5)
+    talk.ask(events.asks(2, 1, 2, events.TEST_JOB))
+    talk.tell(events.tells(2, 1, 2, sequence=4))
+    talk.ask(events.asks(3, 4, 2, events.SUBSCRIBE))
+    talk.tell(events.tells(3, 4, 2, b"\x02\x00", sequence=1))
+    talk.tell(push)
+    found = subscription_of(talk.transactions[-1])
+    assert (found.kind if found is not None else "") == kind
+    going = talk.transactions[-1].connection.operations.these
+    assert [(one.kind, int(one.pushes)) for one in going if one.pushes] == ([(kind, 1)] if kind else [])
+    assert [int(one.parts) for one in going if one.pushes] == ([2] if kind else [])
+
+
+# ---- gaps in long answers -------------------------------------------------------------------------------------------
+
+
+def test_a_part_of_which_neither_request_nor_answer_was_captured(talk: Talk) -> None:
+    whole = list_of(100)
+    talk.ask(events.szl(1, 0))
+    talk.tell(events.tells(1, 4, 1, whole[:40], sequence=3, part=9))
+    talk.lose(CLIENT, events.asks(2, 4, 1, sequence=3))
+    talk.lose(SERVER, events.tells(2, 4, 1, whole[40:80], sequence=3, part=9))
+    talk.ask(events.asks(3, 4, 1, sequence=3))
+    talk.tell(events.tells(3, 4, 1, whole[80:], sequence=3, part=-9))
+    for _ in range(2):
+        talk.packet(CLIENT)
+        talk.packet(SERVER, after_ns=60 * MS)
+    talk.close()
+    told = only(talk)
+    assert (told.result, told.content, told.parts, told.octets) == ("not_captured", b"", 2, 60)
+
+
+def test_a_long_answer_with_fewer_records_than_its_head_states(talk: Talk) -> None:
+    whole = list_of(100)
+    talk.ask(events.szl(1, 0))
+    talk.tell(events.tells(1, 4, 1, whole[:40], sequence=3, part=9))
+    talk.ask(events.asks(2, 4, 1, sequence=3))
+    talk.tell(events.tells(2, 4, 1, whole[40:90], sequence=3, part=-9))
+    told = only(talk)
+    assert (told.result, told.octets, told.announced) == ("done", 90, 100)
+    assert [(one.name, one.frame) for one in told.oddities] == [("wrong_size", told.last_frame)]
+    assert told.frames_of(0, 90) == [9, 11]
+    assert told.places == [(40, 9), (90, 11)]
+
+
+@pytest.mark.parametrize(("size", "payload"), [(0, 0), (1, 1), (300, 300)])
+def test_the_size_of_a_payload(talk: Talk, size: int, payload: int) -> None:
+    talk.ask(events.szl(1, 0))
+    talk.tell(events.tells(1, 4, 1, bytes(size), sequence=3))
+    assert payload_size(talk.transactions[-1]) == payload
+    talk.ask(events.szl(2, 0))
+    talk.close()
+    assert payload_size(talk.transactions[-1]) == 0
+
+
+def test_a_subject_is_bounded(talk: Talk) -> None:
+    items = bytes((0, 19, 1, 1)) + b"".join(dbw(number, 1000 + 2 * number) for number in range(1, 20))
+    talk.ask(events.asks(1, 2, 1, items))
+    talk.tell(events.tells(1, 2, 1, events.CYCLIC_VALUES, sequence=5))
+    subject = subject_of(talk.transactions[-1])
+    assert len(subject) == MAX_SUBJECT
+    assert subject.startswith("every 1 s, DB1.DBW1002, DB2.DBW1004, ")
+    assert subject_of(Transaction(1, talk.transactions[-1].connection, 0, 1, 1, Parameters(b"\x29", 1))) == "PLC stop"
+
+
+# ---- results --------------------------------------------------------------------------------------------------------
+
+
+def test_the_result_of_the_last_step(talk: Talk) -> None:
+    talk.ask(events.szl(1, 0))
+    talk.tell(events.tells(1, 4, 1, bytes(8), sequence=3))
+    talk.ask(events.szl(2, 0))
+    talk.tell(events.no_szl(2))
+    good, bad = talk.transactions[-2:]
+    assert result_of(good, "well", "wrong") == ("well", "", None)
+    assert result_of(good, "well", "wrong", 0) == ("well", "", None)
+    result, reason, error = result_of(bad, "well", "wrong")
+    assert (result, reason, error.code if error is not None else 0) == ("wrong", "", 0xD401)
+    assert result_of(bad, "well", "wrong", 0) == ("well", "", None)  # the item went well
+    result, reason, error = result_of(good, "well", "wrong", 0x8104)
+    assert error is not None
+    assert (result, error.where, error.code) == ("wrong", "return value", 0x8104)
+    talk.ask(events.szl(3, 0))
+    talk.finish()
+    assert result_of(talk.transactions[-1], "well", "wrong") == ("unfinished", "capture_ended", None)
+    lost = talk.transactions[-1]
+    lost._flags |= EXPECTED
+    assert result_of(lost, "well", "wrong", 5) == ("not_captured", "", None)
+
+
+def test_likely_pairs_of_an_operation_are_counted(talk: Talk) -> None:
+    subscribe(talk, 5)
+    operation = talk.transactions[-1].connection.operations.these[0]
+    assert (operation.parts, operation.likely) == (1, 0)
+    talk.ask(events.asks(2, 2, 7, events.CYCLIC, sequence=5))
+    talk.tell(events.tells(2, 2, 7, events.CYCLIC_VALUES, sequence=5))
+    changed = talk.transactions[-1]
+    changed._flags |= ALIKE
+    operation._add(changed)
+    operation._add(changed)
+    assert (operation.parts, operation.likely) == (4, 2)
+
+
+@pytest.mark.parametrize(
+    ("half", "answered", "result"), [(True, 0, "not_captured"), (True, 1, "unfinished"), (False, 0, "unfinished")]
+)
+def test_an_operation_without_its_end(talk: Talk, half: bool, answered: int, result: str) -> None:
+    subscribe(talk, 5)
+    operation = talk.transactions[-1].connection.operations.these[0]
+    operation.half_captured = half
+    operation.connection.answered = answered
+    OperationBook().break_off(operation, "why")
+    assert (operation.result, operation.reason) == (result, "why" if result == "unfinished" else "")
+
+
+def test_a_connection_of_another_protocol_is_none_that_was_not_set_up() -> None:
+    """S7comm-plus has no Setup communication."""
+    talk = Talk()
+    talk.hello()
+    talk.connect()
+    talk.ask(bytes.fromhex("7201000e31000004ca00000001000003863400000000") + bytes.fromhex("72010000"))
+    talk.close()
+    assert talk.connections[0].protocol == "s7comm_plus"
+    assert [one.kind for one in talk.operations if one.kind == "connect"] == []

@@ -449,3 +449,66 @@ def test_a_poll_is_known_by_what_stands_before_the_first_qualifier(ahead: bytes,
         assert addresses_in(framed(data[:13], version)) == b""
         for place in range(len(data) + 1):
             assert addresses_in(framed(data[:place], version, False) + framed(data[place:], version)) == wanted
+
+
+def test_polls_of_connections_that_are_over_do_not_count() -> None:
+    """What is remembered is bounded for all connections together: those that go leave room for others."""
+    talk = begun()
+    for number in range(1, MAX_POLLS):
+        read(talk, number, VariableAddress(0, 82, 3736, [3, number, 2]))
+    talk.packet(CLIENT, flags=4)
+    talk.pipeline.tick(talk.now_ns + 60_000 * MS)
+    other = Talk(50001, beside=talk)
+    other.hello()
+    other.connect()
+    for number, address in enumerate((1, 2, 3, 1, 2, 3, 1, 2, 3), 1):
+        read(other, number, VariableAddress(0, 82, 3736, [3, address, 2]))
+    other.close()
+    talk.pipeline.finish()
+    assert "internal.bug" not in talk.pipeline.finding_counts
+    assert [(one.kind, one.subject, one.parts) for one in talk.operations if one.kind == "polling"] == [
+        ("polling", f"MW{number}", 3) for number in (1, 2, 3)
+    ]
+
+
+def test_the_oldest_poll_is_forgotten_first() -> None:
+    talk = begun()
+    for number in range(1, MAX_POLLS + 2):
+        read(talk, number, VariableAddress(0, 82, 3736, [3, number, 2]))
+    for turn in range(2):
+        read(talk, 2000 + turn, VariableAddress(0, 82, 3736, [3, 2, 2]))  # the first that is still there
+    assert [(kind, subject, parts) for kind, subject, _, parts, _ in told_of(talk)] == [("polling", "MW2", 3)]
+
+
+@pytest.mark.parametrize("mid_stream", [True, False])
+def test_notifications_of_a_subscription_that_was_not_captured(mid_stream: bool) -> None:
+    """From before the capture, or none that is known."""
+    talk = Talk() if mid_stream else begun()
+    notify(talk, 1)
+    assert [one[0] for one in told_of(talk)] == (["cyclic"] if mid_stream else [])
+
+
+def test_an_item_that_is_refused_is_an_error_of_the_answer() -> None:
+    """Each by its own code, and a request that is refused as a whole by one."""
+    talk = begun()
+    wanted = [VariableAddress(0, 82, 3736, [3, number, 2]) for number in (100, 102)]
+    talk.ask(framed(asked(1, GET_MULTI_VARIABLES, body=bodies.get_multi(*wanted, integrity_id=1)), 3))
+    talk.tell(framed(told(1, GET_MULTI_VARIABLES, bodies.multi_got([(1, Value(0, INT, 5))], [(2, 0x8104)], 2)), 3))
+    do(talk, 2, SET_VARIABLE, bodies.set_variable(52, [2167], Value(0, DINT, 1)), DENIED)
+    do(talk, 3, SET_VARIABLE, bodies.set_variable(52, [2167], Value(0, DINT, 1)))
+    found = [one for one in talk.transactions if one.is_plus]
+    assert [(one.has_errors, one.failed, one.refused) for one in found] == [
+        (True, True, False),
+        (True, True, True),
+        (False, False, False),
+    ]
+    assert [[(error.part, error.item, error.code) for error in one.errors] for one in found] == [
+        [("item", 2, 0x8104)],
+        [("return value", 0, 0xFF9C)],
+        [],
+    ]
+    halves = [(one.plus_request, one.plus_response) for one in found[:1]]
+    assert [(half.side, half.frame, half.connection) for pair in halves for half in pair if half is not None] == [
+        (CLIENT, found[0].request_frame, found[0].connection.number),
+        (SERVER, found[0].response_frame, found[0].connection.number),
+    ]

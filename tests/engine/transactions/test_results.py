@@ -7,7 +7,19 @@ import struct
 import pytest
 
 from dissect.engine.findings.reporter import Finding
-from dissect.engine.transactions.results import ALIKE, GAPS, UNCHANGED
+from dissect.engine.transactions.results import (
+    ALIKE,
+    DATA,
+    GAPS,
+    HEADER,
+    ITEM,
+    NO_CODE,
+    NO_CODE_TEXTS,
+    UNCHANGED,
+    SentAgain,
+    TransactionError,
+    item_error,
+)
 from dissect.engine.transactions.subscriptions import MAX_JOBS, follow
 from dissect.engine.transactions.transaction import Transaction
 from tests.cases import each
@@ -374,3 +386,124 @@ def test_pushes_of_a_subscription_that_is_only_likely_are_only_likely_themselves
     follow(subscribed)
     talk.tell(events.pushes(CYCLIC, TRANSFER, events.CYCLIC_VALUES, sequence=5))
     assert talk.transactions[-1].certainty == ""
+
+
+# ---- jobs -----------------------------------------------------------------------------------------------------------
+
+
+def watched(number: int = 2) -> Talk:
+    """A client that watches a variable as test job 4, and values cyclically as job 5."""
+    talk = Talk()
+    talk.open(8, 8)
+    talk.ask(asked_by_test(1, 2, VARIABLES[:1]))
+    talk.tell(userdata(1, head(RESPONSE, TEST, 2, 4, 0)))
+    talk.ask(subscribe(2, TRANSFER, dbw(1, 0)))
+    talk.tell(sent(RESPONSE, TRANSFER, 5, b"\xff\x04\x00\x10\x00\x07", reference=2))
+    return talk
+
+
+@pytest.mark.parametrize(
+    ("group", "subfunction", "known"),
+    [(TEST, 0x12, False), (TEST, 0x0E, True), (TEST, 0x0F, True), (4, 0x12, True), (4, 1, True)],
+)
+def test_a_replaced_test_job_has_other_items(group: int, subfunction: int, known: bool) -> None:
+    """Enabled or deleted it has those of its request, and other groups and cyclic jobs have nothing to do with it."""
+    talk = watched()
+    talk.ask(userdata(3, head(REQUEST, group, subfunction), payload(bytes(8))))
+    talk.tell(userdata(3, head(RESPONSE, group, subfunction, 9, 0)))
+    talk.tell(pushed_by_test(2, 4, b"\x00\x01\xff\x09\x00\x04\0\0\0\1"))
+    talk.tell(sent(PUSH, TRANSFER, 5, b"\xff\x04\x00\x10\x00\x08"))
+    assert [rows(one)[0][0] for one in talk.transactions[-2:]] == ["MD0" if known else "?", "DB1.DBW0"]
+
+
+def test_jobs_of_the_two_sides_are_apart() -> None:
+    """Both may ask, and both number their jobs."""
+    talk = watched()
+    talk.tell(asked_by_test(7, 2, VARIABLES[1:2]))
+    talk.ask(userdata(7, head(RESPONSE, TEST, 2, 4, 0)))
+    talk.tell(userdata(8, head(REQUEST, TEST, 0x12), payload(bytes(8))))  # the server replaces its job
+    talk.ask(userdata(8, head(RESPONSE, TEST, 0x12, 9, 0)))
+    talk.tell(pushed_by_test(2, 4, b"\x00\x01\xff\x09\x00\x04\0\0\0\1"))
+    assert rows(talk.transactions[-1]) == [("MD0", 0xFF, "00000001")]
+
+
+def test_test_jobs_of_different_functions_may_have_one_number() -> None:
+    talk = watched()
+    talk.ask(asked_by_test(3, 9, VARIABLES[1:2], b"\x00\x03\x00\x01\x01\x00"))
+    talk.tell(userdata(3, head(RESPONSE, TEST, 9, 4, 0)))
+    talk.tell(pushed_by_test(2, 4, b"\x00\x01\xff\x09\x00\x04\0\0\0\1"))
+    talk.tell(pushed_by_test(9, 4, b"\x00\x01\xff"))
+    assert [rows(one) for one in talk.transactions[-2:]] == [[("MD0", 0xFF, "00000001")], [("I8.1", 0xFF, None)]]
+
+
+def test_a_subscription_shows_its_function_and_its_items() -> None:
+    talk = watched()
+    (first, second) = talk.transactions[-1].connection.subscriptions.values()
+    assert repr(first) == f"Subscription({first.head.name}: MD0)"
+    assert repr(second) == f"Subscription({second.head.name}: DB1.DBW0)"
+    assert (first.written, second.written) == ([], [])
+    talk.ask(asked_by_test(3, 9, VARIABLES[:2], b"\x00\x09\x00\x04\x41\x33\x85\x1f" + b"\x00\x03\x00\x01\x01\x00"))
+    talk.tell(userdata(3, head(RESPONSE, TEST, 9, 4, 0)))
+    forced = [*talk.transactions[-1].connection.subscriptions.values()][-1]
+    assert [one.data.hex() for one in forced.written] == ["4133851f", "01"]
+
+
+@each("size", range(12))
+def test_a_push_or_answer_that_is_cut_short_has_its_items_without_values(size: int) -> None:
+    """A payload of fewer octets than its counts need."""
+    talk = watched()
+    whole = struct.pack(">HH", 4, 10) + bytes(4) + b"\x00\x01\xff\x09\x00\x04\0\0\0\1"
+    talk.tell(userdata(0, head(PUSH, TEST, 2, 4, 0), payload(whole[:size])))
+    assert rows(talk.transactions[-1]) == [("MD0", -1, None)]
+    said = bytes((0, 1)) + b"\xff\x04\x00\x10\x00\x08"
+    talk.tell(userdata(0, head(PUSH, CYCLIC, TRANSFER, 5, 0), payload(said[:size])))
+    cyclic = rows(talk.transactions[-1])
+    assert cyclic == [("DB1.DBW0", 0xFF, "0008")] if size >= 8 else cyclic[0][0] == "DB1.DBW0"
+
+
+# ---- refusals in words ----------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("error", "text", "shown", "coded", "code"),
+    [
+        (
+            item_error(10, 3, "DB2.DBB400"),
+            "item 3 DB2.DBB400: Object does not exist",
+            "'item 3', 0xa",
+            "0x0a Object does not exist",
+            10,
+        ),
+        (item_error(10, 3, ""), "item 3: Object does not exist", "'item 3', 0xa", "0x0a Object does not exist", 10),
+        (
+            TransactionError(HEADER, 0x8104, "Wrong", "It is."),
+            "header: Wrong",
+            "'header', 0x8104",
+            "0x8104 Wrong",
+            0x8104,
+        ),
+        (TransactionError(DATA, 5, "Wrong", "It is."), "data: Wrong", "'data', 0x5", "0x05 Wrong", 5),
+        (
+            TransactionError(ITEM, NO_CODE, *NO_CODE_TEXTS, 2),
+            "item 2: No return code",
+            "'item 2', 0x-1",
+            "No return code",
+            None,
+        ),
+        (TransactionError(HEADER, 1, "a\x1bb", ""), "header: a\\x1bb", "'header', 0x1", "0x0001 a\x1bb", 1),
+    ],
+)
+def test_a_refusal_in_words(error: TransactionError, text: str, shown: str, coded: str, code: int | None) -> None:
+    assert (str(error), error.coded) == (text, coded)
+    assert repr(error) == f"TransactionError({shown}, {error.name!r})"
+    assert error.as_dict() == {"where": error.where, "code": code, "name": error.name, "text": error.text}
+
+
+@pytest.mark.parametrize(
+    ("times", "text"), [(1, "request sent again after 300 ms"), (2, "request sent again 2 times, last after 300 ms")]
+)
+def test_a_request_sent_again_in_words(times: int, text: str) -> None:
+    again = SentAgain()
+    assert (again.times, again.frame, again.time_ns) == (0, 0, 0)
+    again.times, again.time_ns = times, 300_000_007
+    assert again.text(7) == text

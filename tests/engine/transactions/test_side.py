@@ -6,6 +6,7 @@ from typing import Final
 
 import pytest
 
+from dissect.engine.transactions.accounts import OctetAccount
 from dissect.engine.transactions.protocol import Kept, Protocol
 from dissect.engine.transactions.side import Place, Side
 from dissect.engine.transactions.table import ConnectionTable
@@ -283,3 +284,23 @@ def test_a_gap_is_remembered_by_its_packet_and_its_end() -> None:
     assert (side.hole_frame, side.hole_end) == (9, 400)
     side.note_gap(12, -1)
     assert (side.hole_frame, side.hole_end) == (12, -1)
+
+
+def test_octets_are_accounted_for_by_both_framers() -> None:
+    """That of TPKTs, and what a protocol keeps that frames by itself."""
+    side, _ = pair()
+    protocol, account = Protocol(), OctetAccount()
+    side.framer.framed, side.framer.skipped = 100, 20
+    protocol.add_up(side, account)
+    assert (account.framed, account.skipped, account.buffered) == (100, 20, 0)
+    assert (protocol.held(side), protocol.probe(side, b"?", True), protocol.describe(), protocol.counted()) == (
+        0,
+        False,
+        {},
+        [],
+    )
+    kept = side.kept = Kept()
+    kept.framed, kept.skipped, kept.octets = 7, 5, b"abc"
+    protocol.add_up(side, account)
+    assert (account.framed, account.skipped, account.buffered) == (207, 45, 3)
+    assert protocol.held(side) == 3

@@ -351,3 +351,17 @@ def test_an_upload_that_is_refused(talk: Talk) -> None:
     talk.ask(events.start_upload(1))
     talk.tell(events.answered(1, 0x1D, 0xD241))
     assert (only(talk).result, only(talk).error_code) == ("refused", 0xD241)
+
+
+def test_a_gap_before_a_transfer_is_none_in_it(talk: Talk) -> None:
+    talk.lose(CLIENT, job(7, b"\x29" + bytes(5)))
+    talk.packet(SERVER)
+    talk.ask(events.service(8, "_GARB", b""))
+    talk.tell(events.answered(8, 0x28))
+    for _ in range(2):
+        talk.packet(CLIENT)
+        talk.packet(SERVER, after_ns=60_000_000)
+    load(talk)
+    (told,) = [one for one in talk.operations if one.kind == "download"]
+    assert told.connection.tcp.has_holes
+    assert (told.result, told.octets, told.gap) == ("done", 500, -1)
