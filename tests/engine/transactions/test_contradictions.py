@@ -107,3 +107,14 @@ def test_a_request_that_an_answer_was_held_against_is_as_before(
     assert (request._response_buf, request._response_offset, request.response_frame) == (b"", 0, 0)
     assert (request.response_parameters, request.outcome) == (None, "open")
     assert request.connection.granted is None
+
+
+@pytest.mark.parametrize("function", [4, 5, 0x1D])
+def test_data_like_those_of_a_good_answer_do_not_make_it_one(function: int) -> None:
+    """Whatever is known of good answers to this read: the function of the answer decides."""
+    request = asked(WORD)
+    for _ in range(3):
+        assert not is_strange(request, told(words(1, 7), request))
+    answer = told(ack_data(1, bytes((function, 1)), good(4, b"\0\1")), request)
+    assert is_strange(request, answer) is (function != 4)
+    assert is_strange(request, told(ack_data(1, b"\x04\x02", good(4, b"\0\1")), request))

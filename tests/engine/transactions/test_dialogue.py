@@ -350,12 +350,16 @@ def test_an_answer_alone_says_whether_it_refuses(octets: bytes, rosctr: int, err
 
 
 def test_a_request_that_wants_no_answer_is_open_to_none() -> None:
-    """Before version 3 it is answered all the same; without that answer it is not missed."""
-    talk = begun()
-    body = bodies.set_variable(0x90, [233], Value(0, DINT, 1))
-    talk.ask(framed(asked(1, SET_VARIABLE, flags=0x74, body=body), 1))
-    talk.close()
-    connection = talk.connections[0]
-    plus = [one for one in talk.transactions if one.is_plus]
-    assert [(one.outcome, one.missed) for one in plus] == [("unsolicited", False)]
-    assert (connection.one_way, connection.unanswered, connection.unsolicited) == (1, 0, 1)
+    """Before version 3 it is answered all the same; without that answer it is not missed. In version 3 it is whole at once."""
+    for version in (1, 3):
+        talk = begun()
+        body = bodies.set_variable(0x90, [233], Value(0, DINT, 1))
+        for number in (1, 2):
+            talk.ask(framed(asked(number, SET_VARIABLE, flags=0x74, body=body), version))
+        assert len([one for one in talk.transactions if one.is_plus]) == (0 if version == 1 else 2)
+        talk.close()
+        connection = talk.connections[0]
+        plus = [one for one in talk.transactions if one.is_plus]
+        assert [(one.outcome, one.missed) for one in plus] == [("unsolicited", False)] * 2
+        assert (connection.one_way, connection.unanswered, connection.unsolicited) == (2, 0, 2)
+        assert plus[1].number == plus[0].number + 1

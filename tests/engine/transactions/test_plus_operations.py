@@ -512,3 +512,23 @@ def test_an_item_that_is_refused_is_an_error_of_the_answer() -> None:
         (CLIENT, found[0].request_frame, found[0].connection.number),
         (SERVER, found[0].response_frame, found[0].connection.number),
     ]
+
+
+@pytest.mark.parametrize("subscribed", [True, False])
+def test_a_client_that_subscribed_before_the_capture_is_no_scout(subscribed: bool) -> None:
+    talk = Talk()
+    for number in range(1, 40):
+        explore(talk, number, build_object(ONE))
+    if subscribed:
+        notify(talk, 1)
+    talk.packet(CLIENT, flags=4)
+    talk.finish()
+    assert ("security.reconnaissance" in talk.slugs()) is not subscribed
+
+
+def test_items_of_a_subscription_that_was_not_captured_are_named_by_their_references() -> None:
+    talk = Talk()
+    notify(talk, 1)
+    talk.finish()
+    (item,) = talk.transactions[0].items
+    assert (item.address, item.tag, item.type, item.value, item.result) == ("item 4294967295", "", "Int", 5, "ok")
