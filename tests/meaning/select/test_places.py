@@ -179,6 +179,28 @@ def test_a_fragment_of_a_tunnel_is_wanted_at_that_place_or_time_whatever_its_hos
 
 
 @pytest.mark.parametrize("name", [*OF_IP, *OF_FRAMES])
+def test_a_fragment_of_udp_in_a_tunnel_is_one_of_its_hosts(name: str) -> None:
+    packet = v4(bytes(16), protocol=UDP, flags=8)
+    octets = OF_FRAMES[name](frame_of(packet)) if name in OF_FRAMES else OF_IP[name](packet)
+    places = Places(frozenset(), {})
+    places.add_connections([Stretch(KEY, UDP, 5, 9)])
+    assert wants(places, 5, 0, octets)
+    assert not wants(places, 4, 0, octets)
+
+
+def test_an_ip_packet_without_a_header_before_it() -> None:
+    packet = v4(segment())
+    assert packet_key(packet, 0, len(packet), link.RAW) == (KEY, SRC + DST)
+
+
+def test_a_frame_without_ip_has_no_key_whatever_its_octets() -> None:
+    """The octets of this ARP frame, begun one place before it, are those of an IP packet."""
+    arp = bytes.fromhex("00 0028 0000 0000 40 06 0000 0a000001 0a000002") + PORTS + bytes(21)
+    arp = arp[:12] + b"\x08\x06" + arp[14:] + b"\x45"
+    assert packet_key(arp, 0, len(arp), link.ETHERNET) == (b"", b"")
+
+
+@pytest.mark.parametrize("name", [*OF_IP, *OF_FRAMES])
 def test_in_a_tunnel_the_key_is_that_of_the_packet_in_it(name: str) -> None:
     packet = v4(segment(5, b"abc"))
     for vlan in (0, 5) if name in OF_FRAMES else (0,):
@@ -214,9 +236,9 @@ def test_a_packet_has_a_key_from_its_ports_on() -> None:
 def test_ranges_that_touch_are_one() -> None:
     ranges = Ranges()
     assert 0 not in ranges
-    for first, last in ((5, 9), (7, 8), (10, 12), (20, 20), (3, 2)):
+    for first, last in ((5, 9), (7, 8), (10, 12), (14, 14), (20, 29), (22, 23), (3, 2), (5, 6)):
         ranges.add(first, last)
-    assert [number for number in range(30) if number in ranges] == [5, 6, 7, 8, 9, 10, 11, 12, 20]
+    assert [number for number in range(31) if number in ranges] == [5, 6, 7, 8, 9, 10, 11, 12, 14, *range(20, 30)]
     ranges.add(13, 13)
     ranges.add(1, 30)
     ranges.add(2, 4)

@@ -172,6 +172,7 @@ def test_things_that_have_the_fields_are_selected_by_their_own() -> None:
     kept, made, _ = through("kind == upload")
     assert [kind for kind, _ in kept.events if kind not in {"tpdu", "fact"}] == ["act", "operation"]
     assert made.passed == {TRANSACTION: 0, OPERATION: 1, FINDING: 0, CONNECTION: 0}
+    assert not made.nothing
     assert made.left_out == {
         TRANSACTION: 9, OPERATION: len(WHOLE.operations) - 1, FINDING: len(WHOLE.findings), CONNECTION: 1,
     }  # fmt: skip
@@ -389,6 +390,33 @@ def test_findings_that_a_sieve_never_got_are_said_not_to_be_judged() -> None:
     for _ in range(reported):
         made.finding(about(SLOW, 5))
     assert made.part(WHOLE.pipeline).findings_not_judged == 0
+
+
+def test_explained_findings_that_a_sieve_never_got_count_as_well() -> None:
+    talk = Talk()
+    talk.open()
+    talk.ask(read(1, line.item(0x84, 1, 0, 1, 9)))  # nine bits at once, which explains the refusal
+    talk.tell(line.ack_data(1, b"\x04\x01", line.refused(0x06)))
+    talk.close()
+    explained = [one for one in talk.findings if one.because]
+    assert 0 < len(explained) < len(talk.findings)
+    made, _ = sieved()
+    assert made.part(talk.pipeline).findings_not_judged == len(talk.findings)
+
+
+# ---- acts -----------------------------------------------------------------------------------------------------------
+
+
+def test_an_act_that_lasts_but_has_no_operation_goes_with_its_transaction() -> None:
+    for expression, shown in (
+        ("pdu_ref == 21", ["upload"]),
+        ("pdu_ref == 22", []),
+        ("transaction_count > 0 or failed", []),
+    ):
+        made, kept = sieved(expression)
+        made.transaction(STOP)
+        made.act(Act("upload", LINE, 0))
+        assert kept.of("act") == shown
 
 
 # ---- numbers --------------------------------------------------------------------------------------------------------
