@@ -75,7 +75,7 @@ class Moment:
 
     def next_midnight(self, first_ns: int) -> int:
         """Return the first midnight after ``first_ns`` in the zone of this time."""
-        return Moment(_MIDNIGHT, 0, 1, self.zone)._of_day(first_ns, 1)  # noqa: SLF001 - of this class
+        return Moment(_MIDNIGHT, 0, zone=self.zone)._of_day(first_ns, 1)  # noqa: SLF001 - of this class
 
     def next_day(self, at_ns: int) -> int:
         """Return this time of day, on the day after that of ``at_ns``."""
@@ -156,8 +156,8 @@ def parse_window(text: str, local: bool = False) -> Window:
 
 def _alone(text: str, local: bool) -> Window:
     """Return the window of a single time: the day, minute or second that it names."""
-    moment = parse_moment(text, local) if text else Moment(_START, 0)
-    if moment.base == _START:
+    moment = parse_moment(text, local) if text else None
+    if moment is None or moment.base == _START:
         ahead = f": the first {text} are ..{text}" if text else ""
         raise ValueError(f"{text!r} is not of the form BEGIN..END{ahead}")
     return Window(moment, Moment(_BEGIN, moment.span - 1))

@@ -2,16 +2,24 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any, Final
 
+from dissect.engine.pipeline import Options, Pipeline
 from dissect.files.session import Run
+from dissect.meaning.bindings.engine import ScdCarrier
 from dissect.meaning.report.formats import FORMATS
+from dissect.meaning.report.writer import PduFeed
 from dissect.meaning.select import SelectError, Where
 from dissect.meaning.select.columns import FieldsWriter
 from dissect.meaning.select.fields import FIELDS, Field
 from dissect.meaning.select.getters import items
 from dissect.meaning.select.things import CONNECTION, MESSAGE, OPERATION, TRANSACTION, Context
+from tests.engine.transactions import talk as crafted
+from tests.engine.transactions.talk import CLIENT, Talk, dbw, read, words
+from tests.meaning.bindings import plant
 from tests.meaning.select.support import CAPTURES, NAMES, Gathered, gathered
+from tests.protocols.s7plus.pdus import asked, framed
 
 _GATHERED: Final = (NAMES, ("crafted/plus-plant",), ("crafted/coverage-userdata",))
 
@@ -133,6 +141,98 @@ def test_each_item_has_what_the_list_of_its_transaction_has() -> None:
                 assert [field.kind.shown(one) for one in as_list(get(thing, found.context))] == flat, field.name
                 seen += len(flat)
     assert seen > 100
+
+
+# ---- lines of crafted talks -----------------------------------------------------------------------------------------
+
+
+def lines_of(say: Callable[[Talk], None], *names: str, decoder: ScdCarrier | None = None) -> list[list[str]]:
+    """Return the cells of each message of a talk, as `show` has them."""
+    writer, talk = FieldsWriter(), Talk()
+    writer.write_fields(names, Context())
+    talk.pipeline = Pipeline(PduFeed(writer, decoder=decoder), Options(strict=True, decoder=decoder))
+    say(talk)
+    return [str(row).split("\t") for row in writer.take()]
+
+
+def test_a_line_for_each_message_says_whether_it_is_behind_a_malformed_header() -> None:
+    def say(talk: Talk) -> None:
+        talk.open()
+        talk.packet(CLIENT, crafted.tpkt(b"\x01\xf0" + read(42, dbw(1, 0))))  # 8: one octet is missing in its header
+        talk.tell(words(42, 7))
+        talk.close()
+
+    assert lines_of(say, "frame", "protocol", "behind_malformed", "cut", "dst", "time", "address") == [
+        [str(frame), protocol, behind, "false", receiver, f"2020-09-13T12:26:40.{frame:03}000000Z", address]
+        for frame, protocol, behind, receiver, address in (
+            (4, "cotp", "false", "10.0.0.2:102", ""),
+            (5, "cotp", "false", "10.0.0.1:50000", ""),
+            (6, "s7comm", "false", "10.0.0.2:102", ""),
+            (7, "s7comm", "false", "10.0.0.1:50000", ""),
+            (8, "s7comm", "true", "10.0.0.2:102", "DB1.DBW0"),
+            (9, "s7comm", "false", "10.0.0.1:50000", ""),
+        )
+    ]
+
+
+def test_a_tpdu_without_a_pdu_is_behind_nothing() -> None:
+    """It is itself what is malformed."""
+
+    def say(talk: Talk) -> None:
+        talk.open()
+        talk.packet(CLIENT, crafted.tpkt(b"\x01\xf0" + b"\x80"))
+        talk.close()
+
+    assert lines_of(say, "frame", "protocol", "behind_malformed")[-1] == ["8", "cotp", "false"]
+
+
+def test_a_message_that_the_capture_cut_off_says_so() -> None:
+    def say(talk: Talk) -> None:
+        talk.open()
+        talk.packet(CLIENT, crafted.dt(read(1, dbw(1, 0))), cut=4)
+        talk.close()
+
+    assert lines_of(say, "frame", "cut")[-1] == ["8", "true"]
+
+
+def test_a_line_for_each_message_of_scd() -> None:
+    def say(talk: Talk) -> None:
+        talk.datagram(0, plant.ask("0x6001:0", tid=7))
+        talk.datagram(1, plant.tell("0x6001:0", 50, tid=7))
+        talk.finish()
+
+    names = ("frame", "protocol", "src", "scd.tid", "scd.value", "cut", "address", "value")
+    assert lines_of(say, *names, decoder=plant.carrier()) == [
+        ["1", "scd", "10.0.0.1:49200", "7", "", "false", "", ""],
+        ["2", "scd", "10.0.0.2:5600", "7", "25.0", "false", "0x6001:0", ""],
+    ]
+
+
+def test_a_line_for_each_pdu_of_s7comm_plus() -> None:
+    def say(talk: Talk) -> None:
+        talk.hello()
+        talk.connect()
+        talk.ask(framed(asked(1)))
+        talk.finish()
+
+    assert lines_of(say, "frame", "protocol", "s7plus.version", "pdu_ref") == [
+        ["4", "cotp", "", ""], ["5", "cotp", "", ""], ["6", "s7comm_plus", "2", "1"],
+    ]  # fmt: skip
+
+
+def test_cells_have_a_place_for_each_item_and_each_value_of_one() -> None:
+    """Commas between items, semicolons between the values of one; what comes from the wire is escaped."""
+    writer, talk = FieldsWriter(), Talk()
+    talk.open()
+    talk.ask(read(1, dbw(1, 0, 2), dbw(9, 0), dbw(2, 0)))
+    refused, three = crafted.refused(0x0A), b"\x04\x03"
+    talk.tell(crafted.ack_data(1, three, crafted.good(4, b"\0\5\0\6") + refused + crafted.good(4, b"\0\7")))
+    writer.write_fields(["Value", "address", "host", "VLAN", "slug", "items.db", "error"], Context())
+    writer.transaction(talk.transactions[0])
+    (cells,) = [str(one).split("\t") for one in writer.take()]
+    assert cells == [
+        "5;6,,7", "DB1.DBW0 x2,DB9.DBW0,DB2.DBW0", "10.0.0.1:50000,10.0.0.2:102", "", "", "1,9,2", "Object does not exist",
+    ]  # fmt: skip
 
 
 def test_values_of_scd_have_their_names_and_units() -> None:
