@@ -13,7 +13,7 @@ _LAST_NS: Final = 2**63 - 1
 
 # Patterns are plain texts, which `re` compiles at their first use: most runs need none.
 _DURATION: Final = r"(\+?)([0-9]{1,9})(?:\.([0-9]{1,9}))?(ns|us|ms|s|min|h|d)?"
-_ZONE: Final = r"(?:(Z| ?UTC)|([+-])([0-9]{2}):?([0-9]{2}))?"
+_ZONE: Final = r"(?:(Z| ?UTC)|([+-][0-9]{2}:?[0-9]{2}))?"
 _DATE: Final = r"([0-9]{4})-([0-9]{2})-([0-9]{2})"
 _TIME: Final = rf"(?:{_DATE}[T ])?([0-9]{{2}}):([0-9]{{2}})(?::([0-9]{{2}})(?:\.([0-9]{{1,9}}))?)?{_ZONE}"
 
@@ -173,7 +173,7 @@ def parse_moment(text: str, local: bool = False) -> Moment:
         return _of_time(found, text, local)
     found = re.fullmatch(_DATE + _ZONE, text)
     if found:
-        zone = _zone(found[4], found[5], found[6], found[7], text, local)
+        zone = _zone(found[4], found[5], text, local)
         day = _day(found[1], found[2], found[3], text)
         begin = _instant(day, 0, zone, text)
         end = _instant(day + timedelta(1), 0, zone, text) if day < date.max else begin + _DAY_NS
@@ -190,22 +190,21 @@ def _of_time(found: re.Match[str], text: str, local: bool) -> Moment:
         raise ValueError(f"{text!r}: there is no such time of day")
     ns = ((hour * 60 + minute) * 60 + second) * _NS + _counted("0", found[7], _NS)
     span = _MINUTE_NS if found[6] is None else 10 ** (9 - len(found[7] or ""))
-    zone = _zone(found[8], found[9], found[10], found[11], text, local)
+    zone = _zone(found[8], found[9], text, local)
     if found[1] is None:
         return Moment(_MIDNIGHT, ns, span, zone)
     return Moment(_EPOCH, _instant(_day(found[1], found[2], found[3], text), ns, zone, text), span)
 
 
-def _zone(
-    utc: str | None, sign: str | None, hours: str | None, minutes: str | None, text: str, local: bool
-) -> timezone | None:
-    """Return the zone that a time names, else UTC, or None for that of this machine."""
-    if utc or not sign:
+def _zone(utc: str | None, offset: str | None, text: str, local: bool) -> timezone | None:
+    """Return the zone that a time names, such as ``+01:00``, else UTC, or None for that of this machine."""
+    if not offset:
         return UTC if utc or not local else None
-    offset = timedelta(hours=int(hours or 0), minutes=int(minutes or 0))
-    if int(minutes or 0) > 59 or offset >= timedelta(days=1):
+    minutes = int(offset[-2:])
+    ahead = timedelta(hours=int(offset[1:3]), minutes=minutes)
+    if minutes > 59 or ahead >= timedelta(days=1):
         raise ValueError(f"{text!r}: there is no such time zone")
-    return timezone(-offset if sign == "-" else offset)
+    return timezone(-ahead if offset[0] == "-" else ahead)
 
 
 def _day(year: str, month: str, of_month: str, text: str) -> date:

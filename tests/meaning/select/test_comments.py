@@ -26,4 +26,7 @@ def test_a_comment_about_the_capture_names_no_connection() -> None:
 def test_packets_in_words() -> None:
     assert frames_in_words([]) == "the capture"
     assert frames_in_words([8]) == "packet 8"
+    assert frames_in_words([8, 9]) == "packets 8, 9"
+    assert frames_in_words(list(range(1, 9))) == "packets 1, 2, 3, 4, 5, 6, 7, 8"
+    assert frames_in_words(list(range(1, 10))) == "packets 1, 2, 3, 4, 5, 6, 7, 8 and 1 more"
     assert frames_in_words(list(range(1, 12))) == "packets 1, 2, 3, 4, 5, 6, 7, 8 and 3 more"
