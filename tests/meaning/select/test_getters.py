@@ -32,7 +32,7 @@ from tests.engine.findings import plus_scenarios as plus
 from tests.engine.transactions import talk as line
 from tests.engine.transactions.talk import SERVER, START_NS, Talk, dbw, read
 from tests.meaning.bindings import plant
-from tests.protocols.s7plus.pdus import framed, notified
+from tests.protocols.s7plus.pdus import asked, event, framed, notified
 
 Said = dict[str, list[str]]
 
@@ -386,6 +386,26 @@ def test_messages_of_s7comm_plus() -> None:
     short = Message("s7comm_plus", 5, 0, PLUS.connections[0], 0, b"\x72\x02\0\1")
     assert values(FIELDS["malformed"], MESSAGE, short, Context()) == ["true"]
     assert values(FIELDS["pdu_ref"], MESSAGE, short, Context()) == []
+
+
+def test_numbers_that_are_zero_are_there() -> None:
+    """Nothing is -1; 0 is a number."""
+    line_ = TALK.connections[0]
+    zero = said(MESSAGE, Message("s7comm", 5, 0, line_, 0, read(0, dbw(0, 0))))
+    assert (zero["pdu_ref"], zero["db"]) == (["0"], ["0"])
+    request = said(MESSAGE, Message("s7comm_plus", 5, 0, line_, 0, framed(asked(0, 0, 0), 0)))
+    names = ("pdu_ref", "s7plus.session_id", "s7plus.version")
+    assert [request[name] for name in names] == [["0"], ["0"], ["0"]]
+    assert Where("function == 0").message(Message("s7comm_plus", 5, 0, line_, 0, framed(asked(0, 0))))
+    push = said(MESSAGE, Message("s7comm_plus", 5, 0, line_, 1, framed(notified(0, 0))))
+    assert push["s7plus.subscription_id"] == ["0"]
+    odd = Message("s7comm_plus", 5, 0, line_, 1, framed(bytes(20)))
+    assert Where("s7plus.opcode == 0").message(odd)
+    event_ = said(MESSAGE, Message("s7comm_plus", 5, 0, line_, 1, event(7)))
+    assert event_["s7plus.version"] == ["254"]
+    assert not event_.keys() & {"s7plus.opcode", "s7plus.session_id", "pdu_ref", "function", "s7plus.return_value"}
+    rosctr = Message("s7comm", 5, 0, line_, 0, b"\x32\0" + read(1, dbw(1, 0))[2:])
+    assert Where("rosctr == 0").message(rosctr)
 
 
 # ---- SCD ------------------------------------------------------------------------------------------------------------

@@ -8,7 +8,6 @@ import pytest
 
 from dissect.meaning.select.errors import SelectError
 from dissect.meaning.select.grammar import (
-    MAX_SIZE,
     OPERATORS,
     All,
     Comparison,
@@ -133,11 +132,21 @@ def test_a_field_may_have_an_index(written: str, name: str, index: str) -> None:
     assert comparison(f"{written} == 5").field == field
 
 
+def test_conditions_are_nested_a_hundred_times_at_most() -> None:
+    """A negation is a level, two in a row are none; a condition is the innermost level, one that is negated has two."""
+    for begin, end, inner in (("(a or ", ")", "b"), ("(a and (not ", "))", "b"), ("(a or ", ")", "b not in 5")):
+        each_level = 2 if "not" in begin else 1
+        levels = (100 - (2 if "not" in inner else 1)) // each_level
+        assert parse(begin * levels + inner + end * levels)
+        with pytest.raises(SelectError, match="conditions are nested more than 100 times"):
+            parse(begin * (levels + 1) + inner + end * (levels + 1))
+
+
 def test_an_expression_has_just_so_many_characters() -> None:
-    assert parse("a" * MAX_SIZE) == has("a" * MAX_SIZE)
+    assert parse("a" * 4000) == has("a" * 4000)
     with pytest.raises(SelectError) as told:
-        parse("a" * (MAX_SIZE + 1))
-    assert told.value.reason == f"an expression has at most {MAX_SIZE} characters; this one has {MAX_SIZE + 1}"
+        parse("a" * 4001)
+    assert told.value.reason == "an expression has at most 4000 characters; this one has 4001"
     assert told.value.lines() == [told.value.reason]
 
 

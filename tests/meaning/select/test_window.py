@@ -9,7 +9,7 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from dissect.meaning.select.window import parse_window
+from dissect.meaning.select.window import parse_moment, parse_window
 
 NS = 1_000_000_000
 DAY = 86_400 * NS
@@ -156,6 +156,39 @@ def test_a_time_of_day_is_on_the_next_day_of_its_own_zone() -> None:
     first = 1_454_972_390 * NS  # 23:59:50 in Berlin
     assert parse_window("00:00:05..", local=True).resolve(first, first + 60 * NS)[0] == first + 15 * NS
     assert parse_window("00:00:05..00:00:06", local=True).resolve_ahead(first) == (first + 15 * NS, first + 16 * NS)
+
+
+@pytest.mark.parametrize(
+    ("zone", "text", "utc"),
+    [
+        ("Europe/Berlin", "2016-03-27T01:00", "2016-03-27T00:00Z"),
+        ("Europe/Berlin", "2016-03-27T01:59:59", "2016-03-27T00:59:59Z"),
+        ("Europe/Berlin", "2016-03-27T03:00", "2016-03-27T01:00Z"),
+        ("Europe/Berlin", "2016-03-27T03:59", "2016-03-27T01:59Z"),
+        ("Europe/Berlin", "2016-10-30T01:59:59", "2016-10-29T23:59:59Z"),
+        ("Europe/Berlin", "2016-10-30T03:00", "2016-10-30T02:00Z"),
+        ("America/Nuuk", "2016-03-26T21:59:59", "2016-03-27T00:59:59Z"),
+        ("America/Nuuk", "2016-03-26T23:00", "2016-03-27T01:00Z"),
+        ("America/Nuuk", "2016-03-26T23:59:60", "2016-03-27T02:00:00Z"),
+    ],
+)
+def test_the_hour_decides_whether_clocks_have_changed(
+    zone: str, text: str, utc: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("TZ", zone)
+    time.tzset()
+    try:
+        assert parse_moment(text, True).ns == parse_moment(utc).ns
+    finally:
+        monkeypatch.undo()
+        time.tzset()
+
+
+@pytest.mark.usefixtures("berlin")
+def test_a_moment_without_a_zone_is_in_utc_unless_local_times_are_wanted() -> None:
+    assert parse_moment("2016-02-09T00:00").resolve(0, 0) == MIDNIGHT
+    assert parse_moment("2016-02-09T00:00", True).resolve(0, 0) == MIDNIGHT - 3600 * NS
+    assert parse_moment("2016-02-09T00:00Z", True).resolve(0, 0) == MIDNIGHT
 
 
 @pytest.mark.usefixtures("berlin")
