@@ -9,15 +9,20 @@ import pytest
 from dissect.engine.findings.catalogue import SEVERITIES
 from dissect.engine.pipeline import Options, Pipeline
 from dissect.engine.transactions.transaction import Transaction
+from dissect.meaning.bindings.engine import ScdCarrier
 from dissect.meaning.select import selection as selecting
 from dissect.meaning.select.places import packet_key, parsed
-from dissect.meaning.select.selection import Choice, ContextBook, Selection, Wanted
+from dissect.meaning.select.selection import Choice, ContextBook, SameKeys, Selection, Wanted
 from dissect.meaning.select.spans import Span
 from dissect.packets.tcp import ip
+from dissect.packets.tcp.connection import TcpConnection
+from dissect.packets.tcp.stream import Endpoint
 from dissect.wire.build import COMPILED
 from tests.engine.transactions import talk as line
 from tests.engine.transactions.talk import ACK, CLIENT, FIN, MS, RST, SECOND, SERVER, SYN, dbw, read, words
+from tests.meaning.bindings import plant
 from tests.properties.packets import ETHERNET
+from tests.protocols.ibh import packets as ibh
 
 _EVER: Final = (0, 2**63 - 1)
 
@@ -46,9 +51,11 @@ def taped(**about: Any) -> tuple[line.Talk, Tape]:
     return talk, tape
 
 
-def chosen(tape: Tape, selection: Selection, times: tuple[int, int] = _EVER) -> tuple[list[int], Choice]:
+def chosen(
+    tape: Tape, selection: Selection, times: tuple[int, int] = _EVER, decoder: ScdCarrier | None = None
+) -> tuple[list[int], Choice]:
     """Return the packets that a selection takes, and its choice."""
-    pipeline = Pipeline(selection, Options(strict=True))
+    pipeline = Pipeline(selection, Options(strict=True, decoder=decoder))
     for time_ns, octets in tape.packets:
         pipeline.frame(time_ns, octets, 0, len(octets), len(octets), ETHERNET)
     pipeline.finish()
@@ -166,7 +173,7 @@ def test_every_segment_of_a_pdu_and_every_retransmission_is_taken() -> None:
     assert of(tape, 3) == [base + 7, base + 8]
 
 
-@pytest.mark.parametrize(("later", "taken"), [(9 * SECOND, True), (11 * SECOND, False)])
+@pytest.mark.parametrize(("later", "taken"), [(9 * SECOND, True), (10 * SECOND, True), (10 * SECOND + 1, False)])
 def test_retransmissions_are_looked_for_some_seconds_only(later: int, taken: bool) -> None:
     """Sequence numbers come again after 4 GiB: what has them much later is something else."""
     talk, tape = taped()
@@ -176,6 +183,38 @@ def test_retransmissions_are_looked_for_some_seconds_only(later: int, taken: boo
     talk.tell(words(1, 7))
     talk.packet(SERVER, line.dt(words(1, 7)), seq=first, after_ns=later)
     assert of(tape, 2) == [8, 9, 10] if taken else [8, 9]
+
+
+@pytest.mark.parametrize(("earlier", "taken"), [(9 * SECOND, True), (10 * SECOND, True), (10 * SECOND + 1, False)])
+def test_the_beginning_of_a_request_is_looked_for_some_seconds_only(earlier: int, taken: bool) -> None:
+    talk, tape = taped()
+    talk.open()
+    request = line.dt(read(1, dbw(1, 0)))
+    talk.packet(CLIENT, request[:9])
+    talk.packet(CLIENT, request[9:], after_ns=earlier)
+    talk.tell(words(1, 7))
+    assert of(tape, 2) == ([8, 9, 10] if taken else [9, 10])
+
+
+def test_a_setup_is_looked_for_up_to_the_transaction_of_which_it_is_the_context() -> None:
+    """Octets with its sequence numbers that come after the answer are not its own."""
+    for behind, extra in ((False, [10]), (True, [])):
+        talk, tape = taped()
+        talk.hello()
+        talk.connect()
+        first = talk.seq[CLIENT]
+        talk.ask(line.setup(0))  # 6
+        talk.tell(line.granted(0))
+        talk.ask(read(1, dbw(1, 0)))  # 8
+        if behind:
+            talk.tell(words(1, 1))  # 9
+        else:
+            talk.packet(CLIENT)
+        talk.packet(CLIENT, line.dt(line.setup(0)), seq=first)  # 10
+        if not behind:
+            talk.tell(words(1, 1))  # 11
+        answered = [9] if behind else [11]
+        assert of(tape, 2, context=True) == sorted([1, 2, 4, 5, 6, 7, 8, *extra, *answered])
 
 
 def test_of_an_unanswered_request_the_end_of_its_connection_is_taken() -> None:
@@ -266,6 +305,54 @@ def test_context_of_a_connection_that_says_good_bye_in_cotp() -> None:
     assert of(tape, 2) == [8, 9]
 
 
+def opened_ibh(talk: line.Talk) -> None:
+    """An IBH-NetLink session up to the setup: packets 1 to 9."""
+    talk.hello()
+    talk.packet(CLIENT, ibh.CLAIM)  # 4
+    talk.packet(SERVER, ibh.CLAIMED)
+    talk.packet(CLIENT, ibh.short(0xE0, bytes.fromhex("00800002000201000100")))
+    talk.packet(SERVER, ibh.RECEIPT + ibh.long(0xD0))
+    talk.packet(CLIENT, ibh.short(0xF1, line.setup(0)))  # 8
+    talk.packet(SERVER, ibh.RECEIPT + ibh.long(0xB0, b"\x01") + ibh.long(0xF1, line.granted(0)))
+
+
+def test_context_of_a_session_of_ibh_netlink() -> None:
+    """What claims, opens and closes it is its context; acknowledgements and receipts are not."""
+    talk, tape = taped(server_port=1099)
+    opened_ibh(talk)
+    asked, answer = ibh.short(0xF1, read(1, dbw(1, 0))), ibh.long(0xF1, words(1, 7))
+    talk.packet(CLIENT, asked[:9])  # 10
+    talk.packet(CLIENT, asked[9:])
+    talk.packet(SERVER, answer[:20])
+    talk.packet(SERVER, answer[20:])  # 13
+    talk.packet(CLIENT, ibh.ACK)
+    talk.packet(SERVER, ibh.RECEIPT)
+    talk.packet(CLIENT, ibh.short(0xF1, read(2, dbw(1, 0))))  # 16
+    talk.packet(SERVER, ibh.long(0xF1, words(2, 7)))
+    talk.packet(CLIENT, ibh.DISCONNECT)  # 18
+    assert of(tape, 2) == [10, 11, 12, 13]
+    assert of(tape, 2, context=True) == [1, 2, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 18]
+    selection = Selection(Wanted(transactions=[2]))
+    chosen(tape, selection)
+    assert selection.uncertain == 0
+
+
+def test_transactions_of_datagrams_are_their_packets() -> None:
+    """A datagram is one packet: nothing about it is uncertain, and it opens and closes nothing."""
+    talk, tape = taped()
+    talk.datagram(0, plant.ask("0x6001:0", tid=1))
+    talk.datagram(1, plant.tell("0x6001:0", 50, tid=1))
+    talk.datagram(0, plant.ask("0x6001:0", tid=2))
+    talk.datagram(0, plant.ask("0x6001:0", tid=3), ports=(49201, 5600))
+    for context in (False, True):
+        for number, taken in ((1, [1, 2]), (2, [3]), (3, [4])):
+            selection = Selection(Wanted(transactions=[number]), context=context)
+            assert chosen(tape, selection, decoder=plant.carrier())[0] == taken
+            assert (selection.uncertain, selection.missing) == (0, "")
+    for number, taken in ((1, [1, 2, 3]), (2, [4])):
+        assert chosen(tape, Selection(Wanted(connections=[number])), decoder=plant.carrier())[0] == taken
+
+
 @pytest.mark.parametrize("numbers", [{7, 3, 5}, set(range(3, 15))])
 def test_what_is_not_there_is_named(numbers: set[int]) -> None:
     tape = two_connections()
@@ -335,6 +422,37 @@ def test_a_connection_whose_packets_change_their_vlan() -> None:
     assert chosen(tape, Selection(Wanted(connections=[1])))[0] == list(range(1, 10))
     assert of(tape, 2) == [8, 9]
     assert of(tape, 2, context=True) == [1, 2, 4, 5, 6, 7, 8, 9]
+
+
+def test_connections_in_several_vlans_are_remembered_up_to_a_bound(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(selecting, "MAX_CONNECTIONS", 4)
+    ends = [Endpoint(bytes((10, 0, 0, host)), 100 + host) for host in (1, 2)]
+    same = SameKeys()
+    for vlan in range(1, 9, 2):
+        tcp = TcpConnection(ends[0], ends[1], vlan, 1, 0)
+        same.note(tcp)
+        assert len(same.found) == min(4, vlan - 1)
+        tcp.note_vlan(vlan + 1)
+        same.note(tcp)
+        assert len(same.found) == min(4, vlan + 1)
+    there, back = [bytes((10, 0, 0, host, 10, 0, 0, 3 - host, 0, 100 + host, 0, 103 - host)) for host in (1, 2)]
+    tags = [vlan.to_bytes(8, "big") for vlan in range(5)]
+    assert same.found == {
+        there + tags[2]: there + tags[1], back + tags[2]: back + tags[1], there + tags[4]: there + tags[3],
+        back + tags[4]: back + tags[3],
+    }  # fmt: skip
+
+
+def test_connections_that_share_a_vlan_are_found_by_the_first_key() -> None:
+    ends = [Endpoint(bytes((10, 0, 0, host)), 100 + host) for host in (1, 2)]
+    same = SameKeys()
+    for vlan, other in ((1, 2), (2, 3), (1, 3)):
+        tcp = TcpConnection(ends[0], ends[1], vlan, 1, 0)
+        tcp.note_vlan(other)
+        same.note(tcp)
+    assert {(int.from_bytes(key[12:], "big"), int.from_bytes(first[12:], "big")) for key, first in same.found.items()} == {
+        (2, 1), (3, 1),
+    }  # fmt: skip
 
 
 # ---- findings -------------------------------------------------------------------------------------------------------
@@ -423,7 +541,7 @@ def test_no_more_packets_of_a_beginning_than_the_bound_are_kept() -> None:
     book = ContextBook()
     for frame in range(1, 40):
         book.opened(5, frame, 0, Span(b"", frame, 1))
-    assert book.of(5).frames == list(range(1, selecting.MAX_FRAMES + 1))
+    assert book.of(5).frames == list(range(1, 17))
     assert [timed.span.seq for timed in book.of(5).opening] == book.of(5).frames
     book.negotiated(5, [50, 51], [])
     assert book.of(5).setup == [50, 51]
@@ -442,6 +560,16 @@ def test_the_connections_that_were_used_least_recently_are_forgotten(monkeypatch
     book.opened(4, 4, 0, None)
     assert [book.of(number).frames for number in (1, 3, 4)] == [[1, 11], [3], [4]]
     assert book.of(2).frames == []  # it had to go, and is new
+
+
+def test_the_beginnings_of_sixteen_thousand_connections_are_remembered() -> None:
+    book = ContextBook()
+    for number in range(1, 16_385):
+        book.opened(number, number, 0, None)
+    assert book.of(1).frames == [1]  # used now, so that the second is the one to go
+    book.opened(20_000, 7, 0, None)
+    assert [book.of(number).frames for number in (3, 1, 20_000)] == [[3], [1], [7]]
+    assert book.of(2).frames == []
 
 
 # ---- fragments, and what has no ports -------------------------------------------------------------------------------

@@ -13,7 +13,8 @@ from dissect.engine.observer import Observer
 from dissect.engine.pipeline import Options, Pipeline
 from dissect.engine.transactions.transaction import Transaction
 from dissect.meaning.select import subscriptions
-from dissect.meaning.select.subscriptions import SubscriptionBook
+from dissect.meaning.select.selection import Selection, Wanted
+from dissect.meaning.select.subscriptions import Asked, SubscriptionBook
 from tests.cli.support import run
 from tests.engine.transactions.talk import dbw
 from tests.engine.transactions.test_results import MODIFY, ON_CHANGE, PUSH, RESPONSE, TRANSFER, sent, subscribe
@@ -131,6 +132,91 @@ def test_with_too_many_jobs_the_oldest_leave_and_are_counted(monkeypatch: pytest
     assert len(noting.book._asked) <= 10
     assert noting.book.of(noting.pushes[0]) == []
     assert noting.book.forgotten == 1
+
+
+def test_a_subscription_that_was_forgotten_is_uncertain(monkeypatch: pytest.MonkeyPatch) -> None:
+    """With a push its subscription is cut out; where that was dropped the part is not complete, and says so."""
+    talk = begun(amq=8)
+    for number in range(14):
+        answer = sent(RESPONSE, TRANSFER, number, VALUE, reference=number)
+        talk.send(0, dt(subscribe(number, TRANSFER, dbw(1, number)))).send(1, dt(answer))
+    for job in (0, 13):
+        talk.send(1, dt(sent(PUSH, TRANSFER, job, VALUE)))
+
+    def cut(*pushes: int) -> tuple[int, int]:
+        selection = Selection(Wanted(transactions=pushes))
+        pipeline = Pipeline(selection, Options(strict=True))
+        for packet in talk.packets():
+            pipeline.frame(packet.time_ns, packet.octets, 0, len(packet.octets), packet.wire_length, packet.link_type)
+        pipeline.finish()
+        choice = selection.choice(0, 2**63 - 1)
+        taken = [
+            choice.takes(at, packet.time_ns, packet.octets, 0, len(packet.octets), packet.link_type)
+            for at, packet in enumerate(talk.packets(), 1)
+        ]
+        return selection.uncertain, sum(taken)
+
+    assert [cut(16), cut(17), cut(16, 17)] == [(0, 3), (0, 3), (0, 6)]
+    monkeypatch.setattr(subscriptions, "_MANY", 8)
+    monkeypatch.setattr(subscriptions, "MAX_KEPT", 10)
+    assert [cut(16), cut(17), cut(16, 17)] == [(1, 1), (0, 3), (1, 4)]
+
+
+class Book:
+    """Notes requests of jobs that go on, by hand."""
+
+    def __init__(self) -> None:
+        self.book = SubscriptionBook()
+        self.running = SimpleNamespace(transactions=[])
+        self.connection = SimpleNamespace(operations=SimpleNamespace(these=[self.running]))
+
+    def note(self, number: int, going: bool) -> None:
+        if going:
+            self.running.transactions.append(number)
+        request: Any = SimpleNamespace(
+            number=number, connection=self.connection, request_ns=5, response_ns=9, is_plus=True
+        )
+        request.parameters, request._outcome = SimpleNamespace(userdata=None), -1
+        self.book.note(request, [number], [])
+
+    def kept(self) -> list[int]:
+        return list(self.book._asked)
+
+
+def test_requests_are_looked_at_when_their_number_has_doubled(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(subscriptions, "_MANY", 8)
+    book = Book()
+    for number in range(8):
+        book.note(number, number < 6)
+    assert book.kept() == list(range(8))  # the next one makes them too many
+    book.note(8, False)
+    assert book.kept() == [0, 1, 2, 3, 4, 5, 8]
+    for number in range(9, 14):
+        book.note(number, False)
+    assert len(book.kept()) == 12  # two times the six that stayed
+    book.note(14, True)
+    assert book.kept() == [0, 1, 2, 3, 4, 5, 14]
+
+
+def test_at_the_bound_the_oldest_quarter_leaves(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(subscriptions, "_MANY", 8)
+    monkeypatch.setattr(subscriptions, "MAX_KEPT", 12)
+    book = Book()
+    for number in range(12):
+        book.note(number, True)
+    assert book.kept() == list(range(12))
+    book.note(12, True)
+    assert book.kept() == list(range(3, 13))
+    for number in range(13, 16):
+        book.note(number, True)
+    assert book.kept() == list(range(6, 16))
+
+
+def test_a_request_is_remembered_with_its_times() -> None:
+    for request_ns, response_ns, expected in ((5, 9, (5, 9)), (9, 5, (5, 9)), (5, 0, (5, 5)), (0, 9, (9, 9))):
+        one: Any = SimpleNamespace(number=3, connection=None, request_ns=request_ns, response_ns=response_ns)
+        asked = Asked(one, [1], [])
+        assert (asked.from_ns, asked.to_ns, asked.number, asked.frames) == (*expected, 3, [1])
 
 
 def test_at_the_bound_all_are_looked_at_now_and_then(monkeypatch: pytest.MonkeyPatch) -> None:
