@@ -241,10 +241,8 @@ def _explain(text: str, error: Any) -> NoReturn:
     token = getattr(error, "token", None)
     if token is not None and token.type == "$END":
         at = None
-    could = set(
-        getattr(error, "allowed", None) or getattr(error, "accepts", None) or getattr(error, "expected", ()) or ()
-    )
-    if at is None or at < 0 or not text[at:].strip():
+    could = set(getattr(error, "allowed", None) or getattr(error, "accepts", None) or ())
+    if at is None or not text[at:].strip():
         end = len(text.rstrip())
         raise SelectError(f"the expression ends here: expected {_wanted(could)}", text, end, end + 1) from None
     if text[at - 1 : at + 1] in _ELSEWHERE:  # the first character of <> is an operator of its own

@@ -60,6 +60,7 @@ A: Final = has("a")
 )
 def test_not_binds_more_tightly_than_and_and_and_than_or(text: str, tree: Node) -> None:
     assert parse(text) == tree
+    assert {parse(text), parse(text)} == {tree}
 
 
 @each("word", ["and.x", "or_1", "not.y", "in_z", "android", "order", "nothing", "inside"])
@@ -81,6 +82,7 @@ def test_operators_have_two_spellings(written: str, operator: str) -> None:
     found = comparison(f"a {written} 5")
     end = len(written) + 4
     assert found == Comparison(FieldName("a", "", 0, 1), operator, (Literal("5", False, end - 1, end),), 0, end)
+    assert len({found, parse(f"a {written} 5")}) == 1
     assert operator in OPERATORS
 
 
@@ -123,7 +125,7 @@ def test_a_set_has_values(written: str, texts: list[str]) -> None:
     [
         ("value[DB1.DBW0]", "value", "DB1.DBW0"), ("Value[ MW4 ]", "value", "MW4"), ("a.b[x[1]]", "a.b", "x[1]"),
         ("value[x[1].y[2]]", "value", "x[1].y[2]"), ('value["a]b"]', "value", '"a]b"'), ("value['it[']", "value", "'it['"),
-        ("VALUE", "value", ""), ("scd.tid", "scd.tid", ""),
+        ("VALUE", "value", ""), ("value[x]", "value", "x"), ("value['']", "value", "''"), ("scd.tid", "scd.tid", ""),
     ],
 )  # fmt: skip
 def test_a_field_may_have_an_index(written: str, name: str, index: str) -> None:
@@ -134,9 +136,15 @@ def test_a_field_may_have_an_index(written: str, name: str, index: str) -> None:
 
 def test_conditions_are_nested_a_hundred_times_at_most() -> None:
     """A negation is a level, two in a row are none; a condition is the innermost level, one that is negated has two."""
-    for begin, end, inner in (("(a or ", ")", "b"), ("(a and (not ", "))", "b"), ("(a or ", ")", "b not in 5")):
+    for begin, end, inner in (
+        ("(a or ", ")", "b"),
+        ("(a and (not ", "))", "b"),
+        ("(a or ", ")", "b not in 5"),
+        ("(a or ", ")", "b in 5"),
+        ("(a or ", ")", "b == 5"),
+    ):
         each_level = 2 if "not" in begin else 1
-        levels = (100 - (2 if "not" in inner else 1)) // each_level
+        levels = (100 - (2 if "not in" in inner else 1)) // each_level
         assert parse(begin * levels + inner + end * levels)
         with pytest.raises(SelectError, match="conditions are nested more than 100 times"):
             parse(begin * (levels + 1) + inner + end * (levels + 1))

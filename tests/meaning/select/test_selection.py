@@ -18,8 +18,11 @@ from dissect.packets.tcp import ip
 from dissect.packets.tcp.connection import TcpConnection
 from dissect.packets.tcp.stream import Endpoint
 from dissect.wire.build import COMPILED
+from tests.engine.findings.test_plus_rules import explore
+from tests.engine.program.transfers import carry, download
 from tests.engine.transactions import talk as line
 from tests.engine.transactions.talk import ACK, CLIENT, FIN, MS, RST, SECOND, SERVER, SYN, dbw, read, words
+from tests.engine.transactions.test_plus_operations import log_in, notify, subscribe
 from tests.meaning.bindings import plant
 from tests.properties.packets import ETHERNET
 from tests.protocols.ibh import packets as ibh
@@ -335,6 +338,31 @@ def test_context_of_a_session_of_ibh_netlink() -> None:
     selection = Selection(Wanted(transactions=[2]))
     chosen(tape, selection)
     assert selection.uncertain == 0
+
+
+@pytest.mark.parametrize("asks", [CLIENT, SERVER])
+def test_a_transaction_has_its_packets_whoever_asks(asks: int) -> None:
+    """Of a download the PLC requests the pieces, or the client sends them; each PDU is in two segments."""
+    talk, tape = taped()
+    talk.open()  # 1 to 7
+    said = download(bytes(range(30)), "_0800001P", 20, asks=asks)
+    carry(talk, said, 9)
+    talk.close()
+    for number in range(len(said) // 2):
+        assert of(tape, 2 + number) == [8 + 4 * number + at for at in range(4)]
+
+
+def test_with_a_notification_of_s7comm_plus_its_subscription_is_taken() -> None:
+    talk, tape = taped()
+    talk.hello()
+    talk.connect()
+    log_in(talk)  # 6, 7
+    subscribe(talk)  # 8, 9
+    explore(talk, 3)  # 10, 11
+    notify(talk, 1)
+    notify(talk, 2, 0x70009999)
+    assert [of(tape, number) for number in (2, 4, 5)] == [[8, 9], [8, 9, 12], [13]]
+    assert of(tape, 4, 1) == [6, 7, 8, 9, 12]
 
 
 def test_transactions_of_datagrams_are_their_packets() -> None:
