@@ -145,7 +145,7 @@ def test_conditions_are_nested_a_hundred_times_at_most() -> None:
     ):
         each_level = 2 if "not" in begin else 1
         levels = (100 - (2 if "not in" in inner else 1)) // each_level
-        assert parse(begin * levels + inner + end * levels)
+        assert parse(begin * levels + inner + end * levels) is not None
         with pytest.raises(SelectError, match="conditions are nested more than 100 times"):
             parse(begin * (levels + 1) + inner + end * (levels + 1))
 
