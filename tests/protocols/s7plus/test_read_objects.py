@@ -14,12 +14,20 @@ from dissect.protocols.s7plus.bodies import parse_contents
 from dissect.protocols.s7plus.check import check
 from dissect.protocols.s7plus.cursor import marks
 from dissect.protocols.s7plus.message import parse_plus
-from dissect.protocols.s7plus.objects import Attribute, PlusObject, build_object, every_object
+from dissect.protocols.s7plus.objects import (
+    Attribute,
+    Element,
+    PlusObject,
+    Relation,
+    build_elements,
+    build_object,
+    every_object,
+)
 from dissect.protocols.s7plus.read_objects import Outline, read_objects
 from dissect.protocols.s7plus.tables import CREATE_OBJECT, EXPLORE, REQUEST, RESPONSE
 from dissect.protocols.s7plus.value_tables import INT, STRUCT, UDINT, WSTRING
 from dissect.protocols.s7plus.values import Struct, Value, build_value
-from dissect.protocols.s7plus.variables import NameList, VariableList
+from dissect.protocols.s7plus.variables import NameList, Variable, VariableList
 from tests.protocols.s7plus import bodies
 from tests.protocols.s7plus.bodies import end, number, rid
 from tests.protocols.s7plus.pdus import asked, framed, told
@@ -115,6 +123,31 @@ def test_a_session_is_read() -> None:
         assert not one.holds(5)  # which nobody asks for
     for octets, function in _responses(_SESSION):
         assert read(octets, False, function) is not None
+
+
+def test_what_stands_beside_objects_is_none_of_theirs() -> None:
+    """Attributes, relations and lists, before an object, between two and behind them."""
+    variables = VariableList(
+        7, [[Variable(9, 1, 5, 0x8000, 0, 2, 4, [])], [Variable(10, 2, 19, 0x9000, 0, 254, 6, [8, 6])]]
+    )
+    lists: list[Element] = [variables, NameList([[b"level"], [b"name"]])]
+    beside: list[Element] = [Attribute(233, _TEXT), Relation(7, 9), *lists]
+    one = PlusObject(0x92000003, 511, 0, 0, 0, [Attribute(233, _TEXT), *lists])
+    other = PlusObject(3, 7, 1, 5, 6, [Attribute(299, Value(0, UDINT, 300)), PlusObject(4, 8, 0, 0, 0, [])])
+    body = build_elements([*beside, one, *beside, other, *beside])
+    found = read(framed(told(7, EXPLORE, b"\0" + rid(3) + number(9) + body + end()), 3), False, EXPLORE)
+    assert found is not None
+    assert [(each.rid, each.class_flags, each.attribute, each.more) for each in found.every] == [
+        (0x92000003, 0, 0, 0), (3, 1, 5, 6), (4, 0, 0, 0),
+    ]  # fmt: skip
+    first, second = found.objects
+    assert (first.names, [each.lid for each in first.variables], first.text(233)) == (
+        ["level", "name"],
+        [9, 10],
+        _TEXT.content,
+    )
+    assert (second.names, second.number(299), [each.rid for each in second.objects]) == ([], 300, [4])
+    assert [each.end - each.offset for each in found.objects] == [len(build_object(one)), len(build_object(other))]
 
 
 def test_several_frames_are_read_as_one() -> None:

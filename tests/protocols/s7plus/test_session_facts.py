@@ -20,7 +20,8 @@ from dissect.protocols.s7plus.session import (
     parse_reference_list,
     reference_lists_of,
 )
-from dissect.protocols.s7plus.value_tables import ADDRESS_ARRAY, BLOB, STRUCT, UDINT, WSTRING
+from dissect.protocols.s7plus.states import number_in, state_in
+from dissect.protocols.s7plus.value_tables import ADDRESS_ARRAY, BLOB, BOOL, LREAL, STRUCT, UDINT, WSTRING
 from dissect.protocols.s7plus.values import Blob, Struct, Value
 from tests.protocols.s7plus.test_program import type_of, variable
 from tests.protocols.s7plus.test_session import LIST, RECORD
@@ -218,6 +219,25 @@ def test_a_record_is_told_whenever_it_is_read_and_what_is_told_is_bounded() -> N
     one.identified(RECORD.replace(b"6ES7 215-1AG40-0XB0", b" " * 19))
     assert one.identity.told == said[1:]
     assert one.identity.order_number == ""
+
+
+@pytest.mark.parametrize(
+    ("value", "state"),
+    [
+        (Value(0, UDINT, 8), 8),
+        (Value(0, UDINT, 0), 0),
+        (Value(0, BOOL, True), -1),
+        (Value(0, LREAL, 8.0), -1),
+        (Value(0, WSTRING, "8"), -1),
+        (Value(ADDRESS_ARRAY, UDINT, [8]), -1),
+        (Value(0, STRUCT, Struct(3481, [(3482, Value(0, UDINT, 1)), (3486, Value(0, UDINT, 4))])), 4),
+        (Value(0, STRUCT, Struct(3481, [(3486, Value(0, BOOL, True))])), -1),
+        (Value(0, STRUCT, Struct(3481, [(3485, Value(0, UDINT, 4))])), -1),
+    ],
+)
+def test_a_state_is_a_number_or_the_member_that_is_one(value: Value, state: int) -> None:
+    assert state_in(value) == state
+    assert number_in(value) == (state if not isinstance(value.content, Struct) else -1)
 
 
 # ---- integrity ids --------------------------------------------------------------------------------------------------
