@@ -340,6 +340,12 @@ def test_each_frame_has_its_places(version: int) -> None:
         assert all([at <= begin <= end <= cut or cut < 4 for at, begin, end in found])
 
 
+def test_a_digest_without_octets_has_no_place() -> None:
+    pdu = parse_plus(b"\x72\3\0\x0f\0" + asked(1) + b"\x72\3\0\0")
+    assert (pdu.data, pdu.digest_places, pdu.integrity) == (asked(1), [], b"")
+    assert reasons(pdu) == [("bad_value", "digest_length")]
+
+
 def test_of_two_empty_frames_in_a_row_the_second_is_the_trailer() -> None:
     empty = b"\x72\2\0\0"
     first, last = framed(asked(1), trailer=False), framed(b"rest")

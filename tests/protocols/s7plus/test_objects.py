@@ -336,6 +336,10 @@ def test_attributes_that_nobody_needs_are_passed_over() -> None:
     whole = Walk(octets, 0, len(octets), False)
     read_elements(whole)
     assert walk.budget == whole.budget  # it costs the same
+    last = build_object(PlusObject(1, 2, 0, 0, 0, [Attribute(9, Value(0, UDINT, 6)), Attribute(7, Value(0, UDINT, 5))]))
+    (found,) = read_elements(Walk(last, 0, len(last), False, 3 * STEP, wanted))
+    assert isinstance(found, PlusObject)
+    assert [found.number(9), found.number(7)] == [6, -1]
     for asks in (wanted, None):
         read_elements(Walk(octets, 0, len(octets), False, 4 * STEP, asks))
         with pytest.raises(FormatError) as caught:

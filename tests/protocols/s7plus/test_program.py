@@ -82,6 +82,13 @@ def test_lists_that_contradict_each_other_are_left_out() -> None:
     assert program.find(VariableAddress(0, 0x8A0E0003, ACTUAL, [9])) is None
 
 
+def test_a_type_that_contradicts_itself_hides_no_other() -> None:
+    program = Program()
+    lists: list[Element] = [VariableList(0, [[variable(9)]]), NameList([[b"a", b"b"]])]
+    program.learn([PlusObject(0x92000001, 511, 0, 0, 0, lists), PlusObject(1, 287, 0, 0, 0, []), TANK])
+    assert program.count == 4
+
+
 def test_what_is_remembered_is_bounded() -> None:
     program = Program()
     each = MAX_VARIABLES // 4

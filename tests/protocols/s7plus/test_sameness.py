@@ -263,6 +263,11 @@ def test_one_message_leaves_nothing_to_the_next() -> None:
     assert not one.alike
 
 
+def test_a_subscription_counts_in_its_credit_up_to_an_id() -> None:
+    for subscription, number in ((0x6FFFFFFF, 1), (0x70000000, 5), (0xFFFFFFFF, 5)):
+        assert seen(framed(notified(5, subscription))).number == number
+
+
 @each(
     "octets",
     [

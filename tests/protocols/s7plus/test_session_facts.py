@@ -105,6 +105,14 @@ def test_a_description_has_client_and_server_as_far_as_they_are_known() -> None:
     assert one.describe() == "TIA (engineering), panel 6AV2 1"
 
 
+def test_of_a_session_that_nobody_opened_nothing_is_known() -> None:
+    one = session()
+    assert (one.application, one.session_name, one.host, one.user, one.role) == ("", "", "", "", -1)
+    assert (one.tls, one.challenged, one.authenticated, one.given, one.latest) == (False, False, False, set(), -1)
+    assert (one.explores, one.explored, one.explored_ns, one.states, one.subscriptions) == (0, [], 0, {}, {})
+    assert (one.identity.state, one.identity.role, one.identity.serial_number, one.identity.told) == (-1, -1, "", [])
+
+
 def test_only_the_object_of_a_session_describes_the_client() -> None:
     one = session()
     one.open_session(made([], text(297, "TIA"), class_id=1001))

@@ -120,6 +120,12 @@ def test_a_row_of_bits_fills_its_bytes(count: int, row: int) -> None:
     assert [one.index_text(at) for at in range(count, row)] == [""] * (row - count)
 
 
+def test_an_array_ends_with_the_count_of_its_elements() -> None:
+    """Where that is less than its dimensions say, too."""
+    one = of_kind(11, [0, 0, 0, 5, *[0] * 6, 2, 3, *[0] * 4])
+    assert [one.index_text(at) for at in (4, 5)] == ["[2,0]", ""]
+
+
 def test_bits_of_one_dimension_end_with_it() -> None:
     one = of_kind(10, [0, 0, 0, 3], BBOOL)
     assert [one.index_text(at) for at in range(5)] == ["[0]", "[1]", "[2]", "", ""]
