@@ -228,6 +228,20 @@ def test_messages_with_another_head_or_another_length_are_not_alike() -> None:
     assert len(set(kinds)) == len(kinds)
 
 
+def test_the_same_octets_of_another_function_or_subscription_are_not_alike() -> None:
+    """However many there are."""
+    functions = (GET_VARIABLE, SET_VARIABLE, GET_MULTI_VARIABLES, SET_MULTI_VARIABLES, GET_LINK, END_SEQUENCE)
+    subscriptions = [0x70000000, *[0x70000000 | 1 << bit for bit in range(28)]]
+    for size in range(2, 150):
+        body = b"\1" * size
+        for request in (True, False):
+            found = [seen(pdu((request, function, body, b""), 5, 9, 4)) for function in functions]
+            assert len({one.kind for one in found}) == len(functions)
+            assert len({one.body for one in found}) == 1
+        found = [seen(framed(notified(5, one) + body)) for one in subscriptions]
+        assert len({one.kind for one in found}) == len(subscriptions)
+
+
 def test_a_session_is_one_with_its_flags_and_its_version() -> None:
     found = [
         seen(framed(asked(5, session=session, flags=flags, body=ALIKE["read"][2] + bodies.end(9)), version)).session
@@ -287,7 +301,11 @@ def test_a_subscription_counts_in_its_credit_up_to_an_id() -> None:
         framed(told(1, EXPLORE, b"\0" + bodies.rid(7) + b"\x80"), 3),
         framed(told(1, EXPLORE, b"\0" + bodies.rid(7)[:-1]), 3),
         framed(told(1, SET_VARIABLE, b""), 3),
+        framed(asked(1, SET_VARIABLE, body=bytes(4)), 3),  # its flags are not its id
+        framed(asked(1, SET_VARIABLE, body=bytes(5)), 3),
         framed(asked(1, SET_VARIABLE, body=bytes(6)), 3),
+        framed(told(1, SET_VARIABLE, bytes(4)), 3),
+        framed(told(1, SET_VARIABLE, bytes(5)), 3),
         framed(asked(1, SET_VARIABLE, body=b"\x05"), 3),
     ],
 )

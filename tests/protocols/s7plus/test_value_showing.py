@@ -122,6 +122,24 @@ def test_a_number_with_a_meaning_has_it_behind_it() -> None:
     assert in_line(inner, 0) == "Struct {OperatingState: 8 RUN, 3: Null}"
 
 
+@pytest.mark.parametrize(
+    ("id_", "number", "meaning"),
+    [
+        (299, 1, "engineering"),
+        (1247, 8, "InstanceOf"),
+        (1842, 3, "HMI access"),
+        (1843, 4, "no access"),
+        (2167, 1, "STOP"),
+        (2523, 4, "SCL"),
+        (3486, 4, "STOP"),
+    ],
+)
+def test_which_attributes_are_numbers_with_names(id_: int, number: int, meaning: str) -> None:
+    """Those of sessions, filters, protection, orders, blocks and states; the ids beside them are none."""
+    assert meant(number, id_) == meaning
+    assert meant(number, id_ - 1 if id_ != 1843 else 1844) == ""
+
+
 @pytest.mark.parametrize("id_", [3753, 4114])
 def test_an_identification_record_is_read(id_: int) -> None:
     said = "6ES7 215-1AG40-0XB0, hardware 3, firmware V4.5.2, serial number S V-E6K87654321"

@@ -379,12 +379,15 @@ def test_a_single_is_its_number_or_its_octets(octets: str, content: object) -> N
     [
         (0x06, "7f", 127), (0x06, "80", -128), (0x06, "ff", -1), (0x02, "ff", 255),
         (0x07, "7fff", 32767), (0x07, "8000", -32768), (0x03, "ffff", 65535), (0x0B, "8000", 32768),
+        (0x0C, "fffffffe", 2**32 - 2), (0x0D, "fffffffffffffffe", 2**64 - 2), (0x12, "fffffffe", 2**32 - 2),
+        (0x10, "fffffffffffffffe", 2**64 - 2), (0x04, "8f7f", 2047), (0x13, "8f7f", 2047), (0x05, "8f7f", 2047),
+        (0x08, "7e", -2), (0x09, "7e", -2), (0x11, "7e", -2), (0x05, "ff" * 9, 2**64 - 1),
         (0x01, "00", False), (0x01, "01", True), (0x01, "02", 2), (0x0A, "ff", 255),
     ],
 )  # fmt: skip
 def test_a_number_is_signed_by_its_type(type_: int, octets: str, number: int) -> None:
-    value, _ = read(bytes((0, type_)) + bytes.fromhex(octets))
-    assert value.content == number
+    value, walk = read(bytes((0, type_)) + bytes.fromhex(octets) + b"\xee")
+    assert (value.content, walk.left) == (number, 1)
     assert isinstance(value.content, bool) == isinstance(number, bool)
 
 

@@ -161,6 +161,20 @@ def test_a_list_of_variables_is_read_now_or_when_it_is_needed(blocks: list[list[
     assert (end.offset_1, end.offset_2, end.numbers) == (0x1234, 0x4321, [8, 6])
 
 
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_variable_is_as_long_as_its_kind_says(kind: int) -> None:
+    """16 octets, and four more for each number; the next one begins behind it."""
+    size = KINDS[kind][0]
+    one = of_kind(kind, [0x01020304 + at for at in range(size)])
+    wire = build_elements([VariableList(7, [[one, FEW[0]]])])
+    assert len(wire) == 1 + 2 + 4 + 16 + 4 * size + 16 + 2
+    for shown in (True, False):
+        found, walk = read(wire + b"\1", shown)
+        assert isinstance(found, VariableList)
+        assert (walk.at, found.count, found.variables[0].numbers) == (len(wire), 2, one.numbers)
+        assert [each.lid for each in found.variables] == [7, 9]
+
+
 @pytest.mark.parametrize("blocks", [[], [[b"level"]], [[b"a", b""], [b"\xe4", b"n" * 255]]])
 def test_a_list_of_names_is_read_now_or_when_it_is_needed(blocks: list[list[bytes]]) -> None:
     wire = build_elements([NameList(blocks)])
