@@ -14,8 +14,8 @@ from dissect.protocols.s7plus.value_tables import DINT, STRUCT, WSTRING
 from dissect.protocols.s7plus.values import Struct, Value
 from tests.protocols.s7plus import bodies
 from tests.protocols.s7plus.bodies import QUALIFIER, end, number, rid
+from tests.protocols.s7plus.lines import Line
 from tests.protocols.s7plus.pdus import asked, framed
-from tests.protocols.s7plus.test_events import Line
 
 WORD: Final = VariableAddress(0, 82, 3736, [3, 100, 2])
 STATE: Final = VariableAddress(0, 52, 2237, [3486])

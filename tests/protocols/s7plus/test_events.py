@@ -11,24 +11,19 @@ from dissect.protocols.s7plus.contents import VariableAddress
 from dissect.protocols.s7plus.event import (
     DELETED,
     READ_OUT,
-    REMOVED,
     REPLAYED,
     RUNNING,
     SEQUENCE_BEGUN,
     SEQUENCE_ENDED,
-    SESSION,
     STOP,
     STOPPED,
     STREAMED,
     SUBSCRIBED,
-    SUBSCRIBED_ALARMS,
-    TEST_JOB,
     WRITTEN,
-    Facts,
 )
 from dissect.protocols.s7plus.events import subscription_of, take
 from dissect.protocols.s7plus.loads import FIRMWARE, LOADED
-from dissect.protocols.s7plus.objects import Attribute, Element, PlusObject, build_object
+from dissect.protocols.s7plus.objects import Attribute, build_object
 from dissect.protocols.s7plus.program import Program
 from dissect.protocols.s7plus.reads import Reads
 from dissect.protocols.s7plus.session import Identity, PlusSession
@@ -38,7 +33,6 @@ from dissect.protocols.s7plus.tables import (
     DELETE_OBJECT,
     END_SEQUENCE,
     EXPLORE,
-    GET_LINK,
     GET_MULTI_VARIABLES,
     GET_VAR_SUBSTREAMED,
     INVOKE,
@@ -46,353 +40,34 @@ from dissect.protocols.s7plus.tables import (
     SET_VAR_SUBSTREAMED,
     SET_VARIABLE,
 )
-from dissect.protocols.s7plus.value_tables import ADDRESS_ARRAY, BLOB, DINT, INT, LREAL, STRUCT, UDINT, WSTRING
-from dissect.protocols.s7plus.values import Blob, Struct, Value, build_value
+from dissect.protocols.s7plus.value_tables import ADDRESS_ARRAY, BLOB, DINT, LREAL, UDINT
+from dissect.protocols.s7plus.values import Blob, Value, build_value
 from dissect.wire.varint import VLQ64, build_varint
 from tests.protocols.s7plus import bodies
 from tests.protocols.s7plus.bodies import end, number, rid
+from tests.protocols.s7plus.lines import (
+    CONDITION,
+    CREATED,
+    DB3,
+    FIVE,
+    NONE,
+    PARTLY,
+    RECORD,
+    REFUSED,
+    RUNS,
+    SESSION_ID,
+    STATE,
+    STOPS,
+    WORD,
+    Line,
+    block,
+    condition,
+    new_object,
+    subscription,
+    text,
+    with_code,
+)
 from tests.protocols.s7plus.pdus import asked, framed, notified, told
-from tests.protocols.s7plus.test_program import TANK
-
-SESSION_ID: Final = 0x386
-DB3: Final = 0x8A0E0003
-CREATED: Final = 0x70400001
-#: The execution unit, its condition, and the operating state in it; what the state may be.
-STATE: Final = VariableAddress(0, 52, 2237, [3486])
-CONDITION: Final = VariableAddress(0, 52, 2237, [])
-WORD: Final = VariableAddress(0, 82, 3736, [3, 100, 2])
-STOPS, RUNS = 4, 8
-FIVE: Final = Value(0, INT, 5)
-NONE: Final = Value(0, UDINT, 0)
-#: Return values: not allowed, and an error of some items only.
-REFUSED: Final = build_varint(0x8022C4000F6EFF95, VLQ64)
-PARTLY: Final = b"\x13"
-RECORD: Final = bytes.fromhex("002000380100") + b"\0*6ES7 214-1HE30-0XB0 SZVBDYXX017685  \0\2V\2\2\0" + bytes(10)
-
-
-def text(value: str) -> Value:
-    return Value(0, WSTRING, value)
-
-
-def condition(state: int) -> Value:
-    return Value(0, STRUCT, Struct(3481, [(3482, Value(0, DINT, 0)), (3486, Value(0, DINT, state))]))
-
-
-def new_object(class_id: int, *elements: Element, object_id: int = 211) -> PlusObject:
-    return PlusObject(object_id, class_id, 0, 0, 0, list(elements))
-
-
-def block(db: int = 3, *elements: Element) -> PlusObject:
-    return new_object(2574, *elements, object_id=0x8A0E0000 + db)
-
-
-def with_code(db: int = 3) -> PlusObject:
-    return block(db, Attribute(2533, Value(0, BLOB, Blob(0, b"code"))))
-
-
-def subscription(addresses: list[VariableAddress], *elements: Element) -> PlusObject:
-    """The reference of the first address is 1."""
-    items: list[int] = []
-    for reference, one in enumerate(addresses, 1):
-        items += [0x80040000 | len(one.lids) + 1, reference, 0, one.area, one.crc, one.sub_area, *one.lids]
-    listed = Value(ADDRESS_ARRAY, UDINT, [0x80000000, 0, len(addresses), *items])
-    return new_object(1001, Attribute(1048, listed), *elements)
-
-
-class Line:
-    """A connection of version 3 whose client has the session `SESSION_ID`."""
-
-    def __init__(self) -> None:
-        self.session = PlusSession(Program(), Identity())
-        self.number = 0
-
-    def facts(self, function: int, body: bytes = b"", answer: bytes = b"", version: int = 3) -> Facts | None:
-        """Take a transaction; without a body or an answer it lacks this half."""
-        self.number += 1
-        request = framed(asked(self.number, function, SESSION_ID, body=body), version) if body else b""
-        response = framed(told(self.number, function, answer), version) if answer else b""
-        return take(self.session, function, request, response)
-
-    def take(
-        self, function: int, body: bytes = b"", answer: bytes = b"", version: int = 3
-    ) -> list[tuple[str, str, int]]:
-        """Give the events of a transaction without faults."""
-        facts = self.facts(function, body, answer, version)
-        if facts is None:
-            return []
-        assert facts.malformed == []
-        assert not facts.exhausted
-        return [(event.kind, event.text, event.object_id) for event in facts.events]
-
-    def create(self, *objects: PlusObject, parent: int = 285, result: bytes = b"\0") -> list[tuple[str, str, int]]:
-        """Create objects; the first one gets the id `CREATED`."""
-        body = bodies.create_object(parent, NONE, integrity_id=self.number + 1)[:-4]
-        body += b"".join([build_object(one) for one in objects]) + bodies.FILL
-        ids = b"".join([number(CREATED + index) for index in range(len(objects))])
-        return self.take(CREATE_OBJECT, body, result + bytes((len(objects),)) + ids + end(9))
-
-    def delete(self, object_id: int, result: bytes = b"\0") -> list[tuple[str, str, int]]:
-        return self.take(DELETE_OBJECT, bodies.delete_object(object_id), result + rid(object_id) + end(9))
-
-    def explore(self, *objects: PlusObject, result: bytes = b"\0") -> list[tuple[str, str, int]]:
-        held = b"".join([build_object(one) for one in objects])
-        body = rid(3) + b"\0\1\1\0" + b"\0\0" + end(4) + b"\0"
-        return self.take(EXPLORE, body, result + rid(3) + number(9) + held + end())
-
-    def notify(self, *items: tuple[int, Value], behind: bytes = b"") -> list[tuple[str, str, int]]:
-        held = b"".join([b"\x92" + rid(reference) + build_value(value) for reference, value in items])
-        facts = take(self.session, -1, b"", framed(notified(7, CREATED)[:-1] + held + behind + b"\0" + bytes(4), 3))
-        return [(event.kind, event.text, event.object_id) for event in facts.events] if facts is not None else []
-
-
-# ---- objects that are created ---------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("result", [b"\0", REFUSED, b""], ids=["done", "refused", "no answer"])
-def test_objects_that_are_created(result: bytes) -> None:
-    """What a client creates is an event whatever the answer is; only an answer that is good says which id it got."""
-    id_ = CREATED if result == b"\0" else 0
-    job = new_object(2709, Attribute(233, text("watch")))
-    nameless = new_object(2709)
-    client = new_object(287, Attribute(233, text("Session_1")), Attribute(297, text("HMI RT OMS+")))
-    line = Line()
-
-    def create(*objects: PlusObject, parent: int = 285) -> list[tuple[str, str, int]]:
-        if result:
-            return line.create(*objects, parent=parent, result=result)
-        return line.take(CREATE_OBJECT, bodies.create_object(parent, NONE, *objects, integrity_id=line.number + 1))
-
-    assert create(job) == [(TEST_JOB, "test job watch", id_)]
-    assert create(nameless) == [(TEST_JOB, "test job", id_)]
-    assert create(block(), parent=3) == [(LOADED, "DB3", 0)]
-    assert create(new_object(7)) == []
-    assert create(client) == [(SESSION, "", id_)]
-    assert line.session.application == "HMI RT OMS+"
-    assert line.session.given == ({CREATED} if id_ else set())
-
-
-def test_objects_inside_others_count_as_those_around_them() -> None:
-    job = new_object(2709, Attribute(233, text("watch")))
-    assert Line().create(new_object(7, job)) == [(TEST_JOB, "test job watch", CREATED)]
-    assert Line().create(new_object(2520, block(4)), parent=1) == [(LOADED, "the program, DB4", 0)]
-
-
-@pytest.mark.parametrize(
-    ("elements", "kind", "said"),
-    [
-        ([], SUBSCRIBED, "on change, CPUexecUnit.DIS.OperatingState"),
-        ([Attribute(1049, Value(0, UDINT, 500))], SUBSCRIBED, "every 500 ms, CPUexecUnit.DIS.OperatingState"),
-        ([Attribute(1049, Value(0, UDINT, 1))], SUBSCRIBED, "every 1 ms, CPUexecUnit.DIS.OperatingState"),
-        ([Attribute(1049, Value(0, UDINT, 0))], SUBSCRIBED, "on change, CPUexecUnit.DIS.OperatingState"),
-        ([Attribute(233, text("Pump"))], SUBSCRIBED, "Pump, on change, CPUexecUnit.DIS.OperatingState"),
-        ([new_object(2662)], SUBSCRIBED_ALARMS, "on change, CPUexecUnit.DIS.OperatingState"),
-        ([new_object(2663)], SUBSCRIBED, "on change, CPUexecUnit.DIS.OperatingState"),
-    ],
-)
-def test_a_subscription_says_what_it_is_for(elements: list[Element], kind: str, said: str) -> None:
-    line = Line()
-    assert line.create(subscription([STATE], *elements)) == [(kind, said, CREATED)]
-    assert line.session.states == {CREATED: [1]}
-
-
-def test_a_subscription_names_five_variables_and_counts_the_others() -> None:
-    words = [VariableAddress(0, 82, 3736, [3, 2 * at, 2]) for at in range(8)]
-    assert Line().create(subscription(words[:5])) == [(SUBSCRIBED, "on change, MW0, MW2, MW4, MW6, MW8", CREATED)]
-    assert Line().create(subscription(words[:6])) == [
-        (SUBSCRIBED, "on change, MW0, MW2, MW4, MW6, MW8, and 1 more", CREATED)
-    ]
-    assert Line().create(subscription(words)) == [
-        (SUBSCRIBED, "on change, MW0, MW2, MW4, MW6, MW8, and 3 more", CREATED)
-    ]
-
-
-def test_a_subscription_that_was_refused_reports_nothing() -> None:
-    line = Line()
-    assert line.create(subscription([STATE]), result=REFUSED) == [
-        (SUBSCRIBED, "on change, CPUexecUnit.DIS.OperatingState", 0)
-    ]
-    assert line.session.subscriptions == {}
-
-
-def test_names_of_a_download_are_known_from_then_on() -> None:
-    line = Line()
-    line.create(TANK, parent=3)
-    assert line.session.label(VariableAddress(0, DB3, 2550, [9])) == 'DB3."level"'
-
-
-@pytest.mark.parametrize(
-    ("objects", "parent", "kinds"),
-    [
-        ([new_object(7, object_id=16)], 1, [FIRMWARE]),
-        ([new_object(7, new_object(8, object_id=16))], 1, [FIRMWARE]),
-        ([new_object(7)], 16, [FIRMWARE]),
-        ([new_object(7)], 17, []),
-        ([block()], 16, [LOADED, FIRMWARE]),
-    ],
-)
-def test_firmware_is_what_is_created_as_its_package_or_inside_it(
-    objects: list[PlusObject], parent: int, kinds: list[str]
-) -> None:
-    assert [kind for kind, _, _ in Line().create(*objects, parent=parent)] == kinds
-
-
-def test_a_request_that_breaks_off_shows_what_it_begins_with() -> None:
-    """The first objects say what is loaded; a fault behind them is reported with its place in the request."""
-    body = bodies.create_object(3, NONE, block(3), block(4), integrity_id=1)
-    body = body[: -len(bodies.FILL)] + b"\xa1\0"
-    line = Line()
-    facts = line.facts(CREATE_OBJECT, body, b"\0\1" + number(CREATED) + end(9))
-    assert facts is not None
-    assert [(event.kind, event.text) for event in facts.events] == [(LOADED, "DB3, DB4 and more that was not read")]
-    assert (facts.in_request, [(fact.reason, fact.field) for fact in facts.malformed]) == (1, [("too_short", "RID")])
-    head = 4 + 1 + 32 + 14  # frame, digest, head of a request
-    assert facts.malformed[0].offset == head + len(body) - 1
-
-
-# ---- objects that are deleted ---------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("result", [b"\0", REFUSED])
-@pytest.mark.parametrize(
-    ("object_id", "said"),
-    [(DB3, "DB3"), (0x8A320001, "OB1"), (3, "the program"), (2, "the hardware configuration")],
-)
-def test_the_deletion_of_a_part_of_the_program_is_an_event_even_if_refused(
-    object_id: int, said: str, result: bytes
-) -> None:
-    assert Line().delete(object_id, result) == [(REMOVED, said, object_id)]
-
-
-@pytest.mark.parametrize("answered", ["soundly", "with more behind it", "not at all", "by another function"])
-def test_the_deletion_of_anything_else_ends_it(answered: str) -> None:
-    line = Line()
-    line.create(subscription([STATE]))
-    assert line.delete(CREATED, REFUSED) == []
-    assert line.session.subscriptions
-    body, answer = bodies.delete_object(CREATED), b"\0" + rid(CREATED) + end(9)
-    if answered == "soundly":
-        assert line.take(DELETE_OBJECT, body, answer) == [(DELETED, "", CREATED)]
-    elif answered == "not at all":  # it is not known that it was refused
-        assert line.take(DELETE_OBJECT, body) == [(DELETED, "", CREATED)]
-    elif answered == "by another function":
-        request = framed(asked(7, DELETE_OBJECT, body=body), 3)
-        facts = take(line.session, DELETE_OBJECT, request, framed(told(7, GET_LINK, b"\0\0" + end(9)), 3))
-        assert facts is not None
-        assert [(one.kind, one.object_id) for one in facts.events] == [(DELETED, CREATED)]
-    else:
-        facts = line.facts(DELETE_OBJECT, body, answer + b"\1")
-        assert facts is not None
-        assert [(one.kind, one.object_id) for one in facts.events] == [(DELETED, CREATED)]
-        assert [fact.reason for fact in facts.malformed] == ["trailing_octets"]
-        assert facts.in_request == 0
-    assert line.session.subscriptions == {}
-
-
-def test_a_refusal_is_seen_in_an_answer_that_is_not_sound() -> None:
-    line = Line()
-    facts = line.facts(DELETE_OBJECT, bodies.delete_object(CREATED), REFUSED + rid(CREATED) + end(9) + b"\1")
-    assert facts is not None
-    assert facts.events == []
-    facts = line.facts(DELETE_OBJECT, bodies.delete_object(CREATED), PARTLY + rid(CREATED) + end(9) + b"\1")
-    assert facts is not None
-    assert [event.kind for event in facts.events] == [DELETED]
-
-
-def test_object_0_is_the_session_of_the_request() -> None:
-    assert Line().delete(0) == [(DELETED, "", SESSION_ID)]
-    facts = Line().facts(DELETE_OBJECT, bodies.delete_object(0) + b"\1")
-    assert facts is not None
-    assert [(event.kind, event.object_id) for event in facts.events] == [(DELETED, SESSION_ID)]
-
-
-# ---- objects that are shown -----------------------------------------------------------------------------------------
-
-
-def test_blocks_that_an_answer_shows_with_their_code_are_read() -> None:
-    line = Line()
-    assert line.explore(block(3)) == []
-    assert line.explore(with_code(3)) == [(READ_OUT, "DB3", 0)]
-    assert line.explore(new_object(2520, with_code(3), block(4), with_code(5))) == [(READ_OUT, "DB3, DB5", 0)]
-    for id_ in (2533, 2580):  # in whatever form it comes
-        for value in (text("code"), FIVE, Value(0x10, UDINT, [1, 2])):
-            assert line.explore(block(3, Attribute(id_, value))) == [(READ_OUT, "DB3", 0)]
-    assert line.explore(block(3, Attribute(2544, text("interface")))) == []
-    assert line.explore(with_code(3), result=PARTLY) == [(READ_OUT, "DB3", 0)]
-    assert line.explore(with_code(3), result=REFUSED) == []
-
-
-def test_names_that_an_answer_shows_are_known_from_then_on() -> None:
-    line = Line()
-    assert line.explore(new_object(2520, TANK)) == []
-    assert line.session.label(VariableAddress(0, DB3, 2550, [9])) == 'DB3."level"'
-    line = Line()
-    line.explore(new_object(2520, TANK), result=REFUSED)
-    assert line.session.label(VariableAddress(0, DB3, 2550, [9])) == "DB3 LID 9"
-
-
-@pytest.mark.parametrize("alone", [False, True], ids=["with its request", "alone"])
-def test_an_answer_that_breaks_off_shows_at_least_what_was_read(alone: bool) -> None:
-    held = build_object(TANK) + build_object(with_code(3)) + build_object(with_code(4))[:-3]
-    request = b"" if alone else rid(3) + b"\0\1\1\0" + b"\0\0" + end(4) + b"\0"
-    for result, wanted in ((b"\0", [(READ_OUT, "at least DB3")]), (REFUSED, [])):
-        line = Line()
-        facts = line.facts(EXPLORE, request, result + rid(3) + number(9) + held)
-        assert facts is not None
-        assert [(event.kind, event.text) for event in facts.events] == wanted
-        assert facts.in_request == 0
-        assert len(facts.malformed) == 1
-        assert (line.session.label(VariableAddress(0, DB3, 2550, [9])) == 'DB3."level"') == bool(wanted)
-
-
-def test_an_answer_alone_may_show_blocks_or_the_cpu() -> None:
-    version = Attribute(306, Value(0, STRUCT, Struct(314, [(319, text("1;6ES7 215-1AG40-0XB0 ;V4.3"))])))
-    server = build_object(new_object(287, version, object_id=288))
-    opened = b"\1" + number(SESSION_ID) + server + bodies.FILL
-    line = Line()
-    assert line.take(CREATE_OBJECT, answer=b"\0" + opened, version=1) == []
-    assert line.session.given == {SESSION_ID}
-    assert line.session.identity.order_number == "6ES7 215-1AG40-0XB0"
-    for result, body in ((REFUSED, opened), (b"\0", opened.replace(number(287), number(288)))):
-        line = Line()
-        assert line.take(CREATE_OBJECT, answer=result + body, version=1) == []
-        assert line.session.given == set()
-    assert line.take(EXPLORE, answer=b"\0" + rid(3) + number(9) + build_object(with_code(7)) + end()) == [
-        (READ_OUT, "DB7", 0)
-    ]
-    assert line.take(EXPLORE, answer=REFUSED + rid(3) + number(9) + build_object(with_code(7)) + end()) == []
-    assert line.facts(GET_LINK, answer=b"\0\1" + rid(7) + end(9)) is None
-    assert line.facts(EXPLORE, answer=b"\0" + rid(3) + number(9) + end()) is None
-    other = framed(told(7, GET_LINK, b"\0\0" + end(9)), 3)
-    assert take(line.session, EXPLORE, b"", other) is None
-    assert take(line.session, EXPLORE, b"", b"") is None
-
-
-@pytest.mark.parametrize("half", ["request", "response", "both"])
-@pytest.mark.parametrize("function", [EXPLORE, GET_MULTI_VARIABLES, SET_VARIABLE, GET_LINK])
-def test_faults_are_reported_where_nothing_else_matters(function: int, half: str) -> None:
-    """With their places, and those of the request first, counted apart."""
-    sound = {
-        EXPLORE: (rid(3) + b"\0\1\1\0" + b"\0\0" + end(4) + b"\0", b"\0" + rid(3) + number(9) + end()),
-        GET_MULTI_VARIABLES: (bodies.get_multi(WORD), bodies.multi_got([(1, FIVE)], [])),
-        SET_VARIABLE: (bodies.set_variable(CREATED, [1053], FIVE), b"\0" + end(9)),
-        GET_LINK: (rid(7) + b"\x09\0\0" + end(9), b"\0\1" + rid(7) + end(9)),
-    }
-    body, answer = sound[function]
-    assert Line().facts(function, body, answer) is None
-    lying_body = body + (b"\1" if half != "response" else b"")
-    lying_answer = answer + (b"\1" if half != "request" else b"")
-    facts = Line().facts(function, lying_body, lying_answer)
-    assert facts is not None
-    assert facts.events == []
-    ends = {EXPLORE: (5, 4), GET_LINK: (5, 5), SET_VARIABLE: (5, 5), GET_MULTI_VARIABLES: (5, 5)}[function]
-    places = []
-    if half != "response":
-        places.append(37 + 14 + len(body) - ends[0] - (function == EXPLORE))
-    if half != "request":
-        places.append(37 + 10 + len(answer) - ends[1])
-    assert [(fact.reason, fact.offset) for fact in facts.malformed] == [("trailing_octets", place) for place in places]
-    assert facts.in_request == (half != "response")
-
 
 # ---- sequences ------------------------------------------------------------------------------------------------------
 
