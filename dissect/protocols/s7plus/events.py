@@ -178,8 +178,8 @@ def _read_of(
     else:
         return _judge_contents(None, told)
     item: i64 = read.item
-    plain: bool = told is not None and told.sound and told.function == function and not told.refuses
-    if told is None or not plain or told.code != 0 or not asked.sound or item <= 0 or told.numbered < item:
+    plain: bool = told is not None and told.sound and told.function == function
+    if told is None or not plain or not asked.sound or item <= 0 or told.numbered < item:
         return _read_all(session, function, request, asked, told)
     events: list[Event] = []
     _judge_id(session, events, function, asked.session_id, asked.sequence, asked.integrity_id)

@@ -214,3 +214,31 @@ def test_a_secret_of_one_attribute_is_the_last_of_its_ids() -> None:
         assert (shown_contents(pdu, False)[0].value != SECRET) == secret
     lone = response(SET_VARIABLE, b"\0" + end(4))
     assert shown_contents(lone)[1] == []
+
+
+def test_a_line_needs_alarms_names_and_lists_only() -> None:
+    """Of objects nothing else is kept; the secrets among what is kept are hidden, and the faults in the rest are found."""
+    going = Value(0, STRUCT, Struct(3473, [(3474, Value(0, UDINT, 7))]))
+    alarm = {
+        2670: FIVE,
+        2671: FIVE,
+        2672: FIVE,
+        4079: FIVE,
+        2673: going,
+        2677: going,
+        2715: Value(0x10, WSTRING, ["hot"]),
+    }
+    listed = Value(0x20, UDINT, [0x80000000, 0, 1, 0x80040002, 7, 0, 82, 0, 3736, 9])
+    kept = {**alarm, 233: Value(0, WSTRING, "name"), 1048: listed}
+    left_out = {7: FIVE, 299: FIVE, 2521: FIVE, 2523: FIVE, 3449: SECRET}
+    compressed = {2544: Value(0, BLOB, Blob(0, b"\x78\x9c broken"))}
+    attributes = [Attribute(id_, value) for id_, value in {**left_out, **kept, **compressed}.items()]
+    held = PlusObject(7, 9, 0, 0, 0, list(attributes))
+    pdu = request(CREATE_OBJECT, bodies.create_object(3, FIVE, held, integrity_id=5))
+    (whole,), (said,) = shown_half(pdu).contents.objects, said_half(pdu).contents.objects
+    assert {id_ for id_ in [*kept, *left_out] if said.holds(id_)} == set(kept)
+    for id_, value in kept.items():
+        assert said.find(id_) == whole.find(id_) == value
+    faults = [[str(fact) for fact in half.contents.malformed] for half in (shown_half(pdu), said_half(pdu))]
+    assert faults[0] == faults[1]
+    assert len(faults[0]) == 1
