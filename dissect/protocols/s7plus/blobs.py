@@ -211,8 +211,8 @@ def _inflate(octets: bytes, dictionary: bytes, allowed: int, kept: int) -> Opene
             if kept > 0:
                 parts.append(piece[:kept])
                 kept -= len(piece)
-            if not piece and not rest and not stream.eof:
-                break  # the stream continues after the last octet
+            if not piece and not rest:
+                break  # the stream is over, or continues after the last octet
     except zlib.error:
         opened.fault = BAD
     if not opened.fault and (not stream.eof or len(stream.unused_data) != (0 if checks else _CHECKSUM)):

@@ -307,6 +307,15 @@ def test_a_dictionary_is_named_by_the_four_octets_behind_the_head() -> None:
     assert check_blob(VERSION).dictionary == -1
 
 
+@pytest.mark.parametrize("name", [0, 1, 2**32 - 1])
+def test_a_dictionary_of_any_name_may_be_missing(name: int) -> None:
+    blob = compressed(TEXT, DICTIONARY)
+    blob = blob[:2] + name.to_bytes(4, "big") + blob[6:]
+    opened = open_blob(blob, known(DICTIONARY))
+    assert (opened.dictionary, opened.fault, opened.size) == (name, NO_DICTIONARY, len(TEXT))
+    assert open_blob(blob, {name: DICTIONARY}).fault == BAD  # it is not the one that was used
+
+
 def test_content_of_several_pieces_is_kept_as_far_as_it_is_wanted() -> None:
     text = b"".join([zlib.crc32(number.to_bytes(4, "big")).to_bytes(4, "big") for number in range(200_000)])
     blob = VERSION + compressed(text)

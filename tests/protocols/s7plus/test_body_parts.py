@@ -151,6 +151,7 @@ def test_what_is_kept_of_a_body(
         "9 NativeObjects.theASLog_Rid," in part[2] for part in _PARTS[name]
     )
     assert bool(found.parts) == shown
+    assert found.expected == (2 if name == "request, write of attributes" else 0)
     assert (found.items_left_out, found.exhausted, found.pieces) == (0, False, [])
 
 

@@ -46,6 +46,7 @@ from tests.protocols.s7plus.bodies import QUALIFIER, end, number, rid
 from tests.protocols.s7plus.pdus import asked, framed, notified, told
 from tests.protocols.s7plus.test_check import lies
 from tests.protocols.s7plus.test_check import sound as usual
+from tests.protocols.s7plus.test_objects import TYPE
 
 _FIVE: Final = Value(0, INT, 5)
 _TEXT: Final = Value(0, WSTRING, "pump")
@@ -98,6 +99,7 @@ _REQUESTS: Final = {
     "sequence, one octet": (BEGIN_SEQUENCE, b"\1\0\1\7" + build_object(_NAMED) + end(9)),
     "sequence, two octets": (BEGIN_SEQUENCE, b"\1\0\1\7\7" + build_object(_NAMED) * 2 + end(9)),
     "create several": (CREATE_OBJECT, rid(285) + build_value(_TEXT) + bytes(4) + b"\7" + build_object(_NAMED) * 2 + bytes(4)),
+    "create a type": (CREATE_OBJECT, bodies.create_object(3, _FIVE, TYPE, integrity_id=7)),
     "link": (GET_LINK, rid(7) + b"\x81\x09\0\0" + end(9)),
 }  # fmt: skip
 _RESPONSES: Final = {

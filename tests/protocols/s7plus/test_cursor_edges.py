@@ -181,6 +181,13 @@ def test_work_is_that_of_reading_in_objects_too() -> None:
     skipped = Cursor(octets, 8, len(octets))
     skipped.attributes(table(frozenset()), 1)
     assert (octets[skipped.at :][:1], skipped.spent) == (b"\xa1", 13)
+    first = build_elements([Attribute(0, _FIVE), Attribute(16_383, _FIVE), Attribute(16_384, _FIVE)])
+    skipped = Cursor(first, 0, len(first))
+    skipped.attributes(table(frozenset()), 0)
+    assert (first[skipped.at :], skipped.spent) == (
+        build_elements([Attribute(16_384, _FIVE)]),
+        10,
+    )  # any other id is read
 
 
 @pytest.mark.parametrize("cut", range(1, 9))

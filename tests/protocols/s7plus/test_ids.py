@@ -89,6 +89,8 @@ def test_each_kind_of_block_has_a_class() -> None:
     blocks = {class_id: block_kind(211, class_id) for class_id in named if block_kind(211, class_id)}
     assert blocks == {2574: "DB", 2578: "FB", 3932: "UDT", 2647: "OB"}
     assert {named[class_id].removeprefix("ProgramCycle") for class_id in blocks} == set(blocks.values())
+    assert [block_kind(211, class_id) for class_id in range(3931, 3937)] == ["", "UDT", "FBT", "SDT", "FCT", ""]
+    assert [block_kind(211, class_id) for class_id in range(2577, 2581)] == ["", "FB", "FC", ""]
     assert block_kind(0x8A0E0003, 7) == "DB"
     assert block_kind(0x8A0E0003, 2578) == "DB"
     assert block_kind(0x8A0E0003, 0) == ""

@@ -245,6 +245,16 @@ def test_a_notification_refuses_items_even_if_it_is_damaged(items: bytes, refuse
         assert not notifies_refusal(check(response))
 
 
+def test_a_reference_that_is_not_known_hides_no_name_behind_it() -> None:
+    session = program(type_of(0x92000003, ("name", variable(14, 11))))
+    session.subscriptions[0x70000E51] = {7: _ADDRESS}
+    held = b"".join([b"\x92" + rid(reference) + build_value(Value(0, DINT, 1500)) for reference in (6, 7)])
+    half = shown_half(parse_plus(framed(notified()[:-1] + held + b"\0" + bytes(4), 3)))
+    assert said(join_items(None, half, session)) == [
+        (6, "item 6", "DInt 1500", 0), (7, 'DB3."name"', "Time 'T#1s500ms'", 0)
+    ]  # fmt: skip
+
+
 # ---- responses ------------------------------------------------------------------------------------------------------
 
 

@@ -256,6 +256,10 @@ def test_an_answer_alone_may_show_blocks_or_the_cpu() -> None:
     assert line.take(CREATE_OBJECT, answer=b"\0" + opened, version=1) == []
     assert line.session.given == {SESSION_ID}
     assert line.session.identity.order_number == "6ES7 215-1AG40-0XB0"
+    line = Line()
+    two = b"\2" + number(SESSION_ID) + number(9) + build_object(new_object(7)) + server + bodies.FILL
+    assert line.take(CREATE_OBJECT, answer=b"\0" + two, version=1) == []
+    assert line.session.given == {SESSION_ID}
     for result, body in ((REFUSED, opened), (b"\0", opened.replace(number(287), number(288)))):
         line = Line()
         assert line.take(CREATE_OBJECT, answer=result + body, version=1) == []
