@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dissect.protocols.s7plus.assembly import MAX_FRAMES, PlusAssembler, is_notification
+from dissect.protocols.s7plus.assembly import MAX_FRAMES, MAX_PDU, PlusAssembler, is_notification
 from dissect.protocols.s7plus.message import parse_plus
 from dissect.protocols.s7plus.value_tables import DINT
 from dissect.protocols.s7plus.values import Value
@@ -278,3 +278,17 @@ def test_after_a_pdu_nothing_of_it_is_left() -> None:
         half, empty = whole_request()[:20], b"\x72\2\0\0"
         assert [assembler.push(one) for one in (framed(half, trailer=False), empty, empty)] == [None] * 3
         assert assembler.push(framed(whole_request()[20:])) is not None
+
+
+def test_eight_mebibytes_of_a_pdu_are_kept() -> None:
+    """In as many frames as the smallest TPDUs, of 128 octets, need for that."""
+    assert MAX_FRAMES * 128 == MAX_PDU == 8 << 20
+    frame = framed(told(1, body=bytes((1 << 15) - 14)), trailer=False)
+    assert len(frame) == 1 << 15
+    for last, left_out in ((frame, 0), (framed(told(1, body=bytes((1 << 15) - 13)), trailer=False), (1 << 15) + 1)):
+        assembler = PlusAssembler()
+        for _ in range((8 << 20 >> 15) - 1):
+            assert assembler.push(frame) is None
+        assert assembler.push(last) is None
+        assert assembler.left_out == left_out
+        assert len(assembler.finish()) == (8 << 20) - (1 << 15 if left_out else 0)

@@ -364,3 +364,17 @@ def test_elements_with_high_keys_are_not_compressed(key: int, compressed_: bool)
     sound = VERSION + compressed(TEXT)
     found = parse_contents(parse_plus(download((COMMENTS, Value(SPARSE_ARRAY, BLOB, [(key, Blob(0, sound))])))))
     assert (len(found.blobs), found.malformed) == (compressed_, [])
+
+
+def test_a_stream_may_refer_back_by_thirty_two_kilobytes() -> None:
+    """Within itself, and into its dictionary: what is there does not matter for its size."""
+    noise = b"".join([zlib.crc32(number.to_bytes(4, "big")).to_bytes(4, "big") for number in range(8_000)])
+    for dictionary, text in (
+        (DICTIONARY, noise + noise[:2000]),
+        (noise, noise[:2000] + TEXT),
+        (noise[:9000], noise[:50]),
+    ):
+        blob = VERSION + compressed(text, dictionary)
+        assert len(blob) < len(noise) + 2000
+        assert (check_blob(blob).fault, check_blob(blob).size) == ("", len(text))
+        assert open_blob(blob, known(dictionary)).octets == text

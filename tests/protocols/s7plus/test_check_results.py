@@ -275,6 +275,37 @@ def test_an_address_has_at_least_one_id() -> None:
         assert check(octets).odd
 
 
+@pytest.mark.parametrize("wide", [b"\x81\x80\x80\x80\x00", b"\x81\x80\x80\x80\x80\x00"], ids=["five", "six"])
+def test_a_number_has_at_most_five_octets(wide: bytes) -> None:
+    """Whatever it is the number of."""
+    held = b"\xa1" + rid(7) + b"%s\0\0\xa3%s" + build_value(_FIVE) + b"\xa4%s" + rid(3) + b"\xa2"
+    attribute = build_value(_FIVE)
+    several = [
+        told(7, GET_MULTI_VARIABLES, b"\0" + wide + attribute + b"\0\0" + end(9)),
+        told(7, GET_MULTI_VARIABLES, b"\0\0" + wide + b"\5\0" + end(9)),
+        told(7, CREATE_OBJECT, b"\0\1" + wide + end(9)),
+        asked(7, SET_VARIABLE, body=rid(7) + b"\1" + wide + attribute + QUALIFIER + b"\0" + end(9)),
+        asked(7, GET_MULTI_VARIABLES, body=rid(0) + b"\1\5" + wide + b"\x52\2\7\x08" + QUALIFIER + end(9)),
+        asked(7, GET_MULTI_VARIABLES, body=rid(0) + b"\1\5\0" + wide + b"\2\7\x08" + QUALIFIER + end(9)),
+        asked(7, GET_MULTI_VARIABLES, body=rid(0) + b"\1\5\0\x52\2" + wide + b"\x08" + QUALIFIER + end(9)),
+        asked(7, GET_MULTI_VARIABLES, body=rid(0) + b"\1\5\0\x52\2\7" + wide + QUALIFIER + end(9)),
+        asked(7, GET_MULTI_VARIABLES, body=rid(52) + b"\1\1" + wide + QUALIFIER + end(9)),
+        notified()[:-3] + wide + b"\1" + _ITEM + b"\0" + bytes(4),
+        notified()[:-1] + b"\x9b" + wide + attribute + b"\0" + bytes(4),
+        told(7, EXPLORE, b"\0" + rid(3) + number(9) + held % (wide, b"\7", b"\7") + end()),
+        told(7, EXPLORE, b"\0" + rid(3) + number(9) + held % (b"\7", wide, b"\7") + end()),
+        told(7, EXPLORE, b"\0" + rid(3) + number(9) + held % (b"\7", b"\7", wide) + end()),
+        told(7, GET_VARIABLE, b"\0\0\x17" + rid(7) + wide + attribute + b"\0" + end(9)),
+        told(7, GET_VARIABLE, b"\0\x40\7" + wide + b"\0\5\0" + end(9)),
+        told(7, GET_VARIABLE, b"\0\0\x04" + wide + end(9)),
+        told(7, GET_VARIABLE, b"\0\x10\x04\2\7" + wide + end(9)),
+    ]  # fmt: skip
+    for data in several:
+        octets = framed(data, 3)
+        assert contents_of(octets).whole == (len(wide) == 5), data.hex()
+        assert (check(octets).sound, check(octets).odd) == (len(wide) == 5, len(wide) == 6), data.hex()
+
+
 def test_what_ends_anywhere_in_several_frames_is_odd() -> None:
     """Nothing follows its data in memory, not even a trailer."""
     for name, data in sound().items():

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from dissect.protocols.s7plus.contents import VariableAddress
+from dissect.protocols.s7plus.contents import VariableAddress, known_address
 from dissect.protocols.s7plus.id_tables import IDS
 from dissect.protocols.s7plus.ids import (
     SECRETS,
@@ -176,3 +176,11 @@ def test_addresses_are_equal_if_all_their_numbers_are() -> None:
     others += [VariableAddress(1, 2, 3, []), VariableAddress(1, 2, 3, [4, 5])]
     assert all(one != other for other in others)
     assert one != (1, 2, 3, 4)
+
+
+def test_an_address_of_sixteen_numbers_is_remembered_and_a_longer_one_is_not() -> None:
+    for count, known in ((0, True), (15, True), (16, True), (17, False), (40, False)):
+        lids = list(range(100, 100 + count))
+        first = known_address(7, 82, 3736, lids)
+        assert (known_address(7, 82, 3736, list(lids)) is first) == known
+        assert first == VariableAddress(7, 82, 3736, lids)
