@@ -443,7 +443,6 @@ class SecurityWatch:
         asked, told = ends[transaction.asked_by], ends[1 - transaction.asked_by]
         behind = transaction._outcome == BEHIND_MALFORMED
         reports = transaction._outcome == PUSH or slug in _REPORTS
-        who = f"{told} reports to {asked}" if reports else f"{asked} to {told}"
         result = ""
         good = not code or (code < 0 and not transaction.has_errors)
         error = refusal(transaction) if code < 0 else None
@@ -464,7 +463,8 @@ class SecurityWatch:
             result += ", behind a malformed TPDU header"
         what = what or _named(transaction)
         time_ns = max(int(transaction.request_ns), int(transaction.response_ns))
-        self._reporter.detail(slug, number, frames, time_ns, f"{who}: {what}{result}")
+        detail = f"{told} reports to {asked}: {what}{result}" if reports else f"{asked} to {told}: {what}{result}"
+        self._reporter.detail(slug, number, frames, time_ns, detail)
 
 
 def _denied(transaction: Transaction) -> bool:

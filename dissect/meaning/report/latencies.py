@@ -42,10 +42,10 @@ class Latencies:
         self.largest: i64 = 0
         self._kept: BytesWriter = BytesWriter()  # answer times kept one by one, eight octets each
         self._asked_at: i64 = 0  # `count` when `_kept` was last sorted, or `_spread` last made
-        self._spread: list[int] = []  # if more than `_FEW` are kept: the number in each group of `_COARSE` buckets
-        self._buckets: vec[i64] = vec[
-            i64
-        ]()  # empty while all are kept one by one; contains numbers, not objects, unlike a list (mypyc)
+        # Numbers in each group of `_COARSE` buckets, if more than `_FEW` are kept; then in each bucket, empty while all are kept
+        # one by one. Both contain numbers, not objects, unlike a list (mypyc).
+        self._spread: vec[i64] = vec[i64]()
+        self._buckets: vec[i64] = vec[i64]()
         self._waiting: bytes = b""  # answer times that were kept, until all of them are counted in buckets
         self._counted: i64 = 0  # number of octets of `_waiting` that are already counted
 
@@ -117,10 +117,11 @@ class Latencies:
                 self._spread = _spread(packed)
         if few:
             return read_i64_le(packed, 8 * (rank - 1))
-        before = 0
-        coarse = 0
-        while before + self._spread[coarse] < rank:
-            before += self._spread[coarse]
+        spread = self._spread
+        before: i64 = 0
+        coarse: i64 = 0
+        while before + spread[coarse] < rank:
+            before += spread[coarse]
             coarse += 1
         first: i64 = _lower_end(coarse * _COARSE) if coarse else self.smallest
         last: i64 = _lower_end((coarse + 1) * _COARSE) - 1
@@ -188,12 +189,12 @@ def _in_order(packed: bytes) -> bytes:
     return writer.getvalue()
 
 
-def _spread(packed: bytes) -> list[int]:
+def _spread(packed: bytes) -> vec[i64]:
     """Return the number of packed numbers in each group of `_COARSE` buckets."""
-    spread = [0] * (_BUCKETS // _COARSE)
+    spread = vec[i64]([0] * (_BUCKETS // _COARSE))
     for at in range(0, len(packed), 8):
         coarse: i64 = _bucket(read_i64_le(packed, at)) // _COARSE
-        spread[coarse] = spread[coarse] + 1
+        spread[coarse] += 1
     return spread
 
 
