@@ -363,3 +363,41 @@ def test_a_request_that_wants_no_answer_is_open_to_none() -> None:
         assert [(one.outcome, one.missed) for one in plus] == [("unsolicited", False)] * 2
         assert (connection.one_way, connection.unanswered, connection.unsolicited) == (2, 0, 2)
         assert plus[1].number == plus[0].number + 1
+
+
+# ---- what is remembered of a side -----------------------------------------------------------------------------------
+
+
+def test_the_latest_answer_that_no_request_came_for_is_remembered(talk: Talk) -> None:
+    connection = talk.pipeline.table.all_open()[0].connection
+    latest = 0
+    for number in (1, 2):
+        latest = talk.tell(words(number, 1))
+        talk.packet(CLIENT, after_ns=2 * SECOND)
+        assert connection.open_requests[CLIENT].orphan_frame == latest
+    assert connection.orphans == 2
+
+
+@pytest.mark.parametrize(("took_ms", "rest_ms"), [(1, 100), (25, 100), (26, 104), (300, 1200)])
+def test_a_client_with_one_reference_rests_after_four_times_its_wait(talk: Talk, took_ms: int, rest_ms: int) -> None:
+    """At least 100 ms."""
+    for _ in range(2):
+        talk.ask(read(5, dbw(1, 0)))
+        talk.tell(words(5, 1), after_ns=took_ms * MS)
+    requests = talk.pipeline.table.all_open()[0].connection.open_requests[CLIENT]
+    assert (requests.repeats, requests.rest_ns) == (1, rest_ms * MS)
+
+
+def test_places_of_the_latest_request_are_remembered(talk: Talk) -> None:
+    begin = talk.seq[CLIENT]
+    frame = talk.ask(read(5, dbw(1, 0)))
+    side = talk.pipeline.table.all_open()[0]
+    requests = side.connection.open_requests[CLIENT]
+    assert (requests.asked_frame, requests.asked_seq, requests.latest_key) == (frame, begin, 5)
+    assert requests.latest is not None
+    assert (requests.latest._request_ack, requests.latest._request_seq) == (talk.seq[SERVER], begin)
+    assert (side.requests, side.connection.last_request_ns) == (2, talk.now_ns)
+    talk.tell(words(5, 1))
+    assert (side.connection.last_answer_ns, requests.answered) == (talk.now_ns, talk.transactions[0].number)
+    assert (requests.count, requests.latest, requests.latest_key) == (0, None, 5)
+    assert side.connection.last_answer is side.connection.last_request is talk.transactions[0].parameters

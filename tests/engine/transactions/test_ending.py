@@ -366,3 +366,14 @@ def test_a_copy_of_an_end_is_the_same_without_its_connection() -> None:
     copied = pickle.loads(pickle.dumps(ending))
     assert (copied.how, copied.side, copied.frame, copied.time_ns) == ("reset", CLIENT, 9, 77)
     assert repr(copied) == "Ending(reset, packet 9)"
+
+
+def test_of_several_requests_one_of_which_was_answered_in_a_gap_none_is_called_open(talk: Talk) -> None:
+    """It is not known which."""
+    for number in (2, 3):
+        talk.ask(read(number, dbw(1, 2)))
+    talk.lose(SERVER, words(2, 7))
+    talk.packet(CLIENT)
+    talk.packet(CLIENT, flags=FIN | ACK)
+    told = ending(talk)
+    assert (told.open_requests, told.cut, talk.connections[0].missed) == (0, False, 0)

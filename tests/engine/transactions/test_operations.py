@@ -496,6 +496,7 @@ def test_a_long_answer_with_fewer_records_than_its_head_states(talk: Talk) -> No
     told = only(talk)
     assert (told.result, told.octets, told.announced) == ("done", 90, 100)
     assert [(one.name, one.frame) for one in told.oddities] == [("wrong_size", told.last_frame)]
+    assert told.oddities[0].detail == "SZL 0x0000 states 46 records of 2 bytes, 82 bytes are there"
     assert told.frames_of(0, 90) == [9, 11]
     assert told.places == [(40, 9), (90, 11)]
 
