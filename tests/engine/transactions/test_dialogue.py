@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from dissect.engine.transactions.results import GAPS, REORDERED
+from dissect.engine.transactions.results import FUNCTION_MISMATCH, GAPS, REORDERED
 from dissect.engine.transactions.transaction import HOLE, LIKELY, REFERENCE_REUSED, SURE
 from dissect.protocols.s7plus.tables import SET_VARIABLE
 from dissect.protocols.s7plus.value_tables import DINT
@@ -401,3 +401,39 @@ def test_places_of_the_latest_request_are_remembered(talk: Talk) -> None:
     assert (side.connection.last_answer_ns, requests.answered) == (talk.now_ns, talk.transactions[0].number)
     assert (requests.count, requests.latest, requests.latest_key) == (0, None, 5)
     assert side.connection.last_answer is side.connection.last_request is talk.transactions[0].parameters
+
+
+def test_without_a_gap_an_answer_of_another_function_is_that_of_its_reference(talk: Talk) -> None:
+    """Whatever it acknowledges: the device is wrong."""
+    talk.ask(read(4, dbw(1, 0)))
+    talk.tell(words(4, 1))
+    known = talk.seq[CLIENT]
+    request = talk.ask(read(5, dbw(1, 0)))
+    talk.acked[SERVER] = known
+    answered = talk.tell(ack_data(5, b"\x05\x01", b"\xff"))
+    assert talk.pairs()[1:] == [(request, answered)]
+    assert talk.transactions[1]._flags & FUNCTION_MISMATCH
+
+
+@pytest.mark.parametrize(("lossy", "silence_ns"), [(True, 3 * SECOND), (False, 3 * SECOND), (True, SECOND // 2)])
+def test_a_connection_that_falls_silent_where_the_capture_has_gaps_may_have_gone_on(
+    lossy: bool, silence_ns: int
+) -> None:
+    """TCP acknowledges a request within a second, or sends it again; the gap is on another connection."""
+    talk = Talk()
+    talk.open()
+    other = Talk(50001, beside=talk)
+    other.open()
+    request = talk.ask(read(1, dbw(1, 0)))
+    if lossy:
+        other.lose(SERVER, words(1, 1))
+    other.ask(read(1, dbw(1, 0)))
+    other.tell(words(1, 2))
+    for _ in range(3):
+        other.packet(CLIENT)
+        other.packet(SERVER, after_ns=60 * MS)
+    other.packet(CLIENT, after_ns=silence_ns)
+    talk.finish()
+    (one,) = [one for one in talk.transactions if one.request_frame == request]
+    expected = (HOLE, LIKELY) if lossy and silence_ns > SECOND else ("capture_ended", "")
+    assert (one.reason, one.certainty) == expected

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from copy import copy
+
 from dissect.engine.transactions.open_requests import SCD_KEY, key_of
 from dissect.engine.transactions.payloads import SCD, ScdMessage, ScdParameters, is_scd_key
 from dissect.engine.transactions.results import mismatch
@@ -61,3 +63,37 @@ def test_references_have_a_place_of_their_own() -> None:
 def test_a_message_that_is_none_has_nothing_to_say() -> None:
     one = ScdMessage(Message(), plant.dictionary(), "x", b"")
     assert (one.subject, one.values) == ("message", [])
+
+
+def test_a_message_is_decoded_once_and_only_when_it_is_needed() -> None:
+    asked: list[tuple[bytes, int]] = []
+    octets = plant.tell("Режим 1", 8)
+
+    def later(these: bytes, tid: int) -> Message:
+        asked.append((these, tid))
+        return plant.codec().parse_message(these)
+
+    one = ScdMessage(None, plant.dictionary(), "x", octets, later, 7)
+    assert asked == []
+    assert one.message is one.message
+    assert asked == [(octets, 7)]
+    assert one.subject == "read 0x6061:0 Режим 1"
+
+
+def test_copies_are_equal_and_need_no_decoder() -> None:
+    octets = plant.tell("Режим 1", 8)
+    one = ScdMessage(None, plant.dictionary(), "x", octets, lambda these, _tid: plant.codec().parse_message(these), 7)
+    one.frame, one.offset, one.place, one.side = 9, 3, "DB1", 1
+    other = copy(one)
+    assert (other.subject, other.octets, other.binding) == (one.subject, octets, "x")
+    assert (other.frame, other.offset, other.place, other.side) == (9, 3, "DB1", 1)
+    asked = parameters(3, "read", plant.ask("Режим 1"))
+    asked.err, asked.refused, asked.settled = -5, True, True
+    again = copy(asked)
+    assert (again.function, again.function_name, again.index, again.sub) == (
+        asked.function,
+        "SCD read",
+        asked.index,
+        asked.sub,
+    )
+    assert (again.err, again.refused, again.settled, again.scd) == (-5, True, True, asked.scd)

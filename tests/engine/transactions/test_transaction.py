@@ -6,13 +6,38 @@ import pytest
 
 from dissect.engine.transactions import results as checks
 from dissect.engine.transactions import transaction as module
-from dissect.engine.transactions.results import ALIKE, GAPS, HEADER, ITEM, MESSAGE, PARAMETER, STILL_OPEN, UNCONFIRMED
+from dissect.engine.transactions.results import (
+    ALIKE,
+    BEHIND,
+    COUNT_MISMATCH,
+    EXPECTED,
+    FUNCTION_MISMATCH,
+    GAPS,
+    HEADER,
+    ITEM,
+    MESSAGE,
+    PARAMETER,
+    REORDERED,
+    SIZE_MISMATCH,
+    STILL_OPEN,
+    UNCONFIRMED,
+    half_captured,
+    mismatches,
+    went_wrong,
+)
 from dissect.engine.transactions.transaction import (
+    ANSWERED,
+    BEHIND_MALFORMED,
     CONNECTION_CLOSED,
     HOLE,
     LIKELY,
+    MALFORMED_HEADER,
+    ONE_SIDED,
+    OPEN,
     ORPHAN,
     OUTCOMES,
+    PERHAPS_ANSWERED,
+    PUSH,
     REASON_TEXTS,
     SURE,
     UNANSWERED,
@@ -529,3 +554,107 @@ def test_data_that_look_like_those_of_a_read_are_items_only_in_its_answer(told: 
     assert [(result.data, result.return_code) for result in one.s7_results] == [
         (data, 0xFF if data is not None else -1)
     ]
+
+
+# ---- what becomes of it, in every combination -----------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("outcome", "reason", "flags", "certainty", "doubt", "said"),
+    [
+        (OPEN, "", 0, "", "", ""),
+        (OPEN, "", GAPS, "", "", ""),
+        (ANSWERED, "", 0, SURE, "", ""),
+        (ANSWERED, "", GAPS, LIKELY, "gaps", ""),
+        (ANSWERED, "", ALIKE, LIKELY, "alike", ""),
+        (ANSWERED, "", GAPS | ALIKE, LIKELY, "gaps", ""),
+        (ANSWERED, MALFORMED_HEADER, 0, SURE, "", ""),
+        (UNANSWERED, HOLE, 0, SURE, "", REASON_TEXTS[HOLE]),
+        (UNANSWERED, HOLE, GAPS, LIKELY, "", PERHAPS_ANSWERED),
+        (UNANSWERED, CONNECTION_CLOSED, 0, "", "", REASON_TEXTS[CONNECTION_CLOSED]),
+        (UNANSWERED, CONNECTION_CLOSED, GAPS, "", "", REASON_TEXTS[CONNECTION_CLOSED]),
+        (UNANSWERED, CONNECTION_CLOSED, STILL_OPEN, "", "", REASON_TEXTS[CONNECTION_CLOSED]),
+        (UNANSWERED, ONE_SIDED, EXPECTED, "", "", REASON_TEXTS[ONE_SIDED]),
+        (ORPHAN, HOLE, EXPECTED, "", "", ""),
+        (ORPHAN, HOLE, ALIKE, "", "", ""),
+        (PUSH, "", 0, "", "", ""),
+        (PUSH, "", ALIKE, LIKELY, "alike", ""),
+        (BEHIND_MALFORMED, MALFORMED_HEADER, BEHIND, "", "", REASON_TEXTS[MALFORMED_HEADER]),
+    ],
+)
+@pytest.mark.parametrize("errors", [False, True])
+def test_what_is_said_of_a_transaction(
+    outcome: int, reason: str, flags: int, certainty: str, doubt: str, said: str, errors: bool
+) -> None:
+    one = exchange(read(1, dbw(1, 0)), words(1, 7))
+    one._outcome, one.reason, one._flags, one.has_errors = outcome, reason, flags, errors
+    assert (one.certainty, one.doubt, one.reason_text) == (certainty, doubt, said)
+    assert one.is_likely is (outcome == ANSWERED and doubt != "")
+    assert (one.latency_ns is not None) is (outcome == ANSWERED and not doubt)
+    unseen = outcome == UNANSWERED and (reason == HOLE or flags == EXPECTED)
+    assert (one.unseen, one.missed) == (unseen, outcome == UNANSWERED and not unseen and flags != STILL_OPEN)
+    assert one.failed is (errors or one.missed)
+    assert one.is_behind is (flags == BEHIND)
+    assert went_wrong(one) is one.failed
+
+
+@pytest.mark.parametrize("doubts", [0, GAPS, ALIKE])
+@pytest.mark.parametrize("flags", [0, FUNCTION_MISMATCH, COUNT_MISMATCH | SIZE_MISMATCH, REORDERED])
+def test_a_pair_that_is_only_likely_contradicts_nothing(flags: int, doubts: int) -> None:
+    one = exchange(read(1, dbw(1, 0)), words(1, 7))
+    one._flags = flags | doubts
+    expected = 0 if doubts or flags == REORDERED else flags
+    assert mismatches(one) == expected
+    assert went_wrong(one) is (expected != 0)
+    assert not half_captured(one)
+    one._flags |= EXPECTED
+    assert half_captured(one)
+
+
+def test_three_errors_are_named() -> None:
+    asked = read(1, *[dbw(1, 2 * number) for number in range(4)])
+    one = exchange(asked, ack_data(1, b"\x04\x04", refused(10) + refused(5) + refused(3) + refused(10)))
+    said = "Read Var DB1.DBW0, DB1.DBW2, DB1.DBW4 and 1 more: answered, "
+    assert str(one) == f"{said}Object does not exist, Invalid address, Access not allowed"
+    assert len(one.errors) == 4
+    assert repr(one) == f"Transaction({one.number}, Read Var, answered)"
+
+
+def test_octets_of_each_half_are_its_own_wherever_they_are() -> None:
+    """Alone in their buffers, or between others."""
+    one = exchange(read(1, dbw(1, 0)), words(1, 7))
+    asked, told = read(1, dbw(1, 0)), words(1, 7)
+    for before, after in ((b"", b""), (b"xy", b""), (b"", b"z"), (b"xy", b"z")):
+        one._request_buf, one._request_offset, one.request_size = before + asked + after, len(before), len(asked)
+        one._response_buf, one._response_offset, one.response_size = before + told + after, len(before), len(told)
+        assert (one.request_octets, one.response_octets) == (asked, told)
+
+
+def test_lines_of_json_need_a_later_room() -> None:
+    one = exchange(read(1, dbw(1, 0)), words(1, 7))
+    there = list(module.AS_DICT)
+    module.AS_DICT.clear()
+    try:
+        with pytest.raises(RuntimeError, match=r"dissect\.files\.session"):
+            one.as_dict()
+    finally:
+        module.AS_DICT.extend(there)
+
+
+def test_a_whole_request_is_refused_by_an_error_code_or_by_the_code_of_its_data() -> None:
+    refusals = [
+        exchange(read(1, dbw(1, 0)), ack(1, 0x8104)),
+        exchange(read(1, dbw(1, 0)), ack_data(1, b"\x04\x01", refused(10))),
+        exchange(read(1, dbw(1, 0)), words(1, 7)),
+        exchange(userdata(1, head(1, 4, 1)), userdata(1, head(2, 4, 1, 1, 0))),
+    ]
+    assert [one.refused for one in refusals] == [True, False, False, True]
+    assert [one.has_errors for one in refusals] == [True, True, False, True]
+
+
+@pytest.mark.parametrize("alone", [False, True])
+def test_an_error_code_with_items_has_both(alone: bool) -> None:
+    data = b"" if alone else good(4, b"\0\1")
+    one = exchange(read(1, dbw(1, 0)), ack_data(1, b"\x04\x01", data, 0x8500))
+    assert [result.data for result in one.s7_results] == [None if alone else b"\0\1"]
+    assert [error.where for error in one.errors] == ["header"]
