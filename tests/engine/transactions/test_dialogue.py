@@ -28,6 +28,7 @@ from tests.engine.transactions.talk import (
     job,
     read,
     refused,
+    tpkt,
     userdata,
     words,
     write,
@@ -437,3 +438,19 @@ def test_a_connection_that_falls_silent_where_the_capture_has_gaps_may_have_gone
     (one,) = [one for one in talk.transactions if one.request_frame == request]
     expected = (HOLE, LIKELY) if lossy and silence_ns > SECOND else ("capture_ended", "")
     assert (one.reason, one.certainty) == expected
+
+
+def test_every_transaction_has_a_number_of_its_own(talk: Talk) -> None:
+    """Answers without a request, pushes, requests and what is behind malformed headers are counted as they come to an end."""
+    talk.tell(words(7, 1))
+    talk.tell(words(8, 1))
+    talk.tell(events.mode(2))
+    talk.packet(CLIENT, after_ns=2 * SECOND)
+    talk.ask(read(1, dbw(1, 0)))
+    talk.packet(CLIENT, tpkt(b"\x00\xf0\x80" + read(9, dbw(1, 0))))
+    talk.packet(SERVER, tpkt(b"\x00\xf0\x80" + words(10, 1)))
+    talk.tell(words(1, 1))
+    talk.close()
+    numbers = [int(one.number) for one in talk.transactions]
+    assert sorted(numbers) == [*range(2, 8)]
+    assert talk.pipeline.exchange.dialogue.count == 7

@@ -9,6 +9,7 @@ import pytest
 from dissect.engine.transactions.accounts import OctetAccount
 from dissect.engine.transactions.protocol import Kept, Protocol
 from dissect.engine.transactions.side import Place, Side
+from dissect.engine.transactions.stray import Stray
 from dissect.engine.transactions.table import ConnectionTable
 from dissect.packets.tcp.stream import FAR_AHEAD, WINDOW
 from tests.engine.transactions.talk import CLIENT, SERVER, Talk, dbw, dt, read, tpkt
@@ -304,3 +305,11 @@ def test_octets_are_accounted_for_by_both_framers() -> None:
     protocol.add_up(side, account)
     assert (account.framed, account.skipped, account.buffered) == (207, 45, 3)
     assert protocol.held(side) == 3
+
+
+def test_stray_octets_have_the_packets_of_their_first_and_last() -> None:
+    stray = Stray(0x41, 5, 70, 9, 90)
+    assert (stray.first, stray.skipped, stray.seen, stray.framed, stray.last_ns) == (0x41, 5, 5, 70, 90)
+    assert (stray.frames, stray.garbage, stray.told) == ([9], False, False)
+    stray.last_frame = 12
+    assert stray.frames == [9, 12]
