@@ -317,3 +317,15 @@ def test_values_of_scd_have_names_units_texts_and_what_is_wrong_with_them() -> N
     assert found["Режим 1", "8"] == (0, "Режим 1", "0x6061:0", 8, 8, "", "автомат", "", "scd")
     assert found["Давление 1", "50.0"][3:8] == (50.0, 100, "кПа", "", "access")
     assert found["Последняя авария.time", "2015-10-18T00:00:00.123456789Z"][0] == 0
+
+
+def test_what_scd_refuses_is_an_error_of_the_message() -> None:
+    found = [one for one in of_scd() if one.is_scd and one.has_errors]
+    assert {(error.part, error.where, error.name) for one in found for error in one.errors} == {
+        ("message", "message", "abort")
+    }
+    (one,) = [one for one in found if one.items[0].address == "0x6001:0"]
+    (error,) = one.errors
+    assert error.code == one.error_code != 0
+    assert error.text == one.scd[-1].dictionary.error_text(error.code) != ""
+    assert [message.frame for message in one.scd] == [one.request_frame, one.response_frame]

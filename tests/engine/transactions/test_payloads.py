@@ -7,6 +7,7 @@ from copy import copy
 from dissect.engine.transactions.open_requests import SCD_KEY, key_of
 from dissect.engine.transactions.payloads import SCD, ScdMessage, ScdParameters, is_scd_key
 from dissect.engine.transactions.results import mismatch
+from dissect.protocols.s7.parameters import Parameters
 from dissect.scd.messages import Message
 from tests.meaning.bindings import plant
 
@@ -97,3 +98,13 @@ def test_copies_are_equal_and_need_no_decoder() -> None:
         asked.sub,
     )
     assert (again.err, again.refused, again.settled, again.scd) == (-5, True, True, asked.scd)
+
+
+def test_an_answer_about_another_part_of_the_object_does_not_fit() -> None:
+    asked, told = (parameters(1, "read", plant.ask("Режим 1")) for _ in range(2))
+    assert not mismatch(asked, told)
+    told.sub = asked.sub + 1
+    assert mismatch(asked, told)
+    told.index, told.sub = asked.index + 1, asked.sub
+    assert mismatch(asked, told)
+    assert mismatch(Parameters(b"\x04", 1), told)

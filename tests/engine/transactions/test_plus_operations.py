@@ -532,3 +532,69 @@ def test_items_of_a_subscription_that_was_not_captured_are_named_by_their_refere
     talk.finish()
     (item,) = talk.transactions[0].items
     assert (item.address, item.tag, item.type, item.value, item.result) == ("item 4294967295", "", "Int", 5, "ok")
+
+
+@pytest.mark.parametrize("captured", [True, False])
+def test_a_notification_that_refuses_items_has_errors(captured: bool) -> None:
+    """Named by the subscription, if that was captured; a value beside them is none."""
+    talk = begun()
+    if captured:
+        log_in(talk)
+        subscribe(talk)
+    first, second, third = (number.to_bytes(4, "big") for number in (0xFFFFFFFE, 0xFFFFFFFF, 7))
+    value = build_value(Value(0, INT, 5))
+    for items in (
+        b"\x13" + first,
+        b"\x03" + second,
+        b"\x92" + second + value + b"\x13" + third,
+        b"\x92" + second + value,
+    ):
+        head = b"\x33" + bodies.rid(LIST_ID) + b"\4\0\0\0\0\0\1\1\1"
+        talk.tell(framed(head + items + b"\0" + bytes(4), 3))
+    talk.finish()
+    found = [one for one in talk.transactions if one.outcome == "unsolicited"]
+    assert [one.has_errors for one in found] == [True, True, True, False]
+    labels = (
+        ["M LID 9 [CRC 0xac43db80]", "M LID 10 [CRC 0xa1d977b6]"]
+        if captured
+        else ["item 4294967294", "item 4294967295"]
+    )
+    assert [[(error.part, error.item, error.code, error.address) for error in one.errors] for one in found] == [
+        [("item", 0xFFFFFFFE, 0x13, labels[0])],
+        [("item", 0xFFFFFFFF, 0x03, labels[1])],
+        [("item", 7, 0x13, "item 7")],
+        [],
+    ]
+
+
+def test_operations_of_two_connections_are_apart() -> None:
+    """Both have an object of the same number."""
+    talk = begun()
+    other = Talk(50001, beside=talk)
+    other.open()
+    for one in (talk, other):
+        subscribe(one)
+        notify(one, 1)
+    notify(other, 2)
+    do(talk, 9, DELETE_OBJECT, bodies.delete_object(LIST_ID), b"\0" + bodies.rid(LIST_ID))
+    other.close()
+    talk.pipeline.finish()
+    found = [(one.result, one.parts, one.pushes) for one in talk.operations if one.kind == "cyclic"]
+    assert found == [("done", 3, 1), ("running", 3, 2)]
+
+
+def test_a_deletion_of_something_else_ends_nothing() -> None:
+    talk = begun()
+    subscribe(talk)
+    do(talk, 9, DELETE_OBJECT, bodies.delete_object(LIST_ID + 1), b"\0" + bodies.rid(LIST_ID + 1))
+    notify(talk, 1)
+    assert [(kind, result, parts, pushes) for kind, _, result, parts, pushes in told_of(talk)] == [
+        ("cyclic", "running", 2, 1)
+    ]
+
+
+def test_a_subscription_whose_deletion_is_refused_goes_on() -> None:
+    talk = begun()
+    subscribe(talk)
+    do(talk, 9, DELETE_OBJECT, bodies.delete_object(LIST_ID), DENIED + bodies.rid(LIST_ID))
+    assert [(one[0], *one[2:]) for one in told_of(talk)] == [("cyclic", "running", 1, 0)]

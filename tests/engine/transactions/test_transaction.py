@@ -312,8 +312,8 @@ def test_results_of_an_open_transaction_are_not_kept() -> None:
 
 def test_flags_are_bits_of_their_own() -> None:
     flags = [value for name, value in vars(checks).items() if name.isupper() and name in FLAGS]
-    flags += [UNCONFIRMED, STILL_OPEN]
-    assert len(flags) == len(FLAGS) + 2
+    flags += [UNCONFIRMED, STILL_OPEN, BEHIND]
+    assert len(flags) == len(FLAGS) + 3
     assert sum(flags) == (1 << len(flags)) - 1
 
 
