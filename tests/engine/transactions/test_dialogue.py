@@ -454,3 +454,63 @@ def test_every_transaction_has_a_number_of_its_own(talk: Talk) -> None:
     numbers = [int(one.number) for one in talk.transactions]
     assert sorted(numbers) == [*range(2, 8)]
     assert talk.pipeline.exchange.dialogue.count == 7
+
+
+def test_an_answer_that_fits_no_request_after_those_that_are_answered_stands_alone(talk: Talk) -> None:
+    """Servers answer in order: what was asked before an answered request is not answered after it."""
+    asked_at = [talk.ask(read(5, dbw(1, 2 * number, size))) for number, size in enumerate((1, 1, 2))]
+    refusal = talk.tell(ack_data(5, b"\x04\x01", refused(10)))  # it may be that to any of them
+    double = talk.tell(words(5, 1, 2))
+    single = talk.tell(words(5, 3))
+    talk.close()
+    assert sorted(talk.pairs()) == sorted(
+        [(asked_at[0], refusal), (asked_at[1], 0), (asked_at[2], double), (0, single)]
+    )
+    (unanswered,) = [one for one in talk.transactions if not one.response_frame]
+    assert unanswered.reason == REFERENCE_REUSED
+
+
+def test_a_row_after_a_gap_that_may_also_contain_a_push(talk: Talk) -> None:
+    """Whether the missing octets are the answer is not known, so that it is only likely."""
+    talk.tell(events.mode(2))
+    first = talk.ask(read(5, dbw(1, 0)))
+    talk.lose(SERVER, words(5, 1))
+    second = talk.ask(read(5, dbw(1, 2, 2)))
+    answered = talk.tell(words(5, 2, 3))
+    heal(talk)
+    lost = next(one for one in talk.transactions if one.request_frame == first)
+    assert (lost.response_frame, lost.reason, lost.certainty) == (0, HOLE, LIKELY)
+    assert (second, answered) in talk.pairs()
+    assert talk.pipeline.exchange.dialogue.open == 0
+
+
+def test_whether_an_answer_would_complete_a_request(talk: Talk) -> None:
+    dialogue = talk.pipeline.exchange.dialogue
+    client = talk.pipeline.table.all_open()[0]
+    assert client.peer is not None
+    assert not dialogue.waits(client.peer, 1, 5)
+    talk.ask(read(5, dbw(1, 0)))
+    assert dialogue.waits(client.peer, 1, 5)
+    assert dialogue.waits(client.peer, 3, 5)
+    assert not dialogue.waits(client.peer, 1, 6)
+    assert not dialogue.waits(client.peer, 7, 5)
+    assert not dialogue.waits(client, 1, 5)
+    talk.tell(words(5, 1))
+    assert not dialogue.waits(client.peer, 1, 5)
+
+
+def test_while_pairs_are_doubtful_an_early_answer_is_only_likely_too(talk: Talk) -> None:
+    for _ in range(2):  # a client that waits long, so that it takes long until it is idle
+        talk.ask(read(5, dbw(1, 0)))
+        talk.tell(words(5, 1), after_ns=2 * SECOND)
+    talk.ask(read(5, dbw(1, 2)), after_ns=9 * SECOND)
+    talk.ask(read(5, dbw(1, 4)), after_ns=SECOND)
+    talk.tell(words(5, 2))
+    talk.silence(2 * SECOND)
+    request = read(5, dbw(1, 6))
+    talk.acked[SERVER] = talk.seq[CLIENT] + len(dt(request))
+    told = talk.tell(words(5, 3))
+    talk.acked[SERVER] = None
+    frame = talk.ask(request)
+    (one,) = [one for one in talk.transactions if one.request_frame == frame]
+    assert (one.response_frame, one.doubt) == (told, "alike")

@@ -598,3 +598,24 @@ def test_a_subscription_whose_deletion_is_refused_goes_on() -> None:
     subscribe(talk)
     do(talk, 9, DELETE_OBJECT, bodies.delete_object(LIST_ID), DENIED + bodies.rid(LIST_ID))
     assert [(one[0], *one[2:]) for one in told_of(talk)] == [("cyclic", "running", 1, 0)]
+
+
+def test_a_request_whose_end_was_not_captured_is_only_likely_answered() -> None:
+    """What follows may answer another one, of which more was in the gap."""
+    talk = begun()
+    octets = asked(1, CREATE_OBJECT, body=bodies.create_object(3, NOTHING, ONE, integrity_id=1))
+    talk.ask(framed(octets[:60], 3, trailer=False))
+    talk.lose(CLIENT, framed(octets[60:], 3))
+    talk.packet(SERVER)
+    notify(talk, 1)
+    talk.ask(framed(asked(2, SET_VARIABLE, body=bodies.set_variable(52, [1], Value(0, DINT, 1))), 3))
+    talk.tell(framed(told(1, CREATE_OBJECT, b"\0\0" + bodies.end(2)), 3))
+    talk.tell(framed(told(2, SET_VARIABLE, b"\0" + bodies.end(2)), 3))
+    for _ in range(3):
+        talk.packet(CLIENT)
+        talk.packet(SERVER, after_ns=60 * MS)
+    talk.close()
+    pairs = {
+        one.pdu_ref: (one.outcome, one.certainty) for one in talk.transactions if one.is_plus and one.request_frame
+    }
+    assert pairs == {1: ("answered", "likely"), 2: ("answered", "sure")}
