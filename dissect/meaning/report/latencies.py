@@ -42,8 +42,8 @@ class Latencies:
         self.largest: i64 = 0
         self._kept: BytesWriter = BytesWriter()  # answer times kept one by one, eight octets each
         self._asked_at: i64 = 0  # `count` when `_kept` was last sorted, or `_spread` last made
-        # Numbers in each group of `_COARSE` buckets, if more than `_FEW` are kept; in each bucket, empty while all are kept one by
-        # one. Both contain numbers, not objects, unlike a list (mypyc).
+        # Numbers in each group of `_COARSE` buckets, if more than `_FEW` are kept; in each bucket, empty while all are kept one
+        # by one. Both contain numbers, not objects, unlike a list (mypyc).
         self._spread: vec[i64] = vec[i64]()
         self._buckets: vec[i64] = vec[i64]()
         self._waiting: bytes = b""  # answer times that were kept, until all of them are counted in buckets
