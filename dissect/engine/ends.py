@@ -50,7 +50,9 @@ def take(counters: Counters, side: Side, seq: i64, flags: i64, size: i64, link: 
         if not tcp.note_reset(side.index, seq, counters.frames, counters.now_ns):
             counters.note_ignored(side, "reset")
             return False
-    elif not tcp.note_fin(side.index, (seq + size) & MASK, counters.frames, counters.now_ns, read):
+    elif tcp.note_fin(side.index, (seq + size) & MASK, counters.frames, counters.now_ns, read):
+        side.fin_seq = (seq + size) & MASK
+    else:
         counters.note_ignored(side, "FIN")
     if tcp.doubt is not None and not in_doubt:
         tcp.doubt.sender = link[6:12]
@@ -111,10 +113,10 @@ def note_unseen(counters: Counters, side: Side, peer: Side) -> bool:
 
 def _unseen(side: Side) -> i64:
     missing: i64 = side.unseen
-    tcp = side.tcp
-    if missing > 1 and tcp.finished(side.index):
+    peer = side.peer
+    if missing > 0 and side.fin_seq >= 0 and peer is not None and peer.acked == (side.fin_seq + 1) & MASK:
         missing -= 1  # the number of its FIN
-    doubt = tcp.doubt
+    doubt = side.tcp.doubt
     asked: bool = side.connection.open_requests[1 - side.index].count > 0
     if doubt is not None and asked and doubt.side == side.index and side.is_ahead(doubt.seq):
         missing = max(missing, (doubt.seq - side.end_seq) & MASK)
@@ -210,7 +212,7 @@ def give_way(counters: Counters, side: Side) -> None:
 
 
 def _silent(side: Side, rival: Rival) -> bool:
-    """Return whether both sides sent octets since the SYN; one side alone may have sent them before it got the SYN."""
+    """Return whether neither side sent octets since the SYN."""
     peer = side.peer
     return peer is not None and side.stream.octets == rival.octets and peer.stream.octets == rival.answered
 

@@ -74,6 +74,18 @@ def test_rdp_inside_iso_on_tcp_takes_the_connection(first: bytes) -> None:
     assert talk.pipeline.counters.packet_counts()["other_protocol"] == 2
 
 
+@each("side", [CLIENT, SERVER])
+def test_stray_octets_before_another_protocol_are_reported_when_it_takes_the_connection(side: int) -> None:
+    """Of either side: nothing comes any more that could end them."""
+    talk = begun()
+    first = talk.packet(side, b"\xff" * 50)
+    talk.packet(1 - side, dt(b"\x7f\x66\x82\x01\x45"))
+    assert talk.slugs() == ["tpkt.garbage", FOREIGN_ON_102]
+    (finding, _) = talk.findings
+    assert finding.frames == [first]
+    assert finding.detail.endswith("decoding did not resume")
+
+
 def test_what_looks_like_rdp_among_s7_ends_nothing() -> None:
     talk = begun()
     talk.ask(setup(0))
@@ -341,8 +353,22 @@ def test_a_connect_request_begins_another_connection_once_the_first_is_establish
     assert second_connect(False, dt(framed(asked(1)))) == 2
     assert second_connect(False, dt(b"what is this")) == 1
     assert second_connect(False, dt(b"")) == 1
+    assert second_connect(False, dt(b"\x32")) == second_connect(False, dt(b"\x72")) == 2  # the beginning of one will do
     assert second_connect(False, b"\x03\x00\x00\x07\x02\xf0") == 1  # cut short before its data
     assert second_connect(False, b"\x13\x00\x00\x19\x02\xf0\x80" + read(1, dbw(1, 0))) == 1  # no TPKT
+
+
+@each(("size", "connections"), [(4, 1), (5, 1), (6, 1), (7, 2), (len(CONNECT), 2)])
+def test_of_a_connect_request_in_pieces_the_first_has_to_reach_beyond_its_type(size: int, connections: int) -> None:
+    """With it and a CC, the next connect request is that of another connection."""
+    talk = selecting(no_connection)
+    talk.hello()
+    talk.packet(CLIENT, CONNECT[:size])
+    if CONNECT[size:]:
+        talk.packet(CLIENT, CONNECT[size:])
+    talk.packet(SERVER, CONFIRM)
+    talk.packet(CLIENT, CONNECT)
+    assert talk.pipeline.connections.count == connections
 
 
 def numbers_read(*segments: tuple[int, bytes]) -> list[tuple[int, int]]:
@@ -373,14 +399,15 @@ def test_the_connection_in_its_place_may_be_read() -> None:
     assert numbers_read((CLIENT, CONNECT), (SERVER, disconnect), *WHOLE) == []
 
 
-def test_a_request_without_confirmation_that_was_not_seen_as_the_first_begins_one() -> None:
-    """Met in its midst with a CC: the CR before it is not there, so the one behind belongs to the same connection or not."""
-    talk = selecting(lambda one: one.number > 1)
-    talk.packet(SERVER, CONFIRM)
-    talk.packet(CLIENT, CONNECT)
-    assert talk.pipeline.connections.count == 1  # a CC before its CR: captured in the wrong order
-    talk.packet(CLIENT, CONNECT)
-    assert talk.pipeline.connections.count == 2
+def test_a_connect_request_on_a_connection_met_in_its_midst() -> None:
+    """Behind a CC it may belong to the same one, captured in the wrong order; behind data it begins another."""
+    for octets, connections in ((CONFIRM, 1), (ASKED, 2), (ANSWERED, 2)):
+        talk = selecting(lambda one: one.number > 1)
+        talk.packet(SERVER, octets)
+        talk.packet(CLIENT, CONNECT)
+        assert talk.pipeline.connections.count == connections
+        talk.packet(CLIENT, CONNECT)
+        assert talk.pipeline.connections.count == 2  # repeated where the first one began it
 
 
 @each("distance", [1, 7, 100_000])

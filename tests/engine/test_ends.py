@@ -7,6 +7,7 @@ from typing import Final
 import pytest
 
 from dissect.engine.transactions.table import DOUBT_NS, LINGER_NS
+from dissect.packets.tcp.stream import WINDOW
 from tests.cases import each
 from tests.engine.transactions.talk import (
     ACK,
@@ -434,3 +435,301 @@ def test_a_connection_that_goes_on_keeps_no_ended_one_waiting() -> None:
         talk.wait(SECOND)
         polled(talk, number)
     assert [(one.tcp.ends[0].port, one.tcp.ended) for one in talk.connections] == [(50_001, "reset")]
+
+
+# ---- what is said of them -------------------------------------------------------------------------------------------
+
+
+def test_a_card_is_named_only_where_both_are_known_and_differ() -> None:
+    for sender, told in ((CARDS[2], True), (CARDS[1], False), (bytes(6), True)):
+        talk = begun()
+        talk.macs = [CARDS[0], sender]
+        talk.packet(SERVER, flags=RST, seq=talk.seq[SERVER] + 100)
+        talk.macs = CARDS[:2]
+        polled(talk, 2, 3)
+        talk.finish()
+        (detail,) = details(talk)
+        assert ("; sent by" in detail) is told, sender
+    talk = Talk()  # no Ethernet addresses at all
+    talk.open()
+    talk.packet(SERVER, flags=RST, seq=talk.seq[SERVER] + 100)
+    polled(talk, 2, 3)
+    talk.finish()
+    (detail,) = details(talk)
+    assert detail.endswith("the connection went on")
+
+
+def test_the_sender_of_the_first_end_in_doubt_is_the_one_that_is_named() -> None:
+    talk = begun()
+    for card, distance in ((CARDS[2], 100), (CARDS[1], 50)):
+        talk.macs = [CARDS[0], card]
+        talk.packet(SERVER, flags=RST, seq=talk.seq[SERVER] + distance)
+    talk.macs = CARDS[:2]
+    polled(talk, 2, 3)
+    talk.finish()
+    assert details(talk)[0].endswith("; sent by 02:00:00:00:00:ff, but 10.0.0.2 has 02:00:00:00:00:02")
+
+
+def test_an_end_that_was_none_has_the_time_of_its_packet() -> None:
+    talk = begun()
+    frame = talk.packet(SERVER, flags=RST, seq=talk.seq[SERVER] + 100)
+    time_ns = talk.now_ns
+    polled(talk, 2, 3)
+    (finding,) = [one for one in talk.findings if one.slug == IGNORED]
+    assert (finding.frames, finding.time_ns, finding.connection) == ([frame], time_ns, 1)
+
+
+def test_of_connections_that_are_not_followed_nothing_is_said() -> None:
+    talk = Talk(server_port=80)
+    talk.hello()
+    for _ in range(2):
+        talk.packet(CLIENT, b"GET / HTTP/1.0\r\n")
+        talk.packet(SERVER, b"HTTP/1.0 200 OK\r\n")
+    talk.packet(SERVER, flags=RST, seq=talk.seq[SERVER] + 100)
+    talk.packet(CLIENT, flags=SYN, seq=77_000_000)
+    for _ in range(3):
+        talk.packet(CLIENT, b"GET / HTTP/1.0\r\n")
+        talk.packet(SERVER, b"HTTP/1.0 200 OK\r\n")
+    talk.seq = [5_000_000, 7_000_000]
+    talk.hello()
+    talk.finish()
+    assert talk.findings == []
+
+
+# ---- octets that only acknowledgements show -------------------------------------------------------------------------
+
+
+@each("flags", [RST, FIN | ACK])
+@each("side", [CLIENT, SERVER])
+def test_what_was_acknowledged_and_not_captured_is_a_gap_when_the_connection_ends(side: int, flags: int) -> None:
+    """With the packet that ends it; what the end itself shows counts from there."""
+    talk = begun()
+    talk.ask(read(2, dbw(1, 0)))
+    talk.seq[SERVER] += 27
+    talk.packet(CLIENT)  # it acknowledges the answer that is not there
+    talk.packet(side, flags=flags)
+    if flags & FIN:
+        talk.packet(1 - side, flags=flags)
+    last = int(talk.pipeline.frames)
+    talk.finish()
+    holes = [one for one in talk.findings if one.slug == "stream.hole"]
+    assert [(one.detail, one.frames) for one in holes] == [("27 bytes from 10.0.0.2:102, between TPKTs", [last])]
+    assert [(one.outcome, one.reason) for one in talk.transactions] == [("answered", ""), ("unanswered", "hole")]
+    octets = talk.pipeline.counters.octets
+    assert (octets.missing, octets.holes) == (27, 1)
+
+
+@each(("missing", "gap"), [(1, 0), (6, 0), (7, 7), (27, 27)])
+def test_fewer_octets_than_a_message_has_are_no_gap(missing: int, gap: int) -> None:
+    """They may be numbers of FINs, of which each counts one."""
+    talk = begun()
+    talk.ask(read(2, dbw(1, 0)))
+    talk.seq[SERVER] += missing
+    talk.packet(CLIENT)
+    talk.finish()
+    assert talk.pipeline.counters.octets.missing == gap
+
+
+@each(("missing", "gap"), [(1, 0), (2, 2), (11, 11)])
+def test_behind_the_begin_of_a_message_two_octets_are_a_gap(missing: int, gap: int) -> None:
+    talk = begun()
+    talk.ask(read(2, dbw(1, 0)))
+    talk.packet(SERVER, dt(words(2, 1))[:16])
+    talk.seq[SERVER] += missing
+    talk.packet(CLIENT)
+    talk.finish()
+    assert talk.pipeline.counters.octets.missing == gap
+
+
+def test_a_fin_that_nobody_acknowledges_takes_no_octet_from_a_gap() -> None:
+    """The client has acknowledged the answer that is missing, and the capture ends with the FIN of the server."""
+    talk = begun()
+    talk.ask(read(2, dbw(1, 0)))
+    talk.seq[SERVER] += 7
+    talk.packet(CLIENT, flags=FIN | ACK)
+    talk.packet(SERVER, flags=FIN | ACK)
+    talk.finish()
+    assert talk.pipeline.counters.octets.missing == 7
+
+
+def test_the_number_of_a_fin_is_no_octet() -> None:
+    """The client acknowledges answer and FIN, of which only the FIN was captured, or neither."""
+    for captured_fin in (True, False):
+        talk = begun()
+        talk.ask(read(2, dbw(1, 0)))
+        talk.seq[SERVER] += 27
+        if captured_fin:
+            talk.packet(SERVER, flags=FIN | ACK)
+        else:
+            talk.seq[SERVER] += 1
+        talk.packet(CLIENT)
+        talk.packet(CLIENT, flags=FIN | ACK)
+        talk.finish()
+        assert talk.pipeline.counters.octets.missing == (27 if captured_fin else 28)
+
+
+def test_octets_before_an_end_that_counts_are_missing_where_a_request_waits_for_them() -> None:
+    for asks, missing in ((True, 500), (False, 0)):
+        talk = begun()
+        if asks:
+            talk.ask(read(2, dbw(1, 0)))
+        talk.packet(SERVER, flags=RST, seq=talk.seq[SERVER] + 500)
+        talk.silence(11 * SECOND)
+        assert talk.pipeline.counters.octets.missing == missing
+        assert talk.connections[0].tcp.ended == "reset"
+
+
+def test_nothing_is_missing_of_a_connection_that_is_not_followed() -> None:
+    talk = Talk(server_port=80)
+    talk.hello()
+    talk.packet(CLIENT, b"GET / HTTP/1.0\r\n")
+    talk.seq[SERVER] += 500
+    talk.packet(CLIENT)
+    talk.finish()
+    assert (talk.pipeline.counters.octets.missing, talk.findings) == (0, [])
+
+
+# ---- SYNs -----------------------------------------------------------------------------------------------------------
+
+
+def test_a_syn_with_data_begins_another_connection_at_once() -> None:
+    talk = begun()
+    frame = talk.packet(CLIENT, b"x", flags=SYN, seq=77_000_000)
+    talk.finish()
+    assert [(one.tcp.ended, one.tcp.ended_frame) for one in talk.connections] == [("reused", frame)]
+    assert talk.slugs()[0] == "stream.reused"
+
+
+def test_a_syn_of_the_same_number_is_of_the_same_connection() -> None:
+    talk = begun()
+    talk.packet(CLIENT, flags=SYN, seq=1000)
+    talk.packet(SERVER, flags=SYN | ACK, seq=90_000)
+    polled(talk, 2)
+    talk.close()
+    assert len(talk.connections) == 1
+    assert talk.slugs() == []
+
+
+@each("side", [CLIENT, SERVER])
+def test_one_side_alone_may_go_on_beside_a_syn_before_it_gets_it(side: int) -> None:
+    """Only when both do is the SYN not believed; the server that says nothing more may have taken it."""
+    talk = begun()
+    talk.packet(CLIENT, flags=SYN, seq=77_000_000)
+    for number in range(3):
+        if side == CLIENT:
+            talk.ask(read(10 + number, dbw(1, 0)))
+        else:
+            talk.tell(words(10 + number, 1))
+    talk.packet(CLIENT, dt(read(9, dbw(1, 0))), seq=77_000_001)
+    talk.finish()
+    assert len(talk.connections) == 2
+    assert IGNORED not in talk.slugs()
+
+
+@each(("distance", "follows"), [(0, True), (1, True), (WINDOW, True), (WINDOW + 1, False), (-1, False)])
+@each("side", [CLIENT, SERVER])
+def test_data_that_confirm_a_syn_follow_it_within_a_window(side: int, distance: int, follows: bool) -> None:
+    """Of the side that sent it by their number, of the other by what they acknowledge."""
+    talk = begun()
+    talk.packet(CLIENT, flags=SYN, seq=77_000_000)
+    if side == CLIENT:
+        talk.packet(CLIENT, dt(read(9, dbw(1, 0))), seq=77_000_001 + distance)
+    else:
+        talk.acked[SERVER] = 77_000_001 + distance
+        talk.packet(SERVER, dt(words(9, 1)), seq=talk.seq[SERVER] + 5_000_000)
+    talk.finish()
+    assert (len(talk.connections) == 2) is follows
+
+
+@each(("near", "follows"), [(0, False), (100, False), (WINDOW, False), (WINDOW + 1, True), (-WINDOW - 1, True)])
+def test_data_where_the_connection_is_confirm_nothing_unless_they_have_the_very_number(
+    near: int, follows: bool
+) -> None:
+    """A SYN may have a number near that of the connection; only what is far from it, or just behind the SYN, is of another."""
+    talk = begun()
+    at = talk.seq[CLIENT]
+    talk.packet(CLIENT, flags=SYN, seq=at + near - 1001)
+    talk.packet(CLIENT, dt(read(9, dbw(1, 0))), seq=at + near)
+    talk.finish()
+    assert (len(talk.connections) == 2) is follows
+    talk = begun()
+    talk.packet(CLIENT, flags=SYN, seq=talk.seq[CLIENT] + near + 49)
+    talk.packet(CLIENT, dt(read(9, dbw(1, 0))), seq=talk.seq[CLIENT] + near + 50)
+    talk.finish()
+    assert len(talk.connections) == 2
+
+
+def test_an_answer_that_does_not_acknowledge_the_syn_confirms_nothing() -> None:
+    for flags in (ACK, 0):
+        talk = begun()
+        talk.packet(CLIENT, flags=SYN, seq=77_000_000)
+        talk.acked[SERVER] = 88_000_000
+        talk.packet(SERVER, dt(words(9, 1)), flags=flags, seq=talk.seq[SERVER] + 5_000_000)
+        talk.finish()
+        assert len(talk.connections) == 1
+
+
+def test_a_second_syn_takes_the_place_of_the_first_and_the_same_again_does_not() -> None:
+    talk = begun()
+    first = talk.packet(CLIENT, flags=SYN, seq=77_000_000)
+    talk.packet(CLIENT, flags=SYN, seq=77_000_000)
+    talk.packet(CLIENT, dt(read(9, dbw(1, 0))), seq=77_000_001)
+    talk.finish()
+    assert talk.connections[0].tcp.ended_frame == first
+    talk = begun()
+    talk.packet(CLIENT, flags=SYN, seq=77_000_000)
+    second = talk.packet(CLIENT, flags=SYN, seq=78_000_000)
+    talk.packet(CLIENT, dt(read(9, dbw(1, 0))), seq=78_000_001)
+    talk.finish()
+    assert talk.connections[0].tcp.ended_frame == second
+    assert talk.connections[0].tcp.ended_ns == talk.connections[1].tcp.first_ns
+
+
+@each("ack", [77_000_001, 77_000_002, 0])
+def test_a_reset_that_acknowledges_a_syn_refuses_it_and_any_other_is_of_the_connection(ack: int) -> None:
+    talk = begun()
+    frame = talk.packet(CLIENT, flags=SYN, seq=77_000_000)
+    talk.acked[SERVER] = ack
+    reset = talk.packet(SERVER, flags=RST | ACK)
+    talk.finish()
+    (connection,) = talk.connections
+    refused = ack == 77_000_001
+    assert (connection.tcp.ended, connection.tcp.ended_frame) == (("reused", frame) if refused else ("reset", reset))
+
+
+@each("sides", [(), (CLIENT,), (SERVER,), (SERVER, CLIENT)])
+def test_the_last_packet_of_a_connection_that_gave_way_is_the_one_before_the_syn_unless_it_went_on(
+    sides: tuple[int, ...],
+) -> None:
+    """What only one side, or the other, sent behind the SYN is still of it."""
+    talk = begun()
+    last = int(talk.pipeline.frames)
+    talk.packet(CLIENT, flags=SYN, seq=77_000_000)
+    for side in sides:
+        last = talk.packet(side, dt(read(2, dbw(1, 0))))
+    talk.seq[CLIENT] = 77_000_001
+    talk.packet(SERVER, flags=SYN | ACK)
+    talk.finish()
+    assert talk.connections[0].tcp.last_frame == last
+
+
+def test_of_a_syn_whose_connection_went_on_no_answer_is_expected() -> None:
+    talk = begun()
+    for _ in range(2):
+        talk.packet(CLIENT, flags=SYN, seq=77_000_000, after_ns=SECOND)
+    polled(talk, 2, 3)
+    talk.finish()
+    assert talk.slugs() == [IGNORED]
+    talk = begun()
+    for _ in range(2):
+        talk.packet(CLIENT, flags=SYN, seq=77_000_000, after_ns=SECOND)
+    talk.finish()
+    assert talk.slugs() == ["stream.unanswered"]
+
+
+@each(("ahead", "late"), [(0, False), (65_536, False), (65_537, True), (1 << 31, True)])
+def test_octets_behind_a_reset_count_where_they_may_be_out_of_order(ahead: int, late: bool) -> None:
+    talk = begun()
+    talk.packet(SERVER, flags=RST)
+    talk.packet(CLIENT, dt(read(2, dbw(1, 0))), seq=talk.seq[CLIENT] + ahead)
+    assert talk.pipeline.counters.packet_counts()["after_close"] == late

@@ -224,3 +224,166 @@ def test_keys_of_every_form(size: int, vlan: bytes) -> None:
             watch.take(reverse_key(one), 500, 100)
     watch.finish()
     assert reporter.counts == {"session.idle": 1}
+
+
+# ---- numbers that change --------------------------------------------------------------------------------------------
+
+
+@each("side", [CLIENT, SERVER])
+@each("before", [1, 2])
+def test_an_acknowledgement_that_changes_shows_that_something_was_sent(side: int, before: int) -> None:
+    """By either side: the connection is not silent, however many probes follow or came before."""
+    talk = Talk()
+    for _ in range(before):
+        probe(talk)
+    talk.acked[side] = talk.seq[1 - side] + 1
+    for _ in range(3):
+        probe(talk)
+    assert idle(talk) == []
+
+
+@each(("distance", "silent"), [(-1, True), (-2, False), (1, False), (-100, False), (5000, False)])
+def test_a_probe_has_the_number_before_the_next_one(distance: int, silent: bool) -> None:
+    """As the other side acknowledges it, before or behind."""
+    for answer_first in (False, True):
+        talk = Talk()
+        if answer_first:
+            talk.packet(SERVER)
+        for _ in range(3):
+            talk.packet(CLIENT, seq=talk.seq[CLIENT] + distance, after_ns=PAUSE)
+            talk.packet(SERVER)
+        assert idle(talk) == (said(3) if silent else [])
+
+
+def test_an_acknowledgement_between_probes_is_no_probe() -> None:
+    talk = Talk()
+    for _ in range(3):
+        probe(talk)
+        talk.packet(CLIENT)
+    assert idle(talk) == said(3)
+
+
+def test_packets_before_the_other_side_is_seen_have_to_be_alike() -> None:
+    """What was counted as probes were acknowledgements, when the other side acknowledges just this number."""
+    talk = Talk()
+    talk.acked[CLIENT] = talk.seq[SERVER]
+    for _ in range(3):
+        talk.packet(CLIENT, after_ns=PAUSE)
+    for _ in range(2):
+        probe(talk, SERVER)
+    assert idle(talk) == said(2)
+    talk = Talk()
+    for seq in (-1, 0):
+        talk.packet(CLIENT, seq=talk.seq[CLIENT] + seq, after_ns=PAUSE)
+    for _ in range(3):
+        probe(talk)
+    assert idle(talk) == []
+
+
+@each(("pause_ms", "count"), [(899, 2), (900, 4), (901, 4)])
+def test_probes_are_a_second_apart_or_a_little_less(pause_ms: int, count: int) -> None:
+    talk = Talk()
+    for _ in range(4):
+        talk.packet(CLIENT, seq=talk.seq[CLIENT] - 1, after_ns=pause_ms * MS)
+        talk.packet(SERVER, after_ns=0)
+    assert idle(talk) == said(count)
+
+
+def test_one_probe_of_each_side_is_not_enough() -> None:
+    """Each may be what is left of a FIN."""
+    talk = Talk()
+    probe(talk, CLIENT)
+    probe(talk, SERVER)
+    assert idle(talk) == []
+    for sides in ((CLIENT, CLIENT, SERVER), (CLIENT, SERVER, SERVER)):
+        talk = Talk()
+        for side in sides:
+            probe(talk, side)
+        assert idle(talk) == said(3)
+
+
+@each("port", [102, 103])
+@each("swapped", [False, True])
+def test_a_connection_of_port_102_is_watched_whichever_side_is_captured_first(port: int, swapped: bool) -> None:
+    talk = Talk(port, 50000) if swapped else Talk(50000, port)
+    for _ in range(2):
+        probe(talk)
+    talk.finish()
+    assert talk.slugs() == (["session.idle"] if port == 102 else [])
+    if port == 102:
+        (finding,) = talk.findings
+        client, server = ("10.0.0.2", "10.0.0.1") if swapped else ("10.0.0.1", "10.0.0.2")
+        assert (finding.client, finding.server) == (client, server)
+        assert finding.detail.startswith(f"{client}:50000 and {server}:102: 2 probes")
+
+
+def test_probes_before_a_connection_speaks_are_told_where_it_says_nothing_after_all() -> None:
+    """The probes that were empty and those with a byte are of one connection."""
+    talk = Talk()
+    for octets in (b"", b"", b"\0", b"\0"):
+        probe(talk, CLIENT, octets)
+    assert idle(talk) == said(4, "2 of them")
+    # Where empty ones are not certain to be probes, those with a byte count with them all the same.
+    talk = Talk()
+    for octets in (b"", b"\0"):
+        probe(talk, CLIENT, octets)
+    assert idle(talk) == said(2, "1 of them")
+
+
+def test_numbers_that_changed_before_leave_no_probes_to_a_connection_that_speaks() -> None:
+    talk = Talk()
+    probe(talk)
+    talk.acked[SERVER] = talk.seq[CLIENT] + 9
+    probe(talk)
+    talk.acked[SERVER] = None
+    probe(talk, CLIENT, b"\0")
+    assert idle(talk) == ["10.0.0.1:50000 and 10.0.0.2:102: 1 probe, with a byte"]
+
+
+def test_the_connection_whose_last_packet_is_oldest_is_forgotten_first() -> None:
+    talk = Talk()
+    for port in (50000, 50001):
+        talk.ports[CLIENT] = port
+        for _ in range(2):
+            probe(talk)
+    talk.ports[CLIENT] = 50000
+    probe(talk)  # now the other one is the oldest
+    for port in range(1, MAX_SILENT + 1):
+        talk.ports[CLIENT] = port + (port > 101)
+        talk.packet(CLIENT, after_ns=0)
+        if talk.findings:
+            break
+    assert port == MAX_SILENT - 1
+    (finding,) = talk.findings
+    assert finding.detail == "10.0.0.1:50001 and 10.0.0.2:102: 2 probes, none with a byte"
+
+
+def test_a_forgotten_connection_of_which_something_is_known_is_no_loss() -> None:
+    """Its numbers moved, so that it would not have been reported."""
+    talk = Talk()
+    talk.packet(CLIENT)
+    talk.packet(SERVER)
+    talk.packet(CLIENT, seq=talk.seq[CLIENT] - 9)
+    for port in range(1, MAX_SILENT + 2):
+        talk.ports[CLIENT] = port + (port > 101)
+        talk.packet(CLIENT, after_ns=0)
+    assert talk.pipeline.finding_counts == {"stream.evicted": 1}  # of the two that are forgotten
+
+
+def test_a_probe_with_any_octet_is_one_only_where_nothing_else_is_known() -> None:
+    """Behind other octets of its connection only a zero octet is a keep-alive; on other ports it is never counted."""
+    for port, octet, kept in ((102, b"\x27", True), (102, b"\0", True), (80, b"\x27", False), (80, b"\0", True)):
+        talk = Talk(server_port=port)
+        talk.packet(CLIENT, octet, seq=talk.seq[CLIENT] - 1)
+        assert talk.pipeline.counters.packet_counts()["keep_alive"] == kept, (port, octet)
+    for octet, kept in ((b"\x27", False), (b"\0", True)):
+        talk = Talk()
+        talk.packet(SERVER, b"GET / HTTP/1.0\r\n")
+        talk.packet(CLIENT, octet, seq=talk.seq[CLIENT] - 1)
+        assert talk.pipeline.counters.packet_counts()["keep_alive"] == kept
+
+
+def test_two_octets_are_no_probe() -> None:
+    talk = Talk()
+    talk.packet(CLIENT, b"\0\0", seq=talk.seq[CLIENT] - 1)
+    assert talk.pipeline.counters.packet_counts()["keep_alive"] == 0

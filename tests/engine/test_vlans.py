@@ -9,6 +9,7 @@ import pytest
 
 from dissect.engine.pipeline import Options, Pipeline
 from dissect.engine.transactions.table import MAX_ALSO, MAX_CONNECTIONS, MAX_TAGS, ConnectionTable
+from tests.cases import each
 from tests.engine.test_pipeline import poll, ready
 from tests.engine.transactions import talk as talks
 from tests.properties.books import Record, Result, check_books, told, true
@@ -194,3 +195,198 @@ def test_data_that_fit_a_syn_in_another_vlan_end_no_connection_there() -> None:
     assert [one.tcp.vlan for one in talk.connections if one.answered] == [10]
     assert talk.outcomes().count("answered") == 3
     assert talk.pipeline.table.sides == {}
+
+
+# ---- which numbers fit ----------------------------------------------------------------------------------------------
+
+#: The largest distance of a number that fits: a window without scaling.
+WINDOW = 65535
+DISTANCES = [0, 1, -1, 100, WINDOW, -WINDOW, WINDOW + 1, -WINDOW - 1, 1 << 30, 1 << 31]
+
+
+def half() -> talks.Talk:
+    """A connection of which only the client was captured so far, in VLAN 10, in its midst; then comes VLAN 20."""
+    talk = talks.Talk()
+    talk.vlan = 10
+    talk.ask(talks.read(1, talks.dbw(1, 0)))
+    talk.vlan = 20
+    return talk
+
+
+def opened(talk: talks.Talk) -> int:
+    return len(talk.pipeline.table.all_open())
+
+
+@each("distance", DISTANCES)
+@each("payload", [b"", talks.dt(talks.words(1, 1))])
+def test_an_answer_in_another_vlan_belongs_to_the_connection_whose_numbers_it_fits(
+    distance: int, payload: bytes
+) -> None:
+    """Both its number and what it acknowledges: within a window, as packets may be missing."""
+    fits = abs(distance) <= WINDOW
+    talk = half()
+    talk.packet(talks.SERVER, payload, seq=talk.seq[talks.SERVER] + distance)
+    assert opened(talk) == (1 if fits or not payload else 2)
+    assert (talk.pipeline.table.all_open()[0].tcp.packets == 2) is fits
+    talk = half()
+    talk.acked[talks.SERVER] = talk.seq[talks.CLIENT] + distance
+    talk.packet(talks.SERVER, payload)
+    assert (talk.pipeline.table.all_open()[0].tcp.packets == 2) is fits
+
+
+@each("distance", [0, 1, -1])
+def test_a_reset_in_another_vlan_has_to_have_the_very_number(distance: int) -> None:
+    talk = half()
+    talk.packet(talks.SERVER, flags=RST, seq=talk.seq[talks.SERVER] + distance)
+    (side,) = talk.pipeline.table.all_open()
+    assert (side.tcp.ended, side.tcp.packets) == (("reset", 2) if distance == 0 else ("", 1))
+
+
+def test_a_reset_in_another_vlan_where_nothing_was_acknowledged_fits_nothing() -> None:
+    talk = talks.Talk()
+    talk.vlan = 10
+    talk.packet(talks.CLIENT, talks.dt(talks.read(1, talks.dbw(1, 0))), flags=0)
+    talk.vlan = 20
+    talk.packet(talks.SERVER, flags=RST)
+    (side,) = talk.pipeline.table.all_open()
+    assert side.tcp.ended == ""
+
+
+@each("distance", [0, 1, -1])
+def test_the_answer_to_a_syn_in_another_vlan_acknowledges_just_that(distance: int) -> None:
+    talk = talks.Talk()
+    talk.vlan = 10
+    talk.packet(talks.CLIENT, flags=SYN)
+    talk.vlan = 20
+    talk.acked[talks.SERVER] = talk.seq[talks.CLIENT] + distance
+    talk.packet(talks.SERVER, flags=SYN | ACK)
+    (side,) = talk.pipeline.table.all_open()
+    assert (side.tcp.initiator, side.tcp.vlan) == ((0, 10) if distance == 0 else (1, 20))
+    assert (side.tcp.packets, sorted((side.tcp.vlan, *side.tcp.also))) == (
+        (2, [10, 20]) if distance == 0 else (1, [20])
+    )
+
+
+@each("distance", DISTANCES)
+def test_data_in_another_vlan_may_answer_a_syn_whose_answer_was_lost(distance: int) -> None:
+    talk = talks.Talk()
+    talk.vlan = 10
+    talk.packet(talks.CLIENT, flags=SYN)
+    talk.vlan = 20
+    talk.acked[talks.SERVER] = talk.seq[talks.CLIENT] + distance
+    talk.packet(talks.SERVER, talks.dt(talks.words(1, 1)))
+    (side,) = talk.pipeline.table.all_open()
+    assert (side.tcp.vlan == 10) is (abs(distance) <= WINDOW)
+
+
+def both_captured() -> talks.Talk:
+    """A connection of which both sides were captured in VLAN 10, so that only copies come in another."""
+    talk = talks.Talk()
+    talk.vlan = 10
+    talk.open(8, 8)
+    for ref in range(1, 6):
+        talk.ask(talks.read(ref, talks.dbw(1, 0)))
+        talk.tell(talks.words(ref, 1))
+    talk.vlan = 20
+    return talk
+
+
+@each(("behind", "is_copy"), [(0, True), (1, True), (2, True), (3, False)])
+def test_a_copy_in_another_vlan_is_one_of_the_latest_segments(behind: int, is_copy: bool) -> None:
+    """The very next segment, the one before it, and the one before that; older ones are no longer kept."""
+    talk = both_captured()
+    octets = talks.dt(talks.read(6 - behind, talks.dbw(1, 0)))
+    talk.packet(talks.CLIENT, octets, seq=talk.seq[talks.CLIENT] - behind * len(octets))
+    assert opened(talk) == (1 if is_copy else 2)
+    counts = talk.pipeline.counters.packet_counts()
+    assert counts["retransmission"] == (is_copy and behind > 0)
+
+
+@each("change", [(5, 0), (-1, 0), (0, 1), (0, -1)])
+def test_octets_that_are_not_the_same_are_no_copy(change: tuple[int, int]) -> None:
+    """At another place of the segment or of the stream, of two segments before."""
+    octet, shift = change
+    talk = both_captured()
+    octets = bytearray(talks.dt(talks.read(4, talks.dbw(1, 0))))
+    if octet:
+        octets[octet] ^= 1
+    talk.packet(talks.CLIENT, bytes(octets), seq=talk.seq[talks.CLIENT] - 2 * len(octets) + shift)
+    assert opened(talk) == 2
+
+
+@each("size", [7, 8])
+def test_fewer_than_eight_octets_may_be_equal_by_chance(size: int) -> None:
+    talk = talks.Talk()
+    talk.vlan = 10
+    talk.open(8, 8)
+    octets = talks.dt(b"x" * (size - 7))
+    for _ in range(2):
+        talk.packet(talks.CLIENT, octets)
+        talk.packet(talks.SERVER)
+    talk.vlan = 20
+    talk.packet(talks.CLIENT, octets, seq=talk.seq[talks.CLIENT] - 2 * size)
+    assert opened(talk) == (1 if size == 8 else 2)
+
+
+@each("distance", DISTANCES)
+def test_a_copy_that_is_not_the_next_segment_acknowledges_something_near(distance: int) -> None:
+    talk = both_captured()
+    octets = talks.dt(talks.read(4, talks.dbw(1, 0)))
+    talk.acked[talks.CLIENT] = talk.seq[talks.SERVER] + distance
+    talk.packet(talks.CLIENT, octets, seq=talk.seq[talks.CLIENT] - 2 * len(octets))
+    assert opened(talk) == (1 if abs(distance) <= WINDOW else 2)
+
+
+@each(("acked", "is_copy"), [(0, True), (-27, True), (-54, False), (1, False)])
+def test_a_copy_that_ends_where_the_stream_is_acknowledges_what_its_side_did_or_all(acked: int, is_copy: bool) -> None:
+    """The client acknowledged all but the last answer in its last packet; 27 octets are one answer."""
+    talk = both_captured()
+    octets = talks.dt(talks.read(5, talks.dbw(1, 0)))
+    talk.acked[talks.CLIENT] = talk.seq[talks.SERVER] + acked
+    talk.packet(talks.CLIENT, octets, seq=talk.seq[talks.CLIENT] - len(octets))
+    assert opened(talk) == (1 if is_copy else 2)
+
+
+@each("flags", [RST])
+@each("distance", [0, 1, -1])
+def test_a_copy_of_a_reset_has_the_very_number(flags: int, distance: int) -> None:
+    talk = both_captured()
+    talk.packet(talks.CLIENT, flags=flags, seq=talk.seq[talks.CLIENT] + distance)
+    (side,) = talk.pipeline.table.all_open()
+    assert (side.tcp.ended == "reset") is (distance == 0)
+
+
+@each("side", [talks.CLIENT, talks.SERVER])
+@each("late", [False, True])
+def test_copies_of_a_handshake_come_before_anything_else(side: int, late: bool) -> None:
+    """A SYN/ACK with the same numbers after data is of another machine that counts alike."""
+    talk = talks.Talk()
+    talk.vlan = 10
+    talk.packet(talks.CLIENT, flags=SYN)
+    talk.packet(talks.SERVER, flags=SYN | ACK)
+    if late:
+        talk.packet(side, talks.CONNECT)
+    talk.vlan = 20
+    talk.acked[talks.SERVER] = 1001
+    talk.packet(talks.SERVER, flags=SYN | ACK, seq=90_000)
+    assert opened(talk) == (2 if late else 1)
+
+
+def test_a_side_that_was_captured_is_not_answered_by_somebody_else() -> None:
+    """Its numbers fit, but the true answers are known: two machines with the same addresses, the one after the other."""
+    talk = both_captured()
+    talk.tell(talks.words(9, 1))
+    assert opened(talk) == 1  # the very next segment
+    other = both_captured()
+    other.packet(talks.SERVER, talks.dt(talks.words(9, 1)), seq=other.seq[talks.SERVER] + 500)
+    assert opened(other) == 2
+
+
+def test_an_attempt_in_its_own_vlan_comes_first() -> None:
+    """The answer fits a SYN of its own VLAN and a connection elsewhere."""
+    talk = half()
+    talk.packet(talks.CLIENT, flags=SYN, seq=talk.seq[talks.CLIENT] - 1)
+    talk.packet(talks.SERVER, flags=SYN | ACK)
+    sides = talk.pipeline.table.all_open()
+    assert [side.tcp.vlan for side in sides] == [10, 20]
+    assert sides[1].tcp.initiator == 0

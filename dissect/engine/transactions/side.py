@@ -48,6 +48,7 @@ class Side:
         "begun_tsdu",
         "connection",
         "end_seq",
+        "fin_seq",
         "first_ack",
         "fourth",
         "framer",
@@ -112,6 +113,7 @@ class Side:
         self.first_ack: i64 = -1  # the first number that this side acknowledged
         self.end_seq: i64 = 0  # sequence number after the octets at hand
         self.size: i64 = 0  # number of octets in that segment
+        self.fin_seq: i64 = -1  # the number of its FIN, -1 for none
         self.begun_tpkt: Place | None = None  # the latest packet that left a TPKT unfinished
         self.begun_tsdu: Place | None = None  # the latest packet with a DT that left a TSDU unfinished
         #: The longest TPKT that the fast path may take next (`IsoOnTcp.longest`), 0 if more must be examined.
@@ -205,7 +207,20 @@ class Side:
 
     def is_ahead(self, ack: i64) -> bool:
         """Return whether ``ack``, of the other side, acknowledges octets of this side that were not passed on yet."""
-        return ack >= 0 and 0 < (ack - self.end_seq) & MASK < HALF_SPACE
+        known: i64 = self._known_end()
+        return ack >= 0 and known >= 0 and 0 < (ack - known) & MASK < HALF_SPACE
+
+    def _known_end(self) -> i64:
+        """Return the sequence number after the octets passed on, -1 for unknown.
+
+        Before the first one this is the number that the other side acknowledged first.
+        """
+        if self.stream.next_seq >= 0:
+            return self.end_seq
+        peer = self.peer
+        if peer is None:
+            return -1
+        return peer.first_ack
 
     @property
     def unseen(self) -> i64:
@@ -217,10 +232,7 @@ class Side:
         peer = self.peer
         if peer is None or peer.acked < 0:
             return 0
-        known: i64 = self.end_seq
-        if self.stream.next_seq < 0:
-            known = peer.first_ack
-        ahead: i64 = (peer.acked - known) & MASK
+        ahead: i64 = (peer.acked - self._known_end()) & MASK
         least: i64 = 2 if self.unfinished else MIN_LENGTH
         return ahead if least <= ahead < _MOST_UNSEEN else 0
 

@@ -215,10 +215,6 @@ class TcpConnection:
             self.reset_ns = time_ns
         return True
 
-    def finished(self, side: i64) -> bool:
-        """Return whether ``side`` sent a FIN, and neither side a reset."""
-        return self._silent >> side & 1 == 1 and self.reset_frame == 0
-
     @property
     def closed(self) -> bool:
         """True when neither side sends anything more."""
