@@ -89,7 +89,7 @@ class IsoOnTcp(Protocol):
         self._plus: Protocol = plus
         self._tls: Tls = tls
         self._plain: bool = False  # no observer wants TPDUs and no decoder wants TSDUs; set when a connection begins
-        self.tpdus: Tally = Tally(17, DT, CR)  # by type; the last entry is for TPDUs too short to have one
+        self.tpdus: Tally = Tally(16, DT, CR)  # by type: the smallest TPKT has room for one
         self.tsdus: Tally = Tally(len(UPPER_NAMES), S7COMM, S7COMM_PLUS)
 
     def begin(self, side: Side, at_start: bool) -> None:
@@ -431,7 +431,7 @@ class IsoOnTcp(Protocol):
         reporter = self._exchange.reporter
         connection = side.connection
         type_: i64 = tpdu.type
-        self.tpdus.add(type_ if 0 <= type_ < 16 else 16)
+        self.tpdus.add(type_)
         connecting: bool = (type_ == CR or type_ == CC) and not connection.established
         if connecting and tpdu.variable and is_rdp_connect(tpdu.variable):
             self._connections.foreign.take(side, "rdp", frame, time_ns, identify_connect(tpdu.variable))
@@ -585,12 +585,8 @@ class IsoOnTcp(Protocol):
 
     def describe(self) -> dict[str, object]:
         """Return the sections ``tsdus`` and ``tpdus``."""
-        *typed, too_short = self.tpdus.counts()
-        tpdus = {TPDU_TYPES.name(code): count for code, count in enumerate(typed) if count}
-        if too_short:
-            tpdus["too_short"] = too_short
         named = zip(UPPER_NAMES, self.tsdus.counts(), strict=True)
         return {
             "tsdus": {name: count for name, count in named if count or name in _ALWAYS},
-            "tpdus": tpdus,
+            "tpdus": {TPDU_TYPES.name(code): count for code, count in enumerate(self.tpdus.counts()) if count},
         }

@@ -71,10 +71,20 @@ class Tls(Protocol):
             judge_certificates(self._exchange.reporter, connection, session, frame, time_ns)
         peer = side.peer
         for content in found:
-            if content.index == side.index:
-                self._content(side, content.octets, content.frame, content.time_ns)
-            elif peer is not None:
-                self._content(peer, content.octets, content.frame, content.time_ns)
+            end = side if content.index == side.index else peer
+            if end is not None and content.frame == frame:
+                self._content(end, content.octets, frame, time_ns)
+            elif end is not None:
+                self._waited(end, content.octets, content.frame, content.time_ns)
+
+    def _waited(self, side: Side, octets: bytes, frame: i64, time_ns: i64) -> None:
+        """Take data of an earlier packet, whose keys came later: what that packet acknowledged is no longer known."""
+        ack: i64 = side.last_ack
+        side.last_ack = -1
+        try:
+            self._content(side, octets, frame, time_ns)
+        finally:
+            side.last_ack = ack
 
     def _begin(self, connection: Connection) -> TlsSession:
         from dissect.protocols.tls.session import TlsSession, Waiting

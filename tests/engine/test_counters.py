@@ -228,6 +228,7 @@ def test_a_damaged_packet_without_connection_is_reported_on_port_102(client: boo
     assert details(talk, "stream.bad_checksum") == [(f"10.0.0.1:{sender} -> 10.0.0.2:{receiver}", [1])]
     (finding,) = talk.findings
     assert (finding.client, finding.server) == (("10.0.0.1", "10.0.0.2") if client else ("10.0.0.2", "10.0.0.1"))
+    assert finding.connection == 0
     assert damaged((50000, 80)).findings == []
     assert talk.pipeline.counters.packet_counts()["bad_checksum"] == 1
 
@@ -291,6 +292,9 @@ def test_an_attempt_that_is_repeated_twice_is_reported_at_once() -> None:
     assert details(talk, "stream.unanswered") == [(f"{UNANSWERED} 2.00 s", [1, 3])]
     (finding,) = talk.findings
     assert (finding.client, finding.server, finding.time_ns) == ("10.0.0.1", "10.0.0.2", talk.now_ns)
+    assert finding.connection == 0
+    fact = talk.pipeline.exchange.ledger.rules["stream.unanswered"]
+    assert (fact.first_frame, fact.last_frame, fact.last_ns) == (1, 3, talk.now_ns)
     attempted(talk, 3)
     talk.finish()
     assert len(talk.findings) == 1
@@ -329,7 +333,7 @@ def test_what_is_answered_or_refused_is_not_unanswered() -> None:
     assert [(one.slug, one.frames) for one in talk.findings] == [("stream.refused", [frame])]
     assert details(talk, "stream.refused") == [("10.0.0.2:102 refuses 10.0.0.1:50000", [frame])]
     (finding,) = talk.findings
-    assert (finding.client, finding.server) == ("10.0.0.1", "10.0.0.2")
+    assert (finding.client, finding.server, finding.connection) == ("10.0.0.1", "10.0.0.2", 0)
     # Another reset refuses nothing any longer.
     talk.packet(SERVER, flags=RST | ACK)
     assert len(talk.findings) == 1

@@ -316,3 +316,200 @@ def test_a_bug_costs_what_was_at_hand() -> None:
     link.end()
     assert link.outcomes() == ["answered"]
     assert link.slugs() == ["internal.bug"]
+
+
+# ---- what ends or damages messages ----------------------------------------------------------------------------------
+
+
+def details(link: Link, slug: str) -> list[str]:
+    return [finding.detail for finding in link.findings if finding.slug == slug]
+
+
+@each("side", [CLIENT, SERVER])
+def test_a_packet_that_is_begun_and_never_ends_is_reported(side: int) -> None:
+    link = Link()
+    link.begin()
+    octets = ASK if side == CLIENT else TELL
+    link.packet(side, octets[:-3])
+    link.end()
+    who = ("10.0.0.1:50000", "10.0.0.2:1099")[side]
+    assert details(link, "ibh.unfinished") == [f"{len(octets) - 3} bytes from {who}"]
+    assert link.pipeline.counters.octets.buffered == len(octets) - 3
+
+
+def test_a_message_whose_rest_never_comes_is_reported() -> None:
+    link = Link()
+    link.begin()
+    link.packet(SERVER, long(0xF0, words(1, 42)[:9]))
+    link.end()
+    assert details(link, "ibh.unfinished") == ["a message from 10.0.0.2:1099: the rest was not captured"]
+
+
+def test_a_whole_message_behind_parts_is_one_by_itself() -> None:
+    """As a DT without its end mark: the parts before it are a message where they are a sound one."""
+    for first, asks in ((read(1, dbw(1, 0)), [1, 2]), (read(1, dbw(1, 0))[:9], [2])):
+        link = Link()
+        link.begin()
+        link.both((CLIENT, short(0xF0, first)), (CLIENT, short(0xF1, read(2, dbw(1, 0)))))
+        link.end()
+        assert sorted(one.pdu_ref for one in link.transactions) == asks
+        assert details(link, "ibh.unfinished") == ["from 10.0.0.1:50000: a complete PDU follows it"]
+
+
+@each("how", ["gap", "cut"])
+def test_what_cost_the_rest_of_a_message_is_said(how: str) -> None:
+    link = Link()
+    link.begin()
+    link.packet(SERVER, long(0xF0, words(1, 42)[:9]))
+    if how == "gap":
+        link.seq[SERVER] += 300
+        link.packet(SERVER, RECEIPT)
+        link.packet(CLIENT, ACK)
+    else:
+        link.packet(SERVER, long(0xF1, words(1, 42)[9:]), cut=5)
+    link.end()
+    why = "bytes were lost" if how == "gap" else "the capture truncated one of its packets"
+    assert details(link, "ibh.unfinished") == [f"a message from 10.0.0.2:1099: {why}"]
+    assert details(link, "stream.hole") == (["300 bytes from 10.0.0.2:1099, between packets"] if how == "gap" else [])
+
+
+def test_a_gap_inside_a_packet_is_said_to_be_there() -> None:
+    link = Link()
+    link.begin()
+    link.packet(SERVER, TELL[:9])
+    link.seq[SERVER] += 5
+    link.packet(SERVER, TELL[14:])
+    link.packet(CLIENT, ACK)
+    link.end()
+    assert details(link, "stream.hole") == ["5 bytes from 10.0.0.2:1099, inside a packet"]
+
+
+@each(
+    ("packet", "paired"),
+    [(ASK, True), (short(0xF0, read(1, dbw(1, 0))), False), (short(0xB0, read(1, dbw(1, 0))), False),
+     (short(0xF1, b"\x31" + read(1, dbw(1, 0))[1:]), False)],
+)  # fmt: skip
+def test_of_a_packet_that_the_capture_cut_only_data_of_s7_are_paired(packet: bytes, paired: bool) -> None:
+    for amid in (False, True):
+        link = Link()
+        link.begin()
+        if amid:
+            link.packet(CLIENT, short(0xF0, b"what"))
+        before = link.kinds()
+        link.packet(CLIENT, packet, cut=4)
+        link.packet(SERVER, TELL)
+        link.end()
+        assert ("answered" in link.outcomes()) is (paired and not amid), (packet, amid)
+        assert link.kinds()["mpi_data"] == before["mpi_data"] + 1 + (paired and not amid)
+
+
+def test_a_packet_whose_length_covers_others_hides_none_of_them() -> None:
+    """Its own length says more than there is: the next segment begins with another packet."""
+    link = Link()
+    link.begin()
+    for ref in (1, 2):
+        link.packet(CLIENT, short(0xF1, b"what")[:-1])
+        frame = link.packet(CLIENT, short(0xF1, read(ref, dbw(1, 0))))
+        link.packet(SERVER, long(0xF1, words(ref, 42)))
+    link.end()
+    assert (
+        details(link, "ibh.malformed")
+        == ["a length that covers other packets from 10.0.0.1:50000; they were decoded as well"] * 2
+    )
+    assert link.findings[-1].frames == [frame]
+    assert link.outcomes() == ["answered"] * 2
+
+
+def test_octets_that_begin_no_packet_are_reported_for_each_stretch() -> None:
+    link = Link()
+    link.begin()
+    for first in (0x55, 0x66):
+        link.packet(CLIENT, bytes((first,)) * 9 + ASK)
+        link.packet(SERVER, TELL)
+    link.end()
+    assert details(link, "ibh.malformed") == [
+        f"bytes that begin no packet from 10.0.0.1:50000, first 0x{first:02x}" for first in (0x55, 0x66)
+    ]
+    assert link.pipeline.counters.octets.skipped == 18
+
+
+def test_a_message_without_end_says_who_sent_it() -> None:
+    link = Link()
+    link.begin()
+    for _ in range(274):  # one octet of 241 is the number of the packet
+        link.packet(CLIENT, short(0xF0, bytes(240)))
+    assert details(link, "ibh.malformed") == [
+        "a message in parts from 10.0.0.1:50000 exceeded 65536 bytes and was dropped"
+    ]
+
+
+# ---- connections ----------------------------------------------------------------------------------------------------
+
+
+@each("server", [1099, 4711])
+@each("swapped", [False, True])
+def test_the_port_of_a_gateway_is_known_on_either_side(server: int, swapped: bool) -> None:
+    """There a receipt is enough."""
+    link = Link(server)
+    if swapped:
+        link.ports.reverse()
+    link.hello()
+    link.packet(SERVER, RECEIPT)
+    assert (link.pipeline.connections.count == 1) is (server == 1099)
+
+
+def test_a_connection_of_the_gateway_begins_and_ends_with_its_packets() -> None:
+    link = Link()
+    link.packet(CLIENT, ASK)
+    (side,) = link.pipeline.table.all_open()
+    connection = side.connection
+    assert (connection.mid_stream, connection.iso_ended) == (True, "")
+    link.packet(CLIENT, DISCONNECT)
+    assert connection.iso_ended == "MPI disconnect from 10.0.0.1:50000"
+    link.packet(CLIENT, CONNECT)
+    assert (connection.mid_stream, connection.iso_ended, connection.client.port) == (False, "", 50000)
+
+
+def test_who_connects_is_the_client() -> None:
+    link = Link(1099)
+    link.packet(SERVER, CLAIMED)
+    link.packet(SERVER, CONNECT)
+    (side,) = link.pipeline.table.all_open()
+    assert (side.connection.client_known, side.connection.client.port) == (True, 1099)
+
+
+def test_what_is_kept_is_known_to_the_octet() -> None:
+    """A packet that is begun, and a message in parts."""
+    link = Link()
+    link.begin()
+    (side,) = link.pipeline.table.all_open()
+    assert side.peer is not None
+    ibh = link.pipeline.ibh
+    link.packet(CLIENT, short(0xF0, b"0123456789"))
+    assert (ibh.held(side), ibh.held(side.peer)) == (10, 0)
+    link.packet(CLIENT, ASK[:9])
+    assert (ibh.held(side), ibh.held(side.peer)) == (10 + 9, 0)
+    link.packet(SERVER, TELL[:5])
+    assert (ibh.held(side), ibh.held(side.peer)) == (10 + 9, 5)
+
+
+@each("known", [False, True])
+def test_the_other_side_is_in_step_where_it_has_sent_nothing_yet(known: bool) -> None:
+    link = Link()
+    if known:
+        link.hello()
+    link.packet(CLIENT, CLAIM)
+    (side,) = link.pipeline.table.all_open()
+    assert side.peer is not None
+    assert side.ibh is not None
+    assert side.peer.ibh is not None
+    assert (side.ibh.synced, side.peer.ibh.synced) == (True, known)
+
+
+def test_the_section_counts_packets_by_kind() -> None:
+    link = Link()
+    assert link.pipeline.ibh.describe() == {"ibh": {}}
+    link.begin()
+    link.both((CLIENT, ACK + ASK), (SERVER, RECEIPT + TELL))
+    assert link.pipeline.ibh.describe() == {"ibh": {"mpi_data": 4, "mpi_ack": 1, "receipt": 1, "service": 1}}
+    assert link.pipeline.ibh.counted() == []

@@ -13,7 +13,8 @@ from dissect.engine.pipeline import Options, Pipeline
 from dissect.engine.sums import _COUNTERS, add_counted, counted_by
 from dissect.protocols.tls.key_log import KeyLog
 from dissect.wire.octets import Tally
-from tests.engine.transactions.talk import CLIENT, FIN, MS, SERVER, Talk, ack_data, dbw, read, refused, words
+from tests.engine.test_payload import Heard, hearing
+from tests.engine.transactions.talk import CLIENT, FIN, MS, SERVER, START_NS, Talk, ack_data, dbw, read, refused, words
 
 
 def busy(reads: int, wrong: int, ports: tuple[int, ...] = ()) -> Talk:
@@ -152,3 +153,49 @@ def test_a_copy_of_a_pipeline_has_its_counts(way: str) -> None:
     assert (made.first_ns, made.now_ns) == (talk.pipeline.first_ns, talk.pipeline.now_ns)
     assert [one.describe() for one in made.protocols] == [one.describe() for one in talk.pipeline.protocols]
     assert [one.counted() for one in made.protocols] == [one.counted() for one in talk.pipeline.protocols]
+
+
+@pytest.mark.parametrize("way", ["copy", "pickle"])
+def test_a_copy_keeps_the_section_of_a_payload_decoder(way: str) -> None:
+    """The decoder itself is not copied."""
+    talk = hearing(Heard())
+    talk.hello()
+    talk.packet(CLIENT, b"ab")
+    made = copy.deepcopy(talk.pipeline) if way == "copy" else pickle.loads(pickle.dumps(talk.pipeline))
+    assert [list(one.describe()) for one in made.protocols] == [
+        ["tsdus", "tpdus"],
+        ["ibh"],
+        ["s7"],
+        ["s7plus"],
+        ["tls"],
+        ["scd"],
+    ]
+    assert made.protocols[-1].describe() == {"scd": {"heard": 1}}
+    assert made.protocols[-1].counted() == [(1, "SCD message")]
+    assert made.exchange.decoder is None
+
+
+def test_keys_that_runs_found_beyond_those_given_are_added() -> None:
+    first, second = Talk(), Talk()
+    for talk, numbers in ((first, (1, 2)), (second, (3, 4, 5))):
+        for number in numbers:
+            talk.pipeline.secrets(b"CLIENT_RANDOM %064x %096x\n" % (number, number))
+    assert [counted_by(talk.pipeline).keys for talk in (first, second)] == [2, 3]
+    assert counted_by(summed(first, second)).keys == 5
+
+
+def test_what_ran_backwards_in_one_file_counts_for_all() -> None:
+    """The earliest and the latest time are those of all packets, not of the first and the last one."""
+    first, second = Talk(), Talk()
+    for talk, times in ((first, (5, 9, 7)), (second, (20, 14, 16))):
+        for seconds in times:
+            talk.pipeline.frame(START_NS + seconds * 1000 * MS, bytes(60), 0, 60, 60, 1)
+    for talks, now in (((first, second), 16), ((second, first), 7)):
+        counters = summed(*talks).counters
+        assert (counters.earliest_ns, counters.latest_ns) == (START_NS + 5000 * MS, START_NS + 20_000 * MS)
+        assert counters.now_ns == START_NS + now * 1000 * MS
+
+
+def test_the_facts_of_findings_are_added_up() -> None:
+    total = summed(busy(5, 2), busy(9, 4))
+    assert total.exchange.reporter.ledger.rules["transaction.item_error"].events == 6

@@ -379,3 +379,70 @@ def test_tls_without_init_ssl_is_no_clear_text_either() -> None:
     talk.close()
     assert len(talk.transactions) == 3
     assert not {"security.clear_text", "security.unauthenticated"} & set(talk.slugs())
+
+
+# ---- frames that never end ------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("ends", ["gap", "end"])
+def test_what_there_is_of_a_frame_inside_tls_is_used(ends: str) -> None:
+    """A request whose frame is cut short by a gap, or by the end of the connection."""
+    pair = Pair()
+    client, _ = pair.ends
+    talk = Talk()
+    talk.unlock(pair.keys())
+    begun(talk)
+    for side, octets in pair.begun:
+        talk.packet(side, dt(octets))
+    talk.ask(client.seal(ASK[:-4]))
+    (one,) = talk.pipeline.table.all_open()
+    assert talk.pipeline.tls.held(one) > 0
+    if ends == "gap":
+        talk.lose(0, client.seal(b"lost"))
+        talk.ask(client.seal(ASK))
+        talk.packet(1)
+        talk.silence(3_000 * MS)
+    talk.close()
+    assert [outcome for outcome, _ in facts(talk)] == ["unanswered"] * (2 if ends == "gap" else 1)
+    assert talk.pipeline.plus.cut_pdus <= 1
+
+
+def test_the_time_of_the_last_encrypted_message_is_that_of_the_server() -> None:
+    """Of what it sent and nobody can read; what is decrypted is known better."""
+    for keys in (False, True):
+        pair = Pair()
+        client, server = pair.ends
+        talk = Talk()
+        if keys:
+            talk.unlock(pair.keys())
+        begun(talk)
+        for side, octets in pair.begun:
+            talk.packet(side, dt(octets))
+        talk.ask(client.seal(ASK), after_ns=100 * MS)
+        talk.tell(server.seal(TELL), after_ns=100 * MS)
+        told_ns = talk.now_ns
+        talk.ask(client.seal(framed(asked(6))), after_ns=100 * MS)
+        talk.close()
+        assert (only(talk).last_encrypted_ns == told_ns) is not keys
+
+
+def test_each_side_of_a_connection_is_decrypted_as_its_own() -> None:
+    """Keys come late: what waited is passed on with its own packets, of both sides."""
+    pair = Pair()
+    client, server = pair.ends
+    talk = Talk()
+    keys = talk.unlock(b"")
+    begun(talk)
+    for side, octets in pair.begun:
+        talk.packet(side, dt(octets))
+    pairs = []
+    for number in (5, 6):
+        asks = talk.ask(client.seal(framed(asked(number))))
+        pairs.append((asks, talk.tell(server.seal(framed(told(number))))))
+    assert talk.transactions == []
+    keys.add(pair.keys())
+    last = talk.ask(client.seal(framed(asked(7))))
+    talk.close()
+    assert talk.pairs() == [*pairs, (last, 0)]
+    assert [one.asked_by for one in talk.transactions] == [0, 0, 0]
+    assert talk.pipeline.tls.describe()["tls"]["sessions"] == 1  # type: ignore[index]

@@ -9,6 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dissect.engine.exchange import PayloadDecoder
+from dissect.engine.pipeline import Options, Pipeline
 from dissect.engine.transactions.side import Side
 from dissect.engine.transactions.table import MAX_CONNECTIONS, ConnectionTable
 from dissect.output.page.rows import Rows
@@ -147,3 +148,38 @@ def test_every_packet_is_counted(packets: list[tuple[bool, int, bytes, int]]) ->
     talk.pipeline.finish()
     assert sum(talk.pipeline.counters.packet_counts().values()) == len(packets)
     assert talk.pipeline.counters.packet_counts()["failed"] == 0
+
+
+def test_a_conversation_that_the_user_leaves_out_is_not_passed_on() -> None:
+    carrier = Heard()
+    talk = Talk()
+    talk.pipeline = Pipeline(talk, Options(strict=True, decoder=carrier, only=lambda one: one.number > 1))
+    for number, port in enumerate((1, 2, 1), 1):
+        talk.datagram(CLIENT, b"x%d" % number, (port, 7000))
+    talk.finish()
+    assert carrier.heard == [(2, b"x2", 0)]
+    assert [one.number for one in talk.connections] == [2]
+    counts = talk.pipeline.counters.packet_counts()
+    assert (counts["left_out"], counts["payload"]) == (2, 1)
+    assert talk.pipeline.connections.left_out == 1
+
+
+def test_either_port_of_a_datagram_may_be_a_bound_one() -> None:
+    for ports in ((7000, 1), (1, 7000), (7000, 7000), (7001, 1)):
+        carrier = Heard()
+        talk = hearing(carrier)
+        talk.datagram(CLIENT, b"x", ports)
+        assert len(carrier.heard) == (7000 in ports), ports
+
+
+def test_a_conversation_has_the_times_of_its_packets_and_ends_with_the_capture() -> None:
+    talk = hearing(Heard())
+    first = talk.datagram(CLIENT, b"x", (1, 7000))
+    talk.datagram(CLIENT, b"x", (2, 7000))
+    last = talk.datagram(SERVER, b"y", (1, 7000))
+    last_ns = talk.now_ns
+    talk.datagram(CLIENT, b"x", (2, 7000))
+    talk.finish()
+    tcp = talk.connections[0].tcp
+    assert (tcp.first_frame, tcp.last_frame, tcp.last_ns, tcp.packets, tcp.ended) == (first, last, last_ns, 2, "")
+    assert flows_of(talk).sides == {}
