@@ -254,7 +254,6 @@ class Connections:
         connection.naming = old.naming
         for end in (side, peer):
             end.connection = connection
-            end.requests = 0
         self._exchange.reporter.ledger.met(connection)
         self._exchange.observer.connection_opened(connection)
 

@@ -272,6 +272,19 @@ def test_an_end_that_is_ignored_is_reported_only_of_connections_that_are_followe
         assert details(talk, "stream.reset_ignored") == expected
 
 
+def test_what_is_found_in_packets_without_connection_counts_for_none() -> None:
+    talk = Talk()
+    for _ in range(3):
+        talk.raw(bytes(12) + b"\x08\x00" + b"\x41" + bytes(60))
+        talk.raw(ip(50, bytes(20)))
+        talk.raw(ip(6, bytes(15), 0x2000, 1))
+        talk.packet(CLIENT, b"0123456789", cut=4)
+    slugs = ("ip.bad_header", "capture.not_opened", "ip.fragment_invalid", "capture.cut_frames")
+    rules = talk.pipeline.exchange.ledger.rules
+    assert [(rules[slug].events, rules[slug].connections) for slug in slugs] == [(3, 0)] * 4
+    assert [(rules[slug].first_frame, rules[slug].last_frame) for slug in slugs] == [(1, 9), (2, 10), (3, 11), (4, 12)]
+
+
 # ---- attempts -------------------------------------------------------------------------------------------------------
 
 
