@@ -669,6 +669,15 @@ def test_an_answer_that_does_not_acknowledge_the_syn_confirms_nothing() -> None:
         assert len(talk.connections) == 1
 
 
+def test_a_fin_confirms_no_syn() -> None:
+    talk = begun()
+    talk.packet(CLIENT, flags=SYN, seq=77_000_000)
+    talk.acked[SERVER] = 77_000_001
+    frame = talk.packet(SERVER, flags=FIN | ACK)
+    talk.finish()
+    assert ended(talk) == ("fin", SERVER, frame)
+
+
 def test_a_second_syn_takes_the_place_of_the_first_and_the_same_again_does_not() -> None:
     talk = begun()
     first = talk.packet(CLIENT, flags=SYN, seq=77_000_000)

@@ -6,8 +6,10 @@ from typing import Any, Final
 
 import pytest
 
+from dissect.engine import iso
 from dissect.engine.transactions.side import Side
 from dissect.protocols.iso.cotp import MAX_EXPEDITED
+from dissect.wire.build import COMPILED
 from tests import build
 from tests.cases import each
 from tests.engine.transactions.talk import (
@@ -16,6 +18,7 @@ from tests.engine.transactions.talk import (
     CONFIRM,
     CONNECT,
     FIN,
+    RST,
     SECOND,
     SERVER,
     Talk,
@@ -117,11 +120,40 @@ def sent(kind: type[Talk], pieces: list[tuple[int, bytes]]) -> Any:
     return heard(talk), talk.tpdus if isinstance(talk, Looking) else None
 
 
+@pytest.fixture
+def compiled_road(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The short road of the compiled build, which is plain Python as well."""
+    if COMPILED:
+        pytest.skip("this build is the compiled one")
+    monkeypatch.setattr(iso, "COMPILED", True)
+
+
+@pytest.mark.usefixtures("compiled_road")
+@each("at", range(24))
+def test_a_message_with_another_octet_is_read_alike_by_those_who_look(at: int) -> None:
+    """From the first octet of its TPKT to the first behind the header of its PDU; looking takes the long road."""
+    for octet in (0x07, 0x32):
+        for answer in (False, True):
+            found = []
+            for kind in (Talk, Looking):
+                talk = opened(kind)
+                talk.ask(read(1, dbw(1, 0)))
+                talk.tell(words(1, 1))
+                for side, pdu in ((CLIENT, dt(read(2, dbw(1, 0)))), (SERVER, dt(words(2, 1)))):
+                    other = pdu[:at] + bytes((octet,)) + pdu[at + 1 :] if (side == SERVER) is answer else pdu
+                    talk.packet(side, other)
+                talk.ask(read(3, dbw(1, 0)))
+                talk.tell(words(3, 1))
+                talk.close()
+                found.append(heard(talk))
+            assert found[0] == found[1], (octet, answer)
+
+
 @pytest.mark.parametrize("kind", [Talk, Looking])
 def test_it_does_not_matter_where_streams_are_cut(kind: type[Talk]) -> None:
     """Each message in two segments, for each place of the cut, and in pieces of each size; those who look see the same."""
     right = sent(kind, SAID)
-    for at in range(1, 45):
+    for at in range(1, 45, 1 if kind is Talk else 3):
         pieces = [(side, piece) for side, octets in SAID for piece in (octets[:at], octets[at:]) if piece]
         assert sent(kind, pieces) == right, at
     for size in (1, 2, 3, 5, 7, 8, 16, 17):
@@ -364,15 +396,15 @@ def test_what_is_kept_is_known_to_the_octet() -> None:
     talk = opened()
     (side,) = talk.pipeline.table.all_open()
     assert side.peer is not None
-    iso = talk.pipeline.iso
+    of_iso = talk.pipeline.iso
     held = []
     for octets in (build.dt(b"0123456789", eot=False), b"\x03\x00\x00\x20\x02", build.dt(b"x")[:0]):
         if octets:
             talk.packet(CLIENT, octets)
-        held.append((int(iso.held(side)), int(iso.held(side.peer))))
+        held.append((int(of_iso.held(side)), int(of_iso.held(side.peer))))
     assert held == [(10, 0), (15, 0), (15, 0)]
     talk.packet(SERVER, dt(framed(told(1), trailer=False)))
-    assert iso.held(side.peer) == len(framed(told(1), trailer=False))
+    assert of_iso.held(side.peer) == len(framed(told(1), trailer=False))
 
 
 # ---- irregular headers ----------------------------------------------------------------------------------------------
@@ -442,3 +474,32 @@ def test_a_dt_may_be_as_long_as_negotiated(kind: type[Talk]) -> None:
         frame = talk.packet(CLIENT, dt(bytes(size)))
         found = [(one.detail, one.frames) for one in talk.findings if one.slug == "cotp.size_exceeded"]
         assert found == ([(f"{size + 3} bytes, 1024 negotiated", [frame])] if size > 1021 else [])
+
+
+@each(("place", "told"), [(12, True), (1, True), (-1, True), (100, False)])
+def test_a_request_in_several_tpdus_may_be_why_it_has_no_answer(place: int, told: bool) -> None:
+    """Not one that was whole before an empty DT ended it."""
+    talk = opened()
+    for ref in (1, 2):
+        pdu = read(ref, dbw(1, 0))
+        talk.packet(CLIENT, build.dt(pdu[:place], eot=False) + build.dt(pdu[place:]))
+        talk.wait(SECOND)
+    talk.packet(SERVER, flags=RST, after_ns=2 * SECOND)
+    talk.finish()
+    assert ("cotp.fragments_unanswered" in talk.slugs()) is told
+
+
+def test_octets_of_no_known_protocol_are_a_tpkt_again_only_where_a_segment_begins() -> None:
+    """Behind stray octets a place inside a segment needs more evidence."""
+    stray = b"\xff" * 20
+    for pieces, found in (
+        ([stray, dt(b"what is this")], 1),
+        ([stray + dt(b"what is this")], 0),
+        ([stray + dt(read(1, dbw(1, 0)))], 0),
+        ([dt(read(1, dbw(1, 0))) + stray, dt(b"what is this")], 1),
+    ):
+        talk = opened()
+        for octets in pieces:
+            talk.packet(CLIENT, octets)
+        talk.finish()
+        assert tsdus(talk).get("unknown", 0) == found, pieces

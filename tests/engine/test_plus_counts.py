@@ -17,7 +17,9 @@ from tests.engine.transactions.talk import (
     SERVER,
     START_NS,
     Talk,
+    dbw,
     dt,
+    read,
 )
 from tests.protocols.s7plus.pdus import (
     CREATE_OBJECT,
@@ -213,6 +215,14 @@ def test_a_request_of_version_3_that_wants_no_response_waits_for_none() -> None:
         talk.tell(framed(told(1), version))
         talk.close()
         assert reason in talk.outcomes()
+
+
+def test_numbers_of_s7comm_plus_are_no_references_of_s7comm() -> None:
+    """A number that is used twice, or by a request of the other protocol, is not shared."""
+    talk = begun()
+    talk.ask(framed(asked(1)), framed(asked(1)))
+    talk.ask(read(1, dbw(1, 0)))
+    assert "session.shared_reference" not in talk.slugs()
 
 
 def test_a_name_that_something_unknown_gave_the_connection_goes() -> None:

@@ -261,6 +261,7 @@ def test_packets_look_at_what_waits_when_the_next_multiple_is_reached() -> None:
     for after_ms, given_up in ((1099, False), (1101, False), (1149, False), (1150, True)):
         talk.now_ns = START_NS + after_ms * MS
         other.packet(CLIENT, after_ns=0)
+        talk.pipeline.tick(talk.now_ns)  # no later than the packet
         assert bool(talk.transactions) is given_up, after_ms
 
 
