@@ -70,8 +70,8 @@ class _Reading:
         if not variable.is_array:
             return self._one(variable, begin, level)
         size = self._stride(variable)
-        if variable.datatype == _BOOL or variable.datatype == _BBOOL or size <= 0:
-            raise _UnknownError  # it is unknown how bits are packed
+        if size <= 0:
+            raise _UnknownError  # as of bits: it is unknown how they are packed
         return [
             self._one(variable, begin + number * size, level) for number in range(min(variable.count, _MEMBERS + 1))
         ]

@@ -367,6 +367,7 @@ def test_how_a_pdu_is_called() -> None:
     said = [
         (framed(asked(7)), "Request", "GetMultiVariables, sequence 7"),
         (framed(told(7, 0x1234)), "Response", "0x1234, sequence 7"),
+        (framed(told(7, 0)), "Response", "0x0000, sequence 7"),
         (framed(notified(7)), "Notification", "-, sequence 7"),
         (framed(b"\x44abc"), "0x44", "-, sequence -1"),
         (event(5), "system event", "-, sequence -1"),

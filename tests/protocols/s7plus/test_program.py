@@ -87,6 +87,8 @@ def test_a_type_that_contradicts_itself_hides_no_other() -> None:
     lists: list[Element] = [VariableList(0, [[variable(9)]]), NameList([[b"a", b"b"]])]
     program.learn([PlusObject(0x92000001, 511, 0, 0, 0, lists), PlusObject(1, 287, 0, 0, 0, []), TANK])
     assert program.count == 4
+    program.learn([PlusObject(TANK.rid, 511, 0, 0, 0, [VariableList(0, []), NameList([])])])
+    assert program.count == 4  # a description without variables does not replace one that has some
 
 
 def test_what_is_remembered_is_bounded() -> None:

@@ -322,6 +322,13 @@ def test_an_id_is_found_in_front_of_four_or_five_zeros(fill: int, id_: int) -> N
     assert (one.has_id, one.integrity_id) == ((True, id_) if taken else (False, -1))
 
 
+def test_an_id_may_be_all_that_there_is() -> None:
+    for request in (True, False):
+        one = seen(pdu((request, END_SEQUENCE, b"" if request else b"\0", b""), 5, 300, 4))
+        assert (one.integrity_id, one.body) == (300, b"" if request else b"\x34\0")
+    assert seen(pdu((True, END_SEQUENCE, b"", b""), 5, 9, 4)).integrity_id == 9
+
+
 def test_an_id_with_an_octet_that_adds_nothing_is_not_found() -> None:
     for id_ in (b"\x80\5", b"\x80\x81\5", b"\x80\x80\x80\5"):
         assert not Seen().read(framed(asked(1, SET_VARIABLE, body=b"\1" + id_ + bytes(4)), 3))
