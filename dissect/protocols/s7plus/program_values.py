@@ -68,7 +68,7 @@ def program_value(found: AddressMeaning | None, value: Value) -> str | None:
             return date_and_time(bytes(numbers)) if len(numbers) == _DATE_AND_TIME_SIZE else None
         return _characters(variable.datatype, numbers)
     meaning = _MEANINGS.get(variable.datatype)
-    if meaning is None or isinstance(content, list) or not isinstance(content, int):
+    if meaning is None or not isinstance(content, int):
         return None
     return meaning(content)
 
