@@ -162,8 +162,6 @@ class Program:
 
     def _type_of(self, area: int) -> int:
         """Return the id of the type information of a block or area, -1 if it was not captured."""
-        if not self._types:
-            return -1
         found = self._of_areas.get(area)
         if found is None:
             if len(self._of_areas) >= _MAX_AREAS:

@@ -182,7 +182,7 @@ class Seen:
         at: i64 = last
         while at > begin and octets[at - 1] >= _BIT_7:
             at -= 1
-        if last - at >= _LONGEST_ID or octets[at] == 0 or octets[at] == _BIT_7:
+        if last - at >= _LONGEST_ID or octets[at] == _BIT_7:
             return -1
         self.has_id = True
         number: i64 = 0

@@ -411,7 +411,7 @@ def crc_places(numbers: list[int]) -> list[int]:
     """Return the positions of the checksums of symbols in a reference list, up to the first item that does not fit."""
     places: list[int] = []
     at = 3 + numbers[1] if len(numbers) > 3 else 0
-    while at > 0 and at + 6 <= len(numbers) and len(places) < numbers[2]:
+    while at + 6 <= len(numbers) and len(places) < numbers[2]:
         places.append(at + 4)
         at += 5 + max(numbers[at] & 0xFFFF, 1)
     return places

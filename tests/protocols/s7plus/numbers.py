@@ -1,4 +1,4 @@
-"""The numbers of S7comm-plus and their names, and the sizes of fields, one a line, beside the tables that make them.
+"""The numbers of S7comm-plus and their names, the sizes of fields, and which of these are decimal: one a line.
 
 A number or a size on the wire never changes: whoever changes one in a table changes it in `numbers.txt` too, and says why.
 After rows were added: ``PYTHONPATH=. python -m tests.protocols.s7plus.numbers``.
@@ -42,10 +42,11 @@ def lines() -> list[str]:
 
 
 def sized(field: Field) -> str:
-    """Return the size of a field (below 0: one of the kinds without a fixed size), its bits, and what it counts."""
+    """Return the size of a field (below 0: one of the kinds without a fixed size), its form and bits, and what it counts."""
     bits = f" bits {field.bits[0]:#x} >> {field.bits[1]}" if field.bits is not None else ""
     counted = f" counts {field.counts}" if field.counts else ""
-    return f"{field.size}{bits}{' of the same bytes' if field.shares else ''}{counted}"
+    form = " decimal" if field.decimal else ""
+    return f"{field.size}{form}{bits}{' of the same bytes' if field.shares else ''}{counted}"
 
 
 if __name__ == "__main__":

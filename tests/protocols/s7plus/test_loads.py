@@ -32,12 +32,12 @@ class Made:
         self.count = 0
 
     def __call__(
-        self, class_id: int, number: int = -1, name: str = "", language: int = 0, rid: int = 211, *inside: PlusObject
+        self, class_id: int, number: int = -1, name: str = "", language: int = -1, rid: int = 211, *inside: PlusObject
     ) -> PlusObject:
         elements: list[Element] = [Attribute(NUMBER, Value(0, UINT, number))] if number >= 0 else []
         if name:
             elements.append(Attribute(NAME, Value(0, WSTRING, name)))
-        if language:
+        if language >= 0:
             elements.append(Attribute(LANGUAGE, Value(0, UINT, language)))
         one = PlusObject(rid, class_id, 0, 0, 0, [*elements, *inside])
         self.count += 1
@@ -61,8 +61,9 @@ def loaded(parent: int, *tops: PlusObject, unread: bool = False) -> str:
         (make(DB, 3, "DB3"), 3, "DB3"),
         (make(FC, 7, "pump", 4), 7, "FC7 'pump' (SCL)"),
         (make(FC, 7, "pump", 1), 7, "FC7 'pump' (STL)"),
-        (make(DB, -1, "", 0, 0x8A0E0009), 9, "DB9"),
-        (make(DB, 3, "", 0, 0x8A0E0009), 3, "DB3"),  # the attribute counts
+        (make(FC, 7, "pump", 0), 7, "FC7 'pump'"),  # its language is undefined
+        (make(DB, -1, "", -1, 0x8A0E0009), 9, "DB9"),
+        (make(DB, 3, "", -1, 0x8A0E0009), 3, "DB3"),  # the attribute counts
         (make(DB, -1, "x"), -1, "DB 'x'"),
         (make(7777, 4), 4, "7777 4"),
         (make(7777, -1, "x"), -1, "7777 'x'"),
@@ -109,14 +110,14 @@ def test_a_container_alone_is_a_load(class_id: int, text: str) -> None:
 
 def test_a_program_is_loaded_with_all_that_is_in_it() -> None:
     inside = [make(UDT, 9), make(TYPE), make(TYPE), make(DB, 3), make(OB, 1, "Main"), make(FC, 7)]
-    program = make(PROGRAM_CLASS, -1, "", 0, 211, *inside)
+    program = make(PROGRAM_CLASS, -1, "", -1, 211, *inside)
     texts = [make(TEXTS), make(TEXTS)]
     assert loaded(ROOT, make(HARDWARE_CLASS), program, *texts) == (
         "the hardware configuration, the program, 2 descriptions of types, 2 text containers, "
         "3 blocks and 1 type: OB1 'Main', FC7, DB3, UDT9"
     )
     assert loaded(ROOT, program, unread=True).endswith("UDT9 and more that was not read")
-    assert loaded(ROOT, make(PROGRAM_CLASS, -1, "", 0, 211, make(TYPE))) == "the program, 1 description of a type"
+    assert loaded(ROOT, make(PROGRAM_CLASS, -1, "", -1, 211, make(TYPE))) == "the program, 1 description of a type"
 
 
 def test_descriptions_of_types_count_with_a_program_or_blocks() -> None:
@@ -142,7 +143,7 @@ def test_blocks_with_code_are_named_first(blocks: list[int], text: str) -> None:
 
 
 def test_blocks_inside_others_are_counted_in_the_program_as_well() -> None:
-    library = make(7777, -1, "", 0, 211, make(DB, 3), make(FC, 4))
+    library = make(7777, -1, "", -1, 211, make(DB, 3), make(FC, 4))
     assert loaded(PROGRAM, library) == "2 blocks: FC4, DB3"
     assert loaded(PROGRAM, make(DB, 3), library) == "3 blocks: FC4, DB3, DB3"
 

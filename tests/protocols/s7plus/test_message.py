@@ -59,6 +59,11 @@ def test_a_request(version: int) -> None:
     assert pdu.octets[pdu.data_offset :].startswith(pdu.data)
 
 
+def test_a_pdu_that_comes_from_nowhere_has_no_packet() -> None:
+    pdu = parse_plus(framed(asked(1)))
+    assert (pdu.frame, pdu.time_ns, pdu.connection, pdu.side, pdu.cut) == (0, 0, 0, 0, False)
+
+
 def test_a_request_that_wants_no_response() -> None:
     assert not parse_plus(framed(asked(1, flags=0x74))).wants_response
     assert not parse_plus(framed(told(1))).wants_response

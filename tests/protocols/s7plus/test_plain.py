@@ -112,6 +112,9 @@ def test_whatever_is_wrong_with_a_message_its_head_is_that_of_the_pdu(version: i
         for cut in range(len(octets)):
             found, parsed = facts(octets[:cut])
             assert found == parsed, (data, cut)
+        for size in range(len(data)):
+            found, parsed = facts(framed(data[:size], version))
+            assert found == parsed, (data, size)
         for behind in (b"\0", b"\x72", bytes(4), octets[-4:]):
             found, parsed = facts(octets + behind)
             assert found == parsed, (data, behind)

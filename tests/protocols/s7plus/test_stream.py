@@ -110,6 +110,13 @@ def test_a_frame_is_given_as_soon_as_it_is_whole() -> None:
         assert stream.held == 4
 
 
+def test_frames_cut_anywhere_are_the_same() -> None:
+    octets = b"".join(WHOLE + PARTS)
+    for cut in range(1, len(octets)):
+        stream = FrameStream()
+        assert [*stream.push(octets[:cut]), *stream.push(octets[cut:])] == WHOLE + PARTS, cut
+
+
 def test_events_and_keep_alives_have_no_trailer() -> None:
     follows = framed(asked(1))
     for frame in (KEEP_ALIVE, event(7), event(7, b"LOGOUT"), b"\x72\4\0\1x"):

@@ -78,6 +78,7 @@ NAMELESS = 60001
         (Value(ARRAY, NULL, [None, None]), "Null[2] -, -"),
         (Value(SPARSE_ARRAY, USINT, [(3, 4)]), "USInt, sparse, 1 elements"),
         (Value(0, 0x77, 5), "0x77 5"),
+        (Value(0, 0x100, 5), "0x100 5"),
     ],
 )
 def test_a_value_has_the_form_of_its_type(value: Value, text: str) -> None:

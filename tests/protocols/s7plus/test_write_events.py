@@ -179,6 +179,13 @@ def test_writes_of_one_kind_with_one_result_are_one_event() -> None:
     ]
 
 
+def test_an_item_that_means_nothing_hides_no_other() -> None:
+    nothing = VariableAddress(0, 50, 7, [])
+    assert several([nothing, address(DB3, 9), nothing, address(DB3, 8)]) == [
+        (WRITTEN, "DB3 LID 9 = Int 2, DB3 LID 8 = Int 4", 0, 0)
+    ]
+
+
 def test_without_an_answer_only_what_was_refused_has_a_result() -> None:
     found = several([address(DB3, 1), address(DB3, 2)], {2: 0xFFF4}, answered=False)
     assert [refusal for *_, refusal in found] == [-1, 0xFFF4]
