@@ -203,14 +203,16 @@ def _facts_of(events: list[Event]) -> Facts | None:
 def _read_all(
     session: PlusSession, function: i64, request: bytes, asked: Check | None, told: Check | None
 ) -> Facts | None:
-    """Judge a transaction whose relevant parts must be read; ``asked`` is the check of its request, if there was one."""
+    """Judge a transaction whose relevant parts must be read; ``asked`` is the check of its request, if there was one.
+
+    There was none for writes, and for functions that do not matter.
+    """
     if not _may_matter(function, told):
-        return _judge_contents(asked if asked is not None else check(request), told)
+        return _judge_contents(check(request), told)
     facts = Facts()
     if function != SET_VARIABLE and function != SET_MULTI_VARIABLES:
         return _read_in_full(session, function, asked.pdu() if asked is not None else parse_plus(request), told, facts)
-    if asked is None:
-        asked = check(request)
+    asked = check(request)
     if function == SET_VARIABLE and not _writes_what_matters(asked):
         return _judge_contents(asked, told)
     if is_plain(asked, function):

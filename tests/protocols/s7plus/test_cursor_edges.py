@@ -210,6 +210,14 @@ def test_an_attribute_or_relation_that_breaks_off_is_left_to_be_read(cut: int) -
 _TEXT: Final = Value(0, WSTRING, "V4.3")
 
 
+def test_what_follows_a_structure_is_not_taken_for_its_members() -> None:
+    """The text behind it could be read as a value and the member that is sought."""
+    looks_like_it = Value(0, WSTRING, b"\x02x\x82\x3f\0\x15\1Z")
+    first = Attribute(306, Value(0, STRUCT, Struct(314, [(318, _TEXT)])))
+    (found,) = read_objects(explored(first, Attribute(2, looks_like_it))).objects
+    assert found.member(306, 319) == ""
+
+
 @pytest.mark.parametrize(
     ("value", "text"),
     [

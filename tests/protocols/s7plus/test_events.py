@@ -215,6 +215,12 @@ def test_a_state_that_a_subscription_reports() -> None:
     assert line.notify((2, condition(STOPS))) == [stopped]
     assert line.notify((2, run), behind=b"\x44") == [running]  # an item of an unknown kind hides none before it
     assert line.notify() == []
+    line.create(subscription([STATE, CONDITION]))
+    assert line.notify((1, stop), (2, condition(RUNS))) == [stopped, running]
+    assert line.notify((1, run), (2, condition(STOPS))) == [stopped]
+    assert line.notify((2, condition(RUNS)), (1, stop)) == [running, stopped]
+    line.create(subscription([WORD, STATE]))
+    line.notify((2, run))
     lying = framed(notified(7, CREATED)[:-1] + b"\x92" + rid(2) + build_value(stop) + b"\x44\0" + bytes(4), 3)
     facts = take(line.session, -1, b"", lying)
     assert facts is not None
@@ -387,17 +393,18 @@ def test_a_function_that_neither_changes_nor_shows_anything_is_passed_over() -> 
 # ---- what is a refusal ----------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("damage", [b"", b"\1"], ids=["sound", "damaged"])
+@pytest.mark.parametrize("damaged", ["none", "request", "response"])
 @pytest.mark.parametrize(("code", "good"), [(0, True), (1, True), (0x7FFF, True), (0x8000, False), (0xFFFF, False)])
-def test_a_code_from_0x8000_on_refuses_a_request(code: int, good: bool, damage: bytes) -> None:
+def test_a_code_from_0x8000_on_refuses_a_request(code: int, good: bool, damaged: str) -> None:
     """The errors are the negative ones of 16 bits; what they refuse has not happened."""
     result = build_varint(code, VLQ64)
     line = Line()
 
     def take_(function: int, body: bytes, answer: bytes) -> list[str]:
-        facts = line.facts(function, body, result + answer + damage)
+        behind = [b"\1" if damaged == half else b"" for half in ("request", "response")]
+        facts = line.facts(function, body + behind[0], result + answer + behind[1])
         assert facts is not None
-        assert len(facts.malformed) == len(damage)
+        assert len(facts.malformed) == (damaged != "none")
         return [event.kind for event in facts.events]
 
     assert take_(

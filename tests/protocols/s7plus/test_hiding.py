@@ -204,6 +204,17 @@ def test_a_secret_attribute_hides_itself_and_what_it_contains() -> None:
     assert len([note for note in notes if HIDDEN in note]) >= 3  # with the two members
 
 
+def test_an_empty_secret_is_hidden_and_has_no_octets() -> None:
+    attributes = [Attribute(3449, Value(0, WSTRING, "")), Attribute(233, Value(0, WSTRING, "beside"))]
+    pdu = request(
+        CREATE_OBJECT, bodies.create_object(3, FIVE, PlusObject(7, 9, 0, 0, 0, list(attributes)), integrity_id=5)
+    )
+    found, spans = shown_contents(pdu)
+    assert f"3449 AS_KnowhowProtection.Password = {HIDDEN}" in found.notes
+    assert all(begin < stop for begin, stop in spans)
+    assert b"beside" in clean(pdu, spans)
+
+
 def test_a_secret_of_one_attribute_is_the_last_of_its_ids() -> None:
     for ids, secret in (([7918], True), ([2237, 7918], True), ([7918, 2237], False)):
         pdu = request(SET_VARIABLE, bodies.set_variable(50, ids, SECRET))

@@ -153,6 +153,16 @@ def test_a_request_that_breaks_off_shows_what_it_begins_with() -> None:
     assert facts.malformed[0].offset == head + len(body) - 1
 
 
+def test_a_request_that_the_capture_cut_shows_what_is_there_without_a_fault() -> None:
+    """What is missing is told elsewhere: only of a whole PDU its contents are judged."""
+    body = bodies.create_object(3, NONE, block(3), block(4), integrity_id=1)
+    octets = framed(asked(1, CREATE_OBJECT, SESSION_ID, body=body), 3)
+    facts = take(Line().session, CREATE_OBJECT, octets[:-9], b"")
+    assert facts is not None
+    assert [(event.kind, event.text) for event in facts.events] == [(LOADED, "DB3, DB4 and more that was not read")]
+    assert (facts.malformed, facts.in_request, facts.exhausted) == ([], 0, False)
+
+
 # ---- objects that are deleted ---------------------------------------------------------------------------------------
 
 
