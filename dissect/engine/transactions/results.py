@@ -285,7 +285,9 @@ class TransactionError:
 
     def __str__(self) -> str:
         """Return the place and the error: ``item 3 DB2.DBB400 x4: Object does not exist``."""
-        return printable(f"{self.where}{' ' if self.address else ''}{self.address}: {self.name}")
+        where = self.where
+        address = f" {self.address}" if self.address and self.address != where else ""
+        return printable(f"{where}{address}: {self.name}")
 
     def as_dict(self) -> dict[str, object]:
         """Return the error as the JSON contract has it."""
