@@ -32,8 +32,8 @@ SECOND: Final = 1_000_000_000
 HALF: Final = 1 << 31
 KEY: Final = b"\x0a\0\0\1\x0a\0\0\2\xc3\x50\0\x66"
 
-#: Where the octets of the answering side begin, so that they wrap in one case.
-ZEROS: Final = [5000, 2**32 - 105, 2**31 - 90]
+#: Where octets are counted from, so that sequence numbers wrap, and so that those that matter (100, 501) are 0.
+ZEROS: Final = [5000, 2**32 - 100, 2**32 - 501, 2**31 - 90]
 
 
 class World:

@@ -363,7 +363,7 @@ def test_held_answers_wait_longer_for_an_unfinished_request(hold: int, time_ns: 
     assert bool(requests.expired_orphans(time_ns, packet, hold == 10)) is gone
 
 
-@pytest.mark.parametrize("zero", [1000, 2**32 - 5])
+@pytest.mark.parametrize("zero", [1000, 2**32 - 5, 2**32 - 9, 2**32 - 10])
 def test_a_request_passes_held_answers_to_earlier_ones(zero: int) -> None:
     """Those that acknowledge less than its end; what an answer without acknowledgement belongs to is not known."""
     requests = OpenRequests()
@@ -396,16 +396,18 @@ def test_when_all_held_answers_are_passed_none_is_held() -> None:
         (9, 6, 99, False),
     ],
 )
+@pytest.mark.parametrize("zero", [0, 2**32 - 100])
 def test_an_answer_since_the_request_before_that_is_not_for_this_one(
-    frame: int, key: int, ack: int, passed: bool
+    zero: int, frame: int, key: int, ack: int, passed: bool
 ) -> None:
     requests = OpenRequests()
     requests.asked_frame = 10
-    assert not requests.was_passed(5, 100)
+    end = (zero + 100) & 0xFFFFFFFF
+    assert not requests.was_passed(5, end)
     told = answer(1)
     told.response_frame = frame
-    requests.hold_orphan(key, told, ack, 1)
-    assert requests.was_passed(5, 100) is passed
+    requests.hold_orphan(key, told, (zero + ack) & 0xFFFFFFFF if ack >= 0 else -1, 1)
+    assert requests.was_passed(5, end) is passed
 
 
 # ---- rules of one request -------------------------------------------------------------------------------------------
@@ -419,7 +421,7 @@ def test_references_of_different_kinds_do_not_meet() -> None:
     assert key_of(SCD, 0x1FFFFFF) != key_of(SCD, 0x0FFFFFF)
 
 
-@pytest.mark.parametrize("zero", [1000, 2**32 - 5, 2**31 - 5])
+@pytest.mark.parametrize("zero", [1000, 2**32 - 100, 2**32 - 500, 2**32 - 501, 2**31 - 5])
 @pytest.mark.parametrize(
     ("end", "ack", "excluded"),
     [

@@ -16,8 +16,8 @@ from tests.engine.transactions.talk import CLIENT, SERVER, Talk, dbw, dt, read, 
 
 KEY: Final = b"\x0a\0\0\1\x0a\0\0\2\xc3\x50\0\x66"
 HALF: Final = 1 << 31
-#: Where the octets of a side begin, so that they wrap in one case.
-ZEROS: Final = [5000, 2**32 - 3, 2**32 - 10, 2**31 - 90]
+#: Where octets are counted from, so that sequence numbers wrap, and so that those that matter are 0.
+ZEROS: Final = [5000, 0, 2**32 - 3, 2**32 - 10, 2**32 - 100, 2**32 - 101, 2**32 - 107, 2**31 - 90]
 
 
 @pytest.fixture(params=ZEROS)
