@@ -9,6 +9,7 @@ from dissect.engine.transactions.operation import (
     MAX_CONTENTS,
     MAX_OPEN,
     UNFINISHED,
+    Activation,
     OpenOperations,
     Operation,
     OperationBook,
@@ -124,3 +125,56 @@ def test_octets_of_an_answer_in_parts_have_their_packets(transaction: Transactio
         (250, 400, [25, 30]), (300, 400, [30]),
     ):  # fmt: skip
         assert one.frames_of(start, end) == frames, (start, end)
+
+
+def test_an_operation_has_nothing_but_its_first_transaction_at_first(transaction: Transaction) -> None:
+    one = begun(OperationBook(), transaction)
+    numbers = (
+        one.number,
+        one.likely,
+        one.pushes,
+        one.first_push_ns,
+        one.last_push_ns,
+        one.octets,
+        one.dropped,
+        one.lacking,
+    )
+    assert numbers == (0,) * 8
+    assert (one.announced, one.gap, one.complete, one.begun, one.half_captured) == (-1, -1, False, True, False)
+    assert (one.result, one.reason, one.error, one.content, one.places, one.steps, one.activation) == (
+        "", "", None, b"", [], [], None,
+    )  # fmt: skip
+    going = OpenOperations()
+    assert (going.these, going.halves, going.joiner, going.plus, going.set_up) == ([], [], None, None, False)
+    block = Activation("DB 1, passive", [3, 4], 50)
+    assert (block.due, block.frame, block.deleted) == (True, 0, False)
+    assert not Activation("DB 1, active", [3, 4], 50).due
+    block.deleted = True
+    assert not block.due
+
+
+@pytest.mark.parametrize(
+    ("request_at", "response_at", "first", "last"),
+    [((5, 50), (7, 70), 5, 7), ((0, 0), (7, 70), 7, 7), ((5, 50), (0, 0), 5, 5), ((9, 90), (7, 70), 9, 9)],
+)
+def test_an_operation_reaches_from_packet_to_packet(
+    transaction: Transaction, request_at: tuple[int, int], response_at: tuple[int, int], first: int, last: int
+) -> None:
+    """Also if a half was not captured, or the answer was captured before the request."""
+    transaction.request_frame, transaction.request_ns = request_at
+    transaction.response_frame, transaction.response_ns = response_at
+    one = begun(OperationBook(), transaction)
+    assert (one.first_frame, one.begin_ns, one.last_frame, one.end_ns) == (first, 10 * first, last, 10 * last)
+    transaction.request_frame, transaction.request_ns = 2, 20
+    transaction.response_frame, transaction.response_ns = 12, 120
+    one._add(transaction)
+    assert (one.first_frame, one.begin_ns, one.last_frame, one.end_ns) == (first, 10 * first, 12, 120)
+
+
+@pytest.mark.parametrize("count", [999, 1000, 1001])
+def test_a_thousand_transactions_are_named(transaction: Transaction, count: int) -> None:
+    one = begun(OperationBook(), transaction)
+    for number in range(2, count + 1):
+        transaction.number = number
+        one._add(transaction)
+    assert (one.parts, len(one.transactions), one.transactions[-1]) == (count, min(count, 1000), min(count, 1000))

@@ -386,3 +386,33 @@ def test_the_oldest_of_what_waits_aside_gives_way(sizes: list[int], gone: list[i
         left += [int(held.transaction.number) for held in aside.add(Held(transaction, None, 1))]
     assert left == gone
     assert [int(held.transaction.number) for held in aside.held] == [n for n in range(len(sizes)) if n not in gone]
+
+
+def test_nothing_is_counted_or_known_at_first() -> None:
+    """Numbers of packets are 0 for none, sides and classes -1; what was not negotiated is None."""
+    one = connection()
+    counts = "pdus behind answered unanswered still_open not_captured orphans unsolicited one_way system_events errors open_at_end"
+    places = "tsap_frame iso_ended_frame iso_ended_ns last_request_ns last_answer_ns last_encrypted_ns last_error_ns"
+    values = "cr_ref cr_class tpdu_size_asked tpdu_size pdu_length last_error_code missed _told _probed _probed_frame _probed_ns"
+    assert {name: getattr(one, name) for name in f"{counts} {places} {values}".split()} == dict.fromkeys(
+        f"{counts} {places} {values}".split(), 0
+    )
+    assert (one.class_, one.iso_ended_by, one._bound) == (-1, -1, -1)
+    flags = (one.udp, one.cr_seen, one.setup_seen, one.setup_open, one.subscribes, one.has_loaded, one.followed)
+    assert flags == (False,) * 7
+    texts = (one.protocol, one.identified_by, one.refused, one.iso_ended, one.iso_ended_how, one.closed_reason)
+    assert texts == ("",) * 6
+    unknown = (
+        one.setup_asked,
+        one.granted,
+        one.granted_for,
+        one.last_request,
+        one.last_answer,
+        one.last_error,
+        one.ending,
+    )
+    assert unknown == (None,) * 7
+    assert (one.naming, one.plus, one.tls, one.tsap_calling, one.tsap_called) == (None,) * 5
+    traits = one.traits
+    found = (traits.written, traits.sent, traits.pace_ns, traits.inquiries, traits.refusals, traits.stop_event)
+    assert found == (0, 0, 0, 0, 0, None)

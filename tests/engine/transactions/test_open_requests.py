@@ -547,3 +547,14 @@ def test_the_oldest_is_found_however_often_it_left() -> None:
             assert oldest is not None
             assert (oldest[0], oldest[1].number) == (number - 5, number - 4)
             requests.close(*oldest)
+
+
+def test_nothing_is_open_at_first() -> None:
+    requests = OpenRequests()
+    numbers = (requests.count, requests.repeats, requests.answered, requests.asked_frame, requests.orphan_frame)
+    assert numbers == (0, 0, 0, 0, 0)
+    assert (requests.latest, requests.latest_key, requests.asked_seq, requests.held) == (None, -1, 0, 0)
+    assert (requests.beside, requests.doubtful, requests.full) == (False, False, False)
+    assert (requests.lost, requests.orphans, requests.undecided, requests.waiting()) == ([], None, None, [])
+    assert requests.find(0) is None  # a reference of 0 is valid
+    assert requests.rest_ns == SHORT_REST_NS

@@ -8,7 +8,7 @@ import pytest
 
 from dissect.engine.transactions.accounts import OctetAccount
 from dissect.engine.transactions.protocol import Kept, Protocol
-from dissect.engine.transactions.side import Place, Side
+from dissect.engine.transactions.side import Place, Rival, Side
 from dissect.engine.transactions.stray import Stray
 from dissect.engine.transactions.table import ConnectionTable
 from dissect.packets.tcp.stream import FAR_AHEAD, WINDOW
@@ -313,3 +313,21 @@ def test_stray_octets_have_the_packets_of_their_first_and_last() -> None:
     assert (stray.frames, stray.garbage, stray.told) == ([9], False, False)
     stray.last_frame = 12
     assert stray.frames == [9, 12]
+
+
+def test_nothing_is_missing_or_begun_at_first() -> None:
+    side, _ = pair()
+    numbers = (
+        "addresses ports second third fourth size longest requests holes missing hole_frame told_jobs told_overdue"
+    )
+    assert [getattr(side, name) for name in numbers.split()] == [0] * 13
+    flags = (side.numbers_fine, side.waiting, side.watched)
+    assert flags == (False, False, False)
+    objects = (side.also, side.ibh, side.plus, side.inner, side.kept, side.begun_tpkt, side.begun_tsdu, side.slight)
+    assert objects == (None,) * 8
+    assert (side.stray, side.rival, side.probes) == (None, None, None)
+    tcp = side.tcp
+    tcp.last_frame, tcp.last_ns = 9, 90
+    rival = Rival(tcp, 5, 6, 7, 10, 100)
+    found = (rival.last_frame, rival.last_ns, rival.seq, rival.octets, rival.answered, rival.frame, rival.time_ns)
+    assert found == (9, 90, 5, 6, 7, 10, 100)

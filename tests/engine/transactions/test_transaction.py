@@ -42,9 +42,11 @@ from dissect.engine.transactions.transaction import (
     SURE,
     UNANSWERED,
     Transaction,
+    unasked,
 )
 from dissect.meaning.report.facets import subject
 from dissect.protocols.s7.items import ItemResult
+from dissect.protocols.s7.parameters import parse_parameters
 from dissect.protocols.s7.values import Value
 from tests.engine.transactions.talk import (
     Talk,
@@ -658,3 +660,38 @@ def test_an_error_code_with_items_has_both(alone: bool) -> None:
     one = exchange(read(1, dbw(1, 0)), ack_data(1, b"\x04\x01", data, 0x8500))
     assert [result.data for result in one.s7_results] == [None if alone else b"\0\1"]
     assert [error.where for error in one.errors] == ["header"]
+
+
+def test_nothing_is_known_of_a_transaction_at_first() -> None:
+    """Packets and times are 0 for none, acknowledgements -1."""
+    connection = exchange(read(1, dbw(1, 0)), words(1, 7)).connection
+    one = Transaction(5, connection, 1, 1, 9, parse_parameters(b"\x04\x00", 1))
+    numbers = "request_frame request_ns request_size response_frame response_ns response_size response_rosctr error_code _flags"
+    assert [getattr(one, name) for name in numbers.split()] == [0] * 9
+    assert (one.number, one.asked_by, one.rosctr, one.pdu_ref, one._request_ack, one._request_seq) == (
+        5,
+        1,
+        1,
+        9,
+        -1,
+        -1,
+    )
+    assert (one.outcome, one.reason, one.has_errors, one.again, one.subscribed) == ("open", "", False, None, None)
+    assert (one.request, one.response, one.plus_request, one.plus_response, one.request_body) == (None,) * 5
+    assert (one.request_octets, one.response_octets, one.frames, one.errors, one.items, one.scd) == (
+        b"",
+        b"",
+        [],
+        [],
+        [],
+        [],
+    )
+    answer = unasked(connection, 1, 3, 9, one.parameters, b"xyz", 1, 2, 7, 70)
+    assert (answer.outcome, answer.number, answer.asked_by, answer.rosctr, answer.pdu_ref) == (
+        "orphan_answer",
+        0,
+        1,
+        3,
+        9,
+    )
+    assert (answer.response_octets, answer.frames, answer.response_ns, answer.response_rosctr) == (b"yz", [7], 70, 3)
