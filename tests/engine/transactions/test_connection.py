@@ -391,12 +391,39 @@ def test_the_oldest_of_what_waits_aside_gives_way(sizes: list[int], gone: list[i
 def test_nothing_is_counted_or_known_at_first() -> None:
     """Numbers of packets are 0 for none, sides and classes -1; what was not negotiated is None."""
     one = connection()
-    counts = "pdus behind answered unanswered still_open not_captured orphans unsolicited one_way system_events errors open_at_end"
-    places = "tsap_frame iso_ended_frame iso_ended_ns last_request_ns last_answer_ns last_encrypted_ns last_error_ns"
-    values = "cr_ref cr_class tpdu_size_asked tpdu_size pdu_length last_error_code missed _told _probed _probed_frame _probed_ns"
-    assert {name: getattr(one, name) for name in f"{counts} {places} {values}".split()} == dict.fromkeys(
-        f"{counts} {places} {values}".split(), 0
-    )
+    numbers = [
+        "pdus",
+        "behind",
+        "answered",
+        "unanswered",
+        "still_open",
+        "not_captured",
+        "orphans",
+        "unsolicited",
+        "one_way",
+        "system_events",
+        "errors",
+        "open_at_end",
+        "tsap_frame",
+        "iso_ended_frame",
+        "iso_ended_ns",
+        "last_request_ns",
+        "last_answer_ns",
+        "last_encrypted_ns",
+        "last_error_ns",
+        "cr_ref",
+        "cr_class",
+        "tpdu_size_asked",
+        "tpdu_size",
+        "pdu_length",
+        "last_error_code",
+        "missed",
+        "_told",
+        "_probed",
+        "_probed_frame",
+        "_probed_ns",
+    ]
+    assert {name: getattr(one, name) for name in numbers} == dict.fromkeys(numbers, 0)
     assert (one.class_, one.iso_ended_by, one._bound) == (-1, -1, -1)
     flags = (one.udp, one.cr_seen, one.setup_seen, one.setup_open, one.subscribes, one.has_loaded, one.followed)
     assert flags == (False,) * 7
