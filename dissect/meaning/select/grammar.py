@@ -278,7 +278,7 @@ def _wanted(could: set[str]) -> str:
         return "{ and values, separated by commas, or one value"
     if "STRING" in could:
         return "a value"
-    if "COMMA" in could or "RBRACE" in could:
+    if "COMMA" in could:
         return "a comma or }"
     if "RPAR" in could:
         return "and, or, or a closing parenthesis"

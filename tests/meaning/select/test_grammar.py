@@ -177,6 +177,7 @@ def test_an_expression_has_just_so_many_characters() -> None:
         ("a == ,", ",", "expected a value, got ','"),
         ("not", "", "the expression ends here: expected a field"),
         ("a == 'b' \"c'", "\"c'", 'the text that begins here has no closing "'),
+        ("a == 5 ''", "'", "expected and, or, or the end, got a text"),
         ("a == 5 'c'", "'", "expected and, or, or the end, got a text"),
         ("a == 5 'c", "'c", "the text that begins here has no closing '"),
         ("a == \"b'c", "\"b'c", 'the text that begins here has no closing "'),

@@ -132,6 +132,9 @@ def test_an_expression_says_what_it_names() -> None:
     assert where.texts == ("value[DB1] > 5 and (items.db == 1 or not value['DB1'])", "value[MW4]")
     assert where.text == f"({where.texts[0]}) and (value[MW4])"
     assert repr(where) == f"Where({where.text!r})"
+    for expressions in (("db == 1", "value == 9"), ("value == 9", "db == 1"), ("db", "db == 1", "value == 9")):
+        both = Where(expressions[0], expressions[1:])
+        assert [int(one.number) for one in TALK.transactions if both.transaction(one)] == [3]
     assert Where("", ["failed"]).text == Where("failed").text == "failed"
     with pytest.raises(SelectError, match="the expression is empty"):
         Where("", [""])
