@@ -252,6 +252,7 @@ def test_values_in_values_are_one_list(value: Any, elements: list[object]) -> No
     ("area", "lids", "expected"),
     [
         ((0x8A0E << 16) | 7, [3, 4, 2], (DB, 7, 32, 16, 7)),
+        ((0x8A0E << 16) | 7, [3, 0, 2], (DB, 7, 0, 16, 7)),
         ((0x8A0E << 16) | 7, [3, 4, 1, 5], (DB, 7, 37, 16, 7)),
         (82, [3, 20, 2], (0x83, 0, 160, 16, None)),
         (80, [3, 1, 1], (0x81, 0, 8, 16, None)),

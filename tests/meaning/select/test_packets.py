@@ -11,6 +11,7 @@ from dissect.meaning.select.packets import KINDS, PacketSelection
 from dissect.packets.tcp.connection import TcpConnection
 from dissect.packets.tcp.stream import Endpoint
 from tests.cases import each
+from tests.engine.program.transfers import carry, download
 from tests.engine.transactions import talk as line
 from tests.engine.transactions.talk import ACK, CLIENT, FIN, MS, SECOND, SERVER, Talk, dbw, read, words
 from tests.meaning.select.test_selection import Tape, taped, two_connections
@@ -74,31 +75,41 @@ def test_packets_of_selected_transactions_and_others_by_themselves(expression: s
     assert taken(TWO, expression) == packets
 
 
-def test_every_segment_of_request_and_answer_and_retransmissions_for_ten_seconds() -> None:
-    for later, again in ((9 * SECOND, True), (11 * SECOND, False)):
-        talk, tape = taped()
-        talk.open()  # 1 to 7
-        request = line.dt(read(1, dbw(1, 0)))
-        talk.packet(CLIENT, request[:9])
-        talk.packet(CLIENT, request[9:])
-        first = talk.seq[SERVER]
-        talk.tell(words(1, 7))  # 10
-        talk.packet(SERVER, line.dt(words(1, 7)), seq=first, after_ns=later)
-        talk.ask(read(2, dbw(1, 0)))
-        talk.tell(words(2, 8))
-        assert taken(tape, "value == 7") == ([8, 9, 10, 11] if again else [8, 9, 10])
+@each(("later", "again"), [(10 * SECOND, True), (10 * SECOND + 1, False)])
+def test_every_segment_of_request_and_answer_and_retransmissions_for_ten_seconds(later: int, again: bool) -> None:
+    """Those of the first octets of a request may come so long before it, those of an answer so long after it."""
+    talk, tape = taped()
+    talk.open()  # 1 to 7
+    request = line.dt(read(1, dbw(1, 0)))
+    talk.packet(CLIENT, request[:9])
+    talk.packet(CLIENT, request[9:], after_ns=later)
+    first = talk.seq[SERVER]
+    talk.tell(words(1, 7), after_ns=5 * SECOND)  # 10
+    talk.packet(SERVER, line.dt(words(1, 7)), seq=first, after_ns=later)
+    talk.ask(read(2, dbw(1, 0)))
+    talk.tell(words(2, 8))
+    assert taken(tape, "value == 7") == ([8, 9, 10, 11] if again else [9, 10])
 
 
-def test_a_request_that_came_before_its_time_was_looked_for() -> None:
-    """A copy of the request up to ten seconds before the one that was answered is taken, too."""
-    for pause, early in ((9 * SECOND, True), (11 * SECOND, False)):
-        talk, tape = taped()
-        talk.open()
-        request = line.dt(read(1, dbw(1, 0)))
-        talk.packet(CLIENT, request[:9])  # 8
-        talk.packet(CLIENT, request[9:], after_ns=pause)
-        talk.tell(words(1, 7))
-        assert taken(tape, "value == 7") == ([8, 9, 10] if early else [9, 10])
+@each("asks", [CLIENT, SERVER])
+def test_a_transaction_has_its_packets_whoever_asks(asks: int) -> None:
+    talk, tape = taped()
+    talk.open()  # 1 to 7
+    said = download(bytes(range(30)), "_0800001P", 20, asks=asks)
+    carry(talk, said, 9)
+    for number in range(len(said) // 2):
+        assert taken(tape, f"number == {2 + number} and pdu_ref") == [8 + 4 * number + at for at in range(4)]
+
+
+def test_findings_are_not_asked_where_transactions_have_every_field() -> None:
+    """A finding about stray octets names two packets, of which one is selected by itself."""
+    talk, tape = taped()
+    talk.open()
+    talk.packet(CLIENT, b"garbage!!")  # 8
+    talk.packet(CLIENT, b"more")
+    talk.packet(CLIENT, line.CONNECT)
+    assert taken(tape, "failed or frame == 8") == [8]
+    assert taken(tape, "slug and frame == 8") == [8, 9]
 
 
 def test_by_fields_of_findings_their_packets_are_taken() -> None:

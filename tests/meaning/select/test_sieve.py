@@ -17,6 +17,7 @@ from dissect.engine.pipeline import Options, Pipeline
 from dissect.engine.stations.facts import MAC, Fact
 from dissect.engine.transactions.connection import Connection
 from dissect.engine.transactions.operation import Operation
+from dissect.engine.transactions.payloads import ScdMessage
 from dissect.engine.transactions.side import Side
 from dissect.engine.transactions.transaction import Transaction
 from dissect.meaning.select import Where, sieve
@@ -28,6 +29,7 @@ from tests.engine.program.transfers import carry, upload
 from tests.engine.stations.answers import identification, szl
 from tests.engine.transactions import talk as line
 from tests.engine.transactions.talk import CLIENT, Talk, dbw, read, words
+from tests.meaning.bindings import plant as plant_of_scd
 
 Event = tuple[str, object]
 
@@ -69,6 +71,9 @@ class Kept(Observer):
 
     def pdu(self, frame: int, time_ns: int, side: Side, octets: bytes, cut: bool) -> None:
         self.events.append(("pdu", int(frame)))
+
+    def scd(self, frame: int, time_ns: int, side: Side, found: ScdMessage) -> None:
+        self.events.append(("scd", int(frame)))
 
     def tpdu(self, frame: int, time_ns: int, side: Side, octets: bytes) -> None:
         self.events.append(("tpdu", int(frame)))
@@ -215,6 +220,20 @@ def test_a_message_behind_a_malformed_header() -> None:
 
     for expression, frames in (("behind_malformed", [8]), ("not behind_malformed", [6, 7, 9, 10, 11])):
         assert through(expression, say)[0].of("pdu") == frames
+
+
+def test_messages_of_scd_are_selected_by_their_own_fields() -> None:
+    for expression, frames in (
+        ("scd.tid == 7", [1, 2]), ("cut", []), ("not cut", [1, 2, 3]), ("behind_malformed", []), ("src == 10.0.0.2", [2]),
+    ):  # fmt: skip
+        kept = Kept()
+        talk = Talk()
+        talk.pipeline = Pipeline(Sieve(kept, Where(expression)), Options(strict=True, decoder=plant_of_scd.carrier()))
+        talk.datagram(0, plant_of_scd.ask("0x6001:0", tid=7))
+        talk.datagram(1, plant_of_scd.tell("0x6001:0", 50, tid=7))
+        talk.datagram(0, plant_of_scd.ask("0x6001:0", tid=8))
+        talk.finish()
+        assert kept.of("scd") == frames
 
 
 def test_findings_beyond_the_limit_of_the_engine_are_judged_as_well() -> None:

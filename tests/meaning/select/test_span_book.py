@@ -67,6 +67,7 @@ def test_of_tpkts_that_come_at_once_each_has_its_own_octets() -> None:
         assert place(way.book.tpkt(way.side, LAST)) == (begin, 31)
         assert way.pdu() == (begin, 31)
     assert place(way.book.tpkt(way.side, LAST)) is None  # it was not accounted for: nothing is known of it
+    assert way.pdu() is None
 
 
 @each("lost", [False, True])
@@ -100,12 +101,19 @@ def test_a_message_in_several_dts_begins_with_the_first() -> None:
     way.pdu()
     way.comes(PART)
     way.comes(OTHER)  # which is between them, and carries nothing
-    way.comes(PART, LAST)
+    way.comes(PART[:6] + b"\x01" + PART[7:], LAST)  # numbered, as in other classes than 0
     assert way.pdu() == (START + 31, 4 * 31)
     way.comes(PART)
     way.comes(LAST)  # a message that is no PDU
     way.comes(LAST)
     assert way.pdu() == (START + 7 * 31, 31)
+
+
+def test_the_first_tpdu_of_a_connection_carries_nothing() -> None:
+    way = Way()
+    way.comes(OTHER)
+    way.comes(LAST)
+    assert way.pdu() == (START + 31, 31)
 
 
 def test_a_tpdu_that_carries_nothing_is_no_beginning() -> None:
@@ -123,6 +131,10 @@ def test_a_tpdu_that_carries_nothing_is_no_beginning() -> None:
     assert way.pdu() == (at + 37, 38)
     way.comes(b"\3\0\0\7\2\xf1\x80")  # a DT with a credit is one
     assert way.pdu() == (at + 75, 7)
+    way.comes(PART)
+    way.comes(b"\3\0\0\6\1\xf0")
+    way.comes(LAST)
+    assert way.pdu() == (at + 119, 31)
 
 
 def test_a_pdu_of_s7comm_plus_begins_with_its_first_frame() -> None:
@@ -203,6 +215,21 @@ def test_the_directions_that_are_known_longest_are_forgotten(monkeypatch: pytest
     for way in ways:
         way.comes(LAST)
     assert [way.pdu() for way in ways] == [None, *[(START, 31)] * 3]
+
+
+def test_sixteen_thousand_directions_are_known() -> None:
+    way = Way()
+    for number in range(16_384):
+        way.side.key = number.to_bytes(2, "big")
+        way.side.stream = SimpleNamespace(start_seq=START)
+        way.comes(LAST)
+    way.side.key = b"\0\0"
+    assert way.pdu() is not None
+    way.side.key = b"another"
+    way.comes(LAST)
+    assert way.pdu() is not None
+    way.side.key = b"\0\0"
+    assert way.pdu() is None
 
 
 # ---- the index ------------------------------------------------------------------------------------------------------
