@@ -187,7 +187,7 @@ class ItemReader:
 def _asked(item: Item) -> ItemFacts:
     facts = ItemFacts(ItemResult(item, -1, None, None))
     area, size = int(item.area), int(item.transport_size)
-    if area < 0 or size < 0:
+    if size < 0:  # another syntax than S7ANY
         facts.place = ItemPlace(item.address, item.label)
         return facts
     count = int(item.count)

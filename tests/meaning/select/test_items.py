@@ -67,6 +67,15 @@ def test_an_item_whose_type_is_unknown_has_octets() -> None:
     assert (facts.place.start, facts.place.size, facts.count) == (8, 24, 3)
 
 
+def test_area_0_and_type_0_are_an_area_and_a_type() -> None:
+    facts = ItemReader().asked(parse_item(any_item(0, 3, 0, 0, 8), 0))
+    assert facts.place is not None
+    assert (facts.place.area, facts.place.start, facts.place.size, facts.count) == (0, 8, 24, 3)
+    assert facts.area is not None
+    assert facts.type is not None
+    assert (facts.area.number, facts.type.number, facts.db) == (0, 0, None)
+
+
 def test_an_item_of_another_syntax_has_only_a_text() -> None:
     item = parse_item(bytes.fromhex("1208824101000100010101"), 0)
     facts = ItemReader().asked(item)
