@@ -176,10 +176,10 @@ def test_nothing_but_a_fault_is_raised(one: PlusObject, data: st.DataObject) -> 
 # ---- attributes that are read when they are needed -------------------------------------------------------------------
 
 
-def later(value: Value, behind: bytes = b"\xee") -> Attribute:
+def later(value: Value, behind: bytes = b"\xee", before: int = 1) -> Attribute:
     """An attribute whose value is in the octets of a message, with others in front of it and behind it."""
-    octets = b"\xee\0\x15\1" + build_value(value)
-    return Attribute(7, None, octets + behind, 4, len(octets))
+    octets = bytes((0xEE, 0, before)) + build_value(value)
+    return Attribute(7, None, octets + behind, 3, len(octets))
 
 
 _NESTED = Value(0, STRUCT, Struct(9, [(319, Value(0, WSTRING, "inner"))]))
@@ -225,9 +225,9 @@ def test_an_attribute_says_the_same_before_it_is_read_and_after(value: Value) ->
     numbers = [one for one in content if isinstance(one, int)] if isinstance(content, list) else []
     found = [one.content for id_, one in content.members if id_ == 319] if isinstance(content, Struct) else []
     member = found[0] if found and isinstance(found[0], str) else ""
-    for behind in (b"\xee", b""):
+    for behind, before in ((b"\xee", 1), (b"", WSTRING), (b"", UDINT), (b"", STRUCT)):
         for ask in (Attribute.text, Attribute.number, Attribute.numbers, lambda one: one.member(319)):
-            one = later(value, behind)
+            one = later(value, behind, before)
             first = ask(one)
             assert one.value == value
             assert one.value is one.value

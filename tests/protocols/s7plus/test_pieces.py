@@ -46,6 +46,8 @@ def told_of(fault: FormatError) -> tuple[str, str, int, int, int]:
     ("value", "text"),
     [
         (0xFFF4, "0xfff4 Object not found"),
+        (0xFFFF, "0xffff Unknown error"),
+        (0x1_0000, "0x10000 OK; from object management, line 1"),
         (0x1_FFF4, "0x1fff4 Object not found; from object management, line 1"),
         (0xFFFF_FFF4, "0xfffffff4 Object not found; from object management, line 65535"),
         (0x1A_0000_FFF4, "0x1a0000fff4 Object not found; from hardware configuration, line 0"),

@@ -174,6 +174,7 @@ NAMES = (
 def test_a_head_keeps_nothing_of_the_message_before() -> None:
     head = Head()
     assert (head.begins, head.wants_response, head.sequence, head.version, head.frames) == (False, False, -1, -1, 0)
+    assert (head.opcode, head.function, head.subscription_id) == (-1, -1, -1)
     for data in KINDS[:-1]:
         if head.read_plain(framed(data, 2)):
             once = Head()

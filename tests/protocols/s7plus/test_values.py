@@ -411,6 +411,18 @@ def test_compressed_elements_have_a_key_below_the_others(key: int, looked_into: 
         assert told == ([("bad_compression", "blob", broken)] if of_this else [])
 
 
+def test_all_compressed_blobs_are_noted_though_few_are_inflated() -> None:
+    """In a hurry one that cannot swell is not; those behind it are looked at all the same."""
+    small = zlib.compress(b"<a>")
+    value = Value(0x40, BLOB, [(1, Blob(0, small)), (2, Blob(0, SWOLLEN)), (3, Blob(0, small))])
+    wire = build_value(value)
+    for most in (0, 1000):
+        walk = Walk(wire, 0, len(wire), False, most)
+        read_value(walk, VALUE, 0, "", 2533)
+        assert [wire[begin:end] for begin, end in walk.blobs] == [small, SWOLLEN, small]
+        assert walk.faults == []
+
+
 def test_a_blob_alone_is_looked_into_as_well() -> None:
     wire = build_value(Value(0, BLOB, Blob(0, SWOLLEN)))
     walk = Walk(wire, 0, len(wire), False)
