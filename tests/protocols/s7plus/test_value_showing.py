@@ -175,6 +175,7 @@ def test_times_without_a_clock_are_numbers() -> None:
         (Value(0, BLOB, Blob(1, b"\1\2")), '"0102"'),
         (Value(0, BLOB, Blob(5, b"\1\2", bytes(8), 2)), '"0102"'),
         (Value(0, BLOB, Blob(5, b"", bytes(8), 0, [(7, FIVE)])), '{"root":5,"members":{"7":5}}'),
+        (Value(0, BLOB, Blob(2, b"", bytes(8), 0, [])), '{"root":2,"members":{}}'),
         (
             Value(0, STRUCT, Struct(9, [(7, FIVE), (8, FIVE), (7, Value(0, UINT, 6))])),
             '{"id":9,"members":{"7":6,"8":5}}',
