@@ -93,7 +93,7 @@ def one_of(text: str, known: Known) -> list[Wanted]:
     if _OBJECT.fullmatch(text.lower()) or _PLUS.fullmatch(text) or text.lower() in known.others:
         return [Wanted(text)]
     place = place_of(text)
-    if place is not None and place.area >= 0 and not place.whole:
+    if place is not None:  # a whole block has more bits than that, what is no place in memory none
         numbered = place.area in NUMBERED_AREAS
         start, bits = (
             (place.start * NUMBERED_BITS, place.size * NUMBERED_BITS) if numbered else (place.start, place.size)

@@ -108,6 +108,15 @@ def test_an_address_that_is_exactly_a_tag_or_an_element_has_its_name(tmp_path: P
         ("DB10,R4.2", "DB10.DBL4", 64, "REAL"),  # two REALs
         ("DB10,X4.2", "DB10.DBX4.2", 1, "BOOL"),
         ("T5 x3", "T5", 48, None),
+        ("T5,3", "T5", 48, "TIMER"),
+        ("C7", "C7", 16, None),
+        ("DB1:3", "DB1.DBB3", 8, None),
+        ("DB1:3.5", "DB1.DBX3.5", 1, None),
+        ("DB1,B0", "DB1.DBB0", 8, "BYTE"),
+        ("DB1:3:REAL[2]", "DB1.DBL3", 64, "REAL"),
+        ("DB1.DBX3.5 x1", "DB1.DBX3.5", 1, None),
+        ("DB1,X4.2.9", "DB1.DBB4.2", 9, "BOOL"),
+        ("DB1:3:STRING[9]", "DB1.DBB3", 88, "STRING[9]"),
         ("DB9.DBB0 x65536", "DB9.DBB0", 8 * 65536, None),
     ],
 )
@@ -141,6 +150,17 @@ def test_words_of_which_only_the_traffic_shows_whether_they_exist(text: str) -> 
         ("DB10.DBD4:REEL", "type 'REEL' is not a type of S7; close to it: REAL, LREAL"),
         ("DB9.DBB0 x65537", f"DB9.DBB0 x65537: not an address {_NO_ADDRESS}, and without tags= there are no names"),
         ("DB9", f"DB9: not an address {_NO_ADDRESS}, and without tags= there are no names"),
+        ("DB9.DBB0 x0", f"DB9.DBB0 x0: not an address {_NO_ADDRESS}, and without tags= there are no names"),
+        ("T5 x0", f"T5 x0: not an address {_NO_ADDRESS}, and without tags= there are no names"),
+        ("M", f"M: not an address {_NO_ADDRESS}, and without tags= there are no names"),
+        ("DB10,RW4", "DB10,RW4: RW is a little-endian type of nodes7, which has no S7 type"),
+        ("z" * 60, f"{'z' * 60}: not an address {_NO_ADDRESS}, and without tags= there are no names"),
+        (
+            "z" * 61,
+            f"{'z' * 60}… (61 characters): not an address {_NO_ADDRESS}, and without tags= there are no names",
+        ),
+        (f"DB10.DBX3.1:{'INT'.rjust(4)}", "DB10.DBX3.1: INT: INT has no bit"),
+        ("DB10.DBX3.1:DINT[7]", "DB10.DBX3.1:DINT[7]: DINT has no bit"),
         ("0x6041", f"0x6041: not an address {_NO_ADDRESS}, and without tags= there are no names"),
     ],
 )
@@ -168,3 +188,12 @@ def test_what_is_named_twice_is_wanted_once(known: Known) -> None:
     assert places(choose(["MW0", "mw0", "MW2", "Tank.Temp", "Tank"], known).all) == [
         ("MW0", "MW0", 16), ("MW2", "MW2", 16), ("Tank.Temp", "DB1.DBD20", 32), ("Tank.Levels", "DB1.DBB0", 48),
     ]  # fmt: skip
+
+
+def test_a_long_name_is_shortened_in_an_error(tmp_path: Path) -> None:
+    path = tmp_path / "tags.csv"
+    for size, shown in ((60, "a" * 60), (61, f"{'a' * 60}… (61 characters)")):
+        path.write_text(f"address,type,name\nDB1.DBW0,INT,{'a' * size}\n", encoding="utf-8")
+        with pytest.raises(WantedError) as raised:
+            one_of("a" * (size - 1) + "b", Known(load_tags([path]).naming()))
+        assert str(raised.value).partition("close to it: ")[2] == shown
