@@ -135,12 +135,12 @@ def _element(text: str, tag: Tag, indexes: str, naming: TagNaming | None) -> Wan
 def _of_address(text: str, address: TagAddress) -> Wanted:
     """Return an address with its type, if it has one."""
     base = address.type
-    count = max(address.elements, 1)
     if base is None:
         bits = WIDTHS[address.width or ("X" if address.bit >= 0 else "B")]
-        return Wanted(text, address.area, address.db, address.start, bits * count)
+        return Wanted(text, address.area, address.db, address.start, bits)
     if address.bit > 0 and base.bits != 1:
         raise AddressError(f"{shortened(text, 60)}: {base.name} has no bit")
+    count = max(address.elements, 1)
     wanted = Wanted(text, address.area, address.db, address.start, base.bits * count)
     wanted.part = whole(_typed(address, base, count))
     return wanted

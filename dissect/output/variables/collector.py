@@ -342,7 +342,7 @@ class ValueCollector(Observer):
         wanted = self._wanted
         if wanted is None:
             plan.variable = self._own(plc, item)
-        elif item.area >= 0 and item.start_bit >= 0 and item.size > 0:
+        elif item.size > 0:
             numbered: bool = item.area in NUMBERED_AREAS
             plan.start = item.start_bit * NUMBERED_BITS if numbered else item.start_bit
             plan.bits = 1 if item.transport_size == BIT else 8 * item.size

@@ -217,8 +217,6 @@ class WantedSet:
 
     def touched(self, area: i64, db: i64, start: i64, bits: i64, naming: TagNaming | None) -> list[Wanted]:
         """Return the wanted places that have a bit in common with ``bits`` bits from bit ``start`` on."""
-        if area < 0:
-            return []
         rows = self._places.get(int(place_key(area, db)))
         if rows is None:
             return []

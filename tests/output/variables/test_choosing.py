@@ -160,6 +160,7 @@ def test_words_of_which_only_the_traffic_shows_whether_they_exist(text: str) -> 
             f"{'z' * 60}… (61 characters): not an address {_NO_ADDRESS}, and without tags= there are no names",
         ),
         (f"DB10.DBX3.1:{'INT'.rjust(4)}", "DB10.DBX3.1: INT: INT has no bit"),
+        (f"DB10.DBX3.1:{'INT'.rjust(60)}", f"DB10.DBX3.1:{' ' * 48}… (72 characters): INT has no bit"),
         ("DB10.DBX3.1:DINT[7]", "DB10.DBX3.1:DINT[7]: DINT has no bit"),
         ("0x6041", f"0x6041: not an address {_NO_ADDRESS}, and without tags= there are no names"),
     ],

@@ -5,12 +5,14 @@ from __future__ import annotations
 import random
 from pathlib import Path
 
+from dissect.engine.pipeline import Options, Pipeline
 from dissect.meaning.tags.loading import load_tags
 from dissect.output.variables.choosing import Known, choose
 from dissect.output.variables.collector import ValueCollector
 from dissect.output.variables.model import ValueRow
 from dissect.output.variables.writers import line_end
 from tests.cases import each
+from tests.engine.transactions import talk as line
 from tests.meaning.report.support import begun
 from tests.output.variables.support import BIT, BYTE, INT, REAL, WORD, collected, db, reads, rows_of, writes
 from tests.properties.messages import Item
@@ -237,3 +239,32 @@ def test_places_of_bits_and_octets_say_what_a_memory_says(seed: int) -> None:
 )
 def test_an_item_of_which_no_place_is_wanted(item: Item, content: bytes, expected: str) -> None:
     assert seen(item, content) == [expected]
+
+
+def test_an_item_whose_size_or_place_is_not_known_is_no_place() -> None:
+    """Several bits may share bytes; bytes that begin inside a byte are none of any address. Their own address finds them."""
+    talk = line.Talk()
+    for item, octets, own, inside in (
+        (line.item(0x84, 1, 32, BIT, 3), b"\1\0\1", "DB1.DBX4.0", "DB1.DBX4.1"),
+        (line.item(0x84, 1, 35, BYTE, 2), b"\1\2", "DB1.DBB4.3", "DB1.DBB5"),
+    ):
+        for names, expected in (([own], [own]), ([inside], []), ([], [own])):
+            collector = ValueCollector(choose(names, Known(None, [own])) if names else None)
+            talk = line.Talk()
+            talk.pipeline = Pipeline(collector, Options(strict=True))
+            talk.open()
+            talk.ask(line.read(1, item))
+            talk.tell(line.ack_data(1, b"\x04\x01", line.good(9, octets)))
+            assert [row.address for row in collector.take()] == expected
+            assert collector.found == set(expected[: len(names)])
+
+
+def test_the_areas_of_a_cpu_are_apart() -> None:
+    """Blocks have numbers, other areas none, whatever the item says there."""
+    areas = {0x81: "IW4", 0x82: "QW4", 0x83: "MW4", 0x84: "DB7.DBW4", 0x80: "PW4"}
+    for wanted, name in areas.items():
+        talk = begun()
+        for ref, area in enumerate(areas, 1):
+            reads(talk, ref, (Item(WORD, 1, 7, area, 32), bytes((0, area))))
+        reads(talk, 9, (Item(WORD, 1, 8, 0x84, 32), b"\0\1"), (Item(WORD, 1, 0, 0x1C, 32), b"\0\1"))
+        assert [(row.address, row.value) for row in rows_of(talk, name)] == [(name, wanted)]

@@ -283,6 +283,11 @@ def test_values_of_a_variable_table_count_once_the_plc_reports_them(subfunction:
             True,
             "Invalid address",
         )
+        assert [(int(row.frame), int(row.time_ns)) for row in (good, bad)] == [(talk.pipeline.frames, talk.now_ns)] * 2
+        # An item that the report lacks is neither a value nor refused.
+        talk.tell(pushed_by_test(subfunction, 2, b"\x00\x01\xff"))
+        assert [row.address for row in collector.take()] == ["MD0"]
+        assert (collector.refused, collector.unconfirmed) == (1, 0)
         # Beyond the values of the request, the report of the PLC has none.
         talk.tell(pushed_by_test(subfunction, 2, b"\x00\x03\xff\xff\xff"))
         assert [row.address for row in collector.take()] == ["MD0", "I8.1"]
@@ -459,3 +464,28 @@ def test_each_wanted_place_that_an_item_touches_is_looked_at() -> None:
     assert [(row.address, row.type, row.value) for row in found.take()] == [
         ("DB1.DBB5", "SINT", 7), ("DB1.DBB5", "SINT", 4), ("DB1.DBB2", "4 x BYTE", [1, 2, 3, 4]),
     ]  # fmt: skip
+
+
+def test_a_push_without_its_subscription_has_no_items() -> None:
+    talk, collector = beginning(ValueCollector(refusals=True), 8)
+    talk.tell(sent(PUSHED, ON_CHANGE, 7, b"\xff\x04\x00\x10\x00\x09"))
+    talk.tell(pushed_by_test(8, 2, b"\x00\x01\xff"))
+    talk.finish()
+    assert (collector.take(), collector.variables, collector.plcs[:1]) == ([], [], collector.plcs)
+
+
+def test_a_value_that_is_pushed_is_at_its_packet() -> None:
+    talk, collector = beginning(ValueCollector(refusals=True), 8)
+    talk.ask(subscribe(1, ON_CHANGE, line.dbw(1, 0), line.dbw(2, 0)))
+    first = talk.tell(sent(RESPONSE, ON_CHANGE, 1, b"\xff\x04\x00\x10\x00\x07", b"\x0a\x00\x00\x00", reference=1))
+    second = talk.tell(sent(PUSHED, ON_CHANGE, 1, b"\x05\x00\x00\x00", b"\xff\x04\x00\x10\x00\x09"))
+    talk.tell(sent(PUSHED, ON_CHANGE, 1, b"\xff\x04\x00\x10\x00\x08"))  # it lacks the second item
+    assert [(row.how, row.address, row.value, row.refused, row.writes, int(row.frame)) for row in collector.take()] == [
+        ("push", "DB1.DBW0", 7, "", False, first), ("push", "DB2.DBW0", None, "Object does not exist", False, first),
+        ("push", "DB1.DBW0", None, "Invalid address", False, second), ("push", "DB2.DBW0", 9, "", False, second),
+        ("push", "DB1.DBW0", 8, "", False, second + 1),
+    ]  # fmt: skip
+    assert [(one.address, one.refused_reads, one.refused_writes) for one in collector.variables] == [
+        ("DB1.DBW0", 1, 0), ("DB2.DBW0", 1, 0),
+    ]  # fmt: skip
+    assert (collector.refused, collector.unconfirmed) == (2, 0)
