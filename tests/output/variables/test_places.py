@@ -267,4 +267,7 @@ def test_the_areas_of_a_cpu_are_apart() -> None:
         for ref, area in enumerate(areas, 1):
             reads(talk, ref, (Item(WORD, 1, 7, area, 32), bytes((0, area))))
         reads(talk, 9, (Item(WORD, 1, 8, 0x84, 32), b"\0\1"), (Item(WORD, 1, 0, 0x1C, 32), b"\0\1"))
+        reads(talk, 10, (Item(WORD, 1, 0, 0x00, 32), b"\0\2"), (Item(WORD, 1, 0, 0x85, 32), b"\0\3"))
         assert [(row.address, row.value) for row in rows_of(talk, name)] == [(name, wanted)]
+        assert [row.value for row in rows_of(talk, "area0x00:W4")] == [2]
+        assert rows_of(talk, "DB32768.DBW4") == []

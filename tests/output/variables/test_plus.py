@@ -137,3 +137,12 @@ def test_names_that_are_wanted() -> None:
     ]  # fmt: skip
     assert station.collector.found == {'DB1."FLOW"', "db1 LID 16"}
     assert [one.address for one in station.collector.variables] == ['DB1."flow"', "DB1 LID 16"]
+
+
+def test_the_end_that_is_asked_has_the_variable() -> None:
+    """Also where it opened the connection."""
+    station = Station()
+    station.talk.packet(SERVER, line.dt(framed(asked(2, body=bodies.get_multi(_UNKNOWN)), 3)))
+    station.talk.packet(CLIENT, line.dt(framed(told(2, body=bodies.multi_got([(1, number(5))], [])), 3)))
+    (row,) = station.collector.take()
+    assert (str(row.client), str(row.plc), row.host) == ("10.0.0.2:102", "10.0.0.1:50000", "10.0.0.2")

@@ -18,6 +18,7 @@ from dissect.output.variables import tracker
 from dissect.output.variables.choosing import Known, choose
 from dissect.output.variables.collector import ValueCollector
 from dissect.output.variables.model import RefusedRow, ValueRow
+from dissect.output.variables.summary import Summary
 from dissect.wire.build import COMPILED
 from tests.engine.transactions import talk as line
 from tests.engine.transactions.test_results import (
@@ -145,6 +146,14 @@ def test_items_that_the_answer_lacks_are_not_refused() -> None:
     talk.ask(line.write(3, both, values))
     talk.tell(line.ack_data(3, b"\x05\x02", b"\x00\xff"))
     assert [(row.address, row.refused) for row in collector.take()] == [("DB10.DBW4", "Reserved"), ("DB10.DBW8", "")]
+
+
+def test_a_variable_without_value_or_refusal_is_not_in_a_summary() -> None:
+    talk, collector = beginning(ValueCollector(sums=True))
+    talk.ask(line.read(1, line.dbw(10, 4), line.dbw(10, 8)))
+    talk.tell(line.ack_data(1, b"\x04\x01", line.good(4, b"\0\7")))
+    assert [one.address for one in collector.variables] == ["DB10.DBW4", "DB10.DBW8"]
+    assert [one.address for one in Summary(collector).variables] == ["DB10.DBW4"]
 
 
 def test_one_that_was_not_answered_is_not_likely_refused() -> None:
