@@ -462,9 +462,8 @@ class ValueCollector(Observer):
             variable = self._store.variable(plc, address, address, "", "", "")
         if not variable.type:
             variable.type = _plus_type(item)
-        if item.return_code > 0 or (writes and item.return_code < 0):
-            code: i64 = item.return_code if item.return_code > 0 else NO_ANSWER
-            self._store.refuse(transaction, variable, code, how, writes, item.codes)
+        if item.return_code > 0 or (writes and item.return_code == NO_ANSWER):
+            self._store.refuse(transaction, variable, item.return_code, how, writes, item.codes)
             return
         if item.value is None:
             return
@@ -554,7 +553,7 @@ def item_type(item: Item) -> str:
     if item.transport_size < 0:
         return ""
     name = "BOOL" if item.transport_size == BIT else TRANSPORT_SIZES.name(item.transport_size)
-    return name if item.count == 1 or item.count < 0 else f"{item.count} x {name}"
+    return name if item.count == 1 else f"{item.count} x {name}"
 
 
 def _plus_type(item: PlusItem) -> str:

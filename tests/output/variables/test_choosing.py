@@ -72,6 +72,9 @@ def test_an_element_has_its_own_values(tmp_path: Path) -> None:
     assert [(row.name, row.type, row.value) for row in rows] == [
         ("Tank.Levels[2]", "INT", 2), ("Bits[0,0]", "BOOL", True), ("Bits[1,3]", "BOOL", True),
     ]  # fmt: skip
+    for names in ((), ("Tank.Levels",)):
+        (levels,) = [row for row in rows_of(talk, *names, naming=naming) if row.tag == "Tank.Levels"]
+        assert (levels.value, levels.data, levels.type) == ([1, 2, 3], bytes((0, 1, 0, 2, 0, 3)), "Array[1..3] of INT")
     assert [row.value for row in rows_of(talk, "Tank.Levels[3]", "Bits[0,1]", "Bits[1,2]", naming=naming)] == [
         3,
         False,

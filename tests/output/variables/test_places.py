@@ -271,3 +271,18 @@ def test_the_areas_of_a_cpu_are_apart() -> None:
         assert [(row.address, row.value) for row in rows_of(talk, name)] == [(name, wanted)]
         assert [row.value for row in rows_of(talk, "area0x00:W4")] == [2]
         assert rows_of(talk, "DB32768.DBW4") == []
+
+
+def test_items_of_unknown_types_are_their_bytes() -> None:
+    """A transport size without a name is its number; another syntax has no type."""
+    collector = ValueCollector()
+    talk = line.Talk()
+    talk.pipeline = Pipeline(collector, Options(strict=True))
+    talk.open()
+    talk.ask(line.read(1, line.item(0x84, 1, 32, 0), line.item(0x84, 1, 32, 0x31, 2), b"\x12\x04\xb1\1\2\3"))
+    talk.tell(line.ack_data(1, b"\x04\x03", b"".join([line.good(4, b"\1\2")] * 3)))
+    rows = collector.take()
+    assert [(row.type, row.value, row.data) for row in rows] == [
+        ("0x00", None, b"\1\2"), ("2 x 0x31", None, b"\1\2"), ("", None, b"\1\2"),
+    ]  # fmt: skip
+    assert {line_end(row, "=").partition(" = ")[2] for row in rows} == {"01 02"}

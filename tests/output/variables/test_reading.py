@@ -85,7 +85,8 @@ _LEAST, _MOST, _UNSIGNED = -(2**63), 2**63 - 1, 2**64 - 1
         ([[_LEAST, 5], [_MOST]], "list<item: int64>"), ([[_UNSIGNED]], "list<item: uint64>"),
         ([1, 2.5, None], "double"), ([_UNSIGNED, 0.5], "double"), ([2**53 + 1, 0.5], "double"),
         ([[1], [0.5]], "list<item: double>"), ([[2**53 + 1, 0.5], None], "list<item: double>"),
-        ([True, None, False], "bool"), (["a", None], "string"), ([None], "string"), ([[]], "list<item: string>"),
+        ([True, None, False], "bool"), (["a", None], "string"), ([["a", "b"], None, []], "list<item: string>"),
+        ([None], "string"), ([[]], "list<item: string>"),
     ],
 )  # fmt: skip
 def test_the_type_of_a_table_holds_each_of_its_values(values: list[Any], kind: str) -> None:

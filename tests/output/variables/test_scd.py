@@ -111,6 +111,18 @@ def test_a_refused_read_is_of_the_variable_that_has_values() -> None:
     assert (variable.statistics.count, variable.refused_reads, variable.unit) == (1, 1, "кПа")
 
 
+def test_values_without_bytes_are_distinct_by_what_they_are() -> None:
+    talk, collector = listening(sums=True)
+    for value in (8, 8, 0, 8, 1):
+        talk.datagram(CLIENT, plant.ask("Режим 1"))
+        talk.datagram(SERVER, plant.tell("Режим 1", value))
+    (variable,) = collector.variables
+    found = variable.statistics
+    assert found is not None
+    assert (found.count, found.changes, found.distinct_count, found.distinct) == (5, 3, 3, {b"8", b"0", b"1"})
+    assert (found.first, found.last, found.least, found.most) == (8, 1, 0, 8)
+
+
 def test_a_write_without_an_answer_is_unconfirmed_and_a_read_is_nothing() -> None:
     talk, collector = listening(refusals=True)
     talk.datagram(CLIENT, plant.ask("Режим 1", 8))
