@@ -111,6 +111,9 @@ def test_a_read_of_which_an_item_has_no_answer() -> None:
 
 def test_the_type_is_that_of_the_value_where_none_is_declared() -> None:
     station = Station()
+    station.read(_FLOW, values=[], refused=[(1, 0x8104)])
+    assert [(one.address, one.type) for one in station.collector.variables] == [('DB1."flow"', "Int")]
+    station = Station()
     station.read(_UNKNOWN, values=[], refused=[(1, 0x8104)])
     (one,) = station.collector.variables
     assert (one.address, one.type) == ("DB1 LID 16", "")

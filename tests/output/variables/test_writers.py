@@ -337,6 +337,9 @@ def test_any_value_as_json(value: object, expected: str) -> None:
 def test_a_variable_in_words_and_cells() -> None:
     assert place_text(variable()) == "DB1.DBB0"
     assert place_text(variable(tag="Level")) == "Level (DB1.DBB0)"
+    assert place_text(variable(tag="t" * 100)) == f"{'t' * 100} (DB1.DBB0)"
+    assert place_text(variable(tag="t" * 101)) == f"{'t' * 100}… (101 characters) (DB1.DBB0)"
+    assert shown(variable("INT"), 7, None, "t" * 101) == f"7 ({'t' * 100}… (101 characters))"
     assert (typed_text(variable("BYTE")), typed_text(variable())) == ("DB1.DBB0 BYTE", "DB1.DBB0")
     assert names_json(variable()) == ',"address":"DB1.DBB0","tag":null,"type":null,"unit":null'
     assert names_json(variable("REAL", "L", "m")) == ',"address":"DB1.DBB0","tag":"L","type":"REAL","unit":"m"'
@@ -356,4 +359,12 @@ def test_a_mark_of_doubt_follows_a_value_that_did_not_change() -> None:
     text.values(rows)
     assert [str(getattr(line, "text", line)).partition("WORD = ")[2] for line in text.take()] == [
         "7", "7  (likely: gaps in both directions)", "7",
+    ]  # fmt: skip
+    lines = ValueJsonl()
+    lines.values(rows)
+    assert [(line.get("certainty"), line.get("doubt"), line["remark"]) for line in objects(lines)] == [
+        (None, None, None), ("likely", "gaps", None), (None, None, None),
+    ]  # fmt: skip
+    assert [(row["certainty"], row["doubt"], row["remark"]) for row in as_dicts(ValueCsv(), rows)] == [
+        ("sure", "", ""), ("likely", "gaps", ""), ("sure", "", ""),
     ]  # fmt: skip
