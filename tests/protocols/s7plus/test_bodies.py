@@ -395,6 +395,7 @@ def test_octets_behind_the_last_part_of_a_request_are_not_shown() -> None:
     pdu = parse_plus(b"".join([framed(frame, 2, trailer=frame is frames[-1]) for frame in frames]))
     found, spans = shown_contents(pdu)
     assert len(found.parts) == MAX_PARTS + 1
+    assert spans[-1] == (pdu.place(found.parts[-1].offset), len(pdu.octets) - 4)  # up to the trailer
     shown = without_secrets(pdu, spans)
     assert (b"word" in pdu.octets, b"word" in shown, len(shown)) == (True, False, len(pdu.octets))
 
