@@ -96,6 +96,7 @@ def test_numbers_of_an_alarm_are_those_of_its_attributes() -> None:
     assert (said["domain"], said["type"]) == (3, 4)
     other = Alarm(alarm_of({}))
     assert (other.id, other.states, other.domain, other.type, other.texts) == (-1, -1, -1, -1, [])
+    assert other.as_dict() == {"id": None, "states": None, "domain": None, "type": None, "events": [], "texts": []}
 
 
 def test_an_alarm_may_come_and_go_and_one_nanosecond_is_a_time() -> None:

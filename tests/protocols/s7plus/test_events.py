@@ -219,6 +219,7 @@ def test_a_state_that_a_subscription_reports() -> None:
     assert line.notify((1, stop), (2, condition(RUNS))) == [stopped, running]
     assert line.notify((1, run), (2, condition(STOPS))) == [stopped]
     assert line.notify((2, condition(RUNS)), (1, stop)) == [running, stopped]
+    assert line.notify((1, run), (1, stop), (1, run), (2, condition(STOPS))) == [running, stopped, running, stopped]
     line.create(subscription([WORD, STATE]))
     line.notify((2, run))
     lying = framed(notified(7, CREATED)[:-1] + b"\x92" + rid(2) + build_value(stop) + b"\x44\0" + bytes(4), 3)
@@ -319,7 +320,8 @@ def test_a_stream_is_told_once_by_its_attribute() -> None:
     [
         (80, 5, True), (84, 5, True), (85, 5, False), (79, 5, False), (52, 2167, True), (53, 2167, False),
         (DB3, 2550, True), (0x8A110003, 2550, False), (0x89FD0001, 2550, True), (0x89FC0001, 2550, False),
-        (50, 3451, True), (50, 3452, False), (CREATED, 1048, True), (CREATED, 1053, False), (9, 304, True),
+        (50, 3451, True), (50, 3452, False), (50, 7917, False), (50, 7918, True), (50, 7919, True), (50, 7920, True),
+        (50, 7921, True), (50, 7922, False), (CREATED, 1048, True), (CREATED, 1053, False), (9, 304, True),
     ],
 )  # fmt: skip
 @pytest.mark.parametrize("damage", [b"", b"\1"])

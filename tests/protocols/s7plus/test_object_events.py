@@ -190,7 +190,8 @@ def test_the_deletion_of_anything_else_ends_it(answered: str) -> None:
         assert line.take(DELETE_OBJECT, body) == [(DELETED, "", CREATED)]
     elif answered == "by another function":
         request = framed(asked(7, DELETE_OBJECT, body=body), 3)
-        facts = take(line.session, DELETE_OBJECT, request, framed(told(7, GET_LINK, b"\0\0" + end(9)), 3))
+        other = told(7, GET_LINK, REFUSED + b"\0" + end(9))  # what is refused is not the deletion
+        facts = take(line.session, DELETE_OBJECT, request, framed(other, 3))
         assert facts is not None
         assert [(one.kind, one.object_id) for one in facts.events] == [(DELETED, CREATED)]
     else:
