@@ -269,9 +269,13 @@ def test_who_sends_too_many_requests_is_told_of_all_the_same() -> None:
     assert "session.too_many_jobs" in talk.slugs()
 
 
-def test_an_answer_after_gaps_of_both_sides_is_only_likely() -> None:
-    """Its own request may be missing, and the answer to the one that is open."""
+@pytest.mark.parametrize("pushed", [False, True])
+def test_an_answer_after_gaps_of_both_sides_is_only_likely(pushed: bool) -> None:
+    """Its own request may be missing, and the answer to the one that is open; or a push is (``pushed``)."""
     talk = begun(jobs=2)
+    if pushed:
+        talk.tell(userdata(0, head(0, 4, 3, 0, 0)))
+        talk.transactions.clear()
     asked = talk.ask(read(5, dbw(1, 0)))
     talk.lose(SERVER, words(5, 1))
     talk.packet(CLIENT)

@@ -619,3 +619,23 @@ def test_a_request_whose_end_was_not_captured_is_only_likely_answered() -> None:
         one.pdu_ref: (one.outcome, one.certainty) for one in talk.transactions if one.is_plus and one.request_frame
     }
     assert pairs == {1: ("answered", "likely"), 2: ("answered", "sure")}
+
+
+def test_an_answer_whose_end_was_not_captured_is_only_likely() -> None:
+    data = shown(ONE, TWO)
+    talk = explored(framed(data[:-17], 3, trailer=False))
+    talk.lose(SERVER, framed(data[-17:-12], 3, trailer=False))
+    talk.packet(CLIENT, flags=ACK)
+    talk.tell(framed(data[-12:], 3))
+    talk.close()
+    (one,) = [one for one in talk.transactions if one.is_plus]
+    assert (one.outcome, one.certainty, one.doubt) == ("answered", "likely", "gaps")
+
+
+def test_an_answer_alone_that_refuses_items_names_none() -> None:
+    """What was asked for is not known."""
+    talk = Talk()
+    talk.tell(framed(told(1, GET_MULTI_VARIABLES, bodies.multi_got([(1, Value(0, INT, 5))], [(2, 0x8104)], 2)), 3))
+    talk.finish()
+    (one,) = talk.transactions
+    assert (one.outcome, one.has_errors, one.refused, one.errors) == ("orphan_answer", True, False, [])

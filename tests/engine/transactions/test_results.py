@@ -421,10 +421,14 @@ def test_jobs_of_the_two_sides_are_apart() -> None:
     talk = watched()
     talk.tell(asked_by_test(7, 2, VARIABLES[1:2]))
     talk.ask(userdata(7, head(RESPONSE, TEST, 2, 4, 0)))
+    jobs = talk.transactions[-1].connection.subscriptions.values()
+    assert [job.items[0].address for job in jobs] == ["MD0", "DB1.DBW0", "I8.1"]
     talk.tell(userdata(8, head(REQUEST, TEST, 0x12), payload(bytes(8))))  # the server replaces its job
     talk.ask(userdata(8, head(RESPONSE, TEST, 0x12, 9, 0)))
     talk.tell(pushed_by_test(2, 4, b"\x00\x01\xff\x09\x00\x04\0\0\0\1"))
     assert rows(talk.transactions[-1]) == [("MD0", 0xFF, "00000001")]
+    jobs = talk.transactions[-1].connection.subscriptions.values()
+    assert [job.items[0].address for job in jobs] == ["MD0", "DB1.DBW0"]
 
 
 def test_test_jobs_of_different_functions_may_have_one_number() -> None:
