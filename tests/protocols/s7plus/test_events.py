@@ -35,6 +35,7 @@ from dissect.protocols.s7plus.tables import (
     EXPLORE,
     GET_MULTI_VARIABLES,
     GET_VAR_SUBSTREAMED,
+    GET_VARIABLE,
     INVOKE,
     SET_MULTI_VARIABLES,
     SET_VAR_SUBSTREAMED,
@@ -42,6 +43,7 @@ from dissect.protocols.s7plus.tables import (
 )
 from dissect.protocols.s7plus.value_tables import ADDRESS_ARRAY, BLOB, DINT, LREAL, UDINT
 from dissect.protocols.s7plus.values import Blob, Value, build_value
+from dissect.protocols.s7plus.walk import MAX_WORK
 from dissect.wire.varint import VLQ64, build_varint
 from tests.protocols.s7plus import bodies
 from tests.protocols.s7plus.bodies import end, number, rid
@@ -441,3 +443,27 @@ def test_a_code_from_0x8000_on_refuses_a_request(code: int, good: bool, damaged:
     )
     assert take_(DELETE_OBJECT, bodies.delete_object(CREATED), rid(CREATED) + end(9)) == [DELETED] * good
     assert (CREATED in line.session.subscriptions) != good
+
+
+# ---- what takes too much work ---------------------------------------------------------------------------------------
+
+
+def in_frames(data: bytes) -> bytes:
+    frames = [framed(data[at : at + 60_000], 3, trailer=False) for at in range(0, len(data), 60_000)]
+    return b"".join(frames) + b"\x72\3\0\0"
+
+
+@pytest.mark.parametrize("half", ["request", "response"])
+def test_a_pdu_that_takes_too_much_work_is_not_judged(half: str) -> None:
+    """Nothing is said against it, and what is wrong with the other half is found."""
+    large, small = Value(0x10, 2, [7] * MAX_WORK), Value(0x10, 2, [7, 8])
+    body = bodies.set_variable(CREATED, [1053], large if half != "response" else small)
+    answer = b"\0" + build_value(large if half != "request" else small) + end(9)
+    request = in_frames(asked(1, SET_VARIABLE, body=body + (b"\1" if half == "response" else b"")))
+    response = in_frames(told(1, GET_VARIABLE, answer + (b"\1" if half == "request" else b"")))
+    facts = take(PlusSession(Program(), Identity()), SET_VARIABLE, request, response)
+    assert facts is not None
+    assert facts.exhausted
+    assert facts.events == []
+    assert [fact.reason for fact in facts.malformed] == ["trailing_octets"]
+    assert facts.in_request == (half == "response")
