@@ -91,6 +91,8 @@ def test_one_secret_among_the_items_of_a_read_hides_all_values_of_its_answer() -
         ((WORD, PASSWORD), True),
         ((PASSWORD, WORD), True),
         ((WORD, VariableAddress(0, 50, 2237, [7918])), True),
+        ((WORD, VariableAddress(0, 50, 2237, [5, 7918])), True),
+        ((WORD, VariableAddress(0, 50, 2237, [7918, 5])), False),
         ((WORD, VariableAddress(0, 50, 7918, [2237])), False),
         ((WORD, WORD), False),
     ):
@@ -167,7 +169,9 @@ def parse_of(octets: bytes) -> Value:
     return found
 
 
-@pytest.mark.parametrize("address", [PASSWORD, VariableAddress(0, 50, 2237, [7918])])
+@pytest.mark.parametrize(
+    "address", [PASSWORD, VariableAddress(0, 50, 2237, [7918]), VariableAddress(0, 50, 2237, [5, 7918])]
+)
 def test_a_secret_that_is_written_hides_its_item_only(address: VariableAddress) -> None:
     pdu = request(SET_MULTI_VARIABLES, bodies.set_multi([(WORD, FIVE), (address, SECRET), (WORD, FIVE)]))
     found, spans = shown_contents(pdu)
