@@ -105,7 +105,9 @@ _REQUESTS: Final = {
 _RESPONSES: Final = {
     "values": (GET_MULTI_VARIABLES, bodies.multi_got(list(enumerate([_FIVE, *_VALUES.values()], 1)), [(99, 2**64 - 12)])),
     "values, not in order": (GET_MULTI_VARIABLES, bodies.multi_got([(2, _FIVE), (1, _TEXT)], [])),
-    "values, a structure first": (GET_MULTI_VARIABLES, bodies.multi_got([(1, nested(1)), (2, _FIVE), (3, nested(2))], [])),
+    "values, a structure first": (
+        GET_MULTI_VARIABLES, bodies.multi_got([(1, nested(1)), (2, _FIVE), (3, nested(2))], [])
+    ),
     "values, twice": (GET_MULTI_VARIABLES, bodies.multi_got([(1, _FIVE), (1, _TEXT)], [])),
     "no values": (GET_MULTI_VARIABLES, bodies.multi_got([], [])),
     "refusals": (SET_MULTI_VARIABLES, b"\x13\1" + build_varint(2**64 - 12, VLQ64) + b"\x81\0\5\0" + end(9)),

@@ -204,7 +204,8 @@ def test_the_checksum_of_a_symbol_is_compared() -> None:
 
 
 @pytest.mark.parametrize(("address", "secret"), [
-    (VariableAddress(0, 50, 7918, []), True), (VariableAddress(0, 50, 2237, [5, 7918]), True), (VariableAddress(0, 50, 2237, [7918, 5]), False),
+    (VariableAddress(0, 50, 7918, []), True), (VariableAddress(0, 50, 2237, [5, 7918]), True),
+    (VariableAddress(0, 50, 2237, [7918, 5]), False),
     (VariableAddress(0, 50, 2237, [7918]), True),
     (VariableAddress(0, 50, 7918, [2237]), False), (VariableAddress(0, 50, 7917, []), False),
 ])  # fmt: skip
