@@ -14,11 +14,11 @@ from typing import Final
 REASONS: Final = (
     (
         r"s7comm\.param\.userdata\.(head|length|reqres1)",
-        "old names (Wireshark up to 4.0) of the first bytes of a userdata head, which are compared under the present ones",
+        "old names (Wireshark up to 4.0) of the first bytes of a userdata head, which are compared under the present names",
     ),
     (
         r"s7comm\.param\.pi\.n_x\.\w+",
-        "arguments of Sinumerik services: each is one text to us, which Wireshark gives a name by service and place",
+        "arguments of Sinumerik services: we show each as a text; Wireshark names it by service and position",
     ),
     (
         r"s7comm\.readrec\.(id|index|mlen)",
@@ -26,15 +26,15 @@ REASONS: Final = (
     ),
     (
         r"s7comm\.szl\.009[24]\.xxxx\.status_\w+",
-        "a field of bits for racks or stations, which is one field to us and has the numbers of those set as its meaning",
+        "a field of bits for racks or stations: we have it as one field, whose meaning lists the bits that are set",
     ),
     (
         r"s7comm\.szl\.0132\.0004\.ken_ver[12]_(hw|awp)",
-        "checksums that Wireshark reads with the low byte first; we have the same bytes as numbers like all others",
+        "checksums that Wireshark reads with the low byte first; we read the same bytes high byte first, as elsewhere",
     ),
     (
         r"s7comm\.varstat\.unknown",
-        "bytes of programmer commands whose meaning nobody knows, which we keep without a name",
+        "bytes of programmer commands with unknown meaning, which we keep without a name",
     ),
 )
 
