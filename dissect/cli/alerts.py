@@ -40,9 +40,9 @@ def command() -> None:
 )
 @click.argument("rules", type=click.Path(dir_okay=False, readable=False), metavar="RULES")
 def test_command(rules: str) -> int:
-    """Deliver a test alert by every action of RULES, and say for each what became of it.
+    """Deliver a test alert by every action of RULES, and report the result of each.
 
-    The alert says that it is a test ("test": true in its JSON). It is delivered at once, not by way of the spool.
+    The alert says that it is a test ("test": true in its JSON). It is delivered at once, without the spool.
     """
     from dissect.online.alerts.actions import DeliveryError, Printed
     from dissect.online.alerts.loading import load_rules

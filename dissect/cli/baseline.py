@@ -106,7 +106,7 @@ def command(
 
 
 class _Run(Run):
-    """A run that says when a file is another capture, at another time."""
+    """A run that reports when a file is a new capture, at another time."""
 
     def __init__(
         self, restart: Callable[[int], None], files: Sequence[str], observer: Observer, options: Options
@@ -219,7 +219,7 @@ class _AlertOutcome(Outcome):
         return [Line(self._alert.line(self._clock), self._alert.severity, HANG)]
 
     def as_dict(self) -> dict[str, object]:
-        """Return everything that is known of it."""
+        """Return all its data."""
         return self._alert.as_dict()
 
 

@@ -130,7 +130,7 @@ def _shown(listing: BlockList, language: str | None, references: bool, naming: N
 
 
 def _read(reading: Reading, files: tuple[str, ...]) -> tuple[Sequence[CarvedBlock], int, Places]:
-    """Return the blocks of files, how many were too many to keep, and what names packets."""
+    """Return the blocks of files, how many exceeded the limit, and how packets are named."""
     from dissect.meaning.report.words import Places
     from dissect.output.carve.folder import FolderError, read_block, read_folder
     from dissect.output.carve.reading import BlockCollector

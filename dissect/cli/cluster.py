@@ -23,7 +23,7 @@ _CONFIG: Final = "--config"
 
 @contextmanager
 def readers_of(address: str, files: Sequence[str], folder: str) -> Iterator[Readers]:
-    """Give the workers of a cluster that can read ``files``, and write to ``folder`` unless that is "".
+    """Provide the workers of a cluster that can read ``files``, and write to ``folder`` unless that is "".
 
     Raises ClickException when there are none.
     """
@@ -62,7 +62,7 @@ def _say_of_workers(file: str | None, text: str) -> None:
 
 
 def _besides(files: Sequence[str], settings: Mapping[str, object]) -> Mapping[str, str]:
-    """Return the files that the command reads besides captures, with digests: those that options and settings name."""
+    """Return the other files that the command reads, with digests: those that options and settings name."""
     words: list[str] = []
     before = ""
     for word in click.get_current_context().meta[ARGUMENTS]:

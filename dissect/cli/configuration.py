@@ -31,7 +31,7 @@ _PARAMETERS: Final[dict[str, tuple[str, Callable[[Any], Any]]]] = {
     "local-time": ("local_time", bool),
     "color": ("color", str),
 }
-#: A command with one of these is asked to read the files.
+#: A command with one of these parameters reads the files of settings.
 _WANTED: Final = frozenset(("tags", "encoding", "scd", "checksums"))
 
 
@@ -53,19 +53,19 @@ def config_option() -> click.Option:
 
 
 def hosts() -> Mapping[str, str]:
-    """Return the names of hosts by address that the settings of the command at hand give."""
+    """Return the names of hosts by address in the settings of the running command."""
     ctx = click.get_current_context(silent=True)
     names: Mapping[str, str] = ctx.meta.get(_HOSTS, {}) if ctx is not None else {}
     return names
 
 
 def config_typed() -> list[str]:
-    """Return what ``--config`` of the command at hand was given, as a list of one; of none without it."""
+    """Return the value of ``--config`` of the running command, as a list of one; an empty list without it."""
     return list(click.get_current_context().meta.get(_TYPED, []))
 
 
 def read_again() -> None:
-    """Read the settings of the command at hand again; `hosts` and `settings_now` are those of the files then.
+    """Read the settings of the running command again; afterwards `hosts` and `settings_now` use the new contents.
 
     Raises `click.ClickException` for files that cannot be used, and changes nothing.
     """
@@ -116,7 +116,7 @@ def _apply(ctx: click.Context, _param: click.Parameter, value: str | None) -> No
 
 
 def _takes(key: str, parameter: click.Parameter, setting: object) -> bool:
-    """Return whether a parameter can have a setting: ``slow`` if it is a threshold, ``format`` if the command has it."""
+    """Return whether a setting applies to a parameter: ``slow`` if it is a threshold, ``format`` if the command has it."""
     if key == "slow":
         return parameter.default is not None  # elsewhere it chooses transactions
     if key != "format":

@@ -136,9 +136,9 @@ class SessionDifferences(Outcome):
         }
 
     def cases(self) -> tuple[str, str, list[Case]]:
-        """Return a test for each connection of A, and one for what only B has.
+        """Return a test for each connection of A, and one for connections that only B has.
 
-        Damage of the files and what could not be tried are a test each.
+        Damaged files and failed attempts are a test each.
         """
         a, b = self.a, self.b
         by_link: dict[int, list[Difference]] = {link.number: [] for link in a.links}

@@ -50,7 +50,7 @@ def color_option() -> click.Option:
 
 
 def local_time_option(shows: bool) -> click.Option:
-    """Return the option ``--local-time`` of a command that ``shows`` times, or only takes some."""
+    """Return the option ``--local-time`` of a command that ``shows`` times, or only reads some."""
     taken = "of --time and -Y are in the time zone of this machine (TZ) instead of UTC"
     return click.Option(
         ["--local-time"],
@@ -72,7 +72,7 @@ def clock() -> Clock:
 
 
 def coloured(terminal: bool) -> bool:
-    """Return whether to use colours on an output that is a ``terminal`` or is not."""
+    """Return whether to use colours on an output, which may be a ``terminal``."""
     when = _kept(_COLOR) or AUTO
     if when == AUTO:
         return terminal and not os.environ.get("NO_COLOR") and os.environ.get("TERM") != "dumb"

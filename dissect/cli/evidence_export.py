@@ -80,7 +80,10 @@ def export_command(directory: str, output: str, window: str | None, alert: str |
 
 
 def _filled(out: Path, chosen: Chosen, place: Path, begin_ns: int, end_ns: int) -> str:
-    """Fill the folder ``out`` and return the hash of the last entry about it; remove it where that fails. Raises OSError."""
+    """Fill the folder ``out`` and return the hash of the last entry about it; remove the folder if that fails.
+
+    Raises OSError.
+    """
     from dissect.files.recording import incident
 
     try:

@@ -165,11 +165,11 @@ def _go_on(reading: Reading) -> None:
 
 
 class _InterruptedError(Exception):
-    """Reading was broken off, so that nothing is to be left of the output."""
+    """Reading was interrupted, so no output must remain."""
 
 
 def check_output(target: Target, files: Sequence[str], force: bool) -> None:
-    """Refuse an output that would destroy something."""
+    """Refuse an output that would overwrite something."""
     path, name = Path(target.path), printable(target.path)
     if is_special(path):
         raise click.UsageError(f"{name} is a device or pipe; an export needs a file or folder.")
@@ -190,9 +190,9 @@ def check_output(target: Target, files: Sequence[str], force: bool) -> None:
 
 @contextmanager
 def saved(target: Target) -> Iterator[Path]:
-    """Give the place to write to, which becomes the output when the block ends well. Raises `OSError` that names the output."""
+    """Yield the path to write to, which becomes the output if the block ends well. Raises `OSError` that names the output."""
     if not target.folder:
-        expect_place(target.path)  # databases have words of their own for it
+        expect_place(target.path)  # databases have their own error messages for it
     saving: Any = SavingFolder(target.path) if target.folder else Saving(target.path)
     try:
         with saving:

@@ -46,7 +46,7 @@ _EXIT_CODES: Final = (
 _BATCH: Final = 65_536
 #: Message about a folder that the user named.
 _ELSEWHERE: Final = "if that is an extcap folder of Wireshark (Help, About, Folders), it lists after a restart"
-#: Seconds that a program may take to say where its folders are.
+#: Seconds that a program may take to report its folders.
 _PATIENCE_S: Final = 30
 
 
@@ -175,9 +175,10 @@ def _options(slow_ns: int, **reading: Any) -> Options:
 
 @contextmanager
 def _writing(fifo: str, live: bool) -> Iterator[PcapngWriter]:
-    """Open the pipe, for which Wireshark waits: before anything that may fail, or that gives up rights.
+    """Open the pipe that Wireshark waits for, before anything that may fail or that drops privileges.
 
-    When Wireshark closes it, that is an end like any other. A file that is there is replaced, as other extcap programs do.
+    Wireshark ends a capture by closing the pipe, so that is not an error. An existing file is replaced, as other extcap
+    programs do.
     """
     from dissect.packets.source.pcapng_writer import PcapngWriter
 
@@ -217,7 +218,7 @@ def _from_file(file: str | None, where: str | None, expression: str, writer: Pca
 
 
 def _live(interface: str | None, expression: str, writer: PcapngWriter, options: Options) -> int:
-    """Write what passes on an interface to the pipe, with comments, until Wireshark closes it."""
+    """Write the traffic of an interface to the pipe, with comments, until Wireshark closes it."""
     from dissect.cli.rights import open_interface
     from dissect.cli.watching import LiveInterruption
     from dissect.engine.observer import Observer
@@ -242,7 +243,7 @@ def _live(interface: str | None, expression: str, writer: PcapngWriter, options:
 
 
 def _is_closed(writer: PcapngWriter) -> bool:
-    """Return whether the reader of the pipe is gone, which on a silent line no write would show."""
+    """Return whether the reader of the pipe is gone; without traffic no write would show it."""
     if sys.platform == "win32" or writer.closed:
         return writer.closed
     poll = select.poll()
@@ -251,7 +252,7 @@ def _is_closed(writer: PcapngWriter) -> bool:
 
 
 def _tell(run: LiveRun, stream: CommentedStream) -> None:
-    """Say on stderr, which Wireshark shows, what came too late for any packet."""
+    """Report on stderr, which Wireshark shows, the findings that came too late for any packet."""
     complaints = [*stream.late, *[f"s7dissect: {failure}" for failure in run.failures]]
     if stream.dropped:
         complaints.append(f"s7dissect: {stream.dropped} more findings came after the last packet")
@@ -265,7 +266,7 @@ def _tell(run: LiveRun, stream: CommentedStream) -> None:
 
 
 def _install(folder: str, force: bool) -> int:
-    """Write the wrapper and say so."""
+    """Write the wrapper and report it."""
     place = Path(folder) if folder else _extcap_folder()
     own = not folder or _is_extcap_folder(place)
     windows = sys.platform == "win32"
@@ -299,7 +300,7 @@ def _wrapper(windows: bool) -> str:
 
 
 def _is_extcap_folder(place: Path) -> bool:
-    """Return whether a folder is known to be where Wireshark looks."""
+    """Return whether a folder is one where Wireshark looks."""
     try:
         return place.resolve() == _extcap_folder().resolve()
     except (click.UsageError, OSError):
@@ -327,7 +328,7 @@ def _extcap_folder() -> Path:
             folders[name.strip().rstrip(":").lower()] = value.strip()
     if "personal extcap path" in folders:
         return Path(folders["personal extcap path"])
-    if "personal configuration" in folders:  # versions that do not list it look there
+    if "personal configuration" in folders:  # versions that do not list it use this one
         return Path(folders["personal configuration"], "extcap")
     raise click.UsageError(
         f"{printable(os.fsdecode(program))} -G folders names no extcap folder: give it as --install DIR."

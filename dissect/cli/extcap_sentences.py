@@ -28,7 +28,7 @@ def sentence(word: str, *values: tuple[str, object]) -> str:
 
 
 def interface_sentences(version: str) -> Iterator[str]:
-    """Return what there is to capture from."""
+    """Return the interfaces for capturing."""
     yield sentence("extcap", ("version", version), ("display", "s7dissect: S7 traffic with findings"))
     for name, display in INTERFACES.items():
         yield sentence("interface", ("value", name), ("display", display))
@@ -40,7 +40,7 @@ def link_sentences() -> Iterator[str]:
 
 
 def option_sentences(name: str, interfaces: Sequence[NetworkInterface]) -> Iterator[str]:
-    """Return the options of an interface of ours; the names of calls are those of `s7dissect extcap`."""
+    """Return the options of one of our interfaces; the names of calls are those of `s7dissect extcap`."""
     if name == LIVE:
         yield _argument(0, "--interface", "Network interface", "selector", "Where to capture", ("required", "true"))
         yield from _choices(interfaces)
@@ -67,7 +67,7 @@ def _argument(number: int, call: str, display: str, kind: str, tooltip: str, *mo
 
 
 def _choices(interfaces: Sequence[NetworkInterface]) -> Iterator[str]:
-    """Return the network interfaces; the first that is up and leads somewhere is the one to begin with."""
+    """Return the network interfaces; the first one that is up and is not the loopback is preselected."""
     usable = [one for one in interfaces if printable(one.name) == one.name and not set(one.name) & set("{}\\")]
     default = next((one for one in usable if one.state == "up" and not one.loopback), None)
     for one in usable:

@@ -18,7 +18,7 @@ from dissect.wire.config.hints import close_names
 from dissect.wire.text import some
 
 FIELDS_SCHEMA: Final = "s7dissect.fields/1"
-#: Names of values that are listed of a field.
+#: Maximum number of value names listed for a field.
 _MOST_NAMES: Final = 24
 
 

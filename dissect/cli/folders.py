@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 #: Key in the context of a command: the named folders, each with its files that are not captures.
 _FOLDERS: Final = "dissect.cli.folders.foreign"
-#: Key in the context of a command: the indexes that it looks into.
+#: Key in the context of a command: the indexes that it uses.
 _INDEXES: Final = "dissect.cli.folders.indexes"
 #: The file that marks a folder of blocks, which `blocks` reads directly.
 _BLOCKS: Final = "manifest.json"
@@ -34,13 +34,13 @@ def expanded(names: tuple[str, ...]) -> list[str]:
 
 
 def any_folder() -> bool:
-    """Return whether the command at hand was given a folder, so that its files are read one by one."""
+    """Return whether the running command was given a folder, so that its files are read one by one."""
     ctx = click.get_current_context(silent=True)
     return ctx is not None and _FOLDERS in ctx.meta
 
 
 def foreign() -> list[str]:
-    """Return the files of the folders of the command at hand that do not have the name of a capture."""
+    """Return the files in folders of the running command whose names are not those of captures."""
     ctx = click.get_current_context(silent=True)
     return list(ctx.meta.get(_FOLDERS, [])) if ctx is not None else []
 
@@ -70,7 +70,7 @@ def _captures(folder: str) -> list[str]:
 
 
 def _known_first() -> Callable[[str], int | None]:
-    """Return what gives the time of a file's first packet, None without one: from an index, else from the file."""
+    """Return a function for the time of a file's first packet, None without one: from an index, else from the file."""
     from dissect.packets.source.order import first_ns
 
     known = indexes()  # an unusable one is ignored here
@@ -85,7 +85,7 @@ def _known_first() -> Callable[[str], int | None]:
 
 
 def indexes() -> Indexes:
-    """Return the indexes of the command at hand, each opened once."""
+    """Return the indexes of the running command, each opened once."""
     from dissect import __version__
     from dissect.files.index.lookup import Indexes
 
@@ -94,7 +94,7 @@ def indexes() -> Indexes:
 
 
 def _others(folder: str) -> list[str]:
-    """Return the files of a folder, not of those below it, that do not have the name of a capture."""
+    """Return the files of a folder, without those of its subfolders, whose names are not those of captures."""
     from dissect.files.index.update import is_capture
 
     with os.scandir(folder) as entries:

@@ -25,7 +25,10 @@ else:
 
 
 class FormatType(_ParamType):
-    """The name of a format that takes a kind of result. The table is asked when the name is read, not when it is imported."""
+    """The name of a format that can write a kind of result.
+
+    The table is looked up when the name is read, not when this module is imported.
+    """
 
     name = "format"
 
@@ -53,7 +56,7 @@ class FormatType(_ParamType):
         )
 
     def shell_complete(self, ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
-        """Return the names that begin so."""
+        """Return the names that begin with this text."""
         from click.shell_completion import CompletionItem
 
         return [
@@ -64,7 +67,7 @@ class FormatType(_ParamType):
 
 
 def _commands_with(row: Format) -> list[str]:
-    """Return the commands that take a format, as they say themselves; all are imported for it, which a mistake may cost."""
+    """Return the commands that accept a format; all are imported to find out, which is acceptable after a mistake."""
     from dissect.cli.main import group
 
     names = []
@@ -90,7 +93,8 @@ def _walk(command: click.Command, name: str) -> Iterator[tuple[str, click.Comman
 def format_option(kind: str, *, optional: bool = False, help: str = "") -> Callable[[Any], Any]:  # noqa: A002 - as click
     """Return the option ``-T`` of a command that writes results of a kind; the command gets a `Format` as ``format_``.
 
-    The first format is the default; with ``optional`` None is, for which ``help`` describes the behaviour.
+    The first format is the default; with ``optional`` the default is None, and ``help`` describes the behaviour without a
+    format.
     """
 
     def listed() -> str:

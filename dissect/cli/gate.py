@@ -41,17 +41,17 @@ fail_on_option: Final[Callable[[Any], Any]] = click.option(
 
 
 def gate(run: Run | LiveRun, fail_on: frozenset[str], code: int, selected: Mapping[str, int] | None = None) -> int:
-    """Return the exit code of a command that would end with ``code``; say on stderr why the gate failed.
+    """Return the exit code of a command that would end with ``code``; report on stderr why the gate failed.
 
     Of a selection only the findings in ``selected`` count.
 
-    A damaged file is reported on stderr anyway, so a failed gate counts more; an interruption counts most.
+    A damaged file is reported on stderr anyway, so a failed gate has priority; an interruption has the highest priority.
     """
     return gate_of(selected if selected is not None else run.pipeline.finding_counts, fail_on, code)
 
 
 def gate_of(counts: Mapping[str, int], fail_on: frozenset[str], code: int) -> int:
-    """Do the same where it is known how often each finding was made."""
+    """Do the same if only the count of each finding is known."""
     failing = [slug for slug in CATALOGUE if slug in fail_on and counts.get(slug)]
     if not failing:
         return code

@@ -26,7 +26,7 @@ _EXIT_CODES = (
 
 
 def choices(known: Iterable[str]) -> Callable[[click.Context, click.Parameter, str], frozenset[str]]:
-    """Return the callback of an option that takes some of the names ``known``, with commas between them."""
+    """Return the callback of an option that takes some of the names ``known``, separated by commas."""
     names = tuple(known)
 
     def chosen(ctx: click.Context, param: click.Parameter, value: str) -> frozenset[str]:

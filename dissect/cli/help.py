@@ -43,7 +43,7 @@ _PAGES: Final = {
     "interfaces": "live",
     "schema": "json",
 }
-#: A link to a page or another file of the project, to which nothing leads from here.
+#: A link to a page or another file of the project, which leads nowhere outside the repository.
 _LINK: Final = re.compile(r"\[([^\]]+)\]\((?!https?:)([^)#]*)(?:#[^)]*)?\)")
 #: A picture, which a terminal does not show.
 _PICTURE: Final = re.compile(r"^!\[[^\]]*\]\([^)]*\)\n\n?", re.MULTILINE)
@@ -73,7 +73,7 @@ def groups() -> dict[str, dict[str, str]]:
 
 
 def page(topic: str) -> str:
-    """Return a page as Markdown, its links as what to type; raises KeyError for an unknown topic."""
+    """Return a page as Markdown, with its links replaced by the commands to type; raises KeyError for an unknown topic."""
     text = _PICTURE.sub("", pages()[topic].read_text(encoding="utf-8"))
     return _LINK.sub(_typed, text)
 

@@ -133,7 +133,7 @@ def _updated(store: Store, folder: Path) -> Changes:
 
 
 def _complain(changes: Changes | None) -> int:
-    """Say on stderr what could not be read; return the exit code."""
+    """Report on stderr the files that could not be read; return the exit code."""
     if changes is None:
         return EXIT_OK
     for name, why in sorted({**changes.unreadable, **changes.damaged}.items()):
@@ -178,7 +178,7 @@ class IndexListing(Outcome):
         self._clock = clock
 
     def text(self) -> Iterator[Line]:
-        """Return a line or two for each file, and what changed; or the names."""
+        """Return a line or two for each file, and the changes; or only the names."""
         if self._names:
             for facts in self._files:
                 yield Line(printable(_path(self._folder, facts)), PLAIN)

@@ -1,4 +1,4 @@
-"""Files that need not be opened (option --indexed): the index of their folder says that nothing in them can be selected."""
+"""Files that need not be opened (option --indexed): the index of their folder shows that nothing in them can match."""
 
 from __future__ import annotations
 
@@ -19,8 +19,7 @@ if TYPE_CHECKING:
 def may_match(files: tuple[str, ...], chosen: Chosen) -> tuple[str, ...]:
     """Return the files in which something can be selected, all of them without the option; stderr says how many are not opened.
 
-    If no file is left, the first one stays, so that the output is written, with nothing in it. Raises ClickException without an
-    index.
+    If no file is left, the first one stays, so that an empty output is written. Raises ClickException without an index.
     """
     if not indexed_meant():
         return files

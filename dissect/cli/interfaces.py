@@ -1,4 +1,4 @@
-"""`s7dissect interfaces`: the network interfaces, what can capture on them, and what to do where nothing can."""
+"""`s7dissect interfaces`: the network interfaces, which engine can capture on them, and what to do if none can."""
 
 from __future__ import annotations
 
@@ -48,11 +48,11 @@ class _Interfaces(Outcome):
         self._states = states
 
     def text(self) -> Iterator[Line]:
-        """Return a table, and what to do where an engine cannot capture."""
+        """Return a table, and what to do if an engine cannot capture."""
         return plain(_as_text(self._interfaces, self._states))
 
     def as_dict(self) -> dict[str, object]:
-        """Return everything that is known."""
+        """Return all their data."""
         return _as_dict(self._interfaces, self._states)
 
 

@@ -98,7 +98,7 @@ _TIMED: Final = frozenset(
         "proxy",
     )
 )
-#: Commands that take times and write none in a zone.
+#: Commands that take times but write none in a time zone.
 _TAKES_TIMES: Final = frozenset(("cut", "open", "export", "sql", "golden", "diff"))
 #: Parameters of options that many commands have; help lists them last.
 _COMMON: Final = frozenset(
@@ -159,7 +159,7 @@ class LazyGroup(click.Group):
         raise click.UsageError(f"No such command {name!r}.{self.hint(name)}", ctx)
 
     def hint(self, name: str) -> str:
-        """Return what may have been meant by a name that no command has, as a further sentence."""
+        """Return a further sentence for a name that no command has: what may have been meant."""
         import difflib  # late: a run without this mistake does not need it
 
         names = list(self.summaries())
@@ -199,14 +199,14 @@ class _Main(LazyGroup):
         return {**HEADINGS, "More": rest} if rest else dict(HEADINGS)
 
     def hint(self, name: str) -> str:
-        """Return what may have been meant; a folder is probably to be searched through."""
+        """Return what may have been meant; a folder is probably meant for `index`."""
         if os.path.isdir(name):  # noqa: PTH112 - a name that no path can have is simply not there
             return f" It is a folder: s7dissect index {printable(name)}"
         return super().hint(name) or (" There is no such file either." if "." in name and "://" not in name else "")
 
 
 def _equipped(command: click.Command, path: str) -> click.Command:
-    """Give a command what all have, once: the options on how its output looks, and its examples."""
+    """Give a command, once, the options and examples that all commands have."""
     from dissect.cli.configuration import config_option, wants_config
     from dissect.cli.display import color_option, local_time_option
     from dissect.cli.examples import examples_of
@@ -260,7 +260,7 @@ def main(arguments: list[str] | None = None) -> NoReturn:
 
 
 def run(arguments: list[str] | None = None) -> int:
-    """Run one command and return its exit code; every expected end of it becomes one, and at most one line on stderr."""
+    """Run one command and return its exit code; every expected failure becomes a code and at most one line on stderr."""
     if sys.stdout is None:
         click.echo("s7dissect: standard output is closed", err=True)
         return EXIT_OUTPUT
@@ -282,7 +282,7 @@ def run(arguments: list[str] | None = None) -> int:
     except Exception as exc:
         from dissect.packets.source.packet import CaptureError
 
-        if not isinstance(exc, CaptureError):  # a file that is not there is both
+        if not isinstance(exc, CaptureError):  # a missing file is both
             if isinstance(exc, OSError):
                 return _system_refused(exc)
             raise
@@ -294,10 +294,10 @@ def run(arguments: list[str] | None = None) -> int:
 
 
 def _write_utf8() -> None:
-    """Let help and messages on stdout be UTF-8, as results are, whatever the locale or ``PYTHONIOENCODING`` says.
+    """Let help and messages on stdout be UTF-8, like results, whatever the locale or ``PYTHONIOENCODING`` says.
 
-    A code page of Windows has no place for some of what they hold, and of one stream each part would have another encoding. On
-    stderr, Python escapes what its code page has no place for.
+    A code page of Windows lacks some of their characters, and parts of one stream would have different encodings. On stderr,
+    Python escapes characters that its code page lacks.
     """
     stream = sys.stdout
     if isinstance(stream, io.TextIOWrapper) and stream.encoding.lower() not in {"utf-8", "utf8"}:
@@ -305,7 +305,7 @@ def _write_utf8() -> None:
 
 
 def _say(text: str) -> None:
-    """Write one line to stderr. Names of files and words of the command line are in it, so it is escaped here."""
+    """Write one line to stderr. It is escaped here, because it contains file names and words of the command line."""
     click.echo(f"s7dissect: {printable(text)}", err=True)
 
 
@@ -317,13 +317,13 @@ def _show(exc: click.ClickException, arguments: list[str]) -> None:
             vars(exc)["message"] = exc.message.replace(word, printable(word))
     output = io.StringIO()
     exc.show(file=output)
-    # click lists choices with tabs, which are none of a name: those in names were escaped above.
+    # click separates choices by tabs; tabs in names were escaped above, so these are click's own
     lines = output.getvalue().rstrip("\n").replace("\n\t", "\n    ").split("\n")
     click.echo("\n".join([printable(line) for line in lines]), err=True)
 
 
 def _meant(exc: click.ClickException, arguments: list[str]) -> str:
-    """Return what may have been meant where click does not say it: a value of a list, an option before its command."""
+    """Return what may have been meant if click does not say it: a value of a list, an option before its command."""
     if isinstance(exc, click.BadParameter) and exc.param is not None and isinstance(exc.param.type, click.Choice):
         from dissect.wire.config.hints import close_names
 
@@ -339,7 +339,7 @@ def _meant(exc: click.ClickException, arguments: list[str]) -> str:
 def _system_refused(exc: OSError) -> int:
     """Return the exit code for an error of the system: about a file that the user named, or else about the output.
 
-    A closed pipe is not our error: its reader has seen enough.
+    A closed pipe is not our error: its reader has read enough.
     """
     if exc.filename is not None:
         full = exc.errno in FULL

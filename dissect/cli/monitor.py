@@ -219,7 +219,7 @@ def command(
 
 
 def _name(file: str | None, interface: str | tuple[str, ...] | None) -> str:
-    """Return how the source is called."""
+    """Return the name of the source."""
     if isinstance(interface, tuple):
         return ", ".join(interface)
     return interface or ("stdin" if file == "-" else file or "")
@@ -233,7 +233,7 @@ def _opener(
     beside: Beside,
     on_screens: bool,
 ) -> Callable[[], Reader]:
-    """Return what opens the source that the arguments name; ``how``: the engine, who to become, the size of the buffer."""
+    """Return a function that opens the source in the arguments; ``how``: the engine, the user to become, the buffer size."""
     engine, user, buffer_mib = how
     if file is not None and interface is not None:
         raise click.UsageError("-i and FILE cannot be combined.")
@@ -264,7 +264,7 @@ def _watchdog() -> list[Companion]:
 
 
 def _opened(opener: Callable[[], Reader], scrape: Scrape) -> Reader:
-    """Open the source; only then there may be other threads."""
+    """Open the source; other threads may be started only afterwards."""
     reader = opener()
     scrape.start()
     return reader
@@ -274,7 +274,7 @@ def _opened(opener: Callable[[], Reader], scrape: Scrape) -> Reader:
 
 
 def _in_lines(session: Session, format_: Format, topics: tuple[str, ...], chosen: Chosen, beside: Beside) -> int:
-    """Write a line an event until the end; return the exit code."""
+    """Write one line per event until the end; return the exit code."""
     shower = new_shower(format_, topics)
     with LiveInterruption(session.stop) as interruption, Reloading(session, beside) as reloading:
         try:
@@ -332,14 +332,14 @@ def _code(session: Session, interrupted: bool) -> int:
 
 
 def _screens_will_do() -> bool:
-    """Return whether the terminal can show screens; one that cannot gets lines."""
+    """Return whether the terminal can show screens; otherwise lines are written."""
     from dissect.online.monitor.terminal import will_do
 
     return will_do()
 
 
 def _on_screens(session: Session, slow_ns: int, chosen: Chosen, wanted: WantedSet | None, beside: Beside) -> int:
-    """Show the screens until they are left; return the exit code."""
+    """Show the screens until the user leaves them; return the exit code."""
     from dissect.meaning.report.words import Places
     from dissect.online.monitor.terminal import NoKeyboardError, keyboard
 

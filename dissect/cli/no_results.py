@@ -1,4 +1,4 @@
-"""Why a command shows nothing, in a line on stderr: a selection that nothing can match, or nothing that does."""
+"""Explains on stderr, in one line, why a command shows nothing: the selection cannot match, or nothing matches it."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _SHOWN = 200
 
 
 class CountedOutput:
-    """Writes the results of a command, and says why if there are none.
+    """Writes the results of a command, and explains it if there are none.
 
     ``noun`` is the name of a result; an output begins with ``heading`` lines that are not results.
     """
@@ -40,7 +40,7 @@ class CountedOutput:
         write_out(lines)
 
     def explain(self, run: Run, chosen: Chosen, narrowed: Iterable[str] = ()) -> None:
-        """Say why nothing was shown, where that is so; ``narrowed`` are other options that select."""
+        """Explain why nothing was shown, if so; ``narrowed`` are other options that select."""
         if not complain_impossible(run, chosen) and self._lines <= self._heading:
             complain_no_results(self._noun, chosen, narrowed)
             for text in _unknown(run, chosen):
@@ -55,7 +55,7 @@ def no_results_text(noun: str, chosen: Chosen, narrowed: Iterable[str] = ()) -> 
 
 
 def complain_no_results(noun: str, chosen: Chosen, narrowed: Iterable[str] = ()) -> None:
-    """Say that on stderr."""
+    """Write that message to stderr."""
     click.echo(f"s7dissect: {no_results_text(noun, chosen, narrowed)}", err=True)
 
 
@@ -91,13 +91,13 @@ def complain_impossible(run: Run, chosen: Chosen) -> bool:
     impossible = wrong or _no_time(run, chosen)
     if impossible:
         click.echo(f"s7dissect: {impossible}", err=True)
-        chosen.wrong = wrong or chosen.wrong  # of two captures, that of either counts
+        chosen.wrong = wrong or chosen.wrong  # of two captures, an error in either counts
         chosen.impossible = impossible
     return bool(impossible)
 
 
 def expect_possible(run: Run, chosen: Chosen) -> None:
-    """Do the same for a command that writes a file: a number that nothing has is refused."""
+    """Do the same for a command that writes a file: a number that does not exist is refused."""
     if wrong := _wrong_number(run, chosen):
         raise click.ClickException(f"{wrong}; nothing was written.")
     complain_impossible(run, chosen)

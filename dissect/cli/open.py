@@ -108,7 +108,7 @@ def command(
 
 @contextmanager
 def _place(output: str | None) -> Iterator[str]:
-    """Give the path to write to: ``output``, or one in a temporary folder that is gone afterwards."""
+    """Yield the path to write to: ``output``, or one in a temporary folder that is removed afterwards."""
     if output is not None:
         yield output
         return
@@ -141,7 +141,7 @@ def _target(cutter: Cutter, choice: Choice, frame: int | None) -> int:
 
 
 class _Waiting(Signals):
-    """Signals while Wireshark runs: it is terminated as we are; it handles an interruption from the keyboard itself."""
+    """Signals while Wireshark runs: a termination is passed on to it; it handles an interruption from the keyboard itself."""
 
     def __init__(self, child: subprocess.Popen[bytes]) -> None:
         super().__init__()

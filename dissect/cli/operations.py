@@ -1,4 +1,4 @@
-"""`s7dissect operations`: what several transactions did together, one line for each."""
+"""`s7dissect operations`: groups of transactions that belong together, one line for each."""
 
 from __future__ import annotations
 

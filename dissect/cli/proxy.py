@@ -1,4 +1,4 @@
-"""`s7dissect proxy`: a TCP relay in front of a PLC that reports what passes."""
+"""`s7dissect proxy`: a TCP relay in front of a PLC that reports the traffic."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ if TYPE_CHECKING:
     from dissect.online.proxy.source import RelayReader
     from dissect.protocols.tls.key_log import KeyLog
 
-#: How soon what passed is taken in while something is dissected, in seconds; Python's own is 5 ms.
+#: How soon relayed data are read while other data are being dissected, in seconds; Python's own interval is 5 ms.
 _TURN_S: Final = 0.000_1
 #: How long the relay may take to end, in seconds.
 _PATIENCE_S: Final = 10.0
@@ -173,7 +173,7 @@ class _Lines:
         self._lost = LostEvents(session, shower) if shower is not None else None
 
     def show(self, events: list[Event]) -> None:
-        """Write events, and what else went wrong."""
+        """Write events, and other problems."""
         from dissect.online.live.events import PROBLEM, Event
 
         problems = self._relay.problems
@@ -212,7 +212,7 @@ class _Lines:
         try:
             write()
         except OSError as why:
-            # Whatever is buffered goes nowhere either.
+            # Discard the buffered output, too.
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
             self._shower = None
             if why.errno != errno.EPIPE:
@@ -252,7 +252,8 @@ class _Proxy:
         """Show events until the relay has ended and all traffic is reported."""
         reported = False
         while True:
-            running, relaying = self._session.running, self._relay.is_alive()  # asked before: what comes last is taken
+            # checked before reading, so that the last events are still read
+            running, relaying = self._session.running, self._relay.is_alive()
             if not relaying:
                 self._reader.stop()
             self._lines.show(self._session.poll(POLL_S, POLL_MOST))

@@ -56,7 +56,7 @@ class Adder(Protocol[F]):
     result: F
 
     def add(self, part: FilePart) -> None:
-        """Add the part of the file that comes next."""
+        """Add the results of the next file."""
 
     def finish(self) -> None:
         """End the sum, after the last file."""
@@ -134,7 +134,7 @@ class Reading:
 
     @property
     def findings(self) -> Mapping[str, int] | None:
-        """The findings of a selection, by slug; None where nothing was held back."""
+        """The findings of a selection, by slug; None if no findings were held back."""
         sieve = self._reading.sieve if self._reading is not None else None
         return sieve.findings if sieve is not None else None
 
@@ -164,7 +164,7 @@ class Reading:
         make: Callable[..., Run] | None = None,
         each: Callable[[], None] | None = None,
     ) -> Run:
-        """Read all files as one capture for ``observer``; ``begun`` gets the run when nothing was read yet.
+        """Read all files as one capture for ``observer``; ``begun`` is called with the run before anything is read.
 
         ``sieved`` and ``make`` are those of `prepared`; ``each`` is called after each step.
         """
@@ -203,7 +203,7 @@ class Reading:
     def apart(
         self, take: Callable[[Done], None], direct: Any = None, folder: str | None = None, kept: bool = True
     ) -> None:
-        """Have the command at hand done for each file, and give ``take`` what became of each, in their order.
+        """Run the present command for each file, and pass each result to ``take``, in their order.
 
         ``direct``, ``folder`` and ``kept`` are those of `separately`.
         """
@@ -226,7 +226,7 @@ class Reading:
     # ---- however ----------------------------------------------------------------------------------------------------
 
     def sum(self, empty: Callable[[], F], adder: Callable[[Options], Adder[F]]) -> F:
-        """Return what observers that ``empty`` makes find: one for all files, or one for each, which an adder adds up."""
+        """Return the result of observers made by ``empty``: of one for all files, or the sum of one for each file."""
 
         def work(of: Task) -> None:
             from dissect.cli.separate import read_file
@@ -257,7 +257,7 @@ class Reading:
         return adder.result
 
     def rows(self, rows: Rows, noun: str) -> Total:
-        """Read for rows, write them, and return what all files came to; a row is called ``noun``."""
+        """Read for rows, write them, and return the totals of all files; a row is called ``noun``."""
         from dissect.cli.rows import Total, counts_of
 
         def work(of: Task) -> None:
@@ -305,7 +305,7 @@ class Reading:
         return self._run is None or not complain_impossible(self._run, self.chosen)
 
     def expect_possible(self) -> None:
-        """Do the same for a command that writes a file: a number that nothing has is refused; say where nothing matches."""
+        """Do the same for a command that writes a file: refuse a number that does not exist; report a selection without a match."""
         if self._run is not None:
             expect_possible(self._run, self.chosen)
             self.match()

@@ -1,4 +1,4 @@
-"""Exports to a folder of another machine (``-o s3://…``, ``sftp://…``): Parquet, written by whoever reads the captures."""
+"""Exports to a folder of another machine (``-o s3://…``, ``sftp://…``): Parquet, written by each process that reads."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _READ_ONLY = ("http://", "https://")
 
 
 def refuse_place(target: Target) -> None:
-    """Raise UsageError for what cannot be written on another machine."""
+    """Raise UsageError for forms that cannot be written on another machine."""
     name = printable(shown(target.path))
     if target.form.name != "parquet":
         raise click.UsageError(
@@ -41,9 +41,9 @@ def refuse_place(target: Target) -> None:
 
 @contextmanager
 def saved_remotely(target: Target, force: bool, mark: str) -> Iterator[RemoteFolder]:
-    """Give the folder to write to; when the block raises, nothing is left in it. ``mark`` is the file of a whole export.
+    """Yield the folder to write to; if the block raises, the files in it are removed. ``mark`` is the file of a whole export.
 
-    Raises OSError that names the folder, UsageError when it would destroy something.
+    Raises OSError that names the folder, UsageError if something would be overwritten.
     """
     folder = RemoteFolder(target.path)
     names = folder.names()
@@ -71,16 +71,19 @@ def remote_export(folder: RemoteFolder, only: Sequence[str], names: Sequence[str
 
 
 def close_wanted(folder: RemoteFolder, export: Export) -> None:
-    """Write the rest of a task's rows. Raises `FileError` if the export was aborted: nothing would remove the rows."""
+    """Write the rest of a task's rows.
+
+    Raises `FileError` if the export was aborted, because otherwise nothing would remove the rows.
+    """
     if not folder.has(UNFINISHED):
         raise FileError(f"{folder.name}: the export was broken off meanwhile")
     export.close()
 
 
 def task_sink(folder: RemoteFolder, place: int, only: Sequence[str], name: str) -> ParquetSink:
-    """Return what writes the rows of the capture ``name``: its place among all is in the names of its files.
+    """Return a writer for the rows of the capture ``name``: its position among all captures is in the names of its files.
 
-    So whoever reads it once more, when a process died, writes the same files.
+    So a process that reads the capture again, after another one died, writes the same files.
     """
     tables, metadata = chosen_tables(only), metadata_of(__version__, [name])
     return ParquetSink(
@@ -91,7 +94,7 @@ def task_sink(folder: RemoteFolder, place: int, only: Sequence[str], name: str) 
 def export_separately_remotely(
     reading: Reading, target: Target, only: Sequence[str], folder: RemoteFolder
 ) -> dict[str, int]:
-    """Export each file to ``folder``, the one of ``target``; return the rows by table."""
+    """Export each file to ``folder``, the folder of ``target``; return the rows by table."""
     tables = chosen_tables(only)
     metadata = metadata_of(__version__, [encodable(name) for name in reading.files])
     needed("pyarrow.parquet")  # report a missing library before anything is read

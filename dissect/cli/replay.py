@@ -1,4 +1,4 @@
-"""`s7dissect replay`: the client side of a recorded session, played to a real server, every answer checked."""
+"""`s7dissect replay`: plays the client side of a recorded session to a real server and checks every answer."""
 
 from __future__ import annotations
 

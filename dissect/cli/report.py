@@ -52,7 +52,7 @@ def needs_template_engine() -> None:
 
 
 def _two_captures(ctx: click.Context, param: click.Parameter, both: tuple[str, str] | None) -> tuple[str, str] | None:
-    """Refuse an option in place of the second capture: click would report it as missing elsewhere."""
+    """Refuse an option in place of the second capture; without this, click's error would not fit."""
     if both is not None and both[1].startswith("-"):
         raise click.BadParameter(f"expected two captures, got {both[0]!r} and the option {both[1]!r}.", ctx, param)
     return both
@@ -179,7 +179,7 @@ def _unwritten(code: int) -> int:
 
 
 def _failed(_observer: Observer, error: Exception) -> None:
-    """Let an error of one of two observers be reported as that of one alone is."""
+    """Let an error of one of two observers be reported like that of a single one."""
     raise error
 
 

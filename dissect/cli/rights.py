@@ -1,4 +1,4 @@
-"""How `monitor` and `extcap` open an interface, and drop privileges then: hostile packets are parsed without privileges."""
+"""How `monitor` and `extcap` open an interface and then drop privileges, so that hostile packets are parsed without them."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ if TYPE_CHECKING:
     from dissect.packets.source.live.privileges import User
     from dissect.packets.source.live.reader import LiveReader
 
-#: The user whom -Z names to keep everything.
+#: The user named in -Z to keep all privileges.
 _ROOT: Final = "root"
-#: Rooms with imports that are delayed until a packet needs them, and codecs, which are imported likewise.
+#: Rooms with imports that are delayed until a packet needs them, and codecs, which are imported in the same way.
 _ROOMS: Final = (
     "protocols.s7",
     "protocols.s7plus",
@@ -33,7 +33,7 @@ _CODECS: Final = ("ascii", "latin-1", "utf-16-be", "utf-16-le", "idna")
 
 
 def check_user(user: str, engine: str) -> None:
-    """Refuse a ``-Z`` that cannot be followed."""
+    """Refuse a ``-Z`` that is not possible."""
     from dissect.packets.source.live.privileges import is_root
 
     if not is_root():

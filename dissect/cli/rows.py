@@ -1,4 +1,4 @@
-"""Rows that a command writes while captures are read, and what all of them came to, however the captures are read."""
+"""Rows that a command writes while captures are read, and their totals, however the captures are read."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ class Rows:
         return self.writer.take()
 
     def left(self) -> Left:
-        """Return what the rows do not show, after everything was read."""
+        """Return the facts that rows do not show, after everything was read."""
         return Left()
 
 

@@ -37,18 +37,18 @@ _GROWS: Final = 10
 
 #: Lines that are joined and written together; many more cost fresh memory each time.
 PIECE: Final = 64
-#: Pieces that the system writes without having them in one, 0 where it cannot.
+#: The most pieces that the system writes without joining them, 0 if it cannot.
 if sys.platform == "win32":
     _GATHERED = 0
 else:
     _GATHERED = os.sysconf("SC_IOV_MAX")
 
-#: Marks of names that are patterns, ranges of days, or on another machine.
+#: Marks in names that are patterns, ranges of days, or on another machine.
 _NOT_PLAIN: Final = ("://", "*", "?", "[", "{")
 
 
 def files_meant(files: Iterable[str]) -> tuple[str, ...]:
-    """Return the files for the names. `CaptureError` if a pattern finds none, or a range of days is invalid."""
+    """Return the files for the names. Raises `CaptureError` if a pattern matches no file, or a range of days is invalid."""
     names = tuple(files)
     of = current()
     if of is not None:
@@ -72,7 +72,7 @@ files_if_any: Final[Callable[[Any], Any]] = click.argument(
 )
 
 
-#: Packets that their receiver dropped are no part of the conversation; the command gets ``checksums``.
+#: Packets that their receiver dropped do not belong to the conversation; the command gets ``checksums``.
 checksums_option: Final[Callable[[Any], Any]] = click.option(
     "--checksums", is_flag=True, help="Ignore packets with a wrong TCP or UDP checksum, as their receiver does."
 )
@@ -114,13 +114,13 @@ EXIT_CODES: Final = (
 
 
 def write(lines: Iterable[str]) -> None:
-    """Write lines to stdout, in UTF-8 whatever the locale says, so that the same input gives the same octets everywhere."""
+    """Write lines to stdout, in UTF-8 whatever the locale, so that the same input gives the same octets everywhere."""
     source = iter(lines)
     while piece := list(islice(source, PIECE)):
         if all(map(str.isascii, piece)):
             piece.append("")
             octets = "\n".join(piece).encode("ascii")
-        else:  # joined first, one arrow would make wide characters of a whole tree that is ASCII
+        else:  # joined first, a single arrow would make a tree of ASCII text a wide string
             octets = b"\n".join([line.encode("utf-8", "backslashreplace") for line in (*piece, "")])
         sys.stdout.buffer.write(octets)
     sys.stdout.buffer.flush()  # a reader of a live capture wants immediate output
@@ -136,7 +136,7 @@ def write_octets(lines: Iterable[bytes]) -> None:
 
 
 def write_bytes(octets: bytes) -> None:
-    """Write lines to stdout that were made as `write` makes them."""
+    """Write lines to stdout that are encoded as `write` does."""
     sys.stdout.buffer.write(octets)
     sys.stdout.buffer.flush()
 
@@ -246,7 +246,7 @@ def gives_once(file: str) -> bool:
 
 
 def _safe(error: CaptureError) -> CaptureError:
-    """Return the error with nothing in it that a file name could do to a terminal."""
+    """Return the error with control characters in file names escaped, so that it is safe for a terminal."""
     return CaptureError(printable(str(error)))
 
 
@@ -292,18 +292,18 @@ class Signals:
 class Interruption(Signals):
     """Signals while files are read.
 
-    The first one is only remembered, so that no packet is left half analysed, unless input is being awaited: that is broken off
-    by KeyboardInterrupt. So does a second signal, wherever it comes.
+    The first one is only remembered, so that no packet is left half analysed. If the process waits for input, KeyboardInterrupt
+    aborts the wait. A second signal aborts in any case.
     """
 
     def react(self, again: bool, frame: FrameType | None) -> None:
-        """Break off what waits for input, and anything at the second signal."""
+        """Abort a wait for input, and on the second signal anything."""
         if again or _in_source(frame):
             raise KeyboardInterrupt
 
 
 def _in_source(frame: FrameType | None) -> bool:
-    """Return whether a signal struck where octets are fetched: in the modules that read files, or below them."""
+    """Return whether a signal arrived while octets were being read: in the modules that read files, or below them."""
     while frame is not None:
         if frame.f_code.co_filename in {reading.__file__, remote.__file__}:
             return True
@@ -315,7 +315,7 @@ def _in_source(frame: FrameType | None) -> bool:
 
 
 class Bar:
-    """A progress bar on stderr: on a terminal only, only for files worth one, and never among lines of results."""
+    """A progress bar on stderr: only on a terminal, only for large files, and never among lines of results."""
 
     def __init__(self, files: Sequence[str], streaming: bool) -> None:
         self._progress: Progress | None = None
@@ -367,7 +367,7 @@ class Bar:
 
 
 def _goes_to_file() -> bool:
-    """Return whether stdout is a file, and not a terminal, nor a pipe into a pager."""
+    """Return whether stdout is a file, not a terminal or a pipe into a pager."""
     try:
         return stat.S_ISREG(os.fstat(sys.stdout.fileno()).st_mode)
     except (OSError, ValueError):

@@ -1,4 +1,4 @@
-"""`s7dissect scd`: dictionaries of SCD, and values by them. Each of its commands is imported when it runs."""
+"""`s7dissect scd`: dictionaries of SCD, and encoding and decoding with them. Each of its commands is imported when it runs."""
 
 from __future__ import annotations
 

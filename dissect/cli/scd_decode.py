@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from dissect.scd.wording import Row
 
 _SCHEMA: Final = "s7dissect.scd-decode/1"
-#: Octets that are read of a file or pipe: several of the largest messages.
+#: The most octets read from a file or pipe: enough for several of the largest messages.
 _MOST: Final = 1 << 20
 _HEADINGS: Final = ("address", "name", "value", "unit", "raw", "flags")
 #: Fields of an envelope shown with a message, where it has them.

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from dissect.scd.model import Variable
     from dissect.scd.types import Value
 
-#: What `--message` takes → service and phase.
+#: Names for `--message` → service and phase.
 _KINDS: Final[dict[str, tuple[Service, Phase]]] = {
     "read": ("read", "request"),
     "read-response": ("read", "response"),
@@ -101,7 +101,7 @@ def encode_command(
 
 
 def _given(words: Sequence[str], find: Callable[[str], Variable]) -> list[tuple[Variable, Value]]:
-    """Return the variables and values of VARIABLE=VALUE, where a name may have an equals sign in it; raises `Error`."""
+    """Return the variables and values of VARIABLE=VALUE; a name may contain an equals sign; raises `Error`."""
     from dissect.scd.errors import Error
     from dissect.scd.written import parse_written
 
@@ -196,7 +196,7 @@ def _message(
 
 
 def _address(od: Dictionary, text: str, kind: str) -> tuple[int, int]:
-    """Return an address, also one that the dictionary does not have: it can be requested, and the device may refuse."""
+    """Return an address, which the dictionary need not have: it can be requested, and the device may refuse."""
     from dissect.scd.errors import Error
 
     match = None if text in od.names else _ADDRESS.fullmatch(text)

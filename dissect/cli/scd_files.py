@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 _CHECK_SCHEMA: Final = "s7dissect.scd-check/1"
 _DIFF_SCHEMA: Final = "s7dissect.scd-diff/1"
 _FILE: Final = click.Path(exists=False, dir_okay=False, readable=False)
-#: Exit codes of `diff` by what differs.
+#: Exit codes of `diff` by the kind of difference.
 _DIFFERENT: Final = {"same": EXIT_OK, "names": EXIT_GATE, "wire": 2}
 _LEVELS: Final = {
     "same": "the same bytes",
@@ -74,7 +74,7 @@ def columns(rows: Sequence[Sequence[str]]) -> Iterator[str]:
 
 
 def tell_notes(path: str, notes: Sequence[Note]) -> None:
-    """Say on stderr what an import does not keep."""
+    """Report on stderr the parts that an import does not keep."""
     for note in notes:
         click.echo(f"s7dissect: {printable(path)}: {printable(str(note))}", err=True)
 
@@ -282,7 +282,7 @@ def diff_command(first: str, second: str, format_: Format, encoding: str, node: 
 
 
 class _Compared(Outcome):
-    """How two dictionaries differ: those of ``names``."""
+    """The differences of two dictionaries, whose names are ``names``."""
 
     layout = LINE
 

@@ -51,7 +51,7 @@ def command(name: str | None) -> int:
 
 
 def bundled(name: str) -> _Schema:
-    """Return a schema with those it refers to among its ``$defs``, where a validator finds them by their ``$id``."""
+    """Return a schema with the schemas that it refers to in ``$defs``, where a validator finds them by their ``$id``."""
     schema = _load(name)
     wanted = _referred(schema)
     schemas: dict[str, _Schema] = {}

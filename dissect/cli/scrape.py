@@ -42,11 +42,11 @@ allow_remote_option: Final[Callable[[Any], Any]] = click.option(
 
 
 class Scrape:
-    """Metrics for the duration of a ``with``: a companion of the session counts, and ``address`` serves them.
+    """Metrics during a ``with`` block: a companion of the session counts, and ``address`` serves them.
 
-    It listens from the beginning, and answers from `start` on: before that this process has no other thread, so that it can
-    still drop its privileges. Without a terminal, an address in use does not end it: it is reported, and tried again. Without
-    an address there is no server and no cost.
+    It listens from the beginning, and answers from `start` on: until then this process has no other thread, so that it can
+    still drop its privileges. Without a terminal, an address in use does not end the command: it is reported, and retried.
+    Without an address there is no server and no cost.
     """
 
     def __init__(self, address: Address | None, allow_remote: bool) -> None:
@@ -58,7 +58,7 @@ class Scrape:
             self._listen(address, allow_remote)
 
     def _listen(self, address: Address, allow_remote: bool) -> None:
-        """Listen, or end the command with one line that says why not."""
+        """Listen, or end the command with one line that gives the reason."""
         from dissect.online.metrics.counters import Metrics
         from dissect.online.metrics.keeper import MetricsKeeper
         from dissect.online.metrics.server import MissingLibraryError, door_of
@@ -85,16 +85,16 @@ class Scrape:
             self._keeper.close()
 
     def start(self) -> None:
-        """Answer those who ask. May be called twice."""
+        """Answer requests from now on. May be called twice."""
         if self._keeper is not None:
             self._keeper.start()
 
     @property
     def companions(self) -> list[Companion]:
-        """What goes along with the session."""
+        """The companions that metrics need."""
         return [one for one in (self._metrics, self._keeper) if one is not None]
 
     def watch(self, session: Session) -> None:
-        """Take the events that wait in ``session``, too."""
+        """Also export the number of events that wait in ``session``."""
         if self._metrics is not None:
             self._metrics.watch_queue(lambda: (session.waiting, sum(session.lost.copy().values())))

@@ -1,4 +1,4 @@
-"""Shared by commands that read a capture twice and write another: what they refuse, and a file that is complete or absent."""
+"""Shared by commands that read a capture twice and write another: checks, and a file that is complete or absent."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ around_option: Final[Callable[[Any], Any]] = click.option(
 
 
 def check_files(files: Sequence[str], output: str, force: bool) -> None:
-    """Refuse what cannot be read twice, and an output that would destroy something."""
+    """Refuse input that cannot be read twice, and an output that would overwrite something."""
     for file in files:
         if file == "-" or (Path(file).exists() and not Path(file).is_file()):
             raise click.UsageError(f"{printable(file)}: a regular file is needed, because it is read twice.")
@@ -64,7 +64,7 @@ def check_files(files: Sequence[str], output: str, force: bool) -> None:
 
 
 def check_out(files: Sequence[str], output: str, force: bool) -> None:
-    """Refuse an output that is an input as well, with no ``force`` any other file that is there, and what cannot be written.
+    """Refuse an output that is also an input, that exists (without ``force``), or that cannot be written.
 
     Raises `OSError` for the last.
     """
@@ -80,7 +80,7 @@ def check_out(files: Sequence[str], output: str, force: bool) -> None:
 def read_first(
     files: Sequence[str], selection: Selection, where: str | None, options: Options
 ) -> tuple[Run, int, PacketSelection | None]:
-    """Read a capture for the first time, watched by ``selection``; give the run, its exit code and what ``where`` selects."""
+    """Read a capture for the first time, observed by ``selection``; return the run, its exit code, the selection by ``where``."""
     from dissect.files.session import Run
     from dissect.meaning.select.packets import PacketSelection
     from dissect.online.live.run import Fanout
@@ -112,13 +112,13 @@ def read_again(files: Sequence[str], cutter: Cutter) -> None:
 
 
 def name_of(output: str) -> str:
-    """Return how an output is called in a sentence; - is standard output."""
+    """Return the name of an output for a sentence; - is standard output."""
     return "standard output" if output == "-" else printable(output)
 
 
 @contextmanager
 def written_whole(output: str, command: str = "") -> Iterator[PcapngWriter]:
-    """Give a writer of ``output``; a regular file appears when all is written, and not at all when something fails."""
+    """Yield a writer of ``output``; a regular file appears when all is written, and not at all if something fails."""
     from dissect import __version__
     from dissect.packets.source.pcapng_writer import PcapngWriter
 
@@ -143,7 +143,7 @@ def written_whole(output: str, command: str = "") -> Iterator[PcapngWriter]:
 
 
 def tell_cut(cutter: Cutter, output: str, context: int = 0) -> None:
-    """Report on stderr what was written; ``context`` packets of it only open or close connections."""
+    """Report on stderr how much was written; ``context`` packets of it only open or close connections."""
     written = cutter.chosen + cutter.beside
     beside = f", {cutter.beside} of them for being near" if cutter.beside else ""
     if context:

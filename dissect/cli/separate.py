@@ -40,9 +40,9 @@ T = TypeVar("T")
 class Readers(NamedTuple):
     """An executor and the function for how many tasks it may have ``at_once``; ``check`` is called regularly while it has some.
 
-    ``queued`` more may wait in it, so that a process that finished one gets the next at once. ``folder`` is where tasks write
-    their files, "" if they are part of the result. ``settings`` are those of the command here, None if tasks find them by
-    themselves; ``troubled`` says at the end whether some helpers could not work.
+    ``queued`` further tasks may wait in it, so that a process gets the next one as soon as it has finished. ``folder`` is where
+    tasks write their files, "" if they are part of the result. ``settings`` are those of the command here, None if tasks find
+    them by themselves; ``troubled`` says at the end whether some helpers could not work.
     """
 
     executor: Executor
@@ -68,7 +68,7 @@ class Here(Executor):
 
 
 def refuse(chosen: Chosen, reasons: Sequence[tuple[Any, str]] = ()) -> None:
-    """Raise UsageError for options that do not go with --separate; ``reasons`` are values of options and their messages."""
+    """Raise UsageError for options that exclude --separate; ``reasons`` are values of options and their messages."""
     for given, why in (*reasons, (chosen.most, "-c counts over all files")):
         if given:
             raise click.UsageError(f"{_how()}: {why}.")
@@ -85,13 +85,13 @@ def _how() -> str:
 
 
 class Interrupted:
-    """Whether the run was interrupted; the loop that reads a file in this process asks."""
+    """Whether the run was interrupted; checked by the loop that reads a file in this process."""
 
     asked: Callable[[], bool] = staticmethod(lambda: False)
 
 
 def read_file(run: Run, each: Callable[[], None] | None = None) -> None:
-    """Read the file of a task; call ``each`` after each step, and when all is over. Raises `CaptureError`."""
+    """Read the file of a task; call ``each`` after each step, and at the end. Raises `CaptureError`."""
     gc.disable()  # as in `dissect.cli.run.drive`
     try:
         while run.step():
@@ -220,7 +220,7 @@ def _say_of_pool(text: str) -> None:
 
 
 def say(file: str, why: str, where: str = "") -> None:
-    """Report a message about a file on stderr, once with its name, and its machine unless it is this one."""
+    """Report a message about a file on stderr, once, with the file's name, and its machine unless it is this one."""
     name = printable(shown(file))
     text = printable(why)
     at = f" ({printable(where)})" if where else ""
@@ -228,7 +228,7 @@ def say(file: str, why: str, where: str = "") -> None:
 
 
 def part_of_done(done: Done, empty: Callable[[], Observer]) -> FilePart:
-    """Return the results of the task of a file; ``empty`` makes empty results for an unreadable file."""
+    """Return the results of the task for a file; ``empty`` makes empty results for an unreadable file."""
     from dissect.files.jobs.sums import unread
 
     if not done.why:
@@ -239,7 +239,7 @@ def part_of_done(done: Done, empty: Callable[[], Observer]) -> FilePart:
 
 
 class _Joints:
-    """Counts files that continue the one before: their connections are cut in two."""
+    """Counts files that continue the one before, because their connections are cut in two."""
 
     def __init__(self) -> None:
         self._last_ns = 0
@@ -254,7 +254,7 @@ class _Joints:
         self._last_ns = last_ns or self._last_ns
 
     def tell(self) -> None:
-        """Say so on stderr, if there are any."""
+        """Report them on stderr, if there are any."""
         if self._count:
             files = "1 file goes" if self._count == 1 else f"{self._count} files go"
             followed = (

@@ -41,11 +41,11 @@ if TYPE_CHECKING:
     from dissect.cli.task import Task
     from dissect.output.export.transaction_rows import Row
 
-#: Numbers that one capture has for its connections, transactions, operations, acts, findings and PDUs.
+#: The range of numbers that one capture has for its connections, transactions, operations, acts, findings and PDUs.
 NUMBERS: Final = 10**9
 _PARQUET: Final = "parquet"
 _BYTES: Final = "base64"
-#: Forms that one process writes as it reads: their rows are not those of tables.
+#: Forms that one process writes while reading: their rows are not those of tables.
 _ONE_RUN: Final = ("zeek", "zeek-json", "ecs", "stix")
 
 
@@ -59,7 +59,7 @@ class ExportPart(NamedTuple):
 
 
 class _Sending(Sink):
-    """Sends rows to who writes them: a line of JSON for some of a table, bytes in base 64 as the only thing in an object."""
+    """Sends rows to the process that writes them: one line of JSON for several rows of a table, with bytes as base 64."""
 
     def __init__(self, file: IO[bytes]) -> None:
         self._file = file
@@ -72,7 +72,7 @@ class _Sending(Sink):
         """Nothing waits."""
 
     def abandon(self) -> None:
-        """Nothing is open."""
+        """Nothing is open, so there is nothing to abandon."""
 
 
 def _packed(octets: bytes) -> dict[str, str]:
@@ -84,7 +84,7 @@ def _unpacked(packed: dict[str, str]) -> bytes:
 
 
 def refuse_form(target: Target) -> None:
-    """Raise UsageError for a form that is written in one run only."""
+    """Raise UsageError for a form that can only be written in a single run."""
     if target.form.name in _ONE_RUN:
         raise click.UsageError(
             f"--separate: {target.form.name} is written in one run; choose a form of tables, such as Parquet."
@@ -92,13 +92,16 @@ def refuse_form(target: Target) -> None:
 
 
 def export_task(of: Task, target: Target, only: Sequence[str], reading: Reading) -> None:
-    """Export the file of a task. Raises `FileError` when its rows cannot be written, OSError when they cannot wait."""
+    """Export the file of a task.
+
+    Raises `FileError` if its rows cannot be written, OSError if they cannot be stored until then.
+    """
     try:
         _export_task(of, target, only, reading)
     except OSError as error:
         if Path(of.folder).name.startswith(ROWS_FOLDER):
-            raise  # the rows wait there: nothing is written to the target yet
-        # A library words errors of the system differently; for another machine its words are all there is.
+            raise  # the rows are only stored there: nothing has been written to the target yet
+        # A library words errors of the system differently; for another machine its message is the only one.
         remote = is_remote(target.path) or not error.errno
         why = (error.strerror or str(error)) if remote else os.strerror(error.errno or 0)
         raise FileError(f"its rows cannot be written to {shown(target.path)}: {why}") from None
@@ -117,7 +120,7 @@ def _export_task(of: Task, target: Target, only: Sequence[str], reading: Reading
     elif target.form.name == _PARQUET:
         tables = chosen_tables(only)
         sink = ParquetSink(folder, tables, False, True, metadata_of(__version__, [name]), empty=False)
-        shutil.rmtree(folder, ignore_errors=True)  # of a process that died
+        shutil.rmtree(folder, ignore_errors=True)  # left by a process that died
         try:
             folder.mkdir()
         except FileNotFoundError:
@@ -193,7 +196,7 @@ class _Gathered:
         self._tables = tables
         self._metadata = metadata
         self._files: Counter[Path] = Counter()
-        # Now, so that a missing library is reported before anything is read.
+        # Made now, so that a missing library is reported before anything is read.
         self._empty = ParquetSink(place, tables, False, True, metadata)
 
     def take(self, done: Done, counts: Counter[str]) -> None:
@@ -211,7 +214,7 @@ class _Gathered:
         shutil.rmtree(source, ignore_errors=True)
 
     def close(self) -> None:
-        """Remove what tasks left that died; a table without rows is there too, with its columns."""
+        """Remove files left by tasks that died; write a table without rows as well, with its columns."""
         for rest in self._place.glob(f".task-*{PART}"):
             shutil.rmtree(rest, ignore_errors=True)
         days = {day.parts[0] for day in self._files}

@@ -1,6 +1,6 @@
 """Rows of files that are read separately (option --separate): transactions and values.
 
-A process that runs the tasks itself writes rows at once. Rows of other processes come through files
+If a process runs the tasks itself, it writes rows at once. Rows of other processes come through files
 (`dissect.files.jobs.spool`), with marks in place of the numbers that count over all files; if a format defines their order in a
 line, with an index of them (`dissect.files.jobs.spots`).
 """
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 #: Separates the parts of a line with a style in a file of rows, and replaces the line feed.
 _PART: Final = "\x1f"
 _BREAK: Final = "\x1e"
-#: How rows are written, as `dissect.cli.run.write` does it.
+#: The encoding of rows, the same as in `dissect.cli.run.write`.
 _ENCODING: Final = ("utf-8", "backslashreplace")
 
 
@@ -49,7 +49,7 @@ class RowsPart(NamedTuple):
 
 
 class _Direct:
-    """Writes the rows of a task of this process; ``total`` knows what came before it."""
+    """Writes the rows of a task of this process; ``total`` has the counters of the files before it."""
 
     def __init__(self, total: Total) -> None:
         self._total = total
@@ -63,7 +63,7 @@ class _Direct:
 
 
 class _Spooler:
-    """Puts the rows of a task where `write_rows` finds them. ``joint`` is that of the `Writer`."""
+    """Stores the rows of a task where `write_rows` finds them. ``joint`` is that of the `Writer`."""
 
     def __init__(self, of: Task, joint: bytes | None) -> None:
         self.styled = False
@@ -155,7 +155,7 @@ def rows_task(of: Task, reading: Reading, rows: Rows) -> None:
 
 
 def rows_separately(reading: Reading, rows: Rows, total: Total) -> None:
-    """Have the command at hand done for each file, and write the rows in the order of the files; ``total`` gets the counts."""
+    """Run the present command for each file, and write the rows in the order of the files; ``total`` gets the counts."""
     writer = rows.writer
     rows.begin(Places([], len(reading.files) > 1, hosts()))
     write_out(writer.take())

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from dissect.testing.playback.server.faults import Fault
     from dissect.testing.playback.server.service import Server
 
-#: How often problems are looked for, in seconds.
+#: How often problems are checked, in seconds.
 _LOOK_S: Final = 0.1
 
 _EXIT_CODES: Final = (
@@ -118,7 +118,7 @@ def command(
     from dissect.testing.playback.server import Server, load_recording
     from dissect.testing.playback.server.service import places_to_serve
 
-    # Before the file is read, which may take a while.
+    # Checked before the file is read, which may take a while.
     places_to_serve(listen, allow_remote)
     if output == "-":
         raise click.UsageError("-w needs a file: standard output is used for messages.")

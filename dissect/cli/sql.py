@@ -45,7 +45,7 @@ def command(reading: Reading, query: str | None, format_: Format, questions: boo
 
     FILE is a pcap or pcapng file, plain or compressed with gzip or zstd; - is standard input.
     """
-    if query is not None and not query:  # of blanks alone DuckDB says it
+    if query is not None and not query:  # if it has only spaces, DuckDB reports it
         raise click.UsageError("QUERY is empty: give SQL or the name of a question (--questions lists them).")
     if questions:
         write(_questions())

@@ -36,11 +36,11 @@ class Task:
         self.place = place
         self.direct = direct
         self.result: Any = None
-        #: Represent all files where it matters whether packets are named with their file.
+        #: Two names, so that code which checks for several files names packets with their file.
         self.files: Sequence[str] = (file, file) if several else (file,)
 
 
-#: The task that is done by this process right now, if any.
+#: The task that this process is doing now, if any.
 _task: Task | None = None
 #: `Task.direct` of tasks that this process gives itself.
 _direct: Any = None
@@ -53,7 +53,7 @@ def current() -> Task | None:
 
 @contextmanager
 def directly(sink: Any) -> Iterator[None]:
-    """Have tasks of this process hand their rows to ``sink`` at once."""
+    """Let tasks of this process pass their rows to ``sink`` at once."""
     global _direct  # noqa: PLW0603 - as below
     _direct = sink
     try:

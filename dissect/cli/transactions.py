@@ -75,7 +75,7 @@ class _TransactionRows(Rows):
 
 
 def _instead(total: Total) -> str:
-    """Return what captures without S7 contained: packets, ignored ones among them, and connections by protocol."""
+    """Return the content of captures without S7: packets, ignored ones among them, and connections by protocol."""
     parts = [f"{total.ignored[name]} {text}" for name, text in _NOT_S7.items() if total.ignored[name]]
     packets = f"{total.packets} packets" + (f" ({', '.join(parts)})" if parts else "")
     if total.sealed:

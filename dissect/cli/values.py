@@ -1,4 +1,4 @@
-"""`s7dissect values`: what values variables had, when, and who read or wrote them."""
+"""`s7dissect values`: which values variables had, when, and who read or wrote them."""
 
 from __future__ import annotations
 
@@ -138,7 +138,7 @@ class _ValueRows(Rows):
         return self.writer.take()
 
     def left(self) -> Left:
-        """Return which variables were seen, and what was left out because it is only likely."""
+        """Return which variables were seen, and the transactions left out because they are only likely."""
         return Left(seen=self.observer.found, doubts=self.observer.doubts)
 
 
@@ -161,7 +161,7 @@ def _is_file(word: str) -> bool:
     try:
         return word == "-" or Path(word).exists() or os.sep in word or word.lower().endswith(_CAPTURES)
     except OSError:
-        return False  # no path can have such a name
+        return False  # no path can have this name
 
 
 def _miss(wanted: WantedSet | None, names: Collection[str], selected: bool) -> None:

@@ -1,4 +1,4 @@
-"""Shared by the commands that show live events: what to show, as lines, and until when."""
+"""Shared by the commands that show live events: topics, lines, and the end of the run."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 _SCD: Final = "scd"
 _TOPICS: Final = ("connections", "transactions", "operations", "findings", "devices", _SCD)
 
-#: How long a poll waits for something to happen, in seconds, and how much it takes.
+#: How long a poll waits for events, in seconds, and how many it takes.
 POLL_S: Final = 0.2
 POLL_MOST: Final = 512
 
@@ -66,7 +66,7 @@ overdue_option: Final[Callable[[Any], Any]] = click.option(
 
 
 class Shower(Protocol):
-    """What makes lines of events: made with the kinds of events that are wanted, and a clock."""
+    """Makes lines of events; it is created with the wanted kinds of events, and a clock."""
 
     def written(self, events: Iterable[Event], lost: Iterable[str] = ()) -> list[str | Line]:
         """Return the lines of events, in order, followed by those of `lost`."""
@@ -79,7 +79,7 @@ class Shower(Protocol):
 
 
 def new_shower(format_: Format, topics: Iterable[str]) -> Shower:
-    """Return what makes lines of events, of ``topics`` only where there are any."""
+    """Return an object that makes lines of events, only those of ``topics`` if there are any."""
     from dissect.online.live.lines import kinds_of
 
     return cast("Shower", format_.maker(EVENTS)(kinds_of(topics), clock()))
@@ -100,7 +100,7 @@ class LostEvents:
         self._reported: dict[str, int] = {}
 
     def lines(self) -> list[str]:
-        """Return the line about those since the last call, none where there are none."""
+        """Return the line about events lost since the last call; no line if there are none."""
         if self._session.lost == self._reported:
             return []
         lost, reported = dict(self._session.lost), self._reported
@@ -117,7 +117,7 @@ class LiveInterruption(Signals):
         self._stop = stop
 
     def react(self, again: bool, frame: FrameType | None) -> None:
-        """End the run, or break it off."""
+        """End the run in order, or abort it."""
         if again:
             raise KeyboardInterrupt
         self._stop()

@@ -187,7 +187,7 @@ class Run:
             raise bug
 
     def close(self) -> None:
-        """Close the file that is being read, if nothing more of it is wanted."""
+        """Close the file that is being read, if its rest is not wanted."""
         if self._reader is not None:
             self._reader.close()
             self._reader = None
@@ -318,7 +318,7 @@ class Reading:
         self._context = self.where.context if self.where is not None else context
 
     def sieved(self, observer: Observer) -> Observer:
-        """Return an observer that passes only selected things to ``observer``; the same if everything is."""
+        """Return an observer that passes only selected things to ``observer``; ``observer`` itself if everything is selected."""
         if self.where is None:
             return observer
         from dissect.meaning.select.sieve import Sieve
@@ -422,9 +422,9 @@ def open(
 
     Events come in the order in which they become certain; a transaction follows its PDUs, an act the transaction that shows its
     outcome. ``pdus=False`` leaves the single PDUs out, which is faster. ``slow_ns``: an answer that takes longer is a finding
-    (nanoseconds). With the dictionary ``scd`` and the bindings file ``bind`` SCD is decoded (docs/scd-traffic.md).
-    ``checksums`` leaves packets out whose TCP or UDP checksum is wrong. ``tls_keys`` names files with the session keys of TLS
-    (docs/tls.md). ``tags`` are files of tags, or what `dissect.meaning.tags.load_tags` made of them:
+    (nanoseconds). With the dictionary ``scd`` and the bindings file ``bind`` SCD is decoded (docs/scd-traffic.md). With
+    ``checksums``, packets whose TCP or UDP checksum is wrong are left out. ``tls_keys`` names files with the session keys of
+    TLS (docs/tls.md). ``tags`` are files of tags, or the result of `dissect.meaning.tags.load_tags`:
     `dissect.engine.transactions.naming.named_values` names the values of a transaction by them. ``where`` selects, as option -Y
     does (docs/select.md): only events come that match, or that belong to a transaction that does. A PDU matches only if it has
     all the fields that the expression names.

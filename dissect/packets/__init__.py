@@ -1,1 +1,1 @@
-"""From a file, a pipe or an interface to bytes in order: what holds packets, and links, IP and TCP."""
+"""Reads packets in order from a file, a pipe or an interface: sources, link layers, IP and TCP."""

@@ -1,4 +1,4 @@
-"""Builds what is used from checked records: variables with their offsets, structs, objects."""
+"""Builds the objects in use from checked records: variables with their offsets, structs, objects."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ COUNT: Final = "count"
 def assemble_types(
     records: Iterable[TypeRecord], time_scale: str = "utc", encoding: str = "utf-8"
 ) -> dict[int, SimpleType]:
-    """Return the simple types by index, with the standard ones, in the form that the dictionary gives them."""
+    """Return the simple types by index, including the standard ones, in the form that the dictionary specifies."""
     own = {row.index: SimpleType(row.index, row.name, Kind(row.kind), row.bits) for row in records}
     return {index: formed(kind, time_scale, encoding) for index, kind in {**STANDARD, **own}.items()}
 
@@ -36,7 +36,7 @@ def assemble_struct(record: StructRecord, simple: Mapping[int, SimpleType]) -> S
 def assemble_object(
     record: ObjectRecord, simple: Mapping[int, SimpleType], structs: Mapping[int, StructType]
 ) -> Object:
-    """Return an object; what its struct leaves open (access, mapping, defaults) comes from the object."""
+    """Return an object; properties that its struct leaves open (access, mapping, defaults) come from the object."""
     row = record
     if row.object_class == NULL:
         return Object(row.index, NULL, row.name, None, row.access, row.mandatory, None, (), 0, {})

@@ -6,7 +6,7 @@
     10  2  size of the header                   64     body
     12  4  size of the file
 
-Everything here is our profile: the text only says that dictionaries are binary files.
+All of this is our profile: the text only says that dictionaries are binary files.
 """
 
 from __future__ import annotations
@@ -114,7 +114,7 @@ def _decode(content: memoryview, start: int) -> Body:
         text, _, path = str(error).partition(" - at ")
         raise DictionaryError(f"body {path.strip('`')}".rstrip(), text) from None
     except msgspec.DecodeError as error:
-        # msgspec from 0.23 on does not tell where.
+        # msgspec from 0.23 on does not report the position.
         if "UTF-8" in str(error) and (at := _not_utf8(bytes(content), _DEEPEST)) >= 0:
             raise DictionaryError(f"body, byte {start + at}", _NOT_UTF8, rule="R42") from None
         match = _POSITION.search(str(error))

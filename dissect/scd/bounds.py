@@ -1,7 +1,7 @@
 """Bounds of a source that are checked before it is read: nesting, and sizes of numbers.
 
-Python's TOML and JSON accept more. But later (texts of errors, copies for devices) that would fail in ways that have nothing to
-do with dictionaries.
+Python's TOML and JSON accept more. Otherwise they would fail later (in texts of errors, in copies for devices) in ways that
+have nothing to do with dictionaries.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ _LONGEST_KEY: Final = 100
 
 
 def check_bounds(content: object, where: str, line: int = 0) -> None:
-    """Raise `DictionaryError` with the place of what nests too deeply, or of a whole number of more than 64 bits.
+    """Raise `DictionaryError` with the place of a part that nests too deeply, or of a whole number of more than 64 bits.
 
     ``content`` is one table of a source, ``where`` its name, ``line`` its line.
     """

@@ -40,7 +40,7 @@ def check_body(body: Body) -> None:
 
 
 def find_troubles(body: Body) -> list[DictionaryError]:
-    """Return all broken rules of a body, without those that only follow from others."""
+    """Return all broken rules of a body, except those that only follow from others."""
     troubles = Troubles()
     if body.encoding not in ENCODINGS:
         with troubles:
@@ -252,7 +252,7 @@ def _check_traits(traits: Traits | None, kind: SimpleType, where: str, index: in
 
 
 def _unreachable(traits: Traits, kind: SimpleType) -> str:
-    """Return what is wrong with limits or texts for raw values that the type cannot have; empty if nothing."""
+    """Return what is wrong with limits or texts for raw values that the type cannot have; empty if nothing is."""
     span = raw_span(kind)
     if span is None:
         return ""

@@ -1,8 +1,8 @@
 """The codec: converts information objects to octets and back, by a dictionary (R8-R15, R97-R108).
 
-A payload is a bare PDO, a bare struct (R99), the value of one variable (of an SDO), or a message in an envelope, which says
-itself what it contains; which of them is used where is not part of a dictionary. Decoding is all or nothing: if octets are
-wrong, `Error` is raised and no object has changed.
+A payload is a bare PDO, a bare struct (R99), the value of one variable (of an SDO), or a message in an envelope, which itself
+names its content; a dictionary does not say which of them is used where. Decoding is all or nothing: if octets are wrong,
+`Error` is raised and no object has changed.
 
 `decode_columns` decodes many payloads of the same kind at once, into one numpy array for each variable (extra "scd"), for
 captures with millions of PDOs. The payloads stay in one buffer; the caller says where each begins.
@@ -175,8 +175,8 @@ class Codec:
         self._pdos: dict[str, Pdo] = {}
         self._packings: dict[str, Packing] = {}
         self._variables: dict[tuple[int, int], tuple[Variable, Packing | None]] = {}
-        #: What was worked out for earlier messages: service and phase by (kind, response, abort); PDOs by the index of their
-        #: mapping object; whole headers by their bits without the transaction number.
+        #: Results for earlier messages: service and phase by (kind, response, abort); PDOs by the index of their mapping
+        #: object; whole headers by their bits without the transaction number.
         self.kinds: Final[dict[tuple[int | None, int | None, int | None], tuple[Service, Phase]]] = {}
         self.mapped: Final[dict[int, tuple[str, Pdo]]] = {}
         self.heads: Final[dict[int, Head]] = {}

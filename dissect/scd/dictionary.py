@@ -86,7 +86,7 @@ class Dictionary:
         )
         self.rpdo: Final[Mapping[int, Pdo]] = MappingProxyType(self._pdos("R"))
         self.tpdo: Final[Mapping[int, Pdo]] = MappingProxyType(self._pdos("T"))
-        #: What all rows of a variable have in common, once it was needed (`dissect.scd.wording`).
+        #: Data shared by all rows of a variable, made when it is first needed (`dissect.scd.wording`).
         self.told: Final[dict[Key, SharedTexts]] = {}
 
     def _pdos(self, direction: str) -> dict[int, Pdo]:
@@ -217,7 +217,7 @@ class Dictionary:
         raise Error(E_PDO_NUMBER, key, self._no_pdo(key))
 
     def _no_pdo(self, key: str) -> str:
-        """Return the sentence for a PDO that does not exist: it names those that do."""
+        """Return the sentence for a PDO that does not exist: it names the existing ones."""
         pdos = (*self.tpdo.values(), *self.rpdo.values())
         numbered = _PDO.fullmatch(key) is not None
         meant = "" if numbered else close_to(key, [pdo.name for pdo in pdos if pdo.name])
@@ -234,7 +234,7 @@ class Dictionary:
         return (self.tpdo if direction == "T" else self.rpdo).get(number)
 
     def error_text(self, number: int) -> str:
-        """Return the meaning of an ``scd_err_t`` (R52): the dictionary's text, else one by its sign."""
+        """Return the meaning of an ``scd_err_t`` (R52): the dictionary's text, or else one chosen by its sign."""
         return self.errors.get(number) or ("status of the application" if number > 0 else "unknown error")
 
     @cached_property

@@ -36,7 +36,7 @@ class Change(NamedTuple):
 
 
 class Comparison(NamedTuple):
-    """``level``: the "same" octets, other "names" (texts, units, limits), or other octets on the "wire"; and differences."""
+    """``level``: "same" octets, different "names" (texts, units, limits) or different octets on the "wire"; and differences."""
 
     level: Level
     changes: tuple[Change, ...]

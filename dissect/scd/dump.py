@@ -108,7 +108,7 @@ def _object(row: ObjectRecord, od: Dictionary) -> dict[str, Any]:
 
 
 def _pdo(row: ObjectRecord, od: Dictionary) -> dict[str, Any] | None:
-    """Return a mapping object as a [[pdo]] that names what it maps; None if its entries have no such form."""
+    """Return a mapping object as a [[pdo]] that names the mapped variables; None if its entries have no such form."""
     if not is_mapping(row.index) or row.object_class != ARRAY or row.used != len(row.values) or row.traits is not None:
         return None
     wide = row.type == UINT64.index

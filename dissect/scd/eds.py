@@ -86,7 +86,7 @@ class _File:
         self._parser = _parsed(text)
         self._objects = {int(name, 16): name for name in self._named(_OBJECT)}
         self._subs: dict[tuple[int, int], str] = {}
-        #: Types that python-canopen does not know, by index and sub-index.
+        #: Types unknown to python-canopen, by index and sub-index.
         self._codes: dict[tuple[int, int], int] = {}
         self._mandatory = self._listed()
 
@@ -151,7 +151,7 @@ class _File:
         numbers = [self._parser.get("FileInfo", key, fallback="") for key in ("FileVersion", "FileRevision")]
         return ".".join(number for number in numbers if number)
 
-    # What python-canopen gets
+    # Input for python-canopen
 
     def _copy(self) -> Parser:
         """Return the sections of objects, checked and sorted."""
@@ -220,7 +220,7 @@ class _File:
         self._codes[address] = code
         return DOMAIN_TYPE
 
-    # What comes back
+    # Output of python-canopen
 
     def _entries(self, copy: Parser) -> dict[int, ForeignEntry]:
         entries: dict[int, ForeignEntry] = {}
@@ -276,7 +276,7 @@ class _File:
 
 
 def _empty() -> Parser:
-    # No section of an EDS gives its keys to the others, as configparser's [DEFAULT] would.
+    # No section of an EDS passes its keys to the others, as configparser's [DEFAULT] would.
     parser = Parser(inline_comment_prefixes=(";",), default_section="")
     parser.optionxform = str  # type: ignore[assignment,method-assign]
     return parser

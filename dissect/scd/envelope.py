@@ -48,7 +48,7 @@ _UNNUMBERED: Final = frozenset(("reserved", "const", "data", "crc", "size"))
 class Wrapped(NamedTuple):
     """A message whose data are not decoded: numbers by role, ``data``, and ``size`` of the whole message in octets.
 
-    ``error`` says what is wrong with it; numbers and data are then what could still be read (``size`` 0: nothing).
+    ``error`` says what is wrong with it; numbers and data are then the parts that could still be read (``size`` 0: nothing).
     """
 
     numbers: dict[str, int]
@@ -96,7 +96,7 @@ class _HeadPlan:
         self._bits = [(place.field.role, place.offset, (1 << place.field.bits) - 1) for place in numbered]
         self._signed = [(place.field.role, 1 << place.field.bits - 1) for place in numbered if place.field.signed]
         fixed = [place for place in places if place.field.value is not None and place.field.role != "reserved"]
-        # A constant that its field cannot hold is no signature; the slow way reports it.
+        # A constant that its field cannot hold never matches; the slow way reports it.
         self._sound = all(0 <= (place.field.value or 0) < 1 << place.field.bits for place in fixed)
         self._mask = sum(((1 << place.field.bits) - 1) << place.offset for place in fixed)
         self._value = sum(place.write(place.field.value or 0) for place in fixed) if self._sound else -1

@@ -1,7 +1,7 @@
 """Errors of SCD: codes of this library, errors of a dictionary, numbers of ``scd_err_t`` (R52).
 
-A *code* such as ``E_RANGE`` says why this library could not do something. An ``scd_err_t`` is what one device tells another in
-a message.
+A *code* such as ``E_RANGE`` gives the reason why this library could not do something. An ``scd_err_t`` is what one device tells
+another in a message.
 """
 
 from __future__ import annotations
@@ -118,8 +118,8 @@ class DictionaryError(Error):
 
     ``where`` is the place inside (an object, a key, an octet). ``rule`` is the broken requirement ("R73"; empty if there is no
     number). ``path`` is the file, ``line`` the line of a TOML source from 1 on (0: unknown), ``index`` the index of the entry
-    (-1: none). ``others`` are further errors of the same file. A ``consequence`` only follows from another error, as a missing
-    type that could not be read, and is left out.
+    (-1: none). ``others`` are further errors of the same file. A ``consequence`` only follows from another error, for example a
+    missing type that could not be read, and is left out.
     """
 
     def __init__(

@@ -1,6 +1,6 @@
 """The content of a CANopen or POWERLINK device description, in any file format, and notes about it (profile 3.1).
 
-Values and limits stay texts as written; `translation` makes a dictionary from it.
+Values and limits remain texts as written; `translation` makes a dictionary from them.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ _SHOWN: Final = 4
 
 
 class Note(NamedTuple):
-    """What an import could not keep, and where: "0x6000" or "0x6000:1"."""
+    """A part that an import could not keep, and its place: "0x6000" or "0x6000:1"."""
 
     text: str
     places: tuple[str, ...]
@@ -29,7 +29,7 @@ class Note(NamedTuple):
 
 
 class Imported(NamedTuple):
-    """The result of an import: the dictionary, and what it does not keep of the file."""
+    """The result of an import: the dictionary, and notes on the parts of the file that it does not keep."""
 
     dictionary: Dictionary
     notes: tuple[Note, ...]

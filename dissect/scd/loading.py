@@ -74,7 +74,7 @@ def is_description(path: str | os.PathLike[str]) -> bool:
 
 
 def import_file(path: str | os.PathLike[str], encoding: str = "", node: int | None = None) -> Imported:
-    """Return the dictionary of a device description (EDS, DCF, XDD, XDC by suffix), and notes about what it does not keep.
+    """Return the dictionary of a device description (EDS, DCF, XDD, XDC by suffix), and notes about parts it does not keep.
 
     ``encoding`` is for an EDS or DCF; by default it is UTF-8, else Latin-1, which a note says; XML states its own. ``node`` is
     the node id for values that depend on one: 1 to 127 for CANopen, to 254 for POWERLINK. Raises `DictionaryError` with the

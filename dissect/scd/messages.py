@@ -55,7 +55,7 @@ class Message(msgspec.Struct):
 
 
 class Head:
-    """A header that sound messages had before, apart from the transaction number.
+    """A header seen in an earlier sound message, without the transaction number.
 
     ``template`` is such a message without data, of ``size`` octets; its data are from ``begin`` to ``end``. For a PDO there are
     also its ``packing``, and ``version``: its mapping has a version that the dictionary does not have. ``numbered``: each
@@ -163,7 +163,7 @@ def _parse(codec: Codec, octets: Octets, at: int) -> Message:
 
 
 def build_message(codec: Codec, message: Message) -> bytes:
-    """Return the octets of a message. Raises `Error` for what the envelope or the dictionary does not have."""
+    """Return the octets of a message. Raises `Error` for parts that the envelope or the dictionary does not have."""
     roles = codec.envelope.roles
     numbers = {
         "tid": message.tid, "err": message.err, "index": message.index, "sub": message.sub, "port": message.port,
@@ -233,7 +233,7 @@ def _decode(codec: Codec, message: Message) -> None:
 
 
 def _judge_access(codec: Codec, message: Message) -> None:
-    """Flag what access attributes and index ranges forbid (R74, R87); raises `Error` E_INDEX, E_SUB if it does not exist."""
+    """Flag violations of access attributes and index ranges (R74, R87); raises `Error` E_INDEX or E_SUB if it is missing."""
     dictionary, key = codec.dictionary, (message.index, message.sub)
     if message.index not in dictionary.objects and section_of(message.index).holds in {"", "static"}:
         flag(message.flags, ACCESS, key)

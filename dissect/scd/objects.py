@@ -17,7 +17,7 @@ _NOTHING: Final = object()
 class Objects(MutableMapping[Any, Value]):
     """Values of a dictionary's variables, by (index, sub), "0x6000:1", name or "object.field"; checked when they are set.
 
-    A field of a bare struct is "struct.field". ``message`` says what `encode` and `decode` of this package take the octets for:
+    A field of a bare struct is "struct.field". ``message`` says how `encode` and `decode` of this package interpret the octets:
     the name of a PDO, a struct, an object or a variable; empty for a message in its envelope. ``changed`` are the keys whose
     values the last decoding changed. Iteration yields (index, sub), or the text for fields of structs, in the order in which
     they were set.
@@ -65,7 +65,7 @@ class Objects(MutableMapping[Any, Value]):
         return {self._resolve(key)[1].label: value for key, value in self._values.items()}
 
     def merge(self, values: Mapping[Key, Value]) -> None:
-        """Take decoded values, which need no check, and note which of them are different."""
+        """Take decoded values, which need no check, and note which of them changed."""
         own = self._values
         # A missing value differs from everything; NaN differs from itself, which is not a change.
         self.changed = tuple(
@@ -78,7 +78,7 @@ class Objects(MutableMapping[Any, Value]):
         own.update(values)
 
     def take(self, keys: Iterable[Key]) -> dict[Key, Value]:
-        """Return the values of those ``keys``, in the form that `__iter__` yields, that exist."""
+        """Return the values of those ``keys``, in the form that `__iter__` yields, which exist."""
         return {key: self._values[key] for key in keys if key in self._values}
 
     def _resolve(self, key: Key) -> tuple[Key, Variable]:

@@ -27,7 +27,7 @@ from dissect.scd.values import MAC, Interval, NetTime, TaiTime
 from dissect.wire.text import count
 
 Octets = bytes | bytearray | memoryview
-#: What was noticed while decoding → the variables concerned (none: the message as a whole).
+#: Observations made while decoding → the variables concerned (none: the message as a whole).
 Flags = dict[str, tuple[Key, ...]]
 
 NONFINITE: Final = "nonfinite"
@@ -52,7 +52,7 @@ _FORMS: Final[dict[Kind, type]] = {Kind.BOOL: bool, Kind.REAL: float}
 
 
 def bit_engine() -> Callable[[str], Any]:
-    """Return what compiles bit formats: the C extension of bitstruct, or its Python form.
+    """Return the compiler of bit formats: the C extension of bitstruct, or its Python form.
 
     The Python form is used if the extension was not built, and on big-endian machines, where the extension has an open bug
     (eerimoq/bitstruct #21).
@@ -70,9 +70,9 @@ def bit_engine() -> Callable[[str], Any]:
 class _Plan(NamedTuple):
     """A way to pack numbers without checking each one: ``take`` returns them in the order of the packer.
 
-    They must have exactly the Python types ``forms``. The packer itself refuses an integer that does not fit. ``spans`` has
-    what it does not check: position, lowest and highest value of reals, which may not be infinite, and of variables with
-    limits.
+    They must have exactly the Python types ``forms``. The packer itself refuses an integer that does not fit. ``spans`` has the
+    bounds that the packer does not check: position, lowest and highest value of reals, which may not be infinite, and of
+    variables with limits.
     """
 
     take: Callable[[Mapping[Any, Any]], tuple[Any, ...]]
@@ -138,7 +138,7 @@ class Packing:
         self._plain = self.aligned and self.quiet and not self._finish
 
     def unpack(self, octets: bytes, flags: Flags, strict_pad: bool = False) -> Sequence[Value]:
-        """Return the values in the first ``size`` of ``octets``, which must be there; add what is noticed to ``flags``.
+        """Return the values in the first ``size`` of ``octets``, which must be there; add observations to ``flags``.
 
         Octets that are not a text in their encoding are returned as octets, so that the other values are not lost.
         """
@@ -189,9 +189,9 @@ class Packing:
         return odd
 
     def pack_known(self, given: Mapping[Any, Any]) -> bytes | None:
-        """Return the octets of numbers that fit, by their keys; None for anything that needs `pack`.
+        """Return the octets of numbers that fit, by their keys; None if `pack` is needed.
 
-        There may be more values than are packed.
+        There may be more values than the packer needs.
         """
         plan = self._plan
         if plan is None:
@@ -211,7 +211,7 @@ class Packing:
         return self._with_constant(octets) if self._constant else octets
 
     def _planned(self) -> _Plan | None:
-        """Return the plan of `pack_known`; None if anything but numbers is packed."""
+        """Return the plan of `pack_known`; None if not all slots are numbers."""
         if not self.slots or any(slot.type.kind not in NUMERIC for slot in self.slots):
             return None
         slots = self.slots if self.aligned else self.slots[::-1]
@@ -368,7 +368,7 @@ def _field_octets(value: object, size: int, encoding: str, *, reverse: bool) -> 
 
 
 def _finisher(slot: Slot, *, reverse: bool) -> Callable[[Any], Value] | None:
-    """Return a function that makes a value from what struct (if ``reverse``: bitstruct) read; None if that is the value."""
+    """Return a function that makes a value from the result of struct (``reverse``: of bitstruct); None if none is needed."""
     kind = slot.type.kind
     if kind is Kind.MAC:
         return (lambda raw: MAC(raw[::-1])) if reverse else MAC

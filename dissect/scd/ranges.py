@@ -1,4 +1,4 @@
-"""The sections of a dictionary and its formulas (R57, R77-R96, R105-R108): what each index is, and for which device.
+"""The sections of a dictionary and its formulas (R57, R77-R96, R105-R108): the purpose and the device of each index.
 
 Devices are counted 0..7, PDO numbers 1..512 (C46, C47).
 """

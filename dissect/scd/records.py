@@ -18,7 +18,7 @@ ObjectClass = Literal[0, 2, 7, 8, 9]
 
 
 class Traits(msgspec.Struct, array_like=True, frozen=True):
-    """How a value is shown and judged: physical value = raw · scale + shift in unit, limits of the raw value, its texts."""
+    """How a value is shown and checked: physical value = raw · scale + shift in unit, limits of the raw value, its texts."""
 
     unit: str = ""
     scale: float = 1.0
@@ -31,7 +31,7 @@ class Traits(msgspec.Struct, array_like=True, frozen=True):
 class FieldRecord(msgspec.Struct, array_like=True, frozen=True):
     """A field of a DEFSTRUCT, or of a RECORD without one. Type 0: reserved bits; ``fixed``: their value, None for "any" (R32).
 
-    ``access`` "" and ``mappable`` None are those of the object.
+    With ``access`` "" and ``mappable`` None the field takes those of the object.
     """
 
     name: str

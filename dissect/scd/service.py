@@ -32,9 +32,9 @@ def encode(objects: Objects) -> bytes:
 
 
 def decode(octets: Octets, objects: Objects) -> tuple[Key, ...]:
-    """Update the information objects from a message (R15) of the kind ``objects.message``; return what changed (C2).
+    """Update the information objects from a message (R15) of the kind ``objects.message``; return the keys that changed (C2).
 
-    If that is empty, the octets are a message in its envelope.
+    If ``objects.message`` is empty, the octets are a message in its envelope.
     """
     return decode_named(_initialised(), octets, objects)
 

@@ -155,7 +155,7 @@ def _build(tables: Mapping[str, Any], path: str, lines: Lines) -> Dictionary:
         for error in (*reader.troubles.found, *broken):
             with troubles:
                 raise error
-        if not broken:  # what could be read keeps the rules, so that its PDOs can be placed
+        if not broken:  # the tables that could be read keep the rules, so PDOs can be placed
             made = Dictionary(body)
             if not troubles.found:
                 return made
@@ -170,8 +170,8 @@ def _build(tables: Mapping[str, Any], path: str, lines: Lines) -> Dictionary:
 class _Reader:
     """Reads the tables of one source. It remembers how each index was written, to find the line of a broken rule.
 
-    ``troubles`` collects the faults of tables, fields and entries. If others refer to what such a table would have defined,
-    that is not reported again.
+    ``troubles`` collects the faults of tables, fields and entries. References to the missing definition of such a table are not
+    reported again.
     """
 
     def __init__(self, tables: Mapping[str, Any], lines: Lines) -> None:
@@ -197,7 +197,7 @@ class _Reader:
         return 0 if home is None else home.line
 
     def body(self) -> Body:
-        """Return the records of what could be read, sorted; faults are in ``troubles``."""
+        """Return the records of all readable tables, sorted; faults are in ``troubles``."""
         self._top_level()
         for name in _TABLES:
             check_bounds(self._tables.get(name), f"[{name}]", self._lines.at(name))
@@ -322,7 +322,8 @@ class _Reader:
 
     def _field_type(self, table: Table) -> SimpleType:
         written = table.name_or_number("type")
-        if written in self._struct_tables and written not in self._simple:  # wherever it is, even this table itself
+        # wherever it is defined, even if it is this table
+        if written in self._struct_tables and written not in self._simple:
             name = written if isinstance(written, str) else f"0x{written:04x}"
             raise table.fail("type", f"{name} is not a simple type: no records of records", "R73")
         found = self._any_type(table)
@@ -414,7 +415,7 @@ class _Reader:
 
 
 def _only_width(kind: Kind) -> int:
-    """Return the bits of a kind that has only one width; 0 for others, which break a rule then, or are open."""
+    """Return the bits of a kind that has only one width; 0 for other kinds, which then break a rule or have an open width."""
     widths = {row.bits for row in STANDARD.values() if row.kind is kind}
     return widths.pop() if len(widths) == 1 else 0
 
@@ -432,5 +433,5 @@ def _trimmed(values: list[Plain]) -> list[Plain]:
 
 
 def _called(table: Table) -> list[str | int]:
-    """Return the name and the index that a table gives to what it defines, as far as it has them."""
+    """Return the name and the index that a table gives to its definition, as far as it has them."""
     return [found for key in ("name", "index") if isinstance(found := table.content.get(key), (str, int))]

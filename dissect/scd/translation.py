@@ -1,6 +1,6 @@
 """Translates a CANopen or POWERLINK device description, from any file format, to a dictionary (profile 3.1).
 
-Each model has features that the other one lacks. What can be kept is kept, and every loss is a `Note`.
+Each model has features that the other one lacks. Features are kept as far as possible, and every loss is a `Note`.
 """
 
 from __future__ import annotations
@@ -300,7 +300,7 @@ class _Translator:
 
 
 def _form(field: FieldRecord) -> tuple[object, ...]:
-    """Return what all elements of an ARRAY must have in common."""
+    """Return the properties that all elements of an ARRAY must have in common."""
     return (
         field.type,
         field.bits,

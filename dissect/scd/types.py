@@ -270,7 +270,7 @@ _CHECKS: Final = MappingProxyType(
         Kind.IP: _ip,
     }
 )
-#: The same for kinds of which a dictionary may have another form.
+#: The same for kinds that a dictionary may have in another form.
 _FORMED: Final = MappingProxyType({Kind.STRING: _string, Kind.NETTIME: _nettime})
 #: `SimpleType.form` of a network time that counts leap seconds.
 TAI: Final = "tai"

@@ -23,7 +23,7 @@ _SHOWN: Final = 8
 
 
 class Row(NamedTuple):
-    """A value: its address, its name, and its meaning by the dictionary.
+    """A value: its address, its name, and its meaning in the dictionary.
 
     ``address`` is "0x6041:0", for a field of a bare struct "struct.field"; ``name`` is the label of the variable. ``value`` is
     the raw value, ``physical`` the one with scale and shift (the same if there are none) in ``unit``; ``text`` is the
@@ -41,7 +41,10 @@ class Row(NamedTuple):
 
 
 class SharedTexts(NamedTuple):
-    """What all rows of a variable share: see `Row`. ``plain``: values have no text, and the physical is the raw value."""
+    """The data that all rows of a variable share: see `Row`.
+
+    ``plain``: values have no text, and the physical is the raw value.
+    """
 
     address: str
     name: str
@@ -124,7 +127,7 @@ def _variable(dictionary: Dictionary, message: Message, key: Key) -> Variable | 
 
 
 def subject(dictionary: Dictionary, message: Message) -> str:
-    """Return a short text of what a message is about, safe to show."""
+    """Return a short text that names the subject of a message, safe to show."""
     if message.service == "pdo":
         return _pdo(dictionary, message)
     if message.content:

@@ -57,7 +57,8 @@ def whole_octal(text: str) -> int:
 def written_value(text: str, kind: SimpleType) -> object:
     """Return a text as a value that `SimpleType.check` accepts. Raises ValueError.
 
-    For a signed integer 0x… are its bits, for a real those of its IEEE 754 form. A time is ISO 8601 or "seconds, nanoseconds".
+    For a signed integer 0x… gives its bits, for a real those of its IEEE 754 form. A time is ISO 8601 or "seconds,
+    nanoseconds".
     """
     if kind.kind is Kind.STRING:
         return text

@@ -1,1 +1,1 @@
-"""What all else stands on: bytes, codes with names, layouts of structures, text that is safe to show, files of users."""
+"""The base of all other wings: bytes, codes with names, layouts of structures, text that is safe to show, files of users."""

@@ -1,9 +1,9 @@
 """Copies and pickles of objects: `leaves` makes `copy`, `deepcopy` and `pickle` take the objects of a class, in both builds.
 
-Objects of compiled classes have no ``__dict__`` and are only made by a constructor with arguments, so that Python's own way
-fails. Here an object goes as its class, the arguments that make a new object of it, and its attributes by name. This form is
-the same in the compiled and the interpreted build: each reads the pickles of the other. State that is only needed while a run
-goes on does not go along, nor do session keys.
+Objects of compiled classes have no ``__dict__`` and are only made by a constructor with arguments, so Python's own way fails.
+Here an object is stored as its class, the arguments that make a new object of it, and its attributes by name. This form is the
+same in the compiled and the interpreted build: each reads the pickles of the other. State that is only needed during a run is
+not stored, and neither are session keys.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ Reduced: TypeAlias = "tuple[Callable[..., Any], tuple[Any, ...], dict[str, Any]]
 #: Gives the arguments for the constructor of a class from one of its objects.
 Taken: TypeAlias = Callable[[Any], "tuple[Any, ...]"]
 
-#: So many lists and dictionaries may enclose an object within a constant (`leaves_by_name`).
+#: How many nested lists and dictionaries may contain an object within a constant (`leaves_by_name`).
 _NESTED: Final = 2
 _LEFT_OUT: Final[dict[type, frozenset[str]]] = {}
 _TAKEN: Final[dict[type, Taken]] = {}
@@ -34,8 +34,9 @@ _TAKEN: Final[dict[type, Taken]] = {}
 def leaves(*kinds: type, without: tuple[str, ...] = (), taken: Taken | None = None) -> None:
     """Let objects of these classes be copied and pickled, without the attributes ``without``: a copy has those of a new object.
 
-    ``taken`` gives the arguments for the constructor, which by default are the attributes with the names of its parameters. A
-    class whose objects lead back to themselves through such an argument gives empty ones; the attributes are set afterwards.
+    ``taken`` gives the arguments for the constructor, which by default are the attributes with the names of its parameters. For
+    a class whose objects refer to themselves through such an argument ``taken`` gives empty arguments; the attributes are set
+    afterwards.
     """
     for kind in kinds:
         _LEFT_OUT[kind] = frozenset(without)
@@ -51,9 +52,9 @@ def leaves_as(kind: type, take: Callable[[Any], tuple[Any, ...]]) -> None:
 
 
 def leaves_by_name(kind: type, inner: str = "") -> None:
-    """Let objects of a class, which all stand in constants of modules, be copied and pickled as the very same object.
+    """Let objects of a class, which are all in constants of modules, be copied and pickled as the very same object.
 
-    They stand in the constant itself, in lists and dictionaries there, or in the list ``inner`` of an object that does.
+    They are in the constant itself, in lists and dictionaries there, or in the list ``inner`` of an object there.
     """
 
     def place(found: Any) -> tuple[Callable[..., Any], tuple[Any, ...]]:
@@ -66,7 +67,7 @@ def leaves_by_name(kind: type, inner: str = "") -> None:
 
 
 def _at(module: str, name: str, *keys: Any) -> Any:
-    """Return what stands in a constant of a module."""
+    """Return the object in a constant of a module."""
     found = getattr(import_module(module), name)
     for key in keys:
         found = found[key] if isinstance(found, (dict, list, tuple)) else getattr(found, key)
@@ -77,7 +78,7 @@ def _at(module: str, name: str, *keys: Any) -> Any:
 def _places(kind: type, inner: str, modules: int) -> dict[int, tuple[Any, ...]]:
     """Return the objects of a class by their identity: the object, its module, the name of the constant, and keys within.
 
-    It looks into the first ``modules`` modules: with more of them there are more constants.
+    It searches the first ``modules`` modules; when more have been imported, there are more constants.
     """
     found: dict[int, tuple[Any, ...]] = {}
     for module in [name for name in list(sys.modules)[:modules] if name.startswith("dissect.")]:
@@ -106,9 +107,9 @@ def keep_out(kind: type, *names: str) -> None:
 
 
 def derived(found: Any) -> Reduced:
-    """Return an object of a class from which users derive in the form in which `copy` and `pickle` take it apart.
+    """Return an object of a class from which users derive, in the form that `copy` and `pickle` use.
 
-    For its ``__reduce__``. As Python does, it makes a copy without the constructor of the user's class.
+    For its ``__reduce__``. As in Python, the copy is made without the constructor of the user's class.
     """
     return _blank, (type(found),), _state(found)
 
@@ -183,7 +184,7 @@ def _parameters(kind: Any) -> tuple[str, ...]:
 
 
 def _attribute(kind: Any, name: str) -> str:
-    """Return the attribute that holds a parameter; its own name where a class without slots shows none (interpreted)."""
+    """Return the attribute that holds a parameter; its own name if a class has no slots that show it (interpreted)."""
     found = (each for each in (name, f"_{name}", name.removesuffix("_")) if hasattr(kind, each))
     return next((each for each in found if not inspect.isroutine(getattr(kind, each))), name)
 
@@ -198,6 +199,6 @@ def _numbers(found: list[int]) -> Any:
     return vec[i64](found)
 
 
-# What answer times are kept in (`dissect.meaning.report.latencies`).
+# The store of answer times (`dissect.meaning.report.latencies`).
 copyreg.pickle(BytesWriter, lambda writer: (_writer, (writer.getvalue(),)))
 copyreg.pickle(vec[i64], lambda numbers: (_numbers, (list(numbers),)))

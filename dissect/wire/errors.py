@@ -1,4 +1,4 @@
-"""`Error`: what every exception of this package is that a program may want to catch."""
+"""`Error`: the base of the exceptions of this package that a program may want to catch."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 
 
 class Error(Exception):
-    """The base of the exceptions that say what is wrong with what was given: a file, an expression, keys, tags, a dictionary.
+    """The base of the exceptions about wrong input: a file, an expression, keys, tags, a dictionary.
 
     A mistake in the program itself (a wrong type, two arguments that exclude each other) is a TypeError or a ValueError.
     """
@@ -18,7 +18,7 @@ class Error(Exception):
             _again,
             (type(self), self.args),
             self.__dict__,
-        )  # constructors take other arguments than those of the message
+        )  # constructors take other arguments than the message
 
 
 def _again(kind: type[Error], arguments: tuple[Any, ...]) -> Error:
@@ -38,12 +38,12 @@ class MissingFileError(Error, FileNotFoundError):
 
 
 class UnreadableFileError(Error, OSError):
-    """Such a file is there, and the system does not let it be read."""
+    """The file exists, but the system does not allow reading it."""
 
 
 @contextmanager
 def of_family() -> Iterator[None]:
-    """Raise what the system says of a file that a program gave as an `Error`."""
+    """Turn an error of the system about a file that a program named into an `Error`."""
     try:
         yield
     except Error:

@@ -1,4 +1,4 @@
-"""`Layout` and `Field`: one description of each header, which everything that shows or builds it uses.
+"""`Layout` and `Field`: one description of each header, used by all code that shows or builds it.
 
 A `Layout` is a list of `Field`s without conditions and without loops. The Scapy layers, the field tree, the hex view, the
 documentation and the comparison with Wireshark are made from it. The order of headers and parts is plain Python in the parsers;
@@ -15,7 +15,7 @@ from dissect.wire.copies import leaves, leaves_by_name
 from dissect.wire.text import printable
 from dissect.wire.varint import read_varint
 
-#: So many octets without a meaning are in the representation of a field.
+#: The representation of a field shows so many octets without a meaning.
 _SHOWN: Final = 16
 #: Size of a field that takes the rest of its part: a text or octets whose length is stated elsewhere.
 REST: Final = -1

@@ -1,4 +1,4 @@
-"""Locks on open files, which end with the process that holds them."""
+"""Locks on open files; a lock ends with the process that holds it."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ import sys
 if sys.platform == "win32":
     import msvcrt
 
-    #: A lock keeps other processes from reading what is locked: for files that nobody reads.
+    #: A lock keeps other processes from reading the locked file, so it is for files that are not read.
     MANDATORY = True
 
     def lock(descriptor: int, *, shared: bool = False) -> None:
-        """Lock a file until it is closed, without waiting; OSError where another process has it (``shared``: alone)."""
+        """Lock a file until it is closed, without waiting; OSError if another process has it (``shared``: has it alone)."""
         if not shared:
             msvcrt.locking(descriptor, msvcrt.LK_NBLCK, 1)
 
@@ -21,5 +21,5 @@ else:
     MANDATORY = False
 
     def lock(descriptor: int, *, shared: bool = False) -> None:
-        """Lock a file until it is closed, without waiting; OSError where another process has it (``shared``: alone)."""
+        """Lock a file until it is closed, without waiting; OSError if another process has it (``shared``: has it alone)."""
         fcntl.flock(descriptor, (fcntl.LOCK_SH if shared else fcntl.LOCK_EX) | fcntl.LOCK_NB)

@@ -16,12 +16,12 @@ REASONS: Final = (
     "count_mismatch",   # a count field and the number of elements differ
     "unknown_type",     # a type octet that is in no table, so what follows cannot be read
     "bad_compression",  # compressed octets that do not inflate, or end before or after the end of what they hold
-    "too_large",        # compressed octets that become more than a bound allows
+    "too_large",        # compressed octets whose content exceeds a limit
 )  # fmt: skip
 
 #: The length fields that may set the limit that was broken (`Malformed.limit`).
 LIMITS: Final = ("snaplen", "ip", "tpkt", "li", "tsdu", "param", "data", "item", "packet", "pdu")
-#: What each of these is the length of, in words.
+#: The part whose length each of these fields gives, in words.
 _CONTAINERS: Final = {
     "snaplen": "the capture",
     "ip": "the IP packet",
@@ -44,7 +44,7 @@ _DEPTH: Final = "depth of "
 
 
 class Malformed:
-    """One fault: in ``layer`` at ``offset`` (from the beginning of the TPDU or TSDU) something does not fit.
+    """One fault: something does not fit in ``layer`` at ``offset`` (from the beginning of the TPDU or TSDU).
 
     ``needed`` and ``available`` are sizes in octets, for ``count_mismatch`` counts; for a count that is ``length_beyond`` only
     ``needed`` is a count. ``limit`` names the length field that set the bound (one of `LIMITS`). The parser that reports the
@@ -71,7 +71,7 @@ class Malformed:
 
     @property
     def word(self) -> str:
-        """What a report for a person puts before it."""
+        """The word that a report for people puts before it."""
         return "NOT KNOWN" if self.is_unknown else "MALFORMED"
 
     def at(self, offset: int) -> Malformed:

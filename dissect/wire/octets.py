@@ -1,4 +1,4 @@
-"""Big-endian reads (1 to 3 ns each) and counters that make no int objects when compiled."""
+"""Big-endian reads (1 to 3 ns each), and counters that make no int objects when compiled."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def same(octets: bytes, buf: bytes, at: i64, end: i64) -> bool:
 
 
 class Tally:
-    """Counts how often each number below ``size`` came.
+    """Counts the occurrences of each number below ``size``.
 
     ``often`` and ``also`` come far more often than the others: a caller that knows that a number is one of these adds to
     ``often_count`` or ``also_count`` itself.

@@ -35,7 +35,7 @@ _LATER_FORMULA: Final = "(;\\s*)(?=[=+\\-@\uff1d\uff0b\uff0d\uff20])"
 _DEFUSED: Final = "(;\\s*)'(?=[=+\\-@\uff1d\uff0b\uff0d\uff20])"
 _NUMBER: Final = r"[+-]?[0-9]+(\.[0-9]+)?([eE][+-]?[0-9]+)?"
 
-#: Numbers as text, without leading zeros, with two and with three digits: looking them up is several times as fast as `str`,
+#: Numbers as text, without leading zeros, with two and with three digits. Looking them up is several times as fast as `str`,
 #: and bulk outputs mostly write digits.
 SHORT: Final[list[str]] = [str(number) for number in range(1000)]
 TWO: Final[list[str]] = [f"{number:02d}" for number in range(100)]
@@ -140,14 +140,14 @@ class JsonTexts:
 
 
 def encodable(text: str) -> str:
-    r"""Return ``text`` with only the characters escaped that UTF-8 cannot hold: a file name's octet 0xFF becomes ``\xff``."""
+    r"""Return ``text`` with only those characters escaped that UTF-8 cannot hold: a file name's octet 0xFF becomes ``\xff``."""
     if text.isascii():
         return text
     return "".join([_escape(character) if 0xD800 <= ord(character) <= 0xDFFF else character for character in text])
 
 
 def reason(error: BaseException) -> str:
-    """Return why something failed, on one line for people; for an error of the system with the file that it is about."""
+    """Return why something failed, on one line for people; an error of the system is given with its file."""
     if isinstance(error, OSError) and error.strerror:
         about = f"{os.fsdecode(error.filename)}: " if isinstance(error.filename, (str, bytes)) else ""
         return printable(f"{about}{error.strerror}")
@@ -175,7 +175,7 @@ def some(texts: list[str], most: int, joint: str = ", ") -> str:
 
 
 def cut_inside(text: str, most: int) -> str:
-    """Return `printable` text; of one longer than ``most`` characters the end stays, which says what became of it."""
+    """Return `printable` text; if it is longer than ``most`` characters, cut its middle and keep the end with the reason."""
     if len(text) <= most:
         return printable(text)
     tail: int = most // 3
@@ -199,7 +199,7 @@ def cell(text: str) -> str:
 
 
 def uncell(text: str) -> str:
-    """Return the text that `cell` made a cell of, but for escapes."""
+    """Return the text from which `cell` made a cell, except for escapes."""
     if text[:1] == "'" and text[1:].lstrip()[:1] in tuple(_FORMULA):
         text = text[1:]
     return re.sub(_DEFUSED, r"\1", text) if ";" in text else text
@@ -254,7 +254,7 @@ def short_duration(ns: i64) -> i64:
 
 
 def over_limit(ns: int, limit_ns: int) -> str:
-    """Return how long something took, and its limit; where both are the same text, by how much it was over the limit."""
+    """Return how long something took, and its limit; if both look the same, return by how much the limit was exceeded."""
     took, limit = duration_text(ns), duration_text(limit_ns)
     return (
         f"{took}, the limit is {limit}"
@@ -264,7 +264,7 @@ def over_limit(ns: int, limit_ns: int) -> str:
 
 
 def distance_text(ns: int) -> str:
-    """Return how long before something was, for example ``965 µs earlier``; if it came after, ``1.20 s later``."""
+    """Return how much earlier something was, for example ``965 µs earlier``; if it came after, ``1.20 s later``."""
     return f"{duration_text(ns)} earlier" if ns >= 0 else f"{duration_text(-ns)} later"
 
 

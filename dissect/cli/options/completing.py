@@ -47,18 +47,18 @@ findings: Final = from_table(_findings)
 
 
 def connections(ctx: click.Context, _param: click.Parameter, incomplete: str) -> list[CompletionItem]:
-    """Return the numbers of the connections of the captures that were typed, with their ends; none where it would take long."""
+    """Return the numbers of the connections of the typed captures, with their ends; none if that would take long."""
     from pathlib import Path
 
     from click.shell_completion import CompletionItem
 
-    # Where the value of an option is missing, click leaves arguments as they were typed.
+    # If the value of an option is missing, click leaves the arguments as they were typed.
     words = ctx.params.get("files") or ctx.args
     try:
         files = [path for path in map(Path, words) if path.is_file()]  # others are an SQL query, or an address
         files = (
             files[:1] if ctx.command.name == "diff" else files
-        )  # connections of the second have numbers of their own
+        )  # a second file would have connection numbers of its own
         if not files or sum([path.stat().st_size for path in files]) > _LARGEST:
             return []
         from dissect.files.session import analyze

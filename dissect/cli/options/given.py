@@ -1,4 +1,4 @@
-"""Which options were typed: one that has a default must not be taken in silence where its partner is missing either."""
+"""Which options were typed: an option with a default must not be ignored silently if its partner is missing."""
 
 from __future__ import annotations
 

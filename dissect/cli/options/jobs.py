@@ -13,7 +13,7 @@ from dissect.cli.folders import any_folder
 from dissect.cli.task import current
 
 AUTO: Final = "auto"
-#: Under these the context of a command keeps the address of a cluster, and whether files are looked up in their index.
+#: Keys in the context of a command: the address of a cluster, and whether files are looked up in their index.
 _CLUSTER: Final = "dissect.cli.options.jobs.cluster"
 _INDEXED: Final = "dissect.cli.options.jobs.indexed"
 
@@ -61,7 +61,7 @@ def cluster_address(ctx: click.Context, param: click.Parameter, value: str | Non
 
 
 def cluster_meant() -> str:
-    """Return the address that ``--cluster`` of the command at hand has, "" for none."""
+    """Return the address in ``--cluster`` of the running command, "" for none."""
     return str(click.get_current_context().meta.get(_CLUSTER, ""))
 
 
@@ -106,7 +106,7 @@ def separate_options(command: Any) -> Any:
 
 
 def check_jobs(separate: bool, jobs: int) -> bool:
-    """Return whether each file is a capture of its own: by option, or because the files are those of a folder.
+    """Return whether each file is a separate capture: by option, or because the files belong to a folder.
 
     Raises UsageError for several processes, machines or an index if files may continue one another (decision 18).
     """

@@ -1,4 +1,4 @@
-"""The options of `s7dissect monitor` for what goes along with it: evidence on disk, and alerts."""
+"""The options of `s7dissect monitor` for additional tasks: evidence on disk, and alerts."""
 
 from __future__ import annotations
 
@@ -86,7 +86,7 @@ def _size(ctx: click.Context, param: click.Parameter, value: str | None) -> int:
 
 
 def file_of(out: str) -> Path | None:
-    """Return the file that ``-w`` names, None where it names a folder: as with tshark, a name with an extension is a file."""
+    """Return the file that ``-w`` names, None if it names a folder: as with tshark, a name with an extension is a file."""
     path = Path(out)
     return path if path.suffix and not path.is_dir() and not out.endswith("/") else None
 
@@ -125,7 +125,7 @@ def _file_time(ctx: click.Context, param: click.Parameter, value: str) -> int:
 
 
 class Beside:
-    """The parts that run beside the session, by the options. `companions` makes it; `watch` passes it the session."""
+    """The parts that run beside the session, according to the options. `companions` makes it; `watch` passes it the session."""
 
     def __init__(
         self,
@@ -173,9 +173,10 @@ class Beside:
         self.alerting: AlertCompanion | None = None
         self.reporting: ReportCompanion | None = None
         self._shown = False
-        #: The only file that is written, or in whose place the files of a ring are; None where -w names a folder.
+        #: The only file that is written, or the name from which the names of the ring's files are made; None if -w names a
+        #: folder.
         self._file = file
-        #: The folder that must stay writable, None for none; and the folders that were made for it, the outermost first.
+        #: The folder that must stay writable, None for none; and the folders that were created for it, the outermost first.
         self.directory = directory
         if file is not None:
             self.directory = str(file.parent) if limits is not None else None
@@ -309,7 +310,7 @@ class Beside:
         return AlertCompanion(_engine_of(rules, baseline, dispatcher.submit), dispatcher)
 
     def _rules_read(self, path: str) -> tuple[AlertRules, Baseline | None]:
-        """Return rules and baseline as their files have them now."""
+        """Return rules and baseline as they are in their files now."""
         from dissect.online.alerts.loading import load_rules
         from dissect.output.baseline.loading import load_baseline
         from dissect.scd.user_file import FileError
@@ -320,7 +321,7 @@ class Beside:
             raise click.ClickException(str(error)) from None
 
     def rules_again(self) -> Callable[[], None] | None:
-        """Read rules and baseline again; return what puts them in force between two packets, None without rules.
+        """Read rules and baseline again; return a function that applies them between two packets, None without rules.
 
         Raises `click.ClickException` for files that cannot be used.
         """
@@ -382,7 +383,7 @@ def _engine_of(rules: AlertRules, baseline: Baseline | None, tell: Callable[[Ale
 
 
 def beside_options(command: Callable[..., int]) -> Callable[..., int]:
-    """Add the options to a command, which is given the `Beside` that they make as ``beside``."""
+    """Add the options to a command; their `Beside` is passed to it as ``beside``."""
 
     @click.option(
         "-w",

@@ -1,4 +1,4 @@
-"""Numbers on the command line: ``10``, ``10-12`` or ``10..12``; and choices by the words that people have."""
+"""Numbers on the command line: ``10``, ``10-12`` or ``10..12``; and choices by the words that people use."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class NumberRange(_RangeType):
     name = "numbers"
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> range:
-        """Return the numbers that a text means."""
+        """Return the numbers that a text denotes."""
         match = _RANGE.fullmatch(value)
         first = int(match[1]) if match else 0
         last = int(match[2] or first) if match else 0

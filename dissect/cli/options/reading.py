@@ -34,11 +34,11 @@ def reading_options(
     separate: bool = False,
     indexed: bool = True,
 ) -> Callable[[Callable[..., int]], Callable[..., int]]:
-    """Return a function that adds them to a command about things of ``kinds``.
+    """Return a function that adds them to a command about results of ``kinds``.
 
-    ``files`` is its argument, None if it has its own. ``selects`` and ``results`` are those of `select_options`, which is left
-    out without the former. The others determine its options: ``fails`` is --fail-on, ``separate`` --separate, -j and --cluster,
-    with ``indexed`` --indexed as well.
+    ``files`` is its argument for files, None if it has its own. ``selects`` and ``results`` are those of `select_options`,
+    which is left out without the former. The others add options: ``fails`` is --fail-on, ``separate`` --separate, -j and
+    --cluster, with ``indexed`` --indexed as well.
     """
 
     def decorate(command: Callable[..., int]) -> Callable[..., int]:

@@ -15,7 +15,7 @@ _FILE = click.Path(dir_okay=False, readable=False)
 
 
 def scd_options(command: Callable[..., int]) -> Callable[..., int]:
-    """Add ``--scd`` and ``--bind`` to a command, which is given the ``decoder`` they make, or None without them."""
+    """Add ``--scd`` and ``--bind`` to a command; their decoder is passed to it as ``decoder``, None without them."""
 
     @click.option(
         "--scd",

@@ -33,9 +33,9 @@ if TYPE_CHECKING:
 else:
     _ParamType = click.ParamType
 
-#: Items that a line on a terminal names.
+#: The most items that a line on a terminal names.
 MOST_ITEMS: Final = 12
-#: Name of the format that writes fields alone.
+#: Name of the format that writes only fields.
 FIELDS_FORMAT: Final = "fields"
 
 
@@ -43,8 +43,8 @@ class Chosen:
     """The selection by the options of a command: ``where`` (None for everything), and at most ``most`` results (0 for all).
 
     ``columns`` are the fields of ``-T fields``. ``connections`` and ``window`` are the values of `--connection` and `--time`,
-    which are part of ``where`` as well; after all was read, ``impossible`` says that there is no such thing, ``wrong`` that
-    there is no such number.
+    which are part of ``where`` as well. After reading, ``impossible`` says that the selected thing does not exist, ``wrong``
+    that the selected number does not.
     """
 
     def __init__(
@@ -76,15 +76,15 @@ class Chosen:
 
     @property
     def full(self) -> bool:
-        """True when as many results were taken as are wanted."""
+        """True when the requested number of results was reached."""
         return bool(self.most) and self.taken >= self.most
 
     def ended(self, code: int) -> int:
-        """Return the exit code of a command that would end with ``code``: a number that nothing has is wrong use."""
+        """Return the exit code of a command that would end with ``code``: a number that does not exist is wrong use."""
         return EXIT_USAGE if self.wrong and code == EXIT_OK else code
 
     def choice(self, kind: str, also: Callable[[Any], bool] | None = None) -> Callable[[Any], bool] | None:
-        """Return a function that selects things of a kind, by these options and ``also``; None for all."""
+        """Return a function that selects objects of a kind, by these options and ``also``; None for all."""
         wanted = self.where.predicate(kind) if self.where is not None else None
         if wanted is None and not self.most:
             return also
@@ -100,7 +100,7 @@ class Chosen:
         return takes
 
     def events(self, session: Session) -> SelectedEvents | None:
-        """Return what lets events of a live session pass; None where all do."""
+        """Return a filter for the events of a live session; None if all pass."""
         if self.where is None:
             return None
         from dissect.online.live.selected import SelectedEvents
@@ -118,14 +118,14 @@ class Chosen:
         return lambda *message: takes(Message(*message))
 
     def writer(self, format_: Format, kind: str, clock: Clock, verbose: bool = False) -> Writer:
-        """Return the writer of a format; UsageError where ``-e`` and ``-T fields`` do not come together."""
+        """Return the writer of a format; UsageError unless ``-e`` and ``-T fields`` are given together."""
         if (format_.name == FIELDS_FORMAT) != bool(self.columns):
             missing = "-e FIELD (repeatable)" if not self.columns else f"-T {FIELDS_FORMAT}"
             given = f"-T {FIELDS_FORMAT}" if not self.columns else "-e"
             raise click.UsageError(f"{given} needs {missing}.")
         writer = format_.writer(kind, clock, verbose)
         of = current()
-        if of is None or of.direct is not None:  # else another process writes the lines
+        if of is None or of.direct is not None:  # otherwise another process writes the lines
             writer.plain = plain()
         if of is None and sys.stdout.isatty():
             writer.most = MOST_ITEMS
@@ -226,7 +226,7 @@ def where_option(*kinds: str, help: str = _where) -> Callable[[Any], Any]:  # no
 
 
 def read_where(text: str | None, also: Sequence[str] = (), kinds: Sequence[str] = ()) -> Where | None:
-    """Return the selection of an option; None where nothing was given. A wrong one is wrong use."""
+    """Return the selection of an option; None if it was not given. A wrong one is wrong use."""
     if not text and not also:
         if text is not None:
             raise click.BadParameter("the expression is empty.", param_hint="'-Y' / '--where'")
@@ -243,7 +243,7 @@ def read_where(text: str | None, also: Sequence[str] = (), kinds: Sequence[str] 
 def select_options(
     *kinds: str, numbers: bool = True, results: str = ""
 ) -> Callable[[Callable[..., int]], Callable[..., int]]:
-    """Return a function that adds the options to a command about things of ``kinds``; it gets a `Chosen` as ``chosen``.
+    """Return a function that adds the options to a command about results of ``kinds``; it gets a `Chosen` as ``chosen``.
 
     ``numbers``: ``--connection`` and ``--time`` as well. ``results``, the name of its results: ``-c`` and ``-e`` too.
     """
@@ -266,7 +266,7 @@ def select_options(
             if asked is not None:
                 stretch = (
                     f'"{asked.text}"' if " " in asked.text else asked.text
-                )  # a date and a time may have a blank between
+                )  # a date and a time may be separated by a space
                 also.append(f"time in {{{stretch}}}")
             return command(
                 *arguments,

@@ -15,12 +15,12 @@ if TYPE_CHECKING:
     from dissect.meaning.tags import TagSet
     from dissect.meaning.tags.problems import Problem
 
-#: Problems of tags that are listed in full; of more their number.
+#: The most problems of tags that are listed in full; further ones are only counted.
 MAX_LISTED: Final = 50
 
 
 def tag_options(command: Callable[..., int]) -> Callable[..., int]:
-    """Add ``--tags`` and what belongs to it to a command, which is given the ``naming`` they make, or None without them."""
+    """Add ``--tags`` and related options to a command; the result is passed to it as ``naming``, None without them."""
 
     @click.option(
         "--tags",
@@ -41,7 +41,7 @@ def tag_options(command: Callable[..., int]) -> Callable[..., int]:
 
 
 def tag_reading_options(command: Callable[..., int]) -> Callable[..., int]:
-    """Add ``--tags-encoding`` and ``--tags-db``; the command is given ``encoding`` and ``numbers``."""
+    """Add ``--tags-encoding`` and ``--tags-db``; the command gets them as ``encoding`` and ``numbers``."""
     command = click.option(
         "--tags-db",
         "numbers",
@@ -84,7 +84,7 @@ def _numbers(ctx: click.Context, param: click.Parameter, texts: Sequence[str]) -
 
 
 def naming_of(paths: Sequence[str], encoding: str, numbers: dict[str, int]) -> Naming | None:
-    """Return what names values by files of tags, None for no file. Raises `click.ClickException`."""
+    """Return the names for values from files of tags, None for no file. Raises `click.ClickException`."""
     if not paths:
         if was_given("encoding", "numbers"):
             raise click.UsageError("missing --tags FILE: --tags-encoding and --tags-db are options for reading it.")
@@ -119,7 +119,7 @@ def naming_again() -> Naming | None:
 def load(paths: Sequence[str], encoding: str, numbers: dict[str, int], more: bool = False) -> TagSet:
     """Return the tags of files; warnings go to stderr. ``more``: files of other PLCs may have some of the ``numbers``.
 
-    Raises `click.ClickException` with everything that is wrong.
+    Raises `click.ClickException` with all problems.
     """
     from dissect.meaning.tags import TagError
     from dissect.meaning.tags.loading import load_tags

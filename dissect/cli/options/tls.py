@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 
 def tls_option(command: Callable[..., int]) -> Callable[..., int]:
-    """Add ``--tls-keys`` to a command, which is given the ``tls_keys`` of the files, or None without them."""
+    """Add ``--tls-keys`` to a command; the keys in the files are passed to it as ``tls_keys``, None without them."""
 
     @click.option(
         "--tls-keys",

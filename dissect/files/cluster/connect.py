@@ -16,7 +16,7 @@ from urllib.parse import urlsplit
 from dissect.packets.source.remote import bounded
 from dissect.wire.text import reason, shortened
 
-#: Seconds in all for which answers from the scheduler and the workers are awaited.
+#: Seconds in all to wait for answers from the scheduler and the workers.
 ANSWER_S: Final = 8
 #: Seconds for closing the connection.
 _CLOSE_S: Final = 1

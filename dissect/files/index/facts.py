@@ -57,7 +57,7 @@ class FileFacts:
 
 
 def continued(files: Iterable[FileFacts]) -> dict[str, str]:
-    """Return the files that begin soon after the end of the previous file in time, as those of a ring do, with that file.
+    """Return the files that begin soon after the end of another file, as those of a ring do, each with that file.
 
     These are the files whose connections `dissect.files.session.Run` would continue, if they were read in the order of time.
     """

@@ -64,7 +64,7 @@ class StoreError(Exception):
 class Store:
     """A catalogue, as a context.
 
-    One that another ``version`` of the program wrote is emptied, because that version may have found other things. Without
+    An index that another ``version`` of the program wrote is emptied, because that version may have found other things. Without
     ``changes`` it must exist, and is only read. Raises `StoreError` if it cannot be opened, read or written.
     """
 
@@ -101,7 +101,7 @@ class Store:
             return
         if not self._changes:
             raise StoreError(f"{self.path} is not of this version: `s7dissect index` brings it up to date")
-        # Another process may be about to do the same: the second one finds it done.
+        # Another process may be about to do the same: the second one finds that it is already done.
         base.execute("BEGIN IMMEDIATE")
         if not self._is_current():
             for (name,) in base.execute("SELECT name FROM sqlite_master WHERE type = 'table'").fetchall():

@@ -82,7 +82,7 @@ class _Batch:
         self._written = time.monotonic()
 
     def add(self, change: FileFacts | str) -> None:
-        """Take the facts about a file, or the name of one to forget; write them when there are many or a second has passed."""
+        """Take the facts about a file, or the name of a file to forget; write them when there are many or a second has passed."""
         self._waiting.append(change)
         if len(self._waiting) >= _TOGETHER or time.monotonic() - self._written >= _LONGEST_S:
             self.write()
@@ -117,7 +117,7 @@ def _update(
     hidden = tuple([name for name in changes.unreadable if name.endswith("/")])
     for name in known.keys() - set(names) - changes.unreadable.keys():
         if name.startswith(hidden):
-            continue  # perhaps it exists, for users who may look into the folder: keep its facts
+            continue  # it may exist, but only for users who may look into the folder: keep its facts
         batch.add(name)
         changes.gone.append(name)
     for name in names:

@@ -44,12 +44,13 @@ class Analyses:
         self._add_findings(later, before)
 
     def finish(self) -> None:
-        """There are no more parts, and nothing waits for one."""
+        """There are no more parts, and no later part waits for one."""
 
     def _add_findings(self, later: Analysis, before: int) -> None:
         """Keep the findings of a part with the numbers that they have in one run; ``before`` were reported in earlier parts.
 
-        The limits of one run may leave some out. With a selection it is unknown which ones, so these numbers have gaps then.
+        The limits of one run may leave out some findings. With a selection it is unknown which ones, so there are gaps in these
+        numbers.
         """
         numbers = {0: 0}
         for finding in sorted([*later.findings, *later.explained], key=_number):

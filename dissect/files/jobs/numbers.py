@@ -16,7 +16,8 @@ from dissect.files.jobs.spots import Spots
 #: Digits of the number itself, after those of the mark.
 _DIGITS: Final = 9
 _ROOM: Final = 10**_DIGITS
-#: Range of marks, which have nine digits. So eight times a marked number fits in 64 bits, and it is not a plausible time in ns.
+#: Range of marks, which have nine digits. With this, eight times a marked number fits in 64 bits, and it is not a plausible
+#: time in ns.
 _LEAST: Final = 2 * 10**8
 _MOST: Final = 9 * 10**8
 

@@ -64,7 +64,8 @@ class KeptFiles:
     def _remove_one(self) -> int:
         """Delete the oldest file of the hosts that have most of them; of several such hosts, the oldest of all.
 
-        Return how many are gone: none where somebody has it open, and with a later one those that waited.
+        Return how many files were deleted: none if one is open in another program; files that could not be deleted earlier
+        count as well.
         """
         hosts = min(self._by_hosts, key=lambda one: (-len(self._by_hosts[one]), self._by_hosts[one][0][0]))
         kept = self._by_hosts[hosts]
@@ -98,13 +99,13 @@ class Owed:
         self.octets = sum([len(packet.octets) for packet in packets])
 
     def add(self, packet: KeptPacket) -> None:
-        """One more is owed."""
+        """Count one more packet to be written."""
         self.first = min(self.first, packet.frame)
         self.packets += 1
         self.octets += len(packet.octets)
 
     def pay(self, packet: KeptPacket) -> None:
-        """One of them was written."""
+        """Note that one of them was written."""
         self.packets -= 1
         self.octets -= len(packet.octets)
 
@@ -185,7 +186,7 @@ class EventCapture(PacketSink):
         try:
             self.settle()
             self.tick(time_ns)
-        finally:  # an error concerns the packet before: this one is kept, and counted as in the pipeline
+        finally:  # an error concerns the previous packet: this one is kept, and counted as in the pipeline
             self.frames += 1
             packet = KeptPacket(self.frames, time_ns, octets, wire_length, link_type, interface, self._comments)
             self._comments = []
@@ -237,7 +238,7 @@ class EventCapture(PacketSink):
     # ---- findings ---------------------------------------------------------------------------------------------------
 
     def finding(self, finding: Finding) -> None:
-        """Add a finding as a comment to its packets; one of ``slugs`` that no other explains is also a trigger."""
+        """Add a finding as a comment to its packets; one of ``slugs`` without another finding as its cause is also a trigger."""
         frames = [int(frame) for frame in finding.frames]
         comment = finding_comment(finding)
         if finding.slug in self._slugs and not finding.because:
@@ -270,7 +271,7 @@ class EventCapture(PacketSink):
         return self._owed is not None
 
     def retry(self) -> None:
-        """Write the packets that are owed, and still in memory, to a file; after an `OSError` they are still owed."""
+        """Write the packets that are still to be written and in memory to a file; after an `OSError` they are still to be written."""
         owed = self._owed
         if owed is None:
             return
@@ -349,7 +350,7 @@ class EventCapture(PacketSink):
         return f"s7dissect: memory ran short: so far {shortened} packets were dropped before their time was over"
 
     def _write(self, writer: PcapngWriter, packet: KeptPacket, owed: Owed | None = None) -> None:
-        """Write a packet, which is one less of those ``owed``; after an error, it and the following ones are owed."""
+        """Write a packet, one of those ``owed``; after an error, it and the following ones are still owed."""
         try:
             writer.packet(
                 packet.time_ns, packet.octets, packet.wire_length, packet.link_type, packet.comments, packet.interface

@@ -1,4 +1,4 @@
-"""`Removing`: deletes files whose time is over, later those that somebody has open at the moment."""
+"""`Removing`: deletes files when their time is over; files that are open in another program are deleted later."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ from dissect.wire import locks
 
 
 class Removing:
-    """Deletes files. Windows refuses that while a program has the file open: it is tried again with the next one."""
+    """Deletes files. Windows refuses to delete a file that a program has open: it is tried again with the next one."""
 
     def __init__(self) -> None:
         self._read_by_others: list[Path] = []
 
     def remove(self, path: Path) -> list[Path]:
-        """Delete a file and those that are left from before; return those that are gone. Raises OSError."""
+        """Delete a file and those left from before; return those that were deleted. Raises OSError."""
         self._read_by_others.append(path)
         gone: list[Path] = []
         for one in [*self._read_by_others]:

@@ -198,9 +198,9 @@ class RingBuffer(PacketSink):
     """Writes every packet to the files of a ring in ``directory``. An `OSError` names its file.
 
     A file begins with its first packet, so a silent network leaves no empty ones; call `tick` when time passes without packets.
-    Only files that a ring of this name made in the folder, in this run or an earlier one, count for the limits and are removed;
-    with a limit of ``octets`` as well, ``files`` of them together take that many times as much and 512 KiB for each. On a full
-    disk, and while less than ``keep_free`` octets are free, the oldest files are removed first, if there is any limit.
+    Only files that a ring of this name made in the folder, in this run or an earlier one, count for the limits and are removed.
+    With a limit of ``octets`` as well, ``files`` files may take that many times as much, plus 512 KiB for each. On a full disk,
+    and while less than ``keep_free`` octets are free, the oldest files are removed first, if there is any limit.
 
     ``packets`` counts what was written, ``finished`` names the complete files of this run that still exist, the oldest first;
     ``removed`` counts removed ones. After an error the current file is left unchanged, and the next packet begins a new one;

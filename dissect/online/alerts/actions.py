@@ -1,4 +1,4 @@
-"""`Action`: the base of everything that delivers alerts.
+"""`Action`: the base class of all actions that deliver alerts.
 
 `dissect.online.alerts.loading` makes an action of each [[action]] table.
 """

@@ -18,7 +18,7 @@ _MAX_TEXT: Final = 1000
 class Alert:
     """One alert of a rule.
 
-    ``text`` is a sentence. ``pair`` and ``connection`` (0: none) say who it is about; ``detail`` is what was seen, as values
+    ``text`` is a sentence. ``pair`` and ``connection`` (0: none) are the hosts concerned; ``detail`` has the observed values
     for JSON: ``finding``, ``new``, ``measured`` or ``problem``. ``repeated`` counts how often the alert was suppressed since it
     was last given. ``since_ns`` is when a lasting state began (0: an event). Texts may contain text from the wire, not escaped.
     """
@@ -50,7 +50,7 @@ class Alert:
 
     @property
     def kind(self) -> str:
-        """The kind of the alert within its rule: the slug of a finding, what is new, the kind of a problem, or empty."""
+        """The kind of the alert within its rule: the slug of a finding, the kind of a new thing or of a problem, or empty."""
         found, new = self.detail.get("finding"), self.detail.get("new") or self.detail.get("problem")
         if isinstance(found, dict):
             return str(found.get("slug", ""))

@@ -89,7 +89,7 @@ def _kill(process: subprocess.Popen[bytes]) -> None:
 
 
 def _kill_group(process: subprocess.Popen[bytes]) -> None:
-    """Kill a program and what it started (its process group), unless it has ended: its group may then be another's."""
+    """Kill a program and the programs it started (its process group), unless it has ended: then the group may be another's."""
     if process.poll() is not None:
         return
     if sys.platform == "win32":
@@ -117,7 +117,7 @@ def filled(argument: str, alert: Alert) -> str:
 
 def command_of(table: Table, name: str, timeout: float, parallel: int, trial: bool = False) -> Command:
     """Return the action of a table; raises `DictionaryError`. For a ``trial`` the program need not be there."""
-    # Not a word of it is printed: an argument may be a token.
+    # It is not printed at all, because an argument may be a token.
     if not isinstance(table.content.get("command"), list):
         raise table.fail("command", 'must be a list of texts, ["PROGRAM", "ARGUMENT"]; no shell is used')
     arguments = table.items("command")

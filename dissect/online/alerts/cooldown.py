@@ -20,7 +20,7 @@ MAX_REMEMBERED: Final = 16384
 #: Interval (capture time) of the checks of all entries; it grows with every this many entries.
 _FLUSH_NS: Final = 1_000_000_000
 _MANY: Final = 1024
-#: Servers of which the first alert of a minute is given beyond the limit `Rule.burst`, and named when they are more.
+#: At most this many servers get their first alert of a minute beyond the limit `Rule.burst`, or are named in a summary.
 MAX_SERVERS: Final = 100
 _NAMED: Final = 3
 #: The period for the limit `Rule.burst`.
@@ -38,7 +38,7 @@ class _Reported:
     def __init__(self, make: Make) -> None:
         self.make = make
         self.told_ns = 0
-        self.spoken = False  # an alert was given at least once
+        self.spoken = False  # whether an alert was given
         self.repeated = 0  # how often it happened since then, without an alert
         self.since_ns = -1  # for a state: when it began, -1 while it does not hold
         self.looked_ns = 0  # when it was last found to hold
@@ -55,11 +55,11 @@ class _Burst:
         self.given = 0
         self.held = 0
         self.last: Alert | None = None
-        self.servers: set[str] = set()  # of the alerts that were given
-        self.further: dict[str, None] = {}  # of those held back, servers of which none was given
+        self.servers: set[str] = set()  # servers whose alerts were given
+        self.further: dict[str, None] = {}  # servers of which all alerts were held back
 
     def spares(self, alert: Alert) -> bool:
-        """Return whether an alert is given beyond the limit: the first of a server, so that a flood does not hide it."""
+        """Return whether an alert is given beyond the limit: the first alert of a server, so that a flood does not hide it."""
         server = alert.pair[1] if alert.pair is not None else ""
         if not server or server in self.servers:
             return False
@@ -87,7 +87,7 @@ class Cooldown:
         self._speak(rule, told, now_ns)
 
     def more(self, rule: Rule, about: Hashable, number: int, now_ns: int, make: Make) -> None:
-        """Take ``number`` events at once, which are told with the next alert about the same."""
+        """Take ``number`` events at once; they are reported with the next alert about the same subject."""
         told = self._entry(rule, about, make)
         if told.spoken:
             told.repeated += number
@@ -118,7 +118,7 @@ class Cooldown:
             self._say(told, now_ns)  # the state lasts
 
     def flush(self, now_ns: int, over: bool = False) -> None:
-        """Give alerts that were held back when their time has come; all of them when the run is ``over``.
+        """Give the held-back alerts whose time has come; all of them if the run is ``over``.
 
         A state that was not reported at ``now_ns`` is taken as over, because its connection is gone.
         """
@@ -131,7 +131,7 @@ class Cooldown:
                 told.since_ns = -1
             waited = now_ns - told.told_ns >= rule.cooldown_ns
             if told.repeated and (waited or over) and not rule.once:
-                told.repeated -= 1  # the alert is about the latest one
+                told.repeated -= 1  # one of them is reported by the alert itself
                 self._say(told, now_ns)
             elif waited and not told.repeated and not rule.once and told.since_ns < 0:
                 del self._told[key]

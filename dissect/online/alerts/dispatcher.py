@@ -57,7 +57,7 @@ class SpoolLane:
         self._threads: list[threading.Thread] = []
 
     def start(self) -> None:
-        """Take over what an earlier run left, and deliver it. May be called twice."""
+        """Take over and deliver the alerts that an earlier run left. May be called twice."""
         with self._changed:
             if self._threads or self._closed:
                 return
@@ -103,7 +103,7 @@ class SpoolLane:
         for thread in self._threads:
             thread.join(1.0)
         with self._changed:
-            # An alert that is still being written counts as lost: it is not known whether it will be on disk.
+            # An alert that is still being written counts as lost: it is not certain to reach the disk.
             self.counts.dropped += self._fresh.clear() + self._writing + self.spool.lost_at_end
             left = len(self.spool) - self.spool.lost_at_end
             self.spool.close()
@@ -131,7 +131,7 @@ class SpoolLane:
                 back = self._reopened()
             if back:
                 self._complaints.say(f"alerts wait in {self.spool.folder} again")
-            # Without the lock: a disk may take seconds, and the capturing thread would have to wait for the lock.
+            # Without the lock, because a disk may take seconds and the capturing thread must not wait for the lock that long.
             written = self.spool.write(RANKS[alert.severity], alert.as_json().encode("ascii"))
             with self._changed:
                 dropped = self.spool.keep(written)
@@ -147,7 +147,7 @@ class SpoolLane:
                 self._complaints.about("spool", f"{trouble}: alerts wait in memory only")
 
     def _reopened(self) -> bool:
-        """Try again, when it is time, a folder that could not be used; return whether it can now. Needs the lock."""
+        """If it is time, try again to use the folder; return whether that works now. Needs the lock."""
         now = self._clock()
         if self.spool.is_open or now < self._reopen_at:
             return False

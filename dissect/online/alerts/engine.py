@@ -28,7 +28,7 @@ from dissect.output.baseline.watch import BaselineWatch, Deviation
 #: Interval (capture time) of the checks of states; it grows with every this many connections and measures.
 LOOK_NS: Final = 200_000_000
 _MANY: Final = 512
-#: After this long, a connection without a transaction is judged by what is known of it.
+#: After this long, a connection without a transaction is judged by the facts known so far.
 _JUDGE_NS: Final = 1_000_000_000
 #: A tick that is earlier than the one before by more than this means that the clock was set back.
 _SET_BACK_NS: Final = 1_000_000_000
@@ -121,7 +121,7 @@ class AlertEngine(Observer):
                 self._deviates(deviation, act.connection)
 
     def finding(self, finding: Finding) -> None:
-        """Apply the rules to a finding that no other explains."""
+        """Apply the rules to a finding that has no other finding as its cause."""
         if finding.because:
             return
         if finding.time_ns > self.now_ns:
@@ -133,7 +133,7 @@ class AlertEngine(Observer):
                 self._cooldown.event(rule, (finding.slug, pair), self.now_ns, make)
 
     def repeated(self, finding: Finding) -> None:
-        """Count findings that were only counted by those who make them."""
+        """Count findings that were counted but not made in detail."""
         if finding.time_ns > self.now_ns:
             self._advance(int(finding.time_ns))
         pair = pair_of(finding.client, finding.server)
@@ -150,7 +150,7 @@ class AlertEngine(Observer):
                 self._cooldown.event(rule, (kind, over), self.now_ns, make)
 
     def captured(self, now_ns: int) -> None:
-        """Note that packets were captured until now, whatever they are."""
+        """Note that packets of any kind were captured until now."""
         for watch in self._states:
             watch.captured(now_ns)
 
@@ -219,7 +219,7 @@ class AlertEngine(Observer):
         self._cooldown.flush(now_ns)
 
     def _adopt(self, watch: StateWatch) -> None:
-        """Give the watch of a rule the connections without a transaction so far."""
+        """Pass the connections without a transaction so far to the watch of a rule."""
         for number, connection in self._open.items():
             if number not in watch.connections:
                 pair = self._pairs.of(connection)

@@ -329,7 +329,7 @@ def _problem(table: Table) -> dict[str, Any]:
 
 
 def _of_this_machine(table: Table) -> None:
-    """Raise an error where the rule names hosts: what it looks for is about no host of the network."""
+    """Raise an error if the rule names hosts: it looks for problems of this program, which concern no host of the network."""
     for key in ("client", "server"):
         if table.has(key):
             raise table.fail(key, "does not go with what happens to this program itself")

@@ -19,7 +19,7 @@ METRICS: Final = "metrics"
 #: A part failed permanently and is switched off.
 STOPPED: Final = "stopped"
 
-#: No problem: the hash of the latest entry of the manifest, for whoever keeps it elsewhere.
+#: Not a problem: the hash of the latest entry of the manifest, for anyone who keeps it elsewhere.
 HEAD: Final = "head"
 
 KINDS: Final = (EVIDENCE, EXPORT, REPORT, DROPS, INTERFACE, METRICS, STOPPED)

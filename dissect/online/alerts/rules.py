@@ -1,4 +1,4 @@
-"""`Rule`: what it looks for, for which hosts, how often it may give alerts, and to which actions."""
+"""`Rule`: its condition, the hosts it applies to, how often it may give alerts, and to which actions."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ _S: Final = 1_000_000_000
 class Rule:
     """One [[rule]]. Times are nanoseconds; ``when`` decides which fields are used.
 
-    ``slugs`` are findings; ``kinds`` are what can be new, or kinds of problems; ``of`` names what is measured. ``above`` and
+    ``slugs`` are findings; ``kinds`` are kinds of new things or of problems; ``of`` names the measured quantity. ``above`` and
     ``below`` are a rate per second, an answer time in nanoseconds, or outcomes per minute; ``longer_ns`` is a silence.
     ``learned`` is a factor for the values of the baseline (0: none). ``burst`` is how many different alerts of one kind and
     severity the rule gives a minute before the rest is summed up (0: no limit).

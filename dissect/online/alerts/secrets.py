@@ -63,7 +63,7 @@ def headers_of(table: Table) -> dict[str, str]:
 
 
 def filled(table: Table, key: str, text: str) -> str:
-    """Return a text with ``{file:PATH}``, ``{credential:NAME}`` and ``{env:NAME}`` replaced by what they name."""
+    """Return a text with ``{file:PATH}``, ``{credential:NAME}`` and ``{env:NAME}`` replaced by the secrets they name."""
     return _REFERENCE.sub(lambda found: _secret(table, key, found[1], found[2]), text)
 
 

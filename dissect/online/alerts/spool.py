@@ -28,7 +28,7 @@ _UNSAFE: Final = re.compile(r"[^A-Za-z0-9._-]+")
 
 
 class Spooled(NamedTuple):
-    """A waiting alert: its rank, its size and its file; None, with the content in memory, if it could not be written."""
+    """A waiting alert: its rank, size and file; if it could not be written, the file is None and the content in memory."""
 
     rank: int
     size: int
@@ -55,9 +55,9 @@ def default_folder() -> Path:
 class Spool:
     """The alerts of the action ``name`` that wait in ``folder``.
 
-    `prepare` makes the folder, `open` takes over alerts that an earlier run left. ``trouble`` is why alerts are not on disk,
-    empty while they are. Several threads need a lock around all methods except `write` (only one thread), `read` and `remove`,
-    which wait for the disk and do not change any state.
+    `prepare` makes the folder, `open` takes over alerts that an earlier run left. ``trouble`` is the reason why alerts are not
+    on disk, empty while they are. Several threads need a lock around all methods except `write` (only one thread), `read` and
+    `remove`, which wait for the disk and do not change any state.
     """
 
     def __init__(self, folder: Path, name: str, most: int = MAX_ALERTS, most_octets: int = MAX_OCTETS) -> None:

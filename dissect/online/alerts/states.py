@@ -35,7 +35,7 @@ LEAST_ANSWER_NS: Final = 10_000_000
 # Quantities that a rule can measure (`Rule.of`).
 TRANSACTIONS: Final = "transactions"
 MESSAGES: Final = "messages"
-#: All that is captured, also what belongs to no connection.
+#: All captured packets, including those of no connection.
 INTERFACE: Final = "interface"
 PACKETS: Final = "packets"
 MEDIAN: Final = "median"
@@ -49,7 +49,8 @@ _MINUTE: Final = 60 * _S
 #: Reasons that mean that no answer came; with the others, the capture may just not show it.
 _LOST: Final = frozenset((CONNECTION_CLOSED, REFERENCE_REUSED))
 
-#: The result of a check for one pair or connection: which one, and what makes the alert if the rule's state holds.
+#: The result of a check for one pair or connection: its identity, and a function that makes the alert if the rule's state
+#: holds.
 Found = tuple[Hashable, Make | None]
 #: The measured values of a rule are kept by pair, by number of the connection, or together.
 _About = Pair | int | None
@@ -116,7 +117,7 @@ class StateWatch:
         """Start over: the clock went back."""
 
     def about(self, pair: Pair, connection: Connection) -> _About:
-        """Return for what a transaction of this pair and connection counts, by `Rule.per`."""
+        """Return the key under which a transaction of this pair and connection counts, by `Rule.per`."""
         if self.rule.per == PER_ALL:
             return None
         return int(connection.number) if self.rule.per == PER_CONNECTION else pair
@@ -172,7 +173,7 @@ class _Counting(StateWatch):
 
     @property
     def forgotten(self) -> int:
-        """Pairs and connections that gave way."""
+        """The number of replaced pairs and connections."""
         return self._counters.forgotten
 
     def restart(self, now_ns: int) -> None:
@@ -229,7 +230,7 @@ class OutcomeWatch(_Counting):
     """Errors or missing answers a minute over a window."""
 
     def take(self, pair: Pair, transaction: Transaction, now_ns: int) -> None:
-        """Count a transaction that failed in the way the rule looks for."""
+        """Count a transaction that failed in the way that the rule looks for."""
         lost = transaction._outcome == UNANSWERED and transaction.reason in _LOST
         wrong = transaction.has_errors
         counts = {ERRORS: wrong, NO_ANSWER: lost, FAILED: wrong or lost}[self.rule.of]
@@ -261,7 +262,7 @@ class LatencyWatch(StateWatch):
 
     @property
     def forgotten(self) -> int:
-        """Pairs and connections that gave way."""
+        """The number of replaced pairs and connections."""
         return self._answers.forgotten
 
     def restart(self, now_ns: int) -> None:
@@ -269,7 +270,7 @@ class LatencyWatch(StateWatch):
         self._answers.kept.clear()
 
     def take(self, pair: Pair, transaction: Transaction, now_ns: int) -> None:
-        """Take the answer time of a transaction, if it has one: that of a pair that is only likely is not known."""
+        """Take the answer time of a transaction, if it has one: that of a likely pair is not known."""
         latency_ns = transaction.latency_ns
         if latency_ns is not None:
             self._answers.of(self.about(pair, transaction.connection)).add(moment(transaction), latency_ns)
@@ -307,7 +308,7 @@ class SilenceWatch(StateWatch):
 
     @property
     def forgotten(self) -> int:
-        """Pairs and connections that gave way."""
+        """The number of replaced pairs and connections."""
         return self._gone
 
     def restart(self, now_ns: int) -> None:
@@ -337,7 +338,7 @@ class SilenceWatch(StateWatch):
         return last_ns is not None and limit is not None and now_ns - last_ns > limit
 
     def captured(self, now_ns: int) -> None:
-        """Note that packets were captured, whatever they are."""
+        """Note that packets of any kind were captured."""
         if self.rule.of == INTERFACE:
             self._heard(None, now_ns)
 
@@ -363,7 +364,7 @@ class SilenceWatch(StateWatch):
             yield about, self.told(about, said, {"of": self.rule.of, "ns": now_ns - last_ns, "limit": limit})
 
     def _wait(self, now_ns: int) -> None:
-        """Begin to wait for the pairs that are known beforehand."""
+        """Start the wait for the pairs that are known beforehand."""
         rule = self.rule
         if rule.per == PER_ALL:
             self._heard(None, now_ns)

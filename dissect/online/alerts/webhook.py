@@ -91,7 +91,7 @@ def webhook_of(
     table: Table, name: str, hosts: frozenset[str], timeout: float, parallel: int, trial: bool = False
 ) -> Webhook:
     """Return the action of a table; raises `DictionaryError`. For a ``trial``, the secrets need not be there."""
-    if not isinstance(table.content.get("webhook"), str):  # whatever stands there may hold a token: it is not printed
+    if not isinstance(table.content.get("webhook"), str):  # the value may hold a token, so it is not printed
         raise table.fail("webhook", 'must be a text such as "http://127.0.0.1:8080/alerts"')
     written = table.text("webhook")
     url = written if trial else filled(table, "webhook", written)
@@ -129,7 +129,7 @@ def webhook_of(
 
 
 def _trusted(table: Table) -> ssl.SSLContext | None:
-    """Return what says which certificates are trusted: those of ``ca_file`` alone, or None for those of the system."""
+    """Return the trusted certificates: only those of ``ca_file``, or None for those of the system."""
     if not table.has("ca_file"):
         table.mark("ca_file")
         return None

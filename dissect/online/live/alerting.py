@@ -20,14 +20,14 @@ from dissect.online.live.run import Companion
 from dissect.packets.source.live.reader import Drops
 from dissect.wire.text import count
 
-#: At most this many alerts wait while a dispatcher ends and the next one has not begun; the oldest give way.
+#: At most this many alerts wait between the end of a dispatcher and the beginning of the next one; the oldest are dropped.
 MAX_BETWEEN: Final = 4096
 
 
 class Succession:
-    """Takes alerts for ``dispatcher`` while the one before it still ends, which uses the same folders of waiting alerts.
+    """Takes alerts for ``dispatcher`` while the previous one, which uses the same folders of waiting alerts, is still ending.
 
-    ``tell`` takes a message about alerts that were dropped for lack of room.
+    ``tell`` is called with a message if alerts were dropped for lack of room.
     """
 
     def __init__(self, before: Dispatcher, dispatcher: Dispatcher, tell: Callable[[str], None]) -> None:
@@ -38,7 +38,7 @@ class Succession:
         self._ending = threading.Thread(target=before.close, name="alerts of the rules before", daemon=True)
 
     def begin(self) -> None:
-        """End the one before, in a thread of its own: delivery may take seconds."""
+        """End the previous one in a thread of its own, because delivery may take seconds."""
         self._ending.start()
 
     @property
@@ -47,7 +47,7 @@ class Succession:
         return not self._ending.is_alive()
 
     def submit(self, alert: Alert) -> None:
-        """Deliver an alert, at once or when the dispatcher before has ended."""
+        """Deliver an alert, at once or when the previous dispatcher has ended."""
         if self._waiting or not self.over:
             if len(self._waiting) >= MAX_BETWEEN:
                 self._waiting.popleft()
@@ -57,7 +57,7 @@ class Succession:
             self._dispatcher.submit(alert)
 
     def pass_on(self, wait: bool = False) -> bool:
-        """Deliver what waits once the dispatcher before has ended; return whether it has."""
+        """Deliver the waiting alerts once the previous dispatcher has ended; return whether it has."""
         if wait:
             self._ending.join()
         if not self.over:
@@ -85,7 +85,7 @@ class AlertCompanion(Companion):
         self._succession: Succession | None = None
 
     def replace(self, engine: AlertEngine, dispatcher: Dispatcher, succession: Succession) -> None:
-        """Go on with other rules: ``engine`` gives its alerts to ``succession``, which ``dispatcher`` delivers.
+        """Continue with other rules: ``engine`` gives its alerts to ``succession``, which passes them to ``dispatcher``.
 
         Call it in the thread of the run.
         """
@@ -109,7 +109,7 @@ class AlertCompanion(Companion):
         self.engine.problem(problem.kind, problem.text, problem.over)
 
     def connection_opened(self, connection: Connection) -> None:
-        """Pass it on; so do the other methods."""
+        """Pass the event on; the other methods do the same."""
         self.engine.connection_opened(connection)
 
     def connection_closed(self, connection: Connection) -> None:
@@ -133,7 +133,7 @@ class AlertCompanion(Companion):
         self.engine.repeated(finding)
 
     def tick(self, now_ns: int, drops: Drops) -> None:
-        """Give the engine the time, by which it notices silence and rates; start delivery, also of an earlier run's alerts."""
+        """Tell the engine the time, so that it notices silence and rates; start delivery, also of an earlier run's alerts."""
         if self._succession is None or self._succession.pass_on():
             self.dispatcher.start()
         if self._pipeline is not None and self._pipeline.frames != self._frames:

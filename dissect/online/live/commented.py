@@ -26,7 +26,7 @@ class CommentedStream(Companion):
     """Writes every packet to ``writer``, ``hold_ns`` after it arrived.
 
     ``error`` is the exception with which writing failed, None before; nothing is written after that. ``late`` are comments that
-    wait for a further packet; ``dropped`` counts comments that were too many.
+    wait for a further packet; ``dropped`` counts comments that exceeded the limit.
     """
 
     name = "the stream of packets with comments"
@@ -54,7 +54,7 @@ class CommentedStream(Companion):
         self._release(time_ns)
 
     def finding(self, finding: Finding) -> None:
-        """Add a comment to the packets of a finding that are still held; if none is, to the latest held packet or the next."""
+        """Add a comment to those packets of a finding that are still held; if none is, to the latest held packet or the next."""
         frames = sorted({int(frame) for frame in finding.frames})
         comment = finding_comment(finding)
         first = self._frames - len(self._held) + 1

@@ -30,10 +30,10 @@ KINDS: Final = frozenset((OPENED, CLOSED, TRANSACTION, OPERATION, FINDING, SCD, 
 
 
 class Event:
-    """An event: its ``kind``, the object ``what`` that it is about, and its time by the clock of the capture.
+    """An event: its ``kind``, its object ``what``, and its time by the clock of the capture.
 
     An open connection may change after the event; ``facts`` has the values of a connection for JSON at the time of the event.
-    ``interface`` is where it was captured, of several interfaces; else empty.
+    ``interface`` is the interface that captured it if there are several; else empty.
     """
 
     __slots__ = ("facts", "interface", "kind", "time_ns", "what")
@@ -68,7 +68,7 @@ class Event:
 
 
 class Collector(Observer):
-    """Counts what happens, and keeps events of the wanted ``kinds`` in ``fresh`` until they are taken.
+    """Counts events, and keeps those of the wanted ``kinds`` in ``fresh`` until they are taken.
 
     ``describe`` returns the facts of a connection; ``scd``: SCD messages are decoded.
     """
@@ -85,7 +85,7 @@ class Collector(Observer):
         self.unanswered: i64 = 0
         self.with_errors: i64 = 0
         self.now_ns: Callable[[], int] = lambda: 0  # time by the clock of the capture, for ends without a packet
-        #: Of several interfaces, the one that captured the packet at hand.
+        #: If there are several interfaces, the one that captured the present packet.
         self.interface: Callable[[], str] | None = None
         self._interfaces: dict[int, str] = {}  # by the numbers of connections that are open
         self._over: list[int] = []
@@ -111,7 +111,7 @@ class Collector(Observer):
             self.fresh.append(Event(CLOSED, time_ns, connection, self._describe(connection)))
 
     def taken(self) -> list[Event]:
-        """Return the events since the last call, each with its interface where there are several."""
+        """Return the events since the last call, each with its interface if there are several."""
         fresh, self.fresh = self.fresh, []
         if self.interface is not None:
             for event in fresh:
@@ -143,7 +143,7 @@ class Collector(Observer):
             self.fresh.append(Event(FINDING, finding.time_ns, finding))
 
     def repeated(self, finding: Finding) -> None:
-        """Keep how many findings were only counted."""
+        """Keep the number of findings that were only counted."""
         self.finding(finding)
 
     def fact(self, fact: Fact) -> None:

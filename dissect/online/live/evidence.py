@@ -1,4 +1,4 @@
-"""Packets of a live run that are kept on disk: all of them in a ring of files, or those around findings."""
+"""Packets of a live run are kept on disk: all of them in a ring of files, or those around findings."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from dissect.online.live.writing import WritingCompanion
 from dissect.packets.source.live.reader import Drops
 from dissect.wire.text import Clock, printable
 
-#: This often (capture time) the ring looks whether files are too old or too much space is taken.
+#: Interval (capture time) at which the ring checks for files that are too old and for its size.
 _LOOK_NS: Final = 1_000_000_000
 
 
@@ -41,7 +41,7 @@ class ManifestWitness(Witness):
         return self._thread.head
 
     def begin(self, pipeline: Pipeline, problems: Problems) -> None:
-        """Write what the run is, and which files earlier runs left without an entry."""
+        """Record the facts about the run, and the files that earlier runs left without an entry."""
         self._pipeline = pipeline
         self._thread.start(problems)
         self._thread.add(manifest.BEGIN, **self._about)
@@ -62,15 +62,15 @@ class ManifestWitness(Witness):
         )
 
     def removed(self, path: Path) -> None:
-        """Write that a file was removed; its entry stays."""
+        """Record that a file was removed; its entry stays."""
         self._thread.add(manifest.REMOVED, name=path.name)
 
     def event(self, problem: Problem) -> None:
-        """Write what happened to the evidence, the interface or the run."""
+        """Record an event of the evidence, the interface or the run."""
         self._thread.add(manifest.EVENT, about=problem.kind, text=problem.text, over=problem.over)
 
     def end(self, ring: RingBuffer) -> None:
-        """Write how the run ended, and wait until it is on the disk."""
+        """Record how the run ended, and wait until that is on the disk."""
         self._thread.add(manifest.END, packets=ring.packets, lost=ring.lost, lost_octets=ring.lost_octets)
         self._thread.close()
 
@@ -124,7 +124,7 @@ class RingCompanion(WritingCompanion):
             ring.miss(1, len(octets))
 
     def tick(self, now_ns: int, drops: Drops) -> None:
-        """End the present file if it is old enough; write buffered packets; remove what is too old or too much."""
+        """End the present file if it is old enough; write buffered packets; remove files that are too old or too many."""
         self.ring.tick(now_ns)
         self.ring.flush()
         if not 0 <= now_ns - self._looked_ns < _LOOK_NS and not self.recovery.failing:
@@ -137,7 +137,7 @@ class RingCompanion(WritingCompanion):
             self.problems.tell(HEAD, told, over=True, shown=False)
 
     def problem(self, problem: Problem) -> None:
-        """Say in the evidence that the interface was down: the next packet gets a comment."""
+        """Record in the evidence that the interface was down: the next packet gets a comment."""
         if problem.kind == INTERFACE:
             self.ring.comment(f"{MARK} {printable(problem.text)}")
         if self._witness is not None and problem.kind != HEAD:
@@ -179,7 +179,7 @@ class KeeperCompanion(WritingCompanion):
 
     @property
     def remark(self) -> str:
-        """Return how many files had to go for newer ones."""
+        """Return how many files were removed to make room for newer ones."""
         removed = self.keeper.removed
         if not removed:
             return ""
@@ -195,12 +195,12 @@ class KeeperCompanion(WritingCompanion):
         self.keeper.finding(finding)
 
     def problem(self, problem: Problem) -> None:
-        """Say in the evidence that the interface was down."""
+        """Record in the evidence that the interface was down."""
         if problem.kind == INTERFACE:
             self.keeper.comment(f"{MARK} {printable(problem.text)}")
 
     def tick(self, now_ns: int, drops: Drops) -> None:
-        """Write the latest packet, on which no further findings come; end the file in time; try again what failed."""
+        """Write the latest packet, which will get no more findings; end the file in time; retry failed writes."""
         self.keeper.settle()
         self.keeper.tick(now_ns)
         if self.recovery.failing and self.recovery.due:

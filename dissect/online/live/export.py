@@ -49,8 +49,8 @@ class ExportCompanion(WritingCompanion):
         super().__init__(folder, clock)
         self._sink = RotatingSink(folder, TABLES.values(), metadata_of(version, [source]))
         if is_root():
-            # Now: the user that root becomes may be unable to read the files of Python. The kernel takes the rights of all
-            # threads then.
+            # Done now, because the user that root becomes may be unable to read the files of Python. The kernel takes the
+            # rights of all threads then.
             self._sink.prepare()
         self._feed = TableFeed(TABLES.values(), self._sink)
         self._files = [SourceFile(source, 1)]
@@ -106,7 +106,7 @@ class ExportCompanion(WritingCompanion):
             self._sink.abandon()
 
     def connection_opened(self, connection: Connection) -> None:
-        """Hand it on; so do the other methods."""
+        """Pass the event on; the other methods do the same."""
         self._feed.connection_opened(connection)
 
     def connection_closed(self, connection: Connection) -> None:

@@ -1,4 +1,4 @@
-"""`live`: the events of an interface as a program iterates them."""
+"""`live`: the events of an interface, for a program to iterate over."""
 
 from __future__ import annotations
 
@@ -28,10 +28,10 @@ _SECOND: Final = 10**9
 class Live:
     """The events of an interface, as they happen: a context manager, an iterator and an async iterator. Made by `live`.
 
-    Reading happens while the program waits for the next event; what comes meanwhile waits in the kernel's buffer, and what does
-    not fit there is lost and counted (``drops``; a finding ``capture.dropped`` comes as well). After `stop`, which any thread
-    and a signal handler may call, the events of packets that already arrived still come, then those of connections that were
-    open, and the iteration ends. Use one `Live` in one thread or task.
+    Reading happens while the program waits for the next event; packets that arrive in the meantime wait in the kernel's buffer.
+    Packets that do not fit there are lost and counted (``drops``; there is also a finding ``capture.dropped``). After `stop`,
+    which any thread and a signal handler may call, the iteration still returns the events of packets that already arrived, then
+    those of open connections, and then ends. Use one `Live` in one thread or task.
     """
 
     def __init__(self, source: Reader, queue: EventQueue, observer: Observer, options: Options, limits: Limits) -> None:
@@ -42,7 +42,7 @@ class Live:
 
     @property
     def drops(self) -> Drops:
-        """How many packets were lost so far, in the kernel and at the interface; None where that is not known."""
+        """How many packets were lost so far, in the kernel and at the interface; None if that is not known."""
         return self._run.drops
 
     @property
@@ -106,7 +106,10 @@ class Live:
         return found
 
     def stop(self) -> None:
-        """End the reading: the events of what arrived before still come. May be called by any thread, and twice."""
+        """End the reading: the events of packets that already arrived are still returned.
+
+        May be called by any thread, and twice.
+        """
         self._run.stop()
 
     def close(self) -> None:
@@ -146,13 +149,13 @@ def live(
     tls_keys: KeyLogFiles = None,
     tags: Tags = None,
 ) -> Live:
-    """Return the events of an interface as they happen, those of `dissect.open`: iterate them, also with ``async for``.
+    """Return the events of an interface as they happen, like `dissect.open`: iterate over them, also with ``async for``.
 
-    ``filter`` is a capture filter ("tcp port 102"; empty: everything). ``interface`` may be ``-``: a capture on standard input,
-    and a named pipe. The run ends by itself after so many ``seconds`` or ``packets`` (0: it does not). ``engine`` is dumpcap,
-    ring or auto (docs/live.md). ``overdue_ns``: a request that is open for longer is a finding at once. The other arguments are
-    those of `dissect.open`. Raises `dissect.packets.source.live.reader.LiveError`, a `CaptureError`, with advice, where the
-    interface cannot be opened.
+    ``filter`` is a capture filter ("tcp port 102"; empty: everything). ``interface`` may also be ``-``, a capture on standard
+    input, or a named pipe. The run ends by itself after so many ``seconds`` or ``packets`` (0: no limit). ``engine`` is
+    dumpcap, ring or auto (docs/live.md). ``overdue_ns``: a request that is open for longer is a finding at once. The other
+    arguments are those of `dissect.open`. Raises `dissect.packets.source.live.reader.LiveError`, a `CaptureError`, with advice,
+    if the interface cannot be opened.
     """
     queue = EventQueue(pdus)
     options = Options(

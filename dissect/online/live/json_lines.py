@@ -52,7 +52,7 @@ class JsonLines:
         return [self.summary(status)]
 
     def line(self, event: Event) -> str:
-        """Return the line of an event of any kind; where there are several interfaces it has its own as `interface`."""
+        """Return the line of an event of any kind; if there are several interfaces, it names its own as `interface`."""
         line = self._line(event)
         return f'{{"interface":{json.dumps(encodable(event.interface))},{line[1:]}' if event.interface else line
 

@@ -63,7 +63,7 @@ class PlainLines:
         return []
 
     def line(self, event: Event) -> str:
-        """Return the line of an event of any kind; where there are several interfaces it begins with its own."""
+        """Return the line of an event of any kind; if there are several interfaces, it begins with its own."""
         line = self._line(event)
         return f"{printable(event.interface)}  {line}" if event.interface else line
 

@@ -1,4 +1,4 @@
-"""The manifest of a live run, written in a thread of its own: hashing and waiting for the disk hold up no packet."""
+"""The manifest of a live run, written in a thread of its own, so that hashing and waiting for the disk do not delay packets."""
 
 from __future__ import annotations
 
@@ -18,15 +18,15 @@ from dissect.wire.text import Clock, reason
 #: At most this many entries wait for the disk.
 MAX_WAITING: Final = 10_000
 _LOOK_S: Final = 0.5
-#: At the end, at most this many seconds are spent on what waits.
+#: At most this many seconds are spent on waiting entries at the end.
 _END_S: Final = 30.0
 
 
 class ManifestThread:
     """Writes entries in the order in which they are given. ``lost`` counts those that were dropped for lack of memory.
 
-    An entry that cannot be written is tried again after 1, 2, 4 … 60 s; later ones wait. ``head`` is the hash of the latest one
-    that is on the disk.
+    An entry that cannot be written is tried again after 1, 2, 4 … 60 s; later ones wait. ``head`` is the hash of the latest
+    entry on the disk.
     """
 
     def __init__(self, path: Path, clock: Callable[[], int] = time.time_ns) -> None:
@@ -49,14 +49,14 @@ class ManifestThread:
         self._thread.start()
 
     def add(self, kind: str, path: Path | None = None, **facts: Any) -> None:
-        """Give an entry, of the file ``path`` if it is about one; never waits."""
+        """Add an entry, about the file ``path`` if given; never waits."""
         try:
             self._waiting.put_nowait((kind, self._times.iso(self._clock()), path, facts))
         except queue.Full:
             self.lost += 1
 
     def close(self) -> None:
-        """Write what waits, for a bounded time."""
+        """Write the waiting entries, for a limited time."""
         if self._thread is not None:
             self._over.set()
             self._waiting.put(None) if not self._waiting.full() else None

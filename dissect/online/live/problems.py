@@ -1,6 +1,6 @@
 """Problems of a live run itself, reported where an operator sees them: as lines, as metrics, and to alert rules.
 
-`Recovery` says when something that failed is tried again. Nothing that writes is switched off because a disk is full.
+`Recovery` says when to retry after a failure. Nothing that writes is switched off because a disk is full.
 """
 
 from __future__ import annotations
@@ -28,11 +28,11 @@ class Problem(NamedTuple):
 
 
 class WriterState(NamedTuple):
-    """The state of something that writes files.
+    """The state of a file writer.
 
-    ``well``: what it writes is written. ``files`` were finished, with ``octets``; ``lost`` packets or rows and ``lost_octets``
-    of packets are in no file, and for ``lost_seconds`` nothing could be written. ``free`` is what the disk has left, None if
-    that is unknown.
+    ``well``: its data are being written. ``files`` were finished, with ``octets``; ``lost`` packets or rows and ``lost_octets``
+    of packets are in no file, and for ``lost_seconds`` nothing could be written. ``free`` is the free space of the disk, None
+    if that is unknown.
     """
 
     label: str
@@ -48,7 +48,7 @@ class WriterState(NamedTuple):
 class Problems:
     """Collects problems. ``counts`` counts them by kind, without their ends; `take` returns those that were not shown yet.
 
-    ``down_seconds`` is how long the interface was down; each of ``writers`` returns the state of one that writes. ``heads`` are
+    ``down_seconds`` is how long the interface was down; each of ``writers`` returns the state of a file writer. ``heads`` are
     the hashes of the latest entry of each manifest, by its name.
     """
 
@@ -65,7 +65,7 @@ class Problems:
         self._listeners.append(listener)
 
     def tell(self, kind: str, text: str, over: bool = False, shown: bool = True) -> None:
-        """Report a problem, or that one is over; one that is not ``shown`` gets no line, because something else shows it."""
+        """Report a problem, or the end of one; one that is not ``shown`` gets no line, because it is shown elsewhere."""
         problem = Problem(kind, text, over)
         if not over:
             self.counts[kind] = self.counts.get(kind, 0) + 1
@@ -83,7 +83,7 @@ class Problems:
 
 
 class Recovery:
-    """When to try again what failed: after 1, 2, 4 … 60 s.
+    """When to retry after a failure: after 1, 2, 4 … 60 s.
 
     ``failing``: it failed and has not worked since. ``count`` counts failures that began, ``clock`` is a monotonic clock in
     seconds. After a failure within a minute of success, the wait grows as well, so that a disk with occasional room for a few
@@ -107,11 +107,11 @@ class Recovery:
 
     @property
     def seconds(self) -> float:
-        """How long it did not work, in all."""
+        """Total time of the failures."""
         return self._over + (self._clock() - self._since if self.failing else 0.0)
 
     def failed(self) -> bool:
-        """Note a failure; return whether one begins."""
+        """Note a failure; return whether it is a new one."""
         now = self._clock()
         begins = not self.failing
         if begins and now - self._worked >= LONGEST_S:
@@ -125,7 +125,7 @@ class Recovery:
         return begins
 
     def worked(self) -> float:
-        """Note that it works again; return how many seconds it did not."""
+        """Note that it works again; return how many seconds the failure lasted."""
         now = self._clock()
         lasted = now - self._since if self.failing else 0.0
         self._over += lasted

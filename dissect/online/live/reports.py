@@ -24,7 +24,7 @@ from dissect.packets.source.live.reader import Drops
 from dissect.wire.config.saving import save
 from dissect.wire.text import Clock
 
-#: At most this many pages that cannot be written wait.
+#: At most this many pages wait because they cannot be written.
 _MAX_WAITING: Final = 8
 
 
@@ -137,7 +137,7 @@ class ReportCompanion(WritingCompanion):
             self._write(at_end=True)
 
     def _fresh(self) -> Gathered:
-        # No files: there is none from which a command in the report could read packets.
+        # No files, because a live run has none from which a command in the report could read packets.
         return Gathered(Rows([], self._clock, self._hosts))
 
     def _write(self, at_end: bool = False) -> None:
@@ -168,7 +168,7 @@ class ReportCompanion(WritingCompanion):
             self._save(at_end)
 
     def _save(self, at_end: bool = False) -> None:
-        """Write the pages that wait, the oldest first; at the end those that cannot be written are lost."""
+        """Write the waiting pages, the oldest first; at the end pages that cannot be written are lost."""
         while self._waiting:
             moment, page = self._waiting[0]
             target = self._free(moment)
@@ -185,7 +185,7 @@ class ReportCompanion(WritingCompanion):
             self._octets += len(page)
 
     def _free(self, moment: str) -> Path:
-        """Return a name that no file has."""
+        """Return a name that is not yet used by a file."""
         target = self._directory / f"s7dissect-{moment}Z.html"
         number = 1
         while target.exists():

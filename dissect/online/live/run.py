@@ -60,7 +60,7 @@ class Fanout(Observer):
         return list(self._observers)
 
     def drop(self, observer: Observer, error: Exception) -> None:
-        """Pass no further events to ``observer``, which failed, unless it will try again."""
+        """Pass no further events to ``observer``, which failed, unless it will retry."""
         if isinstance(error, OSError) and isinstance(observer, Companion) and observer.recover(error):
             return
         if observer in self._observers:
@@ -75,7 +75,7 @@ class Fanout(Observer):
                 self.drop(observer, error)
 
     def connection_opened(self, connection: Connection) -> None:
-        """Hand it on; so do the other methods."""
+        """Pass the event on; the other methods do the same."""
         self._each(lambda one: one.connection_opened(connection), self._observers)
 
     def connection_closed(self, connection: Connection) -> None:
@@ -83,33 +83,33 @@ class Fanout(Observer):
         self._each(lambda one: one.connection_closed(connection), self._observers)
 
     def tpdu(self, frame: int, time_ns: int, side: Side, octets: bytes) -> None:
-        """Hand it on to those who want it."""
+        """Pass the event on to observers that want it."""
         self._each(
             lambda one: one.tpdu(frame, time_ns, side, octets), [one for one in self._observers if one.wants_tpdus]
         )
 
     def ibh_packet(self, frame: int, time_ns: int, side: Side, octets: bytes) -> None:
-        """Hand it on to those who want it."""
+        """Pass the event on to observers that want it."""
         self._each(
             lambda one: one.ibh_packet(frame, time_ns, side, octets),
             [one for one in self._observers if one.wants_tpdus],
         )
 
     def pdu(self, frame: int, time_ns: int, side: Side, octets: bytes, cut: bool) -> None:
-        """Hand it on to those who want it."""
+        """Pass the event on to observers that want it."""
         self._each(
             lambda one: one.pdu(frame, time_ns, side, octets, cut), [one for one in self._observers if one.wants_pdus]
         )
 
     def plus_pdu(self, frame: int, time_ns: int, side: Side, octets: bytes, cut: bool) -> None:
-        """Hand it on to those who want it."""
+        """Pass the event on to observers that want it."""
         self._each(
             lambda one: one.plus_pdu(frame, time_ns, side, octets, cut),
             [one for one in self._observers if one.wants_pdus],
         )
 
     def scd(self, frame: int, time_ns: int, side: Side, found: ScdMessage) -> None:
-        """Hand it on to those who want it."""
+        """Pass the event on to observers that want it."""
         self._each(lambda one: one.scd(frame, time_ns, side, found), [one for one in self._observers if one.wants_pdus])
 
     def transaction(self, transaction: Transaction) -> None:
@@ -169,8 +169,8 @@ class Limits(NamedTuple):
 class Companion(Observer):
     """Accompanies a run: an observer that also gets ticks and, with ``wants_packets``, each packet before the pipeline does.
 
-    A companion that raises gets no further events and is closed; the run continues. One that returns True from `recover` stays.
-    ``problems`` is where it reports what goes wrong; `LiveRun` gives it its own.
+    A companion that raises gets no further events and is closed; the run continues. One whose `recover` returns True stays. A
+    companion reports its problems to ``problems``, which `LiveRun` sets.
     """
 
     name = "companion"
@@ -182,28 +182,28 @@ class Companion(Observer):
 
     @property
     def state(self) -> WriterState | None:
-        """The state of one that writes files, for metrics; None for others. May be read from a different thread."""
+        """The state of a companion that writes files, for metrics; None for others. May be read from a different thread."""
         return None
 
     @property
     def summary(self) -> str:
-        """The summary at the end of the run, empty for none: the command fails with it."""
+        """The error summary at the end of the run, empty for none: the command fails with it."""
         return ""
 
     @property
     def remark(self) -> str:
-        """Further remarks at the end of the run, empty for none; these are no failures."""
+        """Further remarks at the end of the run, empty for none; these are not failures."""
         return ""
 
     def recover(self, error: OSError) -> bool:
-        """Return whether it stays after an error of the system, because it tries again."""
+        """Return whether it stays after an error of the system, because it will retry."""
         return False
 
     def problem(self, problem: Problem) -> None:
         """Take a problem of the run, or its end."""
 
     def renew(self) -> None:
-        """Begin new files, so that what was written so far is whole and may be taken away."""
+        """Begin new files, so that the files written so far are complete and may be taken away."""
 
     def begin(self, pipeline: Pipeline) -> None:
         """The run begins with ``pipeline``."""
@@ -462,17 +462,17 @@ class LiveRun:
             self.pipeline.exchange.report_findings()
 
     def _on(self, name: str) -> str:
-        """Return how a sentence names one of several interfaces."""
+        """Return how a sentence names the interface, if there are several."""
         return f" on {name}" if len(self._drops_of) > 1 else ""
 
     @property
     def interfaces(self) -> list[str]:
-        """The interfaces, where they are several."""
+        """The interfaces, if there are several."""
         return self._source.names if isinstance(self._source, SeveralReader) else []
 
     @property
     def interface(self) -> str:
-        """The interface that captured the packet at hand, empty where that is not known."""
+        """The interface that captured the present packet, empty if that is not known."""
         return self._source.interface
 
     # ---- the end ----------------------------------------------------------------------------------------------------

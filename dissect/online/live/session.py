@@ -1,8 +1,8 @@
 """`Session`: a live run in a thread of its own, with a bounded queue of events for display.
 
-The thread that captures must never wait for the consumer of events, or packets would be lost. So when the queue is full because
-events are taken too slowly, events are only counted: transactions first, others when the reserve is full, too. Only when the
-source is a file, which loses nothing, the thread waits.
+The thread that captures must never wait for the reader of the events, or packets would be lost. So when the queue is full
+because events are taken too slowly, events are only counted: transactions first, others when the reserve is full, too. Only if
+the source is a file, which loses nothing, does the thread wait.
 
     session = Session(lambda: open_live("eth0"), Options(overdue_ns=2_000_000_000))
     session.start()

@@ -1,4 +1,4 @@
-"""`WritingCompanion`: what a companion does when its files cannot be written: it reports, counts, and tries again."""
+"""`WritingCompanion`: a companion that reports and counts write failures, and retries."""
 
 from __future__ import annotations
 
@@ -15,10 +15,9 @@ from dissect.wire.text import reason
 
 
 class WritingCompanion(Companion):
-    """Writes files. After an `OSError` it stays, counts what it does not write, and tries again after 1, 2, 4 … 60 s.
+    """Writes files. After an `OSError` it stays, counts the data it does not write, and retries after 1, 2, 4 … 60 s.
 
-    ``recovery`` is the state; ``folder`` is where it writes, ``label`` its name in metrics. What is lost is counted in
-    ``unit``.
+    ``recovery`` is the state; ``folder`` is where it writes, ``label`` its name in metrics. Lost data are counted in ``unit``.
     """
 
     kind = EVIDENCE
@@ -30,7 +29,7 @@ class WritingCompanion(Companion):
         self.folder = folder
         self.recovery = Recovery(clock)
         self._why = ""
-        self._told = (0, 0)  # what was lost when the last failure was over
+        self._told = (0, 0)  # the losses reported when the last failure ended
 
     @property
     def lost(self) -> tuple[int, int]:
@@ -43,14 +42,14 @@ class WritingCompanion(Companion):
         return 0, 0
 
     def recover(self, error: OSError) -> bool:
-        """Report the error where a failure begins; return True: this companion stays."""
+        """Report the error if a failure begins; return True: this companion stays."""
         self._why = reason(error)
         if self.recovery.failed():
             self.problems.tell(self.kind, f"{self.name} cannot be written: {self._why}; it will be tried again")
         return True
 
     def resumed(self) -> None:
-        """Report that writing works again, with what was lost."""
+        """Report that writing works again, with the losses."""
         lasted = self.recovery.worked()
         self.problems.tell(
             self.kind, f"{self.name} is written again after {words.duration(int(lasted * 1e9))}; {self._loss()}", True
@@ -78,7 +77,7 @@ class WritingCompanion(Companion):
 
     @property
     def summary(self) -> str:
-        """Return what was lost in the whole run, empty where it was nothing."""
+        """Return the losses of the whole run, empty for none."""
         lost, octets = self.lost
         if not lost and not self.recovery.failing:
             return ""

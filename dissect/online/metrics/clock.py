@@ -34,9 +34,9 @@ def _adjtimex() -> Any:
 
 
 def clock_offset() -> float | None:
-    """Return the offset of this machine's clock in seconds; None where it is not synchronized, or that is not known."""
+    """Return the offset of this machine's clock in seconds; None if it is not synchronized, or that is not known."""
     ask = _adjtimex()
-    times = _Times()  # modes 0: nothing is set, which everybody may ask
+    times = _Times()  # modes 0: only query, which every user may do
     if ask is None or ask(ctypes.byref(times)) < 0 or times.status & _UNSYNCHRONIZED:
         return None
     return float(times.offset) / (1e9 if times.status & _NANOSECONDS else 1e6)

@@ -1,8 +1,8 @@
-"""`Metrics`: a companion of a live run that counts what an observer gets.
+"""`Metrics`: a companion of a live run that counts the events of an observer.
 
-What the pipeline counts itself (packets, TPDUs, PDUs, findings, gaps) is not counted again: `exposition` reads those counters
-when a scraper asks, in another thread. That thread only reads numbers, and lists or dicts that it copies in one step. So each
-metric is consistent in itself, but two metrics may differ by a packet.
+Counts of the pipeline (packets, TPDUs, PDUs, findings, gaps) are not kept again: `exposition` reads those counters in another
+thread when a scraper fetches the metrics. That thread only reads numbers, and lists or dicts that it copies in one step. So
+each metric is consistent in itself, but two metrics may differ by a packet.
 """
 
 from __future__ import annotations

@@ -181,7 +181,7 @@ def _told(metrics: Metrics) -> dict[str, list[Sample]]:
 
 
 def _writers(metrics: Metrics) -> dict[str, list[Sample]]:
-    """Return the metrics of file writers; those of one kind are added up, and are well only if all are."""
+    """Return the metrics of file writers; those of one kind are added up, and are well only if all of them are."""
     states: dict[str, list[WriterState]] = {}
     for state in [writer() for writer in list(metrics.problems.writers)]:
         states.setdefault(state.label, []).append(state)
@@ -239,7 +239,7 @@ def _latencies(metrics: Metrics) -> list[Histogram]:
 
 def _connections(metrics: Metrics) -> dict[str, list[Sample]]:
     ended = metrics.ended.copy()
-    opened = metrics.opened  # after ``ended``, so that never too few seem to be open
+    opened = metrics.opened  # read after ``ended``, so that the number of open ones is never too low
     return {
         "connections_opened": [Sample((), opened)],
         "connections_ended": _from_zero(_ENDINGS, ended),

@@ -1,4 +1,4 @@
-"""Keeps the server of the metrics up: what cannot listen, or ends, is reported and tried again after 1, 2, 4 … 60 s."""
+"""Keeps the server of the metrics running: if it cannot listen, or ends, this is reported and retried after 1, 2, 4 … 60 s."""
 
 from __future__ import annotations
 
@@ -42,12 +42,12 @@ class MetricsKeeper(Companion):
             self._server.start()
 
     def missed(self, why: str) -> None:
-        """Note that it could not listen at the beginning."""
+        """Note that it could not listen at the start."""
         self._why = why
         self.recovery.failed()
 
     def tick(self, now_ns: int, drops: Drops) -> None:
-        """See whether it still answers; try again what failed."""
+        """Check whether it still answers; retry if it failed."""
         if not self._begun:
             return
         if self._server is not None and not self._server.alive:

@@ -119,8 +119,8 @@ class _Listener(ThreadingMixIn, TCPServer):
 
     def __init__(self, target: Place, text: Text) -> None:
         self.address_family = target.family
-        #: Whether only this machine may connect. Then other host names are refused, too: a web page could use one (DNS
-        #: rebinding).
+        #: Whether only this machine may connect. For a local address other host names are refused, too: a web page could use
+        #: one (DNS rebinding).
         self.local = is_loopback(str(target.address[0]))
         self.text = text
         self._clients: dict[socket.socket, None] = {}
@@ -189,7 +189,7 @@ class Server:
             self._thread.start()
 
     def _serve(self) -> None:
-        with suppress(OSError, ValueError):  # the socket is gone: the keeper sees that it ended
+        with suppress(OSError, ValueError):  # the socket is gone; the keeper notices the end
             self._listener.serve_forever(poll_interval=_POLL_S)
 
     @property
@@ -212,7 +212,7 @@ class Server:
 
 
 class Door:
-    """The place where metrics are served; it is opened again if necessary. ``target`` is what the address meant at first."""
+    """The place where metrics are served; it is opened again if necessary. ``target`` is the address as first resolved."""
 
     def __init__(self, metrics: Metrics, address: Address, target: Place) -> None:
         from dissect.online.metrics.exposition import Exposition

@@ -161,14 +161,15 @@ class FindingFacts(NamedTuple):
 class FindingList:
     """The findings by rule; there are no more rules than in the catalogue.
 
-    Of too many findings of a rule the oldest goes of the pair of hosts that has most, so that many of one hide none of another.
+    If a rule has too many findings, the oldest of the host pair with the most is dropped, so that many of one pair do not hide
+    those of others.
     """
 
     def __init__(self) -> None:
         self._details: dict[str, list[Finding]] = {}
 
     def note(self, finding: Finding) -> None:
-        """Note a finding, unless another one explains it, or it only sums up others."""
+        """Note a finding, unless another one is its cause, or it only sums up others."""
         if finding.because or finding.repeated:
             return
         kept = self._details.get(finding.slug)
@@ -180,7 +181,7 @@ class FindingList:
             del kept[next(place for place, one in enumerate(kept) if _hosts(one) == most)]
 
     def facts(self, counts: Mapping[str, int]) -> list[FindingFacts]:
-        """Return the rules that applied: by severity, what changes a plant first, then the newest.
+        """Return the rules that applied: by severity, those that change a plant first, then the newest.
 
         ``counts`` are exact and may precede details.
         """

@@ -252,7 +252,7 @@ def _direction(entry: Entry, places: Places) -> str:
 
 
 def _said(entry: Entry, narrow: bool = False) -> str:
-    """Return what an entry is about; ``narrow`` leaves out the group of a function, which the details show."""
+    """Return the subject of an entry; ``narrow`` leaves out the group of a function, which the details show."""
     what = entry.what
     if isinstance(what, Transaction):
         name = what.function_name
@@ -296,7 +296,7 @@ _BY: Final = 16
 
 
 def watched_heads(title: str, width: int) -> str:
-    """Return the headings of the columns, with the title in place of that of the names."""
+    """Return the headings of the columns; the title replaces the heading of the names."""
     name, trend = _watched_sizes(width)
     return " ".join([fit(title, name), fit("value", _VALUE), fit("since", _WHEN), fit("by", _BY), fit("trend", trend)])
 
@@ -343,5 +343,5 @@ LEGEND: Final = (
         "the worst answer of each second: to 316 µs, 1 ms, 3.2 ms, 10 ms, 32 ms, 100 ms, 316 ms, longer; blank for none",
     ),
     ("fail", "transactions with errors or without answer"),
-    ("W", "of a value: the client beside it wrote it; else it read it, or was sent it"),
+    ("W", "of a value: the client beside it wrote it; otherwise it read the value, or was sent it"),
 )

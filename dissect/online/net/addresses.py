@@ -1,4 +1,4 @@
-"""Addresses: HOST:PORT as users write them, and in the form that sockets take, to listen at and to connect to."""
+"""Addresses: HOST:PORT as users write them, and in the form for sockets, to listen at and to connect to."""
 
 from __future__ import annotations
 
@@ -88,7 +88,7 @@ def places_to_listen(address: Address, allow_remote: bool, danger: str = _DANGER
                 f"{address} can be reached from other machines, {danger}: "
                 f"listen on {Address(THIS_MACHINE, address.port)}, or add --allow-remote if that is intended"
             )
-    return places if address.port else places[:1]  # the system would choose a different port for each place
+    return places if address.port else places[:1]  # otherwise the system would choose a different port for each place
 
 
 def places_to_connect(address: Address) -> list[Place]:
@@ -133,7 +133,7 @@ def listen_on(place: Place) -> socket.socket:
 
 
 def expect_no_circle(listeners: list[Place], targets: list[Place]) -> None:
-    """Raise `ProxyError` if a target is one of our own listeners: each connection would open another one without end."""
+    """Raise `ProxyError` if a target is one of our own listeners: each connection would open another one endlessly."""
     anywhere = {"0.0.0.0", "::"}  # noqa: S104 - only compared with
     for target in targets:
         for place in listeners:

@@ -16,7 +16,7 @@ from typing import Any, Final, NamedTuple
 from dissect.online.net.addresses import Place, ProxyError, listen_on
 from dissect.online.net.sockets import prepare
 
-#: After the system had no more sockets, no client is accepted for this many seconds.
+#: After the system ran out of sockets, no client is accepted for this many seconds.
 PAUSE_S: Final = 1.0
 _NO_MORE: Final = frozenset((errno.EMFILE, errno.ENFILE, errno.ENOBUFS, errno.ENOMEM))
 _READ: Final = selectors.EVENT_READ

@@ -38,7 +38,7 @@ class CaptureFile(WritingCompanion):
         return 1, self._writer.octets
 
     def recover(self, error: OSError) -> bool:
-        """Count what was gathered and is lost; return False where the file ends in the middle of a packet for good."""
+        """Count the gathered packets that are lost; return False if the file permanently ends in the middle of a packet."""
         self._miss(*self._writer.unwritten)
         return self._writer.resume() and super().recover(error)
 

@@ -45,9 +45,9 @@ def endpoint_of(address: tuple[Any, ...]) -> Endpoint:
 class Conversation:
     """A TCP connection from ``client`` (side 0) to ``server`` (side 1).
 
-    Call the method for what happened next; it returns the frames. ``number`` distinguishes conversations between the same
-    endpoints: it decides their first sequence numbers. If only one end has an IPv6 address, that of the other is written as an
-    IPv4-mapped one. Raises ValueError for what TCP does not allow: octets after a close or a reset.
+    Call the method for the next event; it returns the frames. ``number`` distinguishes conversations between the same
+    endpoints: it decides their first sequence numbers. If only one end has an IPv6 address, the address of the other is written
+    as an IPv4-mapped one. Raises ValueError for octets after a close or a reset, which TCP does not allow.
     """
 
     def __init__(self, client: Endpoint, server: Endpoint, number: int = 0) -> None:
@@ -58,7 +58,7 @@ class Conversation:
         self._ports = (client.port, server.port)
         first = number * _SPREAD + 1000
         self._next = [first & _MASK, (first + 0x40000000) & _MASK]  # next sequence number of each side
-        self._known = [self._next[0], self._next[1]]  # up to where the other side has acknowledged each side
+        self._known = [self._next[0], self._next[1]]  # up to where each side's octets were acknowledged by the other
         self._finished = [False, False]
         self._over = False
         self._packets = 0

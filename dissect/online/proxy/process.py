@@ -62,7 +62,7 @@ class RelayProcess:
     """Runs ``relay``, which fills ``tap``, in another process from `start` to `stop`; no other thread may run before `start`.
 
     ``connections``, ``failed``, ``octets`` and ``problems`` are those of the relay, ``error`` is why it broke off. Like a tap,
-    it returns events (`take`), and ``lost`` counts what did not fit.
+    it returns events (`take`), and ``lost`` counts events that did not fit.
     """
 
     def __init__(self, relay: Relay, tap: Tap) -> None:
@@ -89,7 +89,8 @@ class RelayProcess:
         if sys.platform == "win32":
             raise NotImplementedError  # according to `possible`
         with warnings.catch_warnings():
-            # Python warns of fork if there are threads. The command has none yet; tests have only their own peers.
+            # Python warns of fork if there are threads. A fork with other threads is deprecated: the command has none yet, and
+            # tests only have their own peers.
             warnings.simplefilter("ignore", DeprecationWarning)
             pid = os.fork()
         if not pid:
@@ -125,7 +126,7 @@ class RelayProcess:
         return passed
 
     def shut(self) -> None:
-        """Drop all further events: nothing reads them now. May be called by any thread."""
+        """Drop all further events, because they are no longer read. May be called by any thread."""
         self._shut = True
 
     # ---- the thread -------------------------------------------------------------------------------------------------
@@ -188,7 +189,7 @@ def _serve(relay: Relay, tap: Tap, to: socket.socket) -> NoReturn:
         sender = threading.Thread(target=_send, args=(relay, tap, to, done, error))
         sender.start()
         threading.Thread(target=_obey, args=(relay, to), daemon=True).start()
-        # Relaying has priority over sending events: the sender's thread must give up the interpreter soon.
+        # Relaying has priority over sending events: the sender's thread must release the interpreter soon.
         sys.setswitchinterval(0.000_1)
         try:
             relay.run()

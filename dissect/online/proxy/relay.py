@@ -1,6 +1,6 @@
-"""The relay: accepts clients, connects each to the server, and passes on what they send. One thread, one selector.
+"""The relay: accepts clients, connects each to the server, and passes on what they send. It uses one thread and one selector.
 
-It knows nothing about S7. A `Tap` gets every piece after it was passed on, and cannot affect the relay.
+It has no S7 code. A `Tap` gets every piece after it was passed on, and cannot affect the relay.
 
 At most one piece waits in each direction. While it waits, nothing more is read from its sender, so that TCP slows a sender down
 when its receiver stops reading. A FIN is relayed as a FIN, a reset as a reset.
@@ -40,7 +40,7 @@ class ResetError(Exception):
 class End:
     """One side of a link: its socket, and the octets that wait to be sent to it.
 
-    ``finished``: this side has closed its direction. ``told``: this side was sent the other side's FIN.
+    ``finished``: this side has closed its direction. ``told``: the other side's FIN was passed on to this side.
     """
 
     __slots__ = ("events", "finished", "link", "side", "socket", "told", "waiting")
@@ -52,7 +52,7 @@ class End:
         self.waiting: memoryview = _NOTHING
         self.finished = False
         self.told = False
-        self.events = 0  # what the selector watches it for
+        self.events = 0  # the events that the selector watches it for
 
     @property
     def peer(self) -> End:
@@ -118,7 +118,7 @@ class Link:
 
 
 def trouble(one: socket.socket) -> int:
-    """Return why nothing more can be read, as an errno; 0 while octets can be read or may still come.
+    """Return the errno that prevents further reading; 0 while octets can be read or may still come.
 
     ``SO_ERROR`` is not used: it would report a reset before octets that can still be read, and clear it for the later read.
     """
@@ -351,7 +351,7 @@ class Relay:
             raise reset
 
     def _watch(self, end: End) -> None:
-        """Let the selector watch an end for what it needs; an end that needs nothing is only checked from time to time."""
+        """Let the selector watch an end for the events it needs; an end that needs none is only checked from time to time."""
         events = (_READ if end.wants_read else 0) | (_WRITE if end.waiting else 0)
         if events == end.events:
             if not events:
@@ -383,7 +383,7 @@ class Relay:
         self._links.discard(link)
 
     def _look(self, now: float) -> None:
-        """Check what the selector does not report: resets of unwatched ends, and connection attempts that took too long."""
+        """Check events that the selector does not report: resets of unwatched ends, and connection attempts that timed out."""
         for end in list(self._quiet):
             if end.link in self._links and end.broken():
                 self._reset(end.link, end.side)

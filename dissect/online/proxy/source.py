@@ -39,7 +39,7 @@ class RelayReader(LiveReader):
         self._stopping.set()
 
     def close(self) -> None:
-        """Take nothing more."""
+        """Take no further events."""
         self._stopping.set()
         self._tap.shut()
         self._conversations.clear()

@@ -35,8 +35,8 @@ class StreamError(Error, ValueError):
 class Stream:
     """A connection, fed with the octets of each direction: of a proxy, a gateway, an asyncio reader. Made by `stream`.
 
-    `client_sent` and `server_sent` return the events that the octets complete; `close` those of what is still open. Only memory
-    that `Options.memory` bounds is used. Use one `Stream` in one thread or task.
+    `client_sent` and `server_sent` return the events that the octets complete; `close` returns those that are still open. Only
+    memory that `Options.memory` bounds is used. Use one `Stream` in one thread or task.
     """
 
     def __init__(self, client: Address, server: Address, queue: EventQueue, pipeline: Pipeline, begun: bool) -> None:
@@ -82,7 +82,7 @@ class Stream:
         return self._closed(_SERVER, time_ns)
 
     def close(self) -> list[Event]:
-        """Return the events of what is still open: nothing more is known of the connection. May be called twice."""
+        """Return the events that are still open, because no more octets of the connection will come. May be called twice."""
         if not self._over:
             self._over = True
             self.pipeline.finish()
@@ -145,10 +145,10 @@ def stream(
     tls_keys: KeyLogFiles = None,
     tags: Tags = None,
 ) -> Stream:
-    """Return a connection from ``client`` to ``server``, to be fed with the octets of each direction; it gives events.
+    """Return a connection from ``client`` to ``server``, to be fed with the octets of each direction; it returns events.
 
     The events are those of `dissect.open`, and so are the arguments besides the addresses. Packets are numbered as if the
-    octets had been captured. ``begun``: the first octets are not those that the connection began with.
+    octets had been captured. ``begun``: the connection began before the first octets.
     """
     queue = EventQueue(pdus)
     options = Options(slow_ns, decoder=decoder_of(scd, bind), tls_keys=keys_of(tls_keys), naming=naming_of(tags))

@@ -21,7 +21,8 @@ RESET: Final = "reset"
 GONE: Final = "gone"
 
 #: At most this many octets wait, where each event counts as `OVERHEAD` more; beginnings of connections may exceed that by
-#: `_RESERVE`. Ends of connections whose beginning got through are never left out; there are at most three for each.
+#: `_RESERVE`. The end of a connection whose beginning was passed on is never left out; there are at most three such events for
+#: each.
 MAX_OCTETS: Final = 64 * 1024 * 1024
 OVERHEAD: Final = 400
 _RESERVE: Final = 8 * 1024 * 1024
@@ -61,10 +62,10 @@ class Tapped(Protocol):
         """How many events were left out."""
 
     def take(self, wait_s: float) -> Passed | None:
-        """Return what happened next, waiting for it up to ``wait_s``; None when nothing did."""
+        """Return the next event, waiting for it up to ``wait_s``; None if there is none."""
 
     def shut(self) -> None:
-        """Nothing is read from it afterwards."""
+        """It will not be read from any more."""
 
 
 class Tap:
@@ -91,7 +92,7 @@ class Tap:
         return self._given - self._taken
 
     def shut(self) -> None:
-        """Drop all further events at once: nothing reads them now. May be called by any thread."""
+        """Drop all further events at once, because they are no longer read. May be called by any thread."""
         self._shut = True
 
     # ---- the relay's side -------------------------------------------------------------------------------------------
@@ -153,7 +154,7 @@ class Tap:
     # ---- the other side ---------------------------------------------------------------------------------------------
 
     def take(self, wait_s: float) -> Passed | None:
-        """Return what happened next, waiting for it up to ``wait_s``; None when nothing did."""
+        """Return the next event, waiting for it up to ``wait_s``; None if there is none."""
         passed, size = take_from(self._queue, wait_s)
         self._taken += size
         return passed

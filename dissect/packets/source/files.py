@@ -31,7 +31,7 @@ _ZSTD_MAGIC: Final = b"\x28\xb5\x2f\xfd"
 _ZSTD_MAX_BLOCK: Final = 128 * 1024
 _ZSTD_RLE: Final = 1
 
-#: How files begin that people take for captures, with what they are and how to get a capture from them.
+#: How some files begin that are often taken for captures, with their kind and how to convert them to a capture.
 _OTHER_MAGICS: Final = (
     (b"BZh", "a bzip2 file; decompress it first"),
     (b"\xfd7zXZ\x00", "an xz file; decompress it first"),
@@ -49,9 +49,9 @@ _OTHER_MAGICS: Final = (
 def open_capture(path: str | os.PathLike[str]) -> Reader:
     """Open the capture at ``path`` and return its reader; ``-`` is standard input, a URL is a file on another machine.
 
-    The first octets decide what it is, never its name: pcap or pcapng, plain or in gzip or zstd. `CaptureError`, with one line
-    for a person, when there is nothing to read: no such file, not a capture, an empty file, or zstd without the package that
-    reads it. Damage further on raises nothing; the reader reports it.
+    The first octets decide what it is, never its name: pcap or pcapng, plain or in gzip or zstd. Raises `CaptureError`, with
+    one line for a person, if there is nothing to read: no such file, not a capture, an empty file, or zstd without the package
+    that reads it. Damage further on raises nothing; the reader reports it.
     """
     path = os.fspath(path)
     source = _open(path)
@@ -96,7 +96,7 @@ def _open_stdin() -> PlainSource:
 
 
 def find_reader(source: OctetSource, name: str) -> Reader:
-    """Return the reader for what ``source`` holds.
+    """Return the reader for the content of ``source``.
 
     Raises `CaptureError` for any other content, with ``name`` in front of the reason.
     """
@@ -152,7 +152,7 @@ def _is_skippable(magic: bytes) -> bool:
 
 
 class _Stream(Protocol):
-    """The used methods of a raw binary file. ``read`` returns None when a non-blocking file has nothing yet."""
+    """The used methods of a raw binary file. ``read`` returns None when a non-blocking file has no data yet."""
 
     def read(self, size: int, /) -> bytes | None: ...
 
@@ -162,7 +162,7 @@ class _Stream(Protocol):
 
 
 class PlainSource:
-    """A file or pipe, read without decompression. An ``owned`` one is closed with the source."""
+    """A file or pipe, read without decompression. A file that is ``owned`` is closed together with the source."""
 
     def __init__(self, stream: _Stream, owned: bool) -> None:
         self.damage = ""
@@ -268,7 +268,7 @@ class GzipSource(_CompressedSource):
         return octets
 
     def _salvage(self, before: zlib._Decompress, why: str) -> bytes:
-        """Return the content before the corrupt octet, which the failed call did not give; the next call raises the error."""
+        """Return the content before the corrupt octet, which the failed call did not return; the next call raises the error."""
         octets = bytearray()
         start = self._taken - len(self._pending)
         for at in range(len(self._pending)):
@@ -379,7 +379,10 @@ class ZstdSource(_CompressedSource):
         return self._frame.decompress(header + body)
 
     def _end_frame(self) -> bytes:
-        """Check the checksum. That is a step of its own, so that the last block's content is kept when it is wrong."""
+        """Check the checksum.
+
+        That is a step of its own, so that the content of the last block is kept if the end of the frame is wrong.
+        """
         self._next = self._begin_frame
         return self._frame.decompress(self._take(4))
 

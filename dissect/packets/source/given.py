@@ -14,14 +14,14 @@ from dissect.wire.text import printable
 
 
 class BinaryFile(Protocol):
-    """An open binary file: all that is used of one."""
+    """An open binary file, with the methods that are used here."""
 
     def read(self, size: int, /) -> Any:
         """Return up to ``size`` octets."""
 
 
 #: A packet: its time (int: nanoseconds since 1970, float: seconds, or a datetime with a time zone), its LINKTYPE number, and
-#: its octets; where the capture cut it, its size on the wire follows.
+#: its octets; if the capture cut it, its size on the wire follows.
 Packet: TypeAlias = "tuple[int | float | datetime, int, bytes] | tuple[int | float | datetime, int, bytes, int]"
 
 #: A capture: a path, an open binary file, or packets in their order.
@@ -31,12 +31,15 @@ Source: TypeAlias = "str | os.PathLike[str] | BinaryFile | Iterable[Packet]"
 _AT_ONCE: Final = 256
 _SECOND: Final = 10**9
 _MOST_LINK: Final = 0xFFFF
-#: Times of packets that a computer may have: they fit a signed number of 64 bits.
+#: The latest time of a packet: it fits a signed number of 64 bits.
 _LATEST: Final = 2**63 - 1
 
 
 def open_source(source: Source) -> tuple[Reader, str]:
-    """Return the reader of a capture, and its name. Raises `CaptureError`, and TypeError for what cannot be one."""
+    """Return the reader of a capture, and its name.
+
+    Raises `CaptureError`, and TypeError for an object that cannot be a capture.
+    """
     if isinstance(source, (str, os.PathLike)):
         path = os.fspath(source)
         return open_capture(path), "stdin" if path == "-" else shown(path)
@@ -51,7 +54,7 @@ def open_source(source: Source) -> tuple[Reader, str]:
 
 
 def given_one(sources: object) -> bool:
-    """Return whether this is one source, and no list of several."""
+    """Return whether this is a single source, not a list of several."""
     return isinstance(sources, (str, os.PathLike)) or hasattr(sources, "read")
 
 
@@ -61,14 +64,14 @@ def _name(file: object) -> str:
 
 
 class _File:
-    """An open file, with sentences for what cannot be read."""
+    """An open file whose errors are reported in sentences."""
 
     def __init__(self, file: BinaryFile, name: str) -> None:
         self._file = file
         self._name = name
 
     def read(self, size: int, /) -> bytes | None:
-        """Return up to ``size`` octets, None where there is nothing yet. Raises `CaptureError` for no binary file."""
+        """Return up to ``size`` octets, None if no data is available yet. Raises `CaptureError` for no binary file."""
         try:
             piece = self._file.read(size)
         except ValueError as error:
@@ -100,7 +103,10 @@ class _PacketReader(Reader):
         self._given = packets
 
     def step(self, sink: PacketSink) -> bool:
-        """Deliver the next packets. Raises `CaptureError` for something else than a packet; those before it were delivered."""
+        """Deliver the next packets.
+
+        Raises `CaptureError` for an object that is not a packet; the packets before it were delivered.
+        """
         for _ in range(_AT_ONCE):
             try:
                 packet = next(self._given)

@@ -12,10 +12,10 @@ _PIECE: Final = 1024 * 1024
 
 
 class GrowingFile:
-    """Reads ``path`` from its beginning, and on from there. OSError when it cannot be opened or is a directory.
+    """Reads ``path`` from its beginning, and on from there. Raises OSError if it cannot be opened or is a directory.
 
-    The file stays open for as long as this object exists, because a live capture gives up its rights before the file has grown.
-    A file that became shorter was rewritten, and is read from its beginning again; ``begun`` counts how often.
+    The file stays open for as long as this object exists, because a live capture drops its privileges before the file grows. A
+    file that became shorter was rewritten, and is read from its beginning again; ``begun`` counts how often.
     """
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
@@ -26,7 +26,7 @@ class GrowingFile:
         os.read(self._descriptor, 0)  # raises for a directory, which can be opened but not read
 
     def more(self) -> bytes:
-        """Return what was written since the last call; nothing when it cannot be read."""
+        """Return the octets written since the last call; none if the file cannot be read."""
         try:
             if os.fstat(self._descriptor).st_size < self._at:
                 self._at = os.lseek(self._descriptor, 0, os.SEEK_SET)

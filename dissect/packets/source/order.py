@@ -1,4 +1,4 @@
-"""The order in which files of a folder or a pattern are read: that of the times of their packets."""
+"""Files of a folder or a pattern are read in the order of the times of their packets."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def first_ns(path: str) -> int | None:
 
 
 def by_time(paths: Iterable[str], first: Callable[[str], int | None] = first_ns) -> list[str]:
-    """Return files in the order of the times of their ``first`` packets, those without one last, else by name."""
+    """Return files in the order of the times of their ``first`` packets, files without one last and by name."""
     named = sorted(paths)
     if len(named) < 2:
         return named

@@ -11,7 +11,7 @@ from dissect.wire.errors import CaptureError
 
 __all__ = ["READING_FAILED", "CaptureError", "PacketSink", "Reader", "SourceFile"]
 
-#: How damage begins that is not the file's: the system or the network delivered no more of it, and may do so at a later time.
+#: Damage that begins like this is not in the file: the system or the network did not deliver more of it, but may do so later.
 READING_FAILED: Final = "reading failed after byte"
 
 
@@ -21,13 +21,13 @@ CONTINUES_NS: Final = 60_000_000_000
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class PacketSink:
-    """Takes packets one at a time; `dissect.engine.pipeline.Pipeline` is one.
+    """Takes packets one at a time, as `dissect.engine.pipeline.Pipeline` does.
 
     The base class drops everything, so a sink only overrides what it wants.
     """
 
     def frame(self, time_ns: i64, buf: bytes, start: i64, end: i64, wire_length: i64, link_type: i64) -> None:
-        """Take one packet: its octets are ``buf[start:end]``.
+        """Take one packet, whose octets are ``buf[start:end]``.
 
         ``time_ns`` is nanoseconds since 1970-01-01 UTC. ``wire_length`` is the size of the packet on the wire in octets, larger
         than ``end - start`` when the capture cut it. ``link_type`` is the LINKTYPE number of pcap and pcapng. ``buf`` may hold
@@ -48,7 +48,8 @@ class Reader:
     ``packets`` and ``octets`` count what was read so far. ``damage`` is empty, or one sentence that says where the capture was
     found damaged or cut; everything before that was delivered. ``rejected`` counts damaged blocks after which reading
     continued. ``notes`` are sentences about these and other oddities, one for each kind, with its first place and its count.
-    ``interface`` is the name of the interface that captured the packet being delivered, empty where the capture names none.
+    ``interface`` is the name of the interface that captured the packet being delivered, empty if the capture has no name for
+    it.
     """
 
     def __init__(self) -> None:

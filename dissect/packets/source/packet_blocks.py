@@ -90,7 +90,7 @@ class PacketBlocks:
     def _write(self, since: i64, octets: bytes, on_wire: i64, padding: i64, total: i64) -> None:
         """Write what `plain_block` returns."""
         if on_wire > _MOST_SIGNED:
-            on_wire -= 1 << 32  # written as a signed number, it is the same four octets
+            on_wire -= 1 << 32  # as a signed number with the same four octets
         size: i64 = len(octets)
         out = self._out
         write_i64_le(out, total << 32 | ENHANCED_PACKET)
@@ -104,7 +104,7 @@ class PacketBlocks:
         write_i32_le(out, i32(total))
 
     def take(self) -> bytes:
-        """Return the blocks that were gathered, and begin again with none."""
+        """Return the gathered blocks, and begin again with none."""
         whole = self._out.getvalue()
         self._out.truncate(0)
         self.packets = 0

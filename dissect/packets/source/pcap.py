@@ -1,6 +1,6 @@
 """`PcapReader` for classic pcap files, and `ChunkReader`, the base class of it and of the reader of pcapng.
 
-The format is draft-ietf-opsawg-pcap: a header of 24 octets, then records of a header of 16 octets and the packet. Read are both
+The format is draft-ietf-opsawg-pcap: a header of 24 octets, then records of a header of 16 octets and the packet. It reads both
 byte orders, microseconds and nanoseconds, the "modified" format of old tcpdump patches (magic 0xa1b2cd34, record headers of 24
 octets), and the swapped length fields of files older than version 2.4.
 """
@@ -42,8 +42,8 @@ _FILE_HEADER: Final = 24
 _ODD_FRACTION: Final = "a time stamp holds {} parts of a second, a whole second or more, and was read as it stands"
 #: The note about a packet with an impossible wire length; for pcapng as well.
 SHORT_WIRE: Final = "a packet claims only {} bytes on the wire, fewer than were captured, and was treated as complete"
-#: Where files were joined with cat: the first 16 octets of the second file header look like the record of an empty packet. Its
-#: last 8 octets look like the beginning of a record; the size of that one's packet is then the time of the next packet.
+#: If files were joined with cat, the first 16 octets of the second file header look like the record of an empty packet. Its
+#: last 8 octets look like the beginning of a record, whose packet size is in fact the time of the next packet.
 _JOINED: Final = "another pcap file begins there; join files with mergecap, not with cat"
 _ODD_VERSION: Final = "the file says it is version {} of the format, and was read as version 2.4"
 
@@ -59,7 +59,7 @@ def packet_limit(link_type: i64) -> i64:
 
 
 class OctetSource(Protocol):
-    """The octets of a capture, decompressed, whatever they are read from (see `files`)."""
+    """The octets of a capture, decompressed, from any kind of input (see `files`)."""
 
     @property
     def damage(self) -> str:
@@ -72,7 +72,7 @@ class OctetSource(Protocol):
         """
 
     def close(self) -> None:
-        """Release what is held. May be called twice."""
+        """Release all resources. May be called twice."""
 
 
 class _Oddity:
@@ -91,8 +91,8 @@ class _Oddity:
 class ChunkReader(Reader):
     """The base class of readers of records, which ``source`` gives in chunks of any size.
 
-    ``head`` is what was already taken from ``source``, to find out what it holds. ``octets`` counts what came out of the
-    source, decompressed. A subclass scans `_buf` from `_pos`, and calls `_fill` with the size that the next record needs.
+    ``head`` are the octets already taken from ``source`` to recognise its format. ``octets`` counts the decompressed octets of
+    the source. A subclass scans `_buf` from `_pos`, and calls `_fill` with the size that the next record needs.
     """
 
     def __init__(self, source: OctetSource, head: bytes) -> None:
@@ -160,7 +160,7 @@ class ChunkReader(Reader):
                     stop = 0
                 self._rest_at = stop
         finally:
-            # Also after an interrupt (Ctrl-C) in `read`: nothing that was taken is lost.
+            # Also after an interrupt (Ctrl-C) in `read`: no octets already read are lost.
             if pieces:
                 self._buf = pieces[0] if len(pieces) == 1 else b"".join(pieces)
                 self._pos = 0
@@ -174,7 +174,7 @@ class ChunkReader(Reader):
         return len(self._buf) - self._pos + left >= self._need and self._fill(self._need)
 
     def _finish(self, inside: str) -> None:
-        """The source has ended: end too. ``inside`` says what is cut if octets are left over."""
+        """The source has ended, so end too. ``inside`` says what is cut if octets are left over."""
         damage = self._source.damage
         if self._pos < len(self._buf):
             at = f"at byte {self.octets}, {inside}"
@@ -192,7 +192,10 @@ class ChunkReader(Reader):
         self.close()
 
     def _note(self, sentence: str, number: i64, at: i64) -> None:
-        """Count an oddity at ``_buf[at]`` by its sentence. The braces in that get the ``number`` of the first one."""
+        """Count an oddity at ``_buf[at]`` by its sentence.
+
+        Braces in the sentence are replaced by the ``number`` of the first occurrence.
+        """
         oddity = self._oddities.get(sentence)
         if oddity is None:
             oddity = _Oddity(sentence, number, self._offset(at))
@@ -251,7 +254,7 @@ class PcapReader(ChunkReader):
         if major != 2 or minor > 4:
             self._note(_ODD_VERSION.replace("{}", f"{major}.{minor}"), 0, 4)
         self._old = major == 2 and minor < 4
-        # The upper half is about frame check sequences, which come after the end that the IP length gives.
+        # The upper half describes frame check sequences, which come after the end given by the IP length.
         self._link_type = link & 0xFFFF
         self._ends = self._buf[16:_FILE_HEADER]
         self._begun = True

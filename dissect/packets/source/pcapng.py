@@ -1,11 +1,11 @@
 """`PcapngReader` for pcapng files (draft-ietf-opsawg-pcapng), with any number of sections and interfaces, in either byte order.
 
-Read are the Section Header, Interface Description, Enhanced Packet and Simple Packet Blocks and the obsolete Packet Block, the
+It reads the Section Header, Interface Description, Enhanced Packet and Simple Packet Blocks and the obsolete Packet Block, the
 comments of packets, and TLS key logs in Decryption Secrets Blocks; Interface Statistics Blocks are kept. Other blocks are
 skipped. A Simple Packet Block has no time; its packet gets the time of the packet before it (0 when there is none).
 
-An inconsistent block is skipped, counted in ``rejected`` and explained in ``notes``. Reading ends only where the next block
-cannot be found: at an impossible block length, or after two blocks in a row whose lengths at start and end differ.
+An inconsistent block is skipped, counted in ``rejected`` and explained in ``notes``. Reading ends only if the next block cannot
+be found: at an impossible block length, or after two blocks in a row whose lengths at start and end differ.
 """
 
 from __future__ import annotations
@@ -46,7 +46,8 @@ _MIN_INTERFACE: Final = 20
 _MIN_SIMPLE: Final = 16
 #: The largest statistics block kept; real ones have about a hundred octets.
 _MAX_STATISTICS: Final = 4096
-#: How many statistics blocks are kept, of a section and of those before it; a file joined of parts has a section for each part.
+#: How many statistics blocks are kept, for a section and for the earlier ones together; a file joined from parts has a section
+#: for each part.
 _MOST_STATISTICS: Final = 4096
 _MIN_PACKET: Final = 32
 _MIN_SECRETS: Final = 20
@@ -81,7 +82,7 @@ class Interface:
     """The description of an interface, as far as its packets need it.
 
     ``link_type`` is a LINKTYPE number, -1 when the description could not be read; ``name`` is empty when it has none. A tick of
-    its clock is ``base ** -exponent`` seconds (``base`` 2 or 10), counted from ``offset`` seconds after 1970-01-01 UTC. Where a
+    its clock is ``base ** -exponent`` seconds (``base`` 2 or 10), counted from ``offset`` seconds after 1970-01-01 UTC. If a
     tick is a whole number of nanoseconds and ``offset`` is 0, ``multiplier`` is that number; times whose upper 32 bits are less
     than ``safe_high`` then fit 64 bits of nanoseconds.
     """
@@ -142,7 +143,7 @@ class PcapngReader(ChunkReader):
         self._pair: struct.Struct = struct.Struct("<II")
         self._fields: struct.Struct = struct.Struct("<IIIII")
         self._interfaces: list[Interface] = []
-        self._latest: Interface | None = None  # the one of the packet before, which is number `_number` of them
+        self._latest: Interface | None = None  # the interface of the last packet; its number is `_number`
         self._number: i64 = 0
         self._time_ns: i64 = 0
         self._doubt: bool = False
@@ -223,7 +224,7 @@ class PcapngReader(ChunkReader):
         return u32(self._buf, at) if self._big else u32le(self._buf, at)
 
     def _order(self, at: i64) -> bool:
-        """Take the byte order of the section that begins at ``at``; return False, and end, when it has none."""
+        """Take the byte order of the section that begins at ``at``; if it has none, end and return False."""
         magic = self._buf[at + 8 : at + 12]
         if magic not in BYTE_ORDER_MAGICS:
             self._stop(at, f"a section header has no byte-order magic but {magic.hex(' ')}")
@@ -236,7 +237,7 @@ class PcapngReader(ChunkReader):
         return True
 
     def _contradiction(self, sink: PacketSink, kind: i64, at: i64, total: i64, trailer: i64) -> None:
-        """Take a block whose two lengths differ: give it up, but read a section or interface, which later blocks need."""
+        """Handle a block whose two lengths differ: skip it, but read a section or interface, which later blocks need."""
         if self._doubt:
             self._stop(at, "two blocks one after the other have different lengths at start and end")
             return
@@ -248,7 +249,7 @@ class PcapngReader(ChunkReader):
             self._reject(_TRAILER, trailer, at)
 
     def _block(self, sink: PacketSink, kind: i64, at: i64, total: i64) -> None:
-        """Read one whole block, of any kind but those `_packet` takes."""
+        """Read one whole block, of any kind that `_packet` does not read."""
         if kind == SECTION:
             self._section(at, total)
         elif kind == INTERFACE:
@@ -292,7 +293,7 @@ class PcapngReader(ChunkReader):
         self.statistics = {}
 
     def _interface(self, at: i64, total: i64) -> None:
-        """Add an interface. One that cannot be read takes its place too, so that the numbers of those after it are right."""
+        """Add an interface. An unreadable one also gets a number, so that the numbers of those after it are right."""
         if len(self._interfaces) >= MAX_INTERFACES:
             self._reject(_MANY_INTERFACES, 0, at)
             return

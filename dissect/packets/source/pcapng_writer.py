@@ -58,10 +58,10 @@ _TIME_HALVES: Final = struct.Struct("<III")
 _U32: Final = struct.Struct("<I")
 _MASK: Final = 0xFFFFFFFF
 
-#: The errors of a disk that has no room left: none at all, or none for this user.
+#: The errors of a full disk: no room at all, or none for this user.
 FULL: Final = frozenset((errno.ENOSPC, getattr(errno, "EDQUOT", errno.ENOSPC)))
 
-#: Mode of a new capture file: not for other users of the machine, because captures hold passwords.
+#: Mode of a new capture file: other users of the machine cannot read it, because captures hold passwords.
 CAPTURE_MODE: Final = 0o640
 
 
@@ -90,7 +90,7 @@ def section_mark(head: bytes) -> str:
 def interface_block(link_type: int, name: str = "", snaplen: int = 0, capture_filter: str = "") -> bytes:
     """Return an Interface Description Block with nanoseconds; ``snaplen`` 0: no limit. ValueError for a wrong link type.
 
-    ``capture_filter`` is what was captured, in libpcap's language.
+    ``capture_filter`` is the filter of the capture, in libpcap's language.
     """
     if not 0 <= link_type <= 0xFFFF:
         raise ValueError(f"{link_type} is not a link type: it must fit 16 bits")
@@ -125,7 +125,7 @@ def secrets_block(text: bytes) -> bytes:
 
 
 def _statistics_block(number: int, told: InterfaceStatistics) -> bytes:
-    """Return an Interface Statistics Block: first and last time, number of packets, and losses where they are known."""
+    """Return an Interface Statistics Block: first and last time, number of packets, and losses if they are known."""
     first = told.first_ns
     last = told.last_ns
     options = [
@@ -184,11 +184,10 @@ def _block(kind: int, body: bytes) -> bytes:
 class PcapngWriter:
     """A pcapng file being written, block by block.
 
-    Each block goes to the file in one write. With ``batch``, whole blocks are gathered until they have that many octets;
-    gathered blocks are lost if the process is killed. ``packets`` and ``octets`` count what was added so far, `unwritten` says
-    what of that is not in the file. ``make_room`` is called when the disk is full, and returns whether it freed something, so
-    that it is worth trying again. An `OSError` names ``path``. ``capture_filter`` is written to the interfaces that begin after
-    it was set.
+    Each block goes to the file in one write. With ``batch``, whole blocks are gathered up to that many octets; gathered blocks
+    are lost if the process is killed. ``packets`` and ``octets`` count everything added so far, `unwritten` how much of that is
+    not in the file. ``make_room`` is called when the disk is full, and returns whether it freed space, so that another try
+    makes sense. An `OSError` names ``path``. ``capture_filter`` is written to the interfaces that begin after it was set.
     """
 
     def __init__(
@@ -210,7 +209,7 @@ class PcapngWriter:
         self.packets = 0
         self.octets = 0
         self.capture_filter = ""
-        self._given = 0  # packets that were given, and their octets
+        self._given = 0  # number of packets added, and their octets
         self._captured = 0
         self._safe = (0, 0)  # packets and octets of packets that are in the file
         self._make_room = make_room
@@ -282,7 +281,7 @@ class PcapngWriter:
         if number < 0:
             number = self.interface(link_type, name)
         block = packet_block(number, time_ns, octets, wire_length, comments)
-        self._given += 1  # before it is put: what cannot be written counts as unwritten
+        self._given += 1  # counted first, so that a packet that cannot be written counts as unwritten
         self._captured += len(octets)
         self._put(block)
         self._told[number].count(time_ns)
@@ -294,7 +293,7 @@ class PcapngWriter:
         return PacketBlocks(number, self._told[number])
 
     def put(self, blocks: PacketBlocks) -> None:
-        """Add the packets that were gathered; the caller must have added everything that comes before them."""
+        """Add the gathered packets; the caller must have added all earlier packets."""
         if blocks.packets:
             self.packets += blocks.packets
             self._given += blocks.packets
@@ -341,7 +340,7 @@ class PcapngWriter:
     def resume(self) -> bool:
         """Write to the file again after a failure; return False if it no longer ends with a whole block.
 
-        Packets that were unwritten then are gone: count them before.
+        Packets that were unwritten before are lost, so count them first.
         """
         if self.closed or not self._taken_back:
             return False
@@ -372,7 +371,7 @@ class PcapngWriter:
             self.flush()
 
     def _write(self, octets: bytes) -> None:
-        """Write whole blocks; if that fails, remove what was written of them."""
+        """Write whole blocks; if that fails, remove the part that was written."""
         if self.closed or self._failed:
             raise ValueError(f"{self.path} was closed, or writing to it failed before")
         try:
@@ -387,7 +386,7 @@ class PcapngWriter:
         self._safe = (self._given, self._captured)
 
     def _write_all(self, octets: bytes) -> None:
-        """Write all of it; on a full disk, as long as there is something that can be freed."""
+        """Write all octets; on a full disk, try again as long as space can be freed."""
         rest = memoryview(octets)
         while rest:
             try:
@@ -405,5 +404,5 @@ class PcapngWriter:
                 os.lseek(self._descriptor, 0, os.SEEK_END)
             except OSError:
                 self._taken_back = (
-                    False  # a pipe or a device keeps what was written, and readers report where it is cut
+                    False  # a pipe or a device keeps the written part, and readers report where it is cut
                 )

@@ -1,7 +1,7 @@
 """Captures on other machines: ``sftp://HOST/DIR/FILE``, ``https://…``, ``s3://BUCKET/KEY`` and whatever else fsspec opens.
 
-They are read as a stream, a few MiB ahead, and never stored. Credentials only come from where the transport's own tools keep
-them: keys, agent, configuration and known hosts of SSH, the profiles of a cloud. fsspec is imported only for such names.
+They are read as a stream, a few MiB ahead, and never stored. Credentials come only from where the transport's own tools keep
+them: keys, agent, configuration and known hosts of SSH, the profiles of a cloud. fsspec is imported only for remote names.
 """
 
 from __future__ import annotations
@@ -34,9 +34,9 @@ _SCHEME: Final = re.compile(r"[A-Za-z][A-Za-z0-9+.-]*://")
 # These are strings, which `re` compiles and keeps at their first use, because most runs use none.
 _PATTERN: Final = r"[*?\[]"
 _DAYS: Final = r"\{(\d{4}-\d\d-\d\d|\d{8})\.\.(\d{4}-\d\d-\d\d|\d{8})\}"
-#: Parts of URLs in other programs' messages that are not shown: a password, and a query, which may be a signature.
+#: Parts of URLs that are hidden in messages of other programs: a password, and a query, which may be a signature.
 _SECRETS: Final = r"(?<=//)[^/@\s]*:[^/@\s]*(?=@)|(?<=\?)[^\s'\")]+"
-#: Transports whose names have no query, so that a question mark is one of the name, or of a pattern.
+#: Transports whose names have no query, so a question mark belongs to the name or to a pattern.
 _SSH: Final = frozenset(("sftp", "ssh"))
 #: Transports whose names have the host after the two slashes.
 _OF_HOST: Final = _SSH | {"http", "https"}
@@ -60,7 +60,7 @@ def is_remote(name: str) -> bool:
 
 
 def shown(name: str) -> str:
-    """Return a name as it may be shown: without the password and the query, which may be a signature."""
+    """Return a name in a form safe to show: without the password and the query, which may be a signature."""
     if not is_remote(name):
         return name
     scheme, _, rest = name.partition("://")
@@ -101,7 +101,7 @@ class RemoteSource:
 
 
 def open_remote(name: str, seconds: float = READ_S) -> RemoteSource:
-    """Open a file on another machine. `CaptureError`, with one line that names host and file, when it cannot be read.
+    """Open a file on another machine. Raises `CaptureError`, with one line that names host and file, if it cannot be read.
 
     A server that accepts but stays silent is given up after ``seconds``, however often a transport would try.
     """
@@ -109,7 +109,7 @@ def open_remote(name: str, seconds: float = READ_S) -> RemoteSource:
 
 
 def bounded(ask: Callable[[], T], seconds: float) -> T:
-    """Return what ``ask`` returns, or raise what it raises; TimeoutError when that takes longer, however it waits."""
+    """Return the result of ``ask``, or raise its exception; TimeoutError if that takes longer, however it waits."""
     from concurrent.futures import Future  # late: few runs read from other machines
 
     answer: Future[T] = Future()
@@ -146,7 +146,7 @@ def file_system(name: str) -> tuple[Any, str]:
         if parts.port == 0:  # reading it refuses other invalid port numbers
             raise ValueError("Port out of range 1-65535")
     host, slash, path = rest.partition("/")
-    # Only its host goes to `url_to_fs`, which takes marks that any file name may have for a query or a fragment.
+    # Only the host goes to `url_to_fs`, because that would take some characters of a file name for a query or a fragment.
     found: tuple[Any, str] = url_to_fs(f"{scheme}://{host}/" if scheme in _SSH else name, **_patience(scheme))
     return (found[0], slash + path) if scheme in _SSH else found
 
@@ -171,7 +171,7 @@ def _patience(scheme: str) -> Mapping[str, object]:
 
 
 def _asked(name: str, ask: Callable[[], T]) -> T:
-    """Return what ``ask`` returns; turn whatever it raises into a `CaptureError` of one line."""
+    """Return the result of ``ask``; turn any exception into a `CaptureError` of one line."""
     try:
         return ask()
     except IsADirectoryError:
@@ -203,7 +203,7 @@ def explained(error: Exception, writing: bool = False) -> str:
         return f"access refused ({said}); credentials are those of the transport's own tools"
     if isinstance(error, PermissionError):
         return "no permission to write it" if writing else "no permission to read it"
-    # That of a web server is also raised for every error before there was an answer.
+    # For a web server this error is also raised for every failure before there was an answer.
     of_web = type(cause).__module__.startswith("aiohttp") or isinstance(cause, OSError)
     if isinstance(error, FileNotFoundError) and (status == _NOT_FOUND or not of_web):
         return "no such place" if writing else _NO_FILE
@@ -214,10 +214,10 @@ def explained(error: Exception, writing: bool = False) -> str:
 
 def _reason(error: Exception) -> str:
     """Return the message of an error in one line, without control characters; the error's name where it has no message."""
-    import socket  # late, as ssl: this module is read at every start, and few runs read from other machines
+    import socket  # imported late, like ssl: this module is read at every start, and few runs read from other machines
     import ssl
 
-    if isinstance(error, ssl.SSLError):  # whose number is not one of the system
+    if isinstance(error, ssl.SSLError):  # its number is not one of the system's error numbers
         return _reason_of_tls(error)
     if isinstance(error, OSError) and error.errno is not None and error.errno > 0:
         return os.strerror(error.errno)
@@ -229,7 +229,7 @@ def _reason(error: Exception) -> str:
 
 
 def _reason_of_tls(error: ssl.SSLError) -> str:
-    """The same of an error of TLS, or of a transport's own that was raised from one and is of both kinds."""
+    """Return the reason of a TLS error, or of a transport's error that was raised from one."""
     for each in (error, error.__cause__):
         refused = getattr(each, "verify_message", "").rstrip(".")
         if refused:
@@ -244,9 +244,9 @@ def _reason_of_tls(error: ssl.SSLError) -> str:
 def expand(names: Iterable[str]) -> list[str]:
     """Return the files that names denote: patterns (``*``, ``?``, ``[…]``) and days (``{2026-11-01..2026-11-30}``).
 
-    The files of a pattern come in the order of their packets' time, remote ones by name. Where a local file has the pattern
-    itself as its name, only that file is meant. Days of a range without a file are left out. `CaptureError` when a pattern or a
-    range finds no file, or the range is invalid.
+    The files of a pattern come in the order of their packets' time, remote ones by name. If a local file has the pattern itself
+    as its name, only that file is meant. Days of a range without a file are left out. `CaptureError` when a pattern or a range
+    finds no file, or the range is invalid.
     """
     found: list[str] = []
     for name in names:
@@ -284,7 +284,7 @@ def _is_here(name: str) -> bool:
 def _local(name: str) -> list[str]:
     """Return the local files of a pattern. As in a shell, names that begin with a dot are found only by a pattern that does."""
     anchor = Path(name).anchor
-    # Only as a part of its own does ** mean all folders; `glob` refuses it elsewhere, where a shell takes it for *.
+    # Only as a whole part of the path does ** mean all folders; elsewhere `glob` refuses it, and a shell takes it for *.
     parts = [part if part == "**" else re.sub(r"\*{2,}", "*", part) for part in Path(name[len(anchor) :]).parts]
     dotted = [part for part in parts if part.startswith(".")]
 

@@ -29,7 +29,7 @@ _LITTLE: Final[bool] = sys.byteorder == "little"
 
 
 def deliver_block(block: bytes, first: i64, count: i64, sink: PacketSink, link_type: i64, skip_outgoing: bool) -> i64:
-    """Give the ``count`` packets of ``block``, the first of them at ``first``, to ``sink``; return how many it got.
+    """Give the ``count`` packets of ``block``, the first of them at ``first``, to ``sink``; return how many were delivered.
 
     The kernel takes the VLAN tag out of a frame and puts it into the header; it is put back here. ``skip_outgoing`` leaves out
     packets being sent, because a loopback interface receives the same packets as well.

@@ -63,7 +63,7 @@ class TcpConnection:
         self.vlan: i64 = vlan
         self.also: tuple[int, ...] = ()
         self._streams: list[HalfStream] | None = [HalfStream(), HalfStream()]
-        self._first_octets: i64 = 0  # this and the next three are what is kept of the streams once they are let go
+        self._first_octets: i64 = 0  # this and the next three are kept of the streams when they are dropped
         self._first_position: i64 = 0
         self._second_octets: i64 = 0
         self._second_position: i64 = 0
@@ -91,7 +91,7 @@ class TcpConnection:
 
     @property
     def streams(self) -> list[HalfStream]:
-        """The data of each side; once the connection was let go, only ``octets`` and ``position`` are right."""
+        """The data of each side; after `let_go` only ``octets`` and ``position`` are right."""
         found = self._streams
         if found is not None:
             return found
@@ -101,7 +101,7 @@ class TcpConnection:
         return [first, second]
 
     def let_go(self) -> None:
-        """The connection is over: keep how much passed, and forget the streams, because results keep many connections."""
+        """The connection is over: keep how much data it carried and drop the streams, because results keep many connections."""
         streams = self._streams
         if streams is None:
             return
@@ -118,10 +118,10 @@ class TcpConnection:
             self.also = (*self.also, vlan)
 
     def note_link(self, side: i64, addresses: bytes) -> None:
-        """Take the Ethernet addresses of a packet that ``side`` sent, the receiver's in front, as on the wire."""
+        """Take the Ethernet addresses of a packet that ``side`` sent, the receiver's first, as on the wire."""
         if len(addresses) != 12:
             return
-        if side == 1 and (self.heard == 0 or addresses == self.macs):  # in the order that they are kept in
+        if side == 1 and (self.heard == 0 or addresses == self.macs):  # the order in which they are kept
             self.macs = addresses
             self.heard |= 2
             return
@@ -144,7 +144,7 @@ class TcpConnection:
 
     @property
     def known_start(self) -> bool:
-        """True when the SYN was captured, so that nothing before can have been missed."""
+        """True when the SYN was captured, so that nothing before it can have been missed."""
         return self.initiator >= 0
 
     def is_new_connection(self, side: i64, isn: i64) -> bool:
@@ -167,7 +167,7 @@ class TcpConnection:
         return True
 
     def _note_end(self, how: str, side: i64, seq: i64, frame: i64, time_ns: i64, read: bool) -> None:
-        """Take an end: one with the expected sequence number is certain, the first of any others is in doubt."""
+        """Note an end: an end with the expected sequence number is certain; the first of all others is in doubt."""
         silent: i64 = 3 if how == "reset" else 1 << side
         stream = self.streams[side]
         if self.ended:
@@ -183,7 +183,7 @@ class TcpConnection:
         self._silent |= silent
 
     def withdraw(self) -> None:
-        """The end that was in doubt was none: what ended the connection since then, if anything did, takes its place."""
+        """The end in doubt was not an end: the event that ended the connection later, if there is one, takes its place."""
         doubt = self.doubt
         if doubt is None:
             return
@@ -217,7 +217,7 @@ class TcpConnection:
 
     @property
     def closed(self) -> bool:
-        """True when neither side sends anything more."""
+        """True if neither side will send anything more."""
         return self._silent == 3
 
 

@@ -2,7 +2,8 @@
 
 A receiver accepts a RST at exactly that number (RFC 5961 section 3.2), and a FIN once it has every octet before it (RFC 9293
 section 3.10.7.4). In a capture, a RST or FIN with another number may be genuine and follow octets that the capture lost; or
-someone else sent it and guessed the number. What follows decides. The connection counts as ended until both sides continue:
+someone else sent it and guessed the number. The packets that follow decide. The connection counts as ended until both sides
+continue:
 
 * the other side sent octets after the end, and then the side that apparently ended sent octets that acknowledge those; or
 * the side that apparently ended sent octets from beyond the end.

@@ -46,8 +46,8 @@ class IpPacket:
     """What `parse_ip` found: addresses, the upper protocol and its octets.
 
     ``problem`` is empty, or says why the packet cannot be used: ``bad_header``, ``cut``. ``start`` and ``end`` bound the
-    payload within the captured octets; ``missing`` counts payload octets that the IP length claims and the capture does not
-    hold. ``fragment_key`` is set for a fragment of what may be a TCP segment, a tunnel or, when wanted, a UDP datagram. The
+    payload within the captured octets; ``missing`` counts payload octets that the IP length includes but the capture does not
+    have. ``fragment_key`` is set for a fragment of what may be a TCP segment, a tunnel or, when wanted, a UDP datagram. The
     payload is then what `FragmentStore.add` takes, with the IPv6 extension headers that follow the fragment header.
     """
 
@@ -176,8 +176,8 @@ def _parse_fragment_header(packet: IpPacket, buf: bytes, here: i64, wants_udp: b
 def _skip_extensions(buf: bytes, at: i64, end: i64, protocol: i64) -> tuple[i64, i64]:
     """Step over the IPv6 extension headers at ``at``, the first of type ``protocol``.
 
-    Return the protocol of what follows and where that begins. The protocol is `_CUT` when the headers reach beyond ``end``, and
-    that of an extension header when there are more than `_MAX_EXTENSION_HEADERS`.
+    Return the protocol of the payload after the extension headers and its offset. The protocol is `_CUT` when the headers reach
+    beyond ``end``, and that of an extension header when there are more than `_MAX_EXTENSION_HEADERS`.
     """
     for _ in range(_MAX_EXTENSION_HEADERS):
         if protocol not in _EXTENSION_HEADERS:
@@ -218,7 +218,7 @@ class FragmentStore:
     """Holds the fragments of datagrams until the datagrams are whole; the first copy of an octet wins.
 
     ``waiting``, ``used`` and ``dropped`` count packets; ``invalid`` counts the dropped ones that can be part of no datagram.
-    ``conflicts`` counts datagrams whose fragments contradict each other in their octets or in where the datagram ends.
+    ``conflicts`` counts datagrams whose fragments contradict each other in their octets or about where the datagram ends.
     ``evicted`` counts datagrams dropped because the store was full, ``expired`` those dropped because they were not whole in
     time. ``protocol`` is that of the datagram that `add` returned last.
     """
@@ -242,8 +242,8 @@ class FragmentStore:
         """Take one fragment; return the payload of its datagram if that is whole now, else None.
 
         The payload is a TCP segment, the content of a tunnel or, when wanted, a UDP datagram. It is empty when the extension
-        headers of the whole datagram lead to another protocol. An impossible fragment, or one that contradicts where its
-        datagram ends, is dropped. The packet that completes a datagram is not counted here: the caller counts it like any whole
+        headers of the whole datagram lead to another protocol. An impossible fragment, or one that contradicts the end of its
+        datagram, is dropped. The packet that completes a datagram is not counted here: the caller counts it like any whole
         packet.
         """
         self._expire(time_ns)
@@ -330,7 +330,7 @@ class FragmentStore:
         self.waiting -= datagram.fragments
 
     def _expire(self, time_ns: i64) -> None:
-        """Drop datagrams that waited too long; they are in order of arrival, so the first that did not ends the search."""
+        """Drop datagrams that waited too long; they are in order of arrival, so the first younger one ends the search."""
         while self._datagrams:
             key = next(iter(self._datagrams))
             if time_ns - self._datagrams[key].since_ns <= FRAGMENT_TIMEOUT_NS:

@@ -57,7 +57,7 @@ _IP: Final = -16
 #: PPP protocols that are compressed, encrypted or cut into pieces (IANA): Van Jacobson, multilink, encryption, compression.
 _PPP_SEALED: Final = frozenset((0x2D, 0x2F, 0x3D, 0x53, 0x55, 0xFB, 0xFD))
 
-#: What cannot be read, by EtherType.
+#: Encapsulations that cannot be read, by EtherType.
 SEALED_NAMES: Final[dict[int, str]] = {_MACSEC: "MACsec", _PPPOE: "PPP that is compressed, encrypted or in pieces"}
 
 
@@ -132,7 +132,7 @@ def after_type(buf: bytes, ethertype: i64, at: i64, end: i64) -> tuple[i64, i64]
 def _after_header(buf: bytes, ethertype: i64, at: i64, end: i64) -> tuple[i64, i64]:
     """Step over the header at ``at``, of an EtherType other than a VLAN tag; return offsets of the next EtherType and content.
 
-    Where no EtherType follows return `_IP` and where IP begins; where nothing can be found, what `find_ip` returns then.
+    If no EtherType follows, return `_IP` and the offset of IP; if nothing can be found, the result of `find_ip` for that case.
     """
     size: i64
     if 0 < ethertype <= 1500:  # a length, which LLC follows
@@ -168,9 +168,10 @@ def _after_header(buf: bytes, ethertype: i64, at: i64, end: i64) -> tuple[i64, i
 
 
 def _after_labels(buf: bytes, at: i64, end: i64) -> tuple[i64, i64]:
-    """Step over a stack of MPLS labels. No field says what follows: what begins with an IP version is IP, else it is a frame.
+    """Step over a stack of MPLS labels.
 
-    A control word may precede the frame. It begins with four bits of 0 (RFC 4385), but the frame's first address may as well.
+    No field gives the type of the content: if it begins with an IP version it is IP, otherwise a frame. A control word may
+    precede the frame. A control word begins with four bits of 0 (RFC 4385), but the frame's first address may as well.
     """
     for _ in range(_MAX_LABELS):
         if at + 4 > end:

@@ -27,7 +27,8 @@ def is_damaged(addresses: bytes, protocol: i64, buf: bytes, at: i64, end: i64) -
     """Return whether the checksum of the whole segment or datagram ``buf[at:end]`` is wrong.
 
     ``addresses`` are those of the IP header, the sender's first. A packet captured on its sender may have the sum of only the
-    pseudo header, because the network card adds the rest; that is not damage. Nor is a UDP datagram without a checksum.
+    pseudo header, because the network card adds the rest; that is not damage. A UDP datagram without a checksum is not damaged
+    either.
     """
     where: i64 = at + (_IN_TCP if protocol == TCP else _IN_UDP)
     stated: i64 = u16(buf, where)
@@ -57,7 +58,7 @@ class Segment:
     """The TCP segment or UDP datagram of a packet, or why it has none.
 
     ``problem`` is empty, or the category (`transactions.accounts`) of a packet that has no segment to use. With a problem other
-    than ``bad_checksum`` only ``sealed`` counts besides: it names the encapsulation that could not be opened, if any.
+    than ``bad_checksum`` only ``sealed`` is set as well: it names the encapsulation that could not be opened, if any.
 
     ``protocol`` is `ip.TCP` or `ip.UDP`. ``key`` is the addresses and ports in the packet's order, then the VLAN key when there
     is one; ``octets`` is the payload. ``word`` is the data offset and the flags; a datagram has none of ``seq``, ``ack`` and
@@ -114,7 +115,7 @@ def find_segment(
 
 
 def _without_ip(answer: i64, detail: i64, link_type: i64) -> Segment:
-    """Return the segment of a frame in which `link.find_ip` found no IP: just the problem, and what could not be opened."""
+    """Return the segment of a frame without IP (`link.find_ip`): the problem and the encapsulation that could not be opened."""
     if answer == link.CUT:
         return Segment("cut")
     segment = Segment("link_type" if answer == link.UNSUPPORTED else "not_ip")

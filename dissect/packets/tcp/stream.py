@@ -1,4 +1,4 @@
-"""One direction of a TCP connection: segments in any order become octets in order, and gaps reported as gaps.
+"""One direction of a TCP connection: turns segments in any order into octets in order, and reports gaps.
 
 `HalfStream` does no I/O and knows no clock; time comes in with each segment. A segment that is exactly the next one is the
 common case and costs one comparison, which the pipeline makes itself (`next_seq`, `held`). Everything else comes here:
@@ -8,10 +8,9 @@ common case and costs one comparison, which the pipeline makes itself (`next_seq
 * Missing octets are declared a gap once the far end acknowledged them and a short grace period has passed, because captures
   also show a segment after its own acknowledgement; else after `MAX_HELD` held segments; else after `HOLE_TIMEOUT_NS` of
   capture time; else at the end of the stream. Nothing is ever filled in (docs/decisions/0003-holes.md).
-* A segment so far ahead that no window reaches it counts only when the far end acknowledges it; else it is dropped
-  (`outside`).
+* A segment beyond any possible window counts only if the far end acknowledges it; otherwise it is dropped (`outside`).
 
-Positions are counted from the first octet seen, without wrap; sequence numbers wrap at 2**32. `Endpoint` is who sends.
+Positions are counted from the first octet seen, without wrap; sequence numbers wrap at 2**32. `Endpoint` is the sender.
 """
 
 from __future__ import annotations
@@ -36,13 +35,12 @@ MAX_HELD_OCTETS: Final = 1024 * 1024
 HELD_COST: Final = 128
 #: An unexplained gap is declared after this much capture time.
 HOLE_TIMEOUT_NS: Final = 1_000_000_000
-#: After the far end acknowledged a missing octet: segments of the connection, or time, that it may still turn up in.
+#: For so many segments of the connection, or so much time, an octet that the far end acknowledged may still be captured late.
 ACK_GRACE_SEGMENTS: Final = 8
 ACK_GRACE_NS: Final = 50_000_000
-#: Where the capture shows nothing of the far end, a segment further ahead than this is accepted only if a second one follows it
-#: closely.
+#: If the far end was not captured, a segment further ahead than this is accepted only if a second one follows it closely.
 FAR_AHEAD: Final = 1024 * 1024
-#: Where it shows the far end, a segment further ahead than this, the largest window without scaling, counts only when the far
+#: If the far end was captured, a segment further ahead than this, the largest window without scaling, counts only if the far
 #: end acknowledges it.
 WINDOW: Final = 65535
 
@@ -58,7 +56,7 @@ _NOTHING: Final[list[Chunk]] = []
 
 
 class HalfStream:
-    """Reassembly of one direction. `accept` takes segments; `ready` holds what can be read, in order."""
+    """Reassembly of one direction. `accept` takes segments; `ready` holds the octets that can be read, in order."""
 
     __slots__ = (
         "_acked_latest",
@@ -104,9 +102,9 @@ class HalfStream:
         self._acked_latest: i64 = -1
         self._acked_ns: i64 = 0
         self._acked_segments: i64 = 0
-        self.heard: bool = False  # the far end speaks as well, so that what it acknowledges can be seen
-        self.repeats: bool = False  # the segment that `accept` took last has octets that were there before
-        self.outside: i64 = 0  # octets that were not believed; set back to 0 by who reports them
+        self.heard: bool = False  # the far end was captured as well, so its acknowledgements can be seen
+        self.repeats: bool = False  # the last segment that `accept` took has octets that were there before
+        self.outside: i64 = 0  # octets that were not believed; the code that reports them sets this back to 0
 
     def start(self, seq: i64) -> None:
         """Begin at sequence number ``seq`` (the octet after a SYN, or the first one seen)."""
@@ -119,7 +117,7 @@ class HalfStream:
         return ahead if ahead < HALF_SPACE else ahead - MASK - 1
 
     def passed(self, octets: bytes, size: i64) -> None:
-        """Account for octets, ``size`` of them, that the caller took straight from an in-order segment."""
+        """Count ``size`` octets that the caller took directly from an in-order segment."""
         self.before = self.last
         self.before_at = self.last_at
         self.last = octets
@@ -212,14 +210,14 @@ class HalfStream:
         return self._believed(held)
 
     def _believed(self, held: list[Held]) -> bool:
-        """Return whether the first stretch held may be where it says without a word of the far end."""
+        """Return whether the first held stretch may be at its position, without an acknowledgement of the far end."""
         ahead: i64 = held[0].at - self.position
         if self.heard:
             return ahead <= WINDOW
         return ahead <= FAR_AHEAD or (len(held) > 1 and held[1].at - held[0].at <= FAR_AHEAD)
 
     def _give_up_or_drop(self) -> None:
-        """Declare the first gap, unless there is no evidence for the data after it: then that is dropped."""
+        """Declare the first gap, unless there is no evidence for the data after it: then drop that data."""
         held = self.held
         if held is None:
             return
@@ -238,7 +236,7 @@ class HalfStream:
             return
         hole: i64 = held[0].at - self.position
         if hole > 0:
-            self.skip(hole, held[0].frame, held[0].time_ns)  # reported at the packet that shows it
+            self.skip(hole, held[0].frame, held[0].time_ns)  # reported at the packet after the gap
         self._drain(-1, 0)
 
     def skip(self, hole: i64, frame: i64, time_ns: i64) -> None:
@@ -272,14 +270,14 @@ class HalfStream:
         return ready
 
     def _hold(self, at: i64, octets: bytes, ack: i64, frame: i64, time_ns: i64) -> bool:
-        """Keep those octets of a stretch that no held one covers; True when there were any."""
+        """Keep those octets of a stretch that no held stretch covers; return True if there are any."""
         held = self.held
         if held is None:
             held = []
             self.held = held
         start: i64 = at
         end: i64 = at + len(octets)
-        # The first stretch that ends after it: mostly there is none.
+        # The first stretch that ends after this one; usually there is none.
         index: i64 = len(held)
         if index and held[index - 1].at + len(held[index - 1].octets) > start:
             low: i64 = 0
@@ -391,7 +389,7 @@ class Endpoint:
         return self._host
 
     def share(self, other: Endpoint) -> None:
-        """Have the address in common with ``other``, which has the same: many connections are of few stations."""
+        """Use the same address object as ``other``, which is equal: many connections belong to few stations."""
         self.address = other.address
         self._host = other.host
 

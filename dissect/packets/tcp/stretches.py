@@ -1,4 +1,4 @@
-"""What `HalfStream` takes and gives: `Held` is a segment that waits for its turn, `Chunk` is what comes out in order."""
+"""Input and output of `HalfStream`: `Held` is a segment that waits for its turn, `Chunk` is a stretch delivered in order."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 """Tunnels: descends from the outer IP packet to the innermost one, whose addresses are those of a connection.
 
-Sensors and switches send mirrored frames in tunnels. Opened are GRE (RFC 2784, 2890) with IP, Ethernet, MPLS or ERSPAN I to III
+Sensors and switches send mirrored frames in tunnels. Opens GRE (RFC 2784, 2890) with IP, Ethernet, MPLS or ERSPAN I to III
 (draft-foschiano-erspan) in it; VXLAN (RFC 7348), Geneve (RFC 8926) and TZSP in UDP; IP in IP (RFC 2003, 4213), EtherIP (RFC
 3378), MPLS in IP (RFC 4023); and the authentication header of IPv4 (RFC 4302), which is not a tunnel but comes where one would.
 
@@ -145,7 +145,7 @@ class Inner:
         return self._follow(buf, found, vlan, end)
 
     def _open_type(self, buf: bytes, ethertype: i64, at: i64, end: i64) -> bool:
-        """Go on with the content at ``at``, whose type is an EtherType or one of GRE and Geneve only."""
+        """Continue with the content at ``at``, whose type is an EtherType or one that only GRE and Geneve use."""
         if at > end:
             return self._stop("cut")
         if ethertype == _ETHERNET:
@@ -155,7 +155,7 @@ class Inner:
         return self._follow(buf, found, vlan, end)
 
     def _follow(self, buf: bytes, found: i64, detail: i64, end: i64) -> bool:
-        """Go on with what `link.find_ip` returned."""
+        """Continue with the result of `link.find_ip`."""
         if found >= 0:
             return self._enter(buf, found, end, detail)
         if found == link.FRAME:

@@ -1,1 +1,1 @@
-"""Files of users: settings, lines of keys and hints for those that they write, and how those that they name are written."""
+"""Files of users: settings, line numbers of keys and hints for typing errors, and how files that users name are written."""

@@ -1,4 +1,4 @@
-"""Finds `s7dissect.toml`. This runs at every start, so what reads the file is only imported if there is one."""
+"""Finds `s7dissect.toml`. This runs at every start, so the code that reads the file is only imported if there is one."""
 
 from __future__ import annotations
 

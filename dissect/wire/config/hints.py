@@ -10,14 +10,14 @@ from typing import Final
 _MOST_COMPARED: Final = 4096
 _LONGEST: Final = 200
 _MOST_SHOWN: Final = 3
-#: How similar two names have to be (`difflib`): to be suggested, or to be certainly meant.
+#: How similar two names must be (`difflib`): to be suggested, or to be taken as meant.
 _ALIKE: Final = 0.6
 SURELY: Final = 0.7
 
 
 def close_names(written: str, names: Iterable[str], alike: float = _ALIKE) -> list[str]:
     """Return at most three of ``names`` that are similar to ``written``, the closest first; case is ignored."""
-    from difflib import get_close_matches  # where nothing is written wrong, it is not needed
+    from difflib import get_close_matches  # not needed if every name is right
 
     known = list(islice(names, _MOST_COMPARED))
     found = get_close_matches(written[:_LONGEST], known, _MOST_SHOWN, alike)

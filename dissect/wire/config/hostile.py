@@ -1,4 +1,4 @@
-"""The only readers of JSON, TOML and names of code pages that come from a file of a user, which may be damaged or malicious.
+"""The only readers of JSON, TOML and names of code pages from files of users, which may be damaged or malicious.
 
 Each raises one kind of error, whatever the content: nesting without end, invalid text, a number with thousands of digits. A
 test of the house finds readers elsewhere.
@@ -12,10 +12,10 @@ import re
 from collections.abc import Callable
 from typing import Any, Final
 
-#: Most parts of a dotted key in TOML, and most nested tables and arrays of what is bounded by it.
+#: The most parts of a dotted key in TOML, and the deepest nesting of tables and arrays in a bounded file.
 MAX_DEPTH: Final = 16
 
-#: Encodings of names of hosts, whose decoders raise errors of their own, and one that only raises.
+#: Encodings that are refused: two for host names, whose decoders raise errors of their own, and one that always raises.
 _NO_PAGES: Final = frozenset(("idna", "punycode", "undefined"))
 
 # Strings, which `re` compiles and keeps at their first use, because most runs use none.
@@ -49,7 +49,7 @@ def _line(text: str, pattern: str) -> int:
 
 def read_toml(text: str) -> dict[str, Any]:
     """Return the tables of a TOML text. Raises `ContentError`."""
-    import tomllib  # most runs read none
+    import tomllib  # most runs do not read TOML
 
     line = long_key_line(text)
     if line:

@@ -41,7 +41,7 @@ class Lines:
             return {}
 
     def at(self, *path: str | int) -> int:
-        """Return the line of a key or table, counted from 1; of what is around it where it has none, 0 where nothing has."""
+        """Return the line of a key or table, counted from 1; if it has none, that of the table around it, or 0."""
         known = self._known
         for size in range(len(path), 0, -1):
             line = known.get(path[:size])
@@ -120,7 +120,7 @@ class _Walk:
         return path
 
     def _keys(self, line: int) -> list[str]:
-        """Return the parts of a key, up to what ends it."""
+        """Return the parts of a key, up to the token that ends it."""
         keys = []
         while self._at < len(self._tokens):
             piece = self._token()

@@ -1,8 +1,8 @@
 """Writes a file that the user named, in the same way for every command.
 
 A regular file, or a new one, is written under a temporary name in the same folder, which ends with ``.part``, and then renamed;
-so it is there whole or not at all. A symbolic link stays; the file that it points to is replaced. Anything else, such as a
-device or a FIFO, is opened and written to, and never replaced.
+so the file is either complete or not there at all. A symbolic link stays; the file that it points to is replaced. Anything
+else, such as a device or a FIFO, is opened and written to, and never replaced.
 """
 
 from __future__ import annotations
@@ -23,9 +23,9 @@ _numbers: Final = itertools.count(1)
 
 
 def is_special(path: str | os.PathLike[str]) -> bool:
-    """Return whether ``path`` is something to write to that is never replaced, such as a device or a FIFO.
+    """Return whether ``path`` is a device, a FIFO or another file that is written to but never replaced.
 
-    False for a regular file, a folder, and a missing file. `OSError` when that cannot be found out.
+    False for a regular file, a folder, and a missing file. Raises `OSError` if that cannot be found out.
     """
     try:
         mode = os.stat(path).st_mode  # noqa: PTH116 - text or path alike
@@ -37,8 +37,8 @@ def is_special(path: str | os.PathLike[str]) -> bool:
 class Saving:
     """A context in which an output is written: write to ``path``, which is renamed to the output when the block ends well.
 
-    When the block raises, ``path`` is removed, and an existing file stays. ``mode`` is the mode of a new file, less the umask;
-    a file that is replaced keeps its mode. An `OSError` names the output as the user did.
+    If the block raises, ``path`` is removed, and an existing file stays. ``mode`` is the mode of a new file, less the umask; a
+    file that is replaced keeps its mode. An `OSError` names the output as the user did.
     """
 
     def __init__(self, output: str | os.PathLike[str], mode: int = 0o666) -> None:
@@ -109,10 +109,10 @@ def save(output: str | os.PathLike[str], octets: bytes, mode: int = 0o666) -> No
 
 
 def expect_place(output: str | os.PathLike[str]) -> None:
-    """Raise the `OSError` that `save` would raise, before a long capture is read: the folder is missing, or read-only.
+    """Raise the `OSError` that `save` would raise, before a long capture is read: for a missing or read-only folder.
 
-    Only creating a file proves that it can be done; the file is removed at once. A device or FIFO is not opened, because that
-    alone may have an effect.
+    The only proof is to create a file; it is removed at once. A device or FIFO is not opened, because that alone may have an
+    effect.
     """
     saving = Saving(output)
     if saving.special:
@@ -127,7 +127,7 @@ def expect_place(output: str | os.PathLike[str]) -> None:
 class SavingFolder:
     """A context in which a folder of outputs is written: make files in ``path``, which is renamed when the block ends well.
 
-    When the block raises, ``path`` is removed, and an existing folder stays. Otherwise that folder is replaced as a whole; the
+    If the block raises, ``path`` is removed, and an existing folder stays. Otherwise that folder is replaced as a whole; the
     caller decides whether it may be. An `OSError` names the output as the user did.
     """
 

@@ -55,7 +55,7 @@ def _file(value: object, folder: Path) -> str:
 
 
 def _tag_files(value: object, folder: Path) -> list[str]:
-    """Return files of tags; a CPU in front of one ("10.0.0.5=plc.xlsx") stays there."""
+    """Return files of tags; a CPU in front of a file ("10.0.0.5=plc.xlsx") is kept."""
     rows = value if isinstance(value, list) else [value]
     texts = [row for row in rows if isinstance(row, str) and row.strip()]
     if not rows or len(texts) != len(rows):
@@ -114,7 +114,8 @@ def _check_format(name: str, formats: tuple[str, ...]) -> None:
         raise ValueError(f"{name!r} is not one of {', '.join(formats)}{close_to(name, formats)}")
 
 
-#: Every key: what it means for docs/config.md, and what takes its value (with the folder of the file). Tables are joined.
+#: Every key: its meaning for docs/config.md, and the function that reads its value (with the folder of the file). Tables are
+#: joined.
 KEYS: Final[dict[str, tuple[str, Callable[[object, Path], Any]]]] = {
     "tags": ("files of tags, as `--tags`", _tag_files),
     "tags-encoding": ("their code page, as `--tags-encoding`", _code_page),
@@ -145,10 +146,10 @@ def split_host(text: str) -> tuple[str, str]:
 
 
 def load_settings(paths: list[Path], formats: Iterable[str] = ()) -> Settings:
-    """Return what files say: of a key the first file that has it, of a table both, entry by entry.
+    """Return the settings in files: each key from the first file that has it, tables merged entry by entry.
 
-    ``formats`` are the names that ``format`` may have. Raises `ConfigError` with every mistake of all files, OSError where
-    there is no reading one.
+    ``formats`` are the names that ``format`` may have. Raises `ConfigError` with every mistake of all files, OSError if a file
+    cannot be read.
     """
     problems: list[str] = []
     values: dict[str, Any] = {}

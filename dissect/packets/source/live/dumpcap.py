@@ -35,7 +35,8 @@ _END_S: Final = 2.0
 _MAX_SAID: Final = 8192
 #: The size of the pipe in octets, the most that an unprivileged process may set, so that dumpcap need not wait.
 _PIPE_SIZE: Final = 1 << 20
-# dumpcap gets a group of its own, so that Ctrl-C does not reach it: this process ends it, in the way that it listens to.
+# dumpcap gets a process group of its own, so that Ctrl-C does not reach it: this process ends it by the means that dumpcap
+# expects.
 _APART: dict[str, Any]
 if sys.platform == "win32":
     _APART = {"creationflags": subprocess.CREATE_NEW_PROCESS_GROUP}
@@ -59,7 +60,7 @@ def find_program() -> str:
 
 
 def trouble(interface: str) -> LiveError | None:
-    """Return why dumpcap cannot capture on ``interface``, None when it can; for this, dumpcap opens the interface."""
+    """Return why dumpcap cannot capture on ``interface``, None if it can; to find out, dumpcap opens the interface."""
     try:
         program = find_program()
     except LiveError as error:
@@ -140,7 +141,7 @@ class DumpcapReader(PipeReader):
     def stop(self) -> None:
         """Ask dumpcap to end: it writes what it has read, then its count of lost packets. May be called twice.
 
-        Packets that the kernel still holds for it then (of the last 250 ms) are neither read nor counted.
+        Packets that the kernel still holds for it at that time (of the last 250 ms) are neither read nor counted.
         """
         if self._asked_at is None:
             self._asked_at = time.monotonic()
@@ -169,7 +170,7 @@ class DumpcapReader(PipeReader):
         self._settle(drops)
 
     def _settle(self, drops: Drops) -> None:
-        """Take what is known at the end: dumpcap's count of lost packets, and why it ended if that was not requested."""
+        """Take dumpcap's final count of lost packets, and why it ended if that was not requested."""
         inner = self._inner
         kernel = None
         if isinstance(inner, PcapngReader) and inner.statistics:

@@ -18,7 +18,7 @@ MAX_SNAPLEN: Final = 262_144
 
 
 class EngineState(NamedTuple):
-    """Whether an engine can capture here: ``reason`` is empty when it can, else ``advice`` says how to make it work."""
+    """Whether an engine can capture here: ``reason`` is empty if it can; otherwise ``advice`` says how to make it work."""
 
     name: str
     reason: str
@@ -120,7 +120,7 @@ def _find(name: str) -> NetworkInterface | None:
 
 
 def _special(program: str) -> list[str]:
-    """Return the names of all interfaces that dumpcap lists, and what Windows calls them: dumpcap takes either."""
+    """Return the names of all interfaces that dumpcap lists, also those that Windows shows: dumpcap accepts both."""
     if not program:
         return []
     lines = ask(program, "-D", "-M").stdout.decode("utf-8", "backslashreplace").splitlines()

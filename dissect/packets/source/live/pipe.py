@@ -18,7 +18,7 @@ from dissect.packets.source.pcapng import PCAPNG_MAGIC
 
 #: How many octets show what a capture is.
 _HEAD: Final = 12
-#: How many pieces a thread reads ahead.
+#: How many pieces the thread reads ahead.
 _AHEAD: Final = 4
 #: How long a stopped reader continues to read data in the pipe, in seconds.
 _STOP_S: Final = 0.2
@@ -31,7 +31,7 @@ class PipeOctets(Protocol):
         """Return up to ``size`` octets, none at the end, None when none came within ``wait_s`` seconds. Raises OSError."""
 
     def close(self) -> None:
-        """Stop reading. The descriptor stays its owner's. May be called twice."""
+        """Stop reading. The descriptor stays open: its owner closes it. May be called twice."""
 
 
 if sys.platform != "win32":
@@ -56,10 +56,10 @@ if sys.platform != "win32":
 
 
 class PipeThread:
-    """Reads a pipe ahead in a thread: on Windows nothing else can wait for one with a limit of time."""
+    """Reads a pipe ahead in a thread, because on Windows there is no other way to wait for a pipe with a time limit."""
 
     def __init__(self, descriptor: int) -> None:
-        # One of its own: once the other is closed, its number may be that of another file while the thread still waits.
+        # A duplicate: if the original is closed while the thread waits, its number may be given to another file.
         self._descriptor = os.dup(descriptor)
         self._closed = False
         self._pieces: queue.Queue[bytes | OSError] = queue.Queue(_AHEAD)
@@ -87,7 +87,7 @@ class PipeThread:
         return piece
 
     def close(self) -> None:
-        """As `PipeOctets.close`. A thread that waits for octets ends when some come, or the pipe ends."""
+        """As `PipeOctets.close`. A thread that waits for octets ends when some arrive, or the pipe ends."""
         if not self._closed and self._thread.ident is None:
             os.close(self._descriptor)
         self._closed = True
@@ -114,7 +114,7 @@ class PipeThread:
 
 
 def read_pipe(descriptor: int) -> PipeOctets:
-    """Return what reads the pipe ``descriptor`` on this system."""
+    """Return an object that reads the pipe ``descriptor`` on this system."""
     if sys.platform != "win32":
         return _Polled(descriptor)
     return PipeThread(descriptor)
@@ -221,7 +221,7 @@ class PipeReader(LiveReader):
         return more
 
     def stop(self) -> None:
-        """End after what the pipe holds now; the program that writes into it then finds the pipe closed."""
+        """End after the present content of the pipe; the program that writes into it then finds the pipe closed."""
         if self._stop_at is None:
             self._stop_at = time.monotonic() + _STOP_S
 

@@ -1,7 +1,7 @@
 """Drops privileges once the packet socket is open and before the first packet is examined, as tcpdump's -Z does.
 
-This is for a process that then only reads an interface, so the command line decides about it; `open_live` never does it. It
-changes the whole process. Capabilities belong to each thread, so a user other than root who has some must not have started
+This is for a process that only reads an interface afterwards, so the command line decides about it; `open_live` never does it.
+It changes the whole process. Capabilities belong to each thread, so a user other than root who has some must not have started
 another thread yet. Sources: credentials(7), capabilities(7), setresuid(2), prctl(2).
 """
 
@@ -72,7 +72,7 @@ def heir(name: str = "") -> User:
 
 
 def missing(directory: str) -> list[Path]:
-    """Return ``directory`` and its parents as far as they do not exist yet, the outermost first."""
+    """Return those of ``directory`` and its parents that do not exist yet, the outermost first."""
     path = Path(directory).absolute()
     return [one for one in (*reversed(path.parents), path) if not os.path.lexists(one)]
 

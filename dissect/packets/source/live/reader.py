@@ -1,4 +1,4 @@
-"""`LiveReader`: what a live source has beyond a `Reader`, which is bounded waiting, `stop`, and counts of lost packets."""
+"""`LiveReader` adds to `Reader` what a live source needs: bounded waiting, `stop`, and counts of lost packets."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from dissect.packets.source.packet import CaptureError, Reader
 
 #: How long `LiveReader.step` waits for packets by default, in milliseconds.
 WAIT_MS: Final = 50
-#: At most this many sentences on the interface wait to be taken.
+#: At most this many sentences about the interface are kept until they are read.
 _MAX_OUTAGES: Final = 100
 
 
@@ -27,7 +27,7 @@ class Drops(NamedTuple):
 
 
 class LiveError(CaptureError):
-    """A live source cannot be opened: the message is one line that says why, ``advice`` are lines that say what to do."""
+    """A live source cannot be opened: the message is one line with the reason, ``advice`` has lines that say what to do."""
 
     def __init__(self, message: str, advice: tuple[str, ...] = ()) -> None:
         super().__init__(message)
@@ -89,7 +89,7 @@ class LiveReader(Reader):
             )
 
     def take_outages(self) -> list[tuple[str, bool]]:
-        """Return what happened to the interface since the last call: sentences, and whether each says that it is over."""
+        """Return the events of the interface since the last call: sentences, and for each whether it ends an outage."""
         taken: list[tuple[str, bool]] = []
         while self._outages:
             taken.append(self._outages.popleft())

@@ -1,10 +1,10 @@
-"""`RingReader`: reads the kernel's own packet ring (AF_PACKET, TPACKET_V3), with nothing but the standard library.
+"""`RingReader`: reads the kernel's own packet ring (AF_PACKET, TPACKET_V3), using only the standard library.
 
 The kernel writes packets into blocks of shared memory, and hands a block over when it is full or `_RETIRE_MS` old. Each block
 is copied once and given back; its packets are then read from the copy, which the kernel cannot change (linux/if_packet.h).
 
-The socket is created for no protocol, gets its filter, and only then is bound to the interface. So no packet that the filter
-excludes comes in before the filter is there.
+The socket is created without a protocol, then gets its filter, and only then is bound to the interface. So no packet that the
+filter excludes arrives before the filter is set.
 """
 
 from __future__ import annotations
@@ -159,7 +159,7 @@ class RingReader(LiveReader):
             self._socket.close()
 
     def _left(self) -> int:
-        """Return how many packets the ring holds that were not read: an early close loses them."""
+        """Return how many unread packets the ring holds: closing it early loses them."""
         count = 0
         for ahead in range(self._blocks):
             at = (self._next + ahead) % self._blocks * BLOCK_SIZE + STATUS_AT
@@ -180,7 +180,7 @@ class RingReader(LiveReader):
         return self._disturbed() if _reports_error(self._socket, wait_ms) else True
 
     def _disturbed(self) -> bool:
-        """The socket reports an error: return True if the interface just went down, and may come back; else end."""
+        """Handle an error of the socket: return True if the interface just went down and may come back; otherwise end."""
         number = self._socket.getsockopt(socket.SOL_SOCKET, socket.SO_ERROR)
         described = find_interface(self.interface)
         if described is None or described.number != self._index:

@@ -1,9 +1,9 @@
 """Several interfaces as one source: each packet with the interface that captured it, in the order of their times.
 
-Packets of two interfaces come in pieces, each piece in its order. So what came is held for `HOLD_NS` from its arrival, in which
-the pieces of the others come, and given out by time; packets that come later stay after the others. Clocks of packets, which
-may be wrong or set back, decide only about the order. An interface that ends does not end the others, and a silent one does not
-keep a busy one waiting.
+Packets of two interfaces come in pieces, each piece in its order. So each piece is held for `HOLD_NS` after its arrival, while
+the pieces of the other interfaces arrive, and delivered in order of time; packets that arrive later stay after the others. The
+clocks of packets, which may be wrong or set back, decide only the order. An interface that ends does not end the others, and a
+silent one does not keep a busy one waiting.
 """
 
 from __future__ import annotations
@@ -19,15 +19,15 @@ from mypy_extensions import i64
 from dissect.packets.source.live.reader import Drops, LiveReader, in_all
 from dissect.packets.source.packet import PacketSink
 
-#: How long packets are held: the ring gives a block after 50 ms at most, dumpcap what it has after a quarter of a second.
+#: How long packets are held: the ring delivers a block after 50 ms at most, dumpcap its packets after a quarter of a second.
 HOLD_NS: Final = {"ring": 150_000_000, "dumpcap": 500_000_000}
-#: Octets of packets that are held at most; beyond, the oldest are given out at once.
+#: At most this many octets of packets are held; beyond that, the oldest are delivered at once.
 MAX_HELD: Final = 64 << 20
-#: How long all rest when none has anything, in seconds.
+#: How long to sleep if no interface has packets, in seconds.
 _REST_S: Final = 0.01
 #: Memory of a held packet besides its octets.
 _COST: Final = 200
-#: Arrivals that are remembered at most: as many as packets can be held.
+#: At most this many arrivals are remembered: as many as packets can be held.
 _MAX_ARRIVALS: Final = MAX_HELD // _COST
 
 #: A packet: time, order of arrival, reader, octets, length on the wire, link type.
@@ -62,7 +62,7 @@ class SeveralReader(LiveReader):
         self._size = 0
         self._count = 0
         self._hold_ns = max([HOLD_NS.get(reader.engine, 0) for reader in readers])
-        self._left: Counter[str] = Counter()  # packets of each interface that were held when it was closed
+        self._left: Counter[str] = Counter()  # packets of each interface that were still held when it was closed
         for reader in readers:
             reader.wait_ms = 0
 
@@ -89,7 +89,7 @@ class SeveralReader(LiveReader):
         return bool(self._going)
 
     def _look(self) -> bool:
-        """Take a piece of each interface that has one; return whether packets came."""
+        """Read a piece from each interface that has one; return whether packets came."""
         self._now = self._clock()
         before = self._count
         for reader in list(self._going):
@@ -108,7 +108,7 @@ class SeveralReader(LiveReader):
         self.damage = self.damage or reader.damage
 
     def _deliver(self, sink: PacketSink) -> None:
-        """Give out what was held long enough, with all of earlier times; more where too much is held, and all at the end."""
+        """Deliver the packets that were held long enough and all earlier ones; more if too much is held, and all at the end."""
         due = self._now - self._hold_ns
         while self._arrivals and (self._arrivals[0][0] <= due or len(self._arrivals) > _MAX_ARRIVALS):
             _, time_ns, count = self._arrivals.popleft()
@@ -150,7 +150,7 @@ class SeveralReader(LiveReader):
         return [*[said for reader in self.readers for said in reader.take_outages()], *super().take_outages()]
 
     def stated_loss(self) -> str:
-        """Return what the captures say themselves that they lost."""
+        """Return in words the losses that the captures themselves report."""
         return "; ".join([f"{reader.interface}: {said}" for reader in self.readers if (said := reader.stated_loss())])
 
     def stop(self) -> None:
