@@ -305,7 +305,7 @@ class Reading:
         return self._run is None or not complain_impossible(self._run, self.chosen)
 
     def expect_possible(self) -> None:
-        """Do the same for a command that writes a file: refuse a number that does not exist; report a selection without a match."""
+        """Do the same for a command that writes a file: refuse an unknown number; report a selection without a match."""
         if self._run is not None:
             expect_possible(self._run, self.chosen)
             self.match()

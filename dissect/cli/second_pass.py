@@ -80,7 +80,7 @@ def check_out(files: Sequence[str], output: str, force: bool) -> None:
 def read_first(
     files: Sequence[str], selection: Selection, where: str | None, options: Options
 ) -> tuple[Run, int, PacketSelection | None]:
-    """Read a capture for the first time, observed by ``selection``; return the run, its exit code, the selection by ``where``."""
+    """Read a capture for the first time, observed by ``selection``; return the run, its exit code, the selected part."""
     from dissect.files.session import Run
     from dissect.meaning.select.packets import PacketSelection
     from dissect.online.live.run import Fanout

@@ -82,7 +82,7 @@ class _Batch:
         self._written = time.monotonic()
 
     def add(self, change: FileFacts | str) -> None:
-        """Take the facts about a file, or the name of a file to forget; write them when there are many or a second has passed."""
+        """Take the facts about a file, or the name of one to forget; write them when there are many or after a second."""
         self._waiting.append(change)
         if len(self._waiting) >= _TOGETHER or time.monotonic() - self._written >= _LONGEST_S:
             self.write()

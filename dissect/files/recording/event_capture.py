@@ -238,7 +238,7 @@ class EventCapture(PacketSink):
     # ---- findings ---------------------------------------------------------------------------------------------------
 
     def finding(self, finding: Finding) -> None:
-        """Add a finding as a comment to its packets; one of ``slugs`` without another finding as its cause is also a trigger."""
+        """Add a finding as a comment to its packets; one of ``slugs`` that no other finding explains is also a trigger."""
         frames = [int(frame) for frame in finding.frames]
         comment = finding_comment(finding)
         if finding.slug in self._slugs and not finding.because:
@@ -271,7 +271,7 @@ class EventCapture(PacketSink):
         return self._owed is not None
 
     def retry(self) -> None:
-        """Write the packets that are still to be written and in memory to a file; after an `OSError` they are still to be written."""
+        """Write the packets that are still owed, and in memory, to a file; after an `OSError` they are still owed."""
         owed = self._owed
         if owed is None:
             return

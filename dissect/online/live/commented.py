@@ -54,7 +54,7 @@ class CommentedStream(Companion):
         self._release(time_ns)
 
     def finding(self, finding: Finding) -> None:
-        """Add a comment to those packets of a finding that are still held; if none is, to the latest held packet or the next."""
+        """Add a comment to those packets of a finding that are still held; if there are none, to the latest or next packet."""
         frames = sorted({int(frame) for frame in finding.frames})
         comment = finding_comment(finding)
         first = self._frames - len(self._held) + 1
