@@ -1,4 +1,4 @@
-"""Which statements blame a device or a client, and whether a statement itself mentions that something was not captured.
+"""Lists the statements that blame a device or a client, and checks whether a statement itself mentions a loss of the capture.
 
 A capture with lost packets may contain less than a complete one, but it must not blame a device or a client for a loss of the
 capture only. `BLAMES` and `BLAMELESS` together name every finding of the kinds transaction, session, s7, s7plus and security,

@@ -25,7 +25,7 @@ def check_analysis(told: dict[str, Any], truth: dict[str, Any]) -> list[str]:
         same(f"tpdus.{name}", told["tpdus"].get(name, 0), count)
     for name, count in truth["transactions"].items():
         same(f"transactions.{name}", told["transactions"][name], count)
-    # Percentiles may come from a histogram: two per cent is their tolerance.
+    # Percentiles may come from a histogram, so they may differ by two per cent.
     for name in ("median", "p95", "max"):
         value, true = told["latency_ns"][name], truth["latency_ns"][name]
         if abs(value - true) > 0.02 * abs(true):

@@ -44,7 +44,7 @@ def peak_kb() -> int:
 
 
 def feed(name: str, packets: int, size: int = SMALL) -> dict[str, object]:
-    """Feed ``packets`` packets of the stream ``name`` to all that `analyze` uses, and return the cost.
+    """Feed ``packets`` packets of the stream ``name`` to everything that `analyze` uses, and return the cost.
 
     ``resident_kb`` after each quarter and ``peak_kb``; ``cpu_ns`` of the engine for the first half, for all, and for the end;
     ``worst_ns``, the longest single packet (never more than the CPU time of its batch: the machine may have paused us).
@@ -100,7 +100,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("packets", type=int)
     parser.add_argument("--size", type=int, default=SMALL, help="user data of a hostile segment")
     options = parser.parse_args(arguments)
-    # as the commands do that read a capture: its walks would cause most of the growth, and the longest pauses
+    # as in the commands that read captures: the collector's walks would cause most of the growth, and the longest pauses
     gc.disable()
     json.dump(feed(options.profile, options.packets, options.size), sys.stdout)
     sys.stdout.write("\n")

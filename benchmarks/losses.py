@@ -150,7 +150,7 @@ def judge(tables: Sequence[Table]) -> list[str]:
 
 
 def print_blame(tables: Sequence[Table], details: bool) -> None:
-    """Print what blames: slugs, captures, and each case if wanted."""
+    """Print the statements that blame: slugs, captures, and each case if wanted."""
     rows = [row for table in tables for row in table.rows.values()]
     for title, counters in (("slug", [row.blaming for row in rows]), ("capture", [row.where for row in rows])):
         total: Counter[str] = sum(counters, Counter())

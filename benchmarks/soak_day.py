@@ -5,7 +5,7 @@ the times of a whole day and the run's clock follows them, so that everything th
 time does so as often as in a day. All events are written as JSON lines to nowhere; alerts and metrics are active as well.
 
 On the line: sixteen connections that poll once a second; eight whose requests are never answered; and connections that are
-opened, asked once and closed, 10,000 in a busy minute (of four ends one is a reset, one never comes).
+opened, used for one request and closed, 10,000 in a busy minute (of four ends one is a reset, one never comes).
 """
 
 from __future__ import annotations
@@ -235,7 +235,8 @@ class _Told(Observer):
 def spend(hours: float, churn: int, busy_every: int) -> dict[str, object]:
     """Let the hours pass; return the counts, and ``resident_kb`` after each quarter.
 
-    Memory is measured after a calm minute: this shows what a busy one leaves behind; its own need is in ``peak_kb``.
+    Memory is measured after a calm minute, so the figure shows only what a busy minute leaves behind; its peak is in
+    ``peak_kb``.
     """
     quarter = max(int(hours * 3600) // _QUARTERS // (MINUTE_S * busy_every), 1) * MINUTE_S * busy_every
     day = Day(churn, busy_every)

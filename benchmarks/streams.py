@@ -108,7 +108,7 @@ def _ordinary(size: int) -> Iterator[bytes]:
 
 
 def _synflood(size: int) -> Iterator[bytes]:
-    """SYN after SYN from ever new addresses. Hurts analyzers that make a connection of each."""
+    """SYN after SYN, each from a new address. Hurts analyzers that make a connection for each."""
     rng = Random(1)
     data = bytes(size) if size > 100 else b""
     plc = _plc()
@@ -145,7 +145,7 @@ def _unanswered(size: int) -> Iterator[bytes]:
 
 
 def _half_tpkts(size: int) -> Iterator[bytes]:
-    """Ever new connections that begin a TPKT of 65,000 octets and fall silent.
+    """New connections that each begin a TPKT of 65,000 octets and fall silent.
 
     Hurts analyzers that keep unfinished messages.
     """
@@ -163,7 +163,7 @@ def _half_tpkts(size: int) -> Iterator[bytes]:
 def _never_ended(size: int) -> Iterator[bytes]:
     """DT after DT without end of TSDU on one connection.
 
-    Hurts analyzers that join them, most of all if they begin again each time.
+    Hurts analyzers that join them, especially if they start again from the beginning each time.
     """
     talk = _Talk(0, _plc())
     yield from talk.hello()
@@ -173,7 +173,7 @@ def _never_ended(size: int) -> Iterator[bytes]:
 
 
 def _holes(size: int) -> Iterator[bytes]:
-    """Every second segment is missing and no one acknowledges; now and then they jump far.
+    """Every second segment is missing and no one acknowledges; now and then the sequence numbers jump far ahead.
 
     Hurts analyzers that keep or search data.
     """
@@ -216,7 +216,7 @@ def _fragments(size: int) -> Iterator[bytes]:
         yield ipv4(client, plc, 6, piece, 7, more | (2 * (number % steps) + 1) * units)
 
 
-#: Sound requests, so that the faulty answers have something to answer.
+#: Sound requests, so that the faulty answers have requests to answer.
 _SOUND: Final = (request(JOB, 5, _READ_PARAM), request(JOB, 6, bytes((READ, 9)) + 9 * _READ_ITEM))
 #: Faulty S7 PDUs, each with its fault.
 _FAULTY: Final = (

@@ -49,7 +49,7 @@ class Row:
 
 
 def columns(heads: Sequence[str], lines: Sequence[Sequence[str]]) -> str:
-    """Return lines in columns, the first to the left, the others to the right."""
+    """Return lines in columns, the first aligned left, the others right."""
     widths = [max(len(line[at]) for line in (heads, *lines)) for at in range(len(heads))]
     shown: list[str] = []
     for line in (heads, *lines):
@@ -60,7 +60,7 @@ def columns(heads: Sequence[str], lines: Sequence[Sequence[str]]) -> str:
 
 
 def piped(heads: Sequence[str], lines: Sequence[Sequence[str]]) -> str:
-    """Return lines as a Markdown table, the first column to the left, the others to the right."""
+    """Return lines as a Markdown table, the first column aligned left, the others right."""
     marks = ["---", *["---:"] * (len(heads) - 1)]
     return "".join("| " + " | ".join(line) + " |\n" for line in (heads, marks, *lines))
 

@@ -61,7 +61,7 @@ def read(path: Path, name: str) -> Capture:
 
 
 class Key(NamedTuple):
-    """Identifies a request: who asked whom, by which reference, in which packet."""
+    """Identifies a request: client and server, reference, packet."""
 
     asking: str
     answering: str

@@ -1,7 +1,7 @@
 """Measures the greatest amount of work that one packet causes. ``python -m benchmarks.work``.
 
 Work is counted, not timed: the lines of Python that the interpreted engine runs for each packet of the streams that `growth`
-feeds to it, with everything that `analyze` keeps. So the figures are the same on every machine, busy or idle. The inside of a
+feeds to it, with everything that `analyze` keeps. So the figures are the same on every machine, busy or idle. The work inside a
 builtin (a slice, a search in octets) counts as one line: `growth` measures its time.
 """
 

@@ -59,7 +59,7 @@ class CaptureWriter:
         self.packets += 1
 
     def flush(self) -> None:
-        """Hand what is held to the file."""
+        """Write the buffered octets to the file."""
         self.octets += self._held
         self._file.write(b"".join(self._parts))
         self._parts.clear()

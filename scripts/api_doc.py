@@ -264,7 +264,7 @@ def first(text: str) -> str:
     return " ".join(text.split("\n\n", maxsplit=1)[0].split()).replace("|", "\\|")
 
 
-#: Classes of what public functions and attributes give. They are reached through these only.
+#: Classes of the results of public functions and attributes. They are only reached through these.
 GIVEN: Final = {
     "Live": "dissect.online.live.iterating",
     "Stream": "dissect.online.proxy.stream",

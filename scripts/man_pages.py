@@ -54,7 +54,7 @@ def paragraphs(text: str) -> str:
 
 
 class Page(ManPage):
-    """A page of click-man with further sections behind it."""
+    """A page of click-man with further sections after it."""
 
     def __init__(self, command: str) -> None:
         super().__init__(command)

@@ -318,7 +318,7 @@ class Reading:
         self._context = self.where.context if self.where is not None else context
 
     def sieved(self, observer: Observer) -> Observer:
-        """Return an observer that passes only selected things to ``observer``, or ``observer`` itself if everything is selected."""
+        """Return an observer that passes only selected things to ``observer``; ``observer`` itself if all is selected."""
         if self.where is None:
             return observer
         from dissect.meaning.select.sieve import Sieve

@@ -1,6 +1,6 @@
 """Scapy layers for TPKT, COTP and S7comm, and for IBH-NetLink. Importing this package binds them to TCP ports 102 and 1099.
 
-Craft: lengths, counts and fill octets left out are filled in. ::
+Craft: lengths, counts and fill octets are filled in if they are left out. ::
 
     from dissect.layers import COTP_CR, COTP_DT, S7, TPKT, COTP_Parameter, S7_ReadVarRequest, S7Session, at
     connect = TPKT() / COTP_CR(src_ref=1, parameters=[
@@ -18,7 +18,8 @@ Read a capture on this package's own reassembly, one packet for each TPDU::
     for packet in sniff(offline="plant.pcapng", session=S7Session):
         print(packet.summary())
 
-`bind_port` adds another TCP port, `bind_scd` binds `SCD`, which has none of its own. ``docs/layers.md`` is the longer tutorial.
+`bind_port` adds another TCP port; `bind_scd` binds `SCD`, which has no port of its own. ``docs/layers.md`` is the longer
+tutorial.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """COTP as Scapy layers: one class for each TPDU and form of X.224 (reference section 2).
 
-``COTP(octets)`` gives the class that the octets call for; each class is a `COTP`, so ``packet[COTP]`` finds them all.
+``COTP(octets)`` returns the class for the octets; each class is a `COTP`, so ``packet[COTP]`` finds them all.
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ class COTP(WireLayer):
         return Raw
 
     def hashret(self) -> bytes:
-        """Return what request and answer have in common (Scapy's interface)."""
+        """Return the bytes that request and answer have in common (Scapy's interface)."""
         return b""
 
     def answers(self, other: Packet) -> int:
@@ -99,7 +99,7 @@ class COTP_CR(COTP):
     fields_desc = _tpdu_fields(layouts.CR, tables.CR)
 
     def hashret(self) -> bytes:
-        """Return the reference that the answer gives back (Scapy's interface)."""
+        """Return the reference that the answer repeats (Scapy's interface)."""
         return int(self.src_ref).to_bytes(2, "big")
 
     def line(self) -> str:
@@ -164,11 +164,11 @@ class COTP_DC(COTP):
 
 
 class COTP_DT(Joining, COTP):
-    """Data, in the form of class 0 and 1: what carries S7.
+    """Data, in the form of class 0 and 1, which carries S7.
 
-    The payload is `S7` or `S7Plus` when ``eot`` is set and the octets say so. A DT without EOT is a fragment, or the empty DT
-    that Siemens stacks send as an acknowledgement; fragments stay `Raw`, and `S7Session` and a `StreamSocket` on `TPKT` join
-    them: the whole PDU is the layer of the last DT.
+    The payload is `S7` or `S7Plus` if ``eot`` is set and the octets begin like one of them. A DT without EOT is a fragment, or
+    the empty DT that Siemens stacks send as an acknowledgement; fragments stay `Raw`, and `S7Session` and a `StreamSocket` on
+    `TPKT` join them: the whole PDU is the layer of the last DT.
     """
 
     name = "COTP DT"

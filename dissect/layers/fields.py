@@ -47,7 +47,7 @@ ScapyField = Any
 #: Most octets that ``fuzz()`` puts into one field.
 _FUZZED: Final = 64
 
-#: Maximum number of names in an error; of more, it lists those that are most similar to the wrong one.
+#: The most names that an error lists: those most similar to the wrong one.
 _LISTED: Final = 24
 
 
@@ -260,7 +260,7 @@ class OctetsField(XStrField):
         return s[size:], s[:size]
 
     def randval(self) -> RandBin:
-        """Return what ``fuzz()`` puts here: few enough octets for any length field."""
+        """Return the value that ``fuzz()`` puts here: few enough octets for any length field."""
         return RandBin(RandNum(0, _FUZZED))
 
 
@@ -316,7 +316,7 @@ class MeaningField(XStrField):
         return s[size:], s[:size]
 
     def randval(self) -> RandBin:
-        """Return what ``fuzz()`` puts here (Scapy's interface)."""
+        """Return the value that ``fuzz()`` puts here (Scapy's interface)."""
         return RandBin(RandNum(0, _FUZZED) if self.size == REST else self.size)
 
 
@@ -381,12 +381,12 @@ class VarintField(ScapyFieldBase[Any, Any]):
         return s[end:], number if exact else Overlong.of(number, s[:end])
 
     def i2repr(self, pkt: Packet | None, x: Any) -> str:
-        """Return what ``show()`` prints (Scapy's interface)."""
+        """Return the text that ``show()`` prints (Scapy's interface)."""
         row = self.codes.get(x) if self.codes is not None and isinstance(x, int) else None
         return f"{x} {row.name}" if row is not None else str(x)
 
     def randval(self) -> RandNum:
-        """Return what ``fuzz()`` puts here (Scapy's interface)."""
+        """Return the value that ``fuzz()`` puts here (Scapy's interface)."""
         return RandNum(0, 0x7FFFFFFF)
 
 
@@ -420,7 +420,7 @@ class FillField(ConditionalField):
         return b"", s
 
     def i2h(self, pkt: Packet | None, val: Any) -> Any:
-        """Return the octet; empty when there was none, None when that is left to the list."""
+        """Return the octet; empty if there was none, None if the list decides."""
         return val
 
 
@@ -444,7 +444,7 @@ class PiecesField(PacketListField):
         if x is None:
             return []
         if isinstance(x, Iterable) and not isinstance(x, (*_PIECES, str)):
-            x = list(x)  # also of a tuple, which Scapy would take for one packet
+            x = list(x)  # also converts a tuple, which Scapy would take for one packet
         taken: list[Any] = super().any2i(pkt, x)
         for one in taken:
             if not isinstance(one, _PIECES):
@@ -482,7 +482,7 @@ class ItemsField(PiecesField):
 
 
 class CodesField(FieldListField):
-    """One octet an element, each with its name: as many as ``size(packet, octets left)`` says, or as there are."""
+    """One octet per element, each with its name: as many as ``size(packet, octets left)`` says, or as there are."""
 
     __slots__ = ["size"]
 
@@ -535,8 +535,8 @@ class WireLayer(Packet):
 class Joining:
     """A data packet that may end a message of several packets; goes before `WireLayer`, with a slot ``piece``.
 
-    After `join` its layer is the whole message, and it still builds the octets that were in it on the wire, while the message
-    is not changed.
+    After `join` its layer is the whole message; as long as the message is not changed, it still builds only its own piece of
+    the octets on the wire.
     """
 
     __slots__ = ()
@@ -551,7 +551,7 @@ class Joining:
         packet.piece = (piece, bytes(message))
 
     def do_build_payload(self) -> bytes:
-        """Build the piece that was on the wire, or the message once it was changed (Scapy's interface)."""
+        """Build the piece that was on the wire, or the message if it was changed (Scapy's interface)."""
         built: bytes = super().do_build_payload()  # type: ignore[misc]
         piece = getattr(self, "piece", None)
         return piece[0] if piece is not None and piece[1] == built else built
@@ -561,7 +561,7 @@ class Joining:
         return self._with_piece(super().copy())  # type: ignore[misc]
 
     def clone_with(self, *args: Any, **kwargs: Any) -> Any:
-        """Return a copy on another payload, with the piece (Scapy's interface); building a stack of layers takes such."""
+        """Return a copy with another payload and the piece (Scapy's interface); Scapy builds a stack of layers from these."""
         return self._with_piece(super().clone_with(*args, **kwargs))  # type: ignore[misc]
 
     def _with_piece(self, clone: Any) -> Any:

@@ -57,7 +57,7 @@ def _size_at(octets: bytes, at: int) -> int:
 
 
 def _size_behind(packet: Packet) -> int:
-    """Return the octets just built of the packets after the one that ``packet`` is a layer of."""
+    """Return the number of octets just built for the packets after the one that ``packet`` is a layer of."""
     layer = packet.payload
     while not isinstance(layer, NoPayload):
         if isinstance(layer, IBH):
@@ -69,10 +69,10 @@ def _size_behind(packet: Packet) -> int:
 
 
 class IBH(WireLayer):
-    """The header of every packet. ``length`` counts what follows and is filled in when left out; so are the flags.
+    """The header of every packet. ``length`` counts the octets after it; it is filled in if left out, and so are the flags.
 
-    Under TCP, what does not look like a whole packet stays `Raw`. Called on octets of your own, ``IBH(octets)`` reads any eight
-    octets as the header.
+    Under TCP, octets that do not look like a whole packet stay `Raw`. Called on octets of your own, ``IBH(octets)`` reads any
+    eight octets as the header.
     """
 
     name = "IBH"
@@ -142,7 +142,7 @@ class IBH(WireLayer):
         return octets
 
     def self_build(self) -> bytes:
-        """Build the header, channels and flags left out being those of what follows (Scapy's interface)."""
+        """Build the header; channels and flags that were left out are taken from the following layer (Scapy's interface)."""
         octets: bytes = super().self_build()
         from_gateway = isinstance(self.payload, MPI_Long)
         left, right = (_GATEWAY, _CLIENT) if from_gateway else (_CLIENT, _GATEWAY)
@@ -162,7 +162,7 @@ class IBH(WireLayer):
         return pkt + pay
 
     def answers(self, other: Packet) -> int:
-        """Return whether the PDU in here answers the one in ``other`` (Scapy's interface)."""
+        """Return whether the PDU in this packet answers the one in ``other`` (Scapy's interface)."""
         return self.payload.answers(other.payload) if isinstance(other, IBH) else 0
 
 
@@ -216,7 +216,7 @@ class MPI(Joining, WireLayer):
         return pkt + pay
 
     def answers(self, other: Packet) -> int:
-        """Return whether the PDU in here answers the one in ``other``, on the same connection (Scapy's interface)."""
+        """Return whether the PDU in this packet answers the one in ``other``, on the same connection (Scapy's interface)."""
         if not isinstance(other, MPI) or (self.src_conn, self.mpi) != (other.src_conn, other.mpi):
             return 0
         return self.payload.answers(other.payload)

@@ -78,12 +78,12 @@ def _of_bits(text: str) -> str:
 
 
 def _written(text: str) -> str:
-    """Return a text in capitals as `parse_address` knows it: it spells the numbers of areas without a name in small letters."""
+    """Return a text in capitals, except for numbers of areas without a name, which `parse_address` knows in small letters."""
     return re.sub("^AREA0X[0-9A-F]{2}", lambda area: area[0].lower(), text)
 
 
 def _placed(address: str, parsed: Address, count: int, transport_size: str | int | None, bit: int) -> S7_Any:
-    """Return the item of an address that was read; a pointer to anything wider than a bit ends with ``bit`` 0."""
+    """Return the item of a parsed address; a pointer to anything wider than a bit must end with ``bit`` 0."""
     if parsed.area in NUMBERED_AREAS:
         if parsed.number > _MAX_WORD:
             raise _no_address(address, "a counter or timer is a letter and a number")

@@ -14,7 +14,7 @@ from dissect.protocols.iso.tsap import Tsap
 from dissect.protocols.iso.upper import is_rdp_connect
 
 _HEX_PAIR: Final = re.compile(r"([0-9A-Fa-f]{2})\.([0-9A-Fa-f]{2})")
-#: TPDU sizes by exponent. RFC 1006 stacks mean its limit by 16.
+#: TPDU sizes by exponent. RFC 1006 stacks use 16 for the limit of RFC 1006.
 _SIZES: Final = {**{exponent: 1 << exponent for exponent in range(7, 16)}, 16: 65531}
 #: Parameters whose value is a number, with its unit.
 _UNITS: Final = {0x85: "ms", 0x8B: "s", 0xF2: "ms"}
@@ -28,7 +28,7 @@ class _ValueField(OctetsField):
         return tsap_octets(x) if isinstance(x, str) else super().any2i(pkt, x)
 
     def i2repr(self, pkt: Packet | None, x: Any) -> str:
-        """Return what ``show()`` prints (Scapy's interface)."""
+        """Return the text that ``show()`` prints (Scapy's interface)."""
         if isinstance(pkt, COTP_Parameter) and isinstance(x, bytes):
             return pkt.describe(x)
         return repr(x)
@@ -53,9 +53,9 @@ def tsap_octets(tsap: str | bytes) -> bytes:
 
 
 class COTP_Parameter(WireLayer):
-    """A parameter of the variable part. ``length`` is filled in when left out; ``value`` is octets, or a TSAP as text.
+    """A parameter of the variable part. ``length`` is filled in if left out; ``value`` is octets, or a TSAP as text.
 
-    `tpdu_size`, `calling` and `called` make the three that every S7 connection has.
+    `tpdu_size`, `calling` and `called` make the three parameters that every S7 connection has.
     """
 
     name = "COTP parameter"
@@ -98,7 +98,7 @@ class COTP_Parameter(WireLayer):
         return int(getattr(self.parent, "type", -1))
 
     def describe(self, value: bytes) -> str:
-        """Return ``value`` for a person, as this parameter's code means it."""
+        """Return ``value`` in words, according to this parameter's code."""
         code = self.getfieldval("code")
         if code == TPDU_SIZE and len(value) == 1 and value[0] in _SIZES:
             return f"{value.hex()} ({_SIZES[value[0]]} bytes)"
@@ -116,7 +116,7 @@ class COTP_Parameter(WireLayer):
 
 
 def carve_parameters(pkt: Packet, s: bytes) -> list[Piece]:
-    """Cut the variable part; from a parameter that does not fit on, everything is one Raw, and so is what RDP writes there."""
+    """Cut the variable part; from a parameter that does not fit on, the rest is one Raw, and so is the negotiation of RDP."""
     end = min(len(s), max(0, pkt.li + 1 - consumed(pkt, s)))
     pieces: list[Piece] = []
     if is_rdp_connect(s[:end]):

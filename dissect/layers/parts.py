@@ -25,7 +25,7 @@ from dissect.wire.varint import build_varint
 #: The class of each layout, and the layouts of parts that belong to it when they follow it directly.
 CLASSES: Final[dict[Layout, type[Packet]]] = {}
 JOINED: Final[dict[Layout, tuple[Layout, ...]]] = {}
-#: Those of the latter that may follow several times.
+#: The layouts among these that may follow several times.
 REPEATED: Final[set[Layout]] = set()
 
 
@@ -45,7 +45,7 @@ class S7_Part(WireLayer):
     computed: ClassVar[Mapping[str, Callable[[Packet], int]]] = {}
 
     def __init_subclass__(cls, **kwargs: Any) -> None:
-        """Enter the class as that of its layout."""
+        """Register the class for its layout."""
         super().__init_subclass__(**kwargs)
         cls.least = cls.layout.size
         CLASSES[cls.layout] = cls
@@ -57,11 +57,11 @@ class S7_Part(WireLayer):
 
     @classmethod
     def dispatch_hook(cls, _pkt: bytes | None = None, *_args: Any, **_kwargs: Any) -> type[Packet]:
-        """Return the class of octets that nothing is known of (Scapy's interface)."""
+        """Return the class for octets of unknown meaning (Scapy's interface)."""
         return CLASSES[OCTETS]
 
     def post_build(self, pkt: bytes, pay: bytes) -> bytes:
-        """Fill in what counts the rest of the part (Scapy's interface)."""
+        """Fill in the fields that count the rest of the part (Scapy's interface)."""
         for field in self._unset():
             computing = self.computed.get(field.name)
             if computing is not None:
@@ -71,7 +71,7 @@ class S7_Part(WireLayer):
         return pkt + pay
 
     def completed(self, octets: bytes, behind: list[Packet], sizes: list[int]) -> bytes:
-        """Return ``octets``, this part's own, with what counts the parts ``behind`` it filled in; ``sizes`` are theirs."""
+        """Return ``octets``, this part's own, with the fields filled in that count the parts ``behind`` it, of ``sizes``."""
         for field in self._unset():
             count = -1 if field.name in self.computed else self.count_of(field, behind, sizes)
             if count >= 0:
@@ -137,7 +137,7 @@ def layout_of(packet: Packet) -> Layout | None:
 
 
 def pieces_of(parts: list[Part], octets: bytes) -> list[Piece]:
-    """Return the class and the octets of each part of ``octets``; what belongs to an item is joined to it.
+    """Return the class and the octets of each part of ``octets``; parts that belong to an item are joined to it.
 
     A part that was cut is too short for its class and becomes a `Raw`.
     """

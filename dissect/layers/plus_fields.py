@@ -44,14 +44,14 @@ class ContentField(XStrField):
         return x
 
     def getfield(self, pkt: Packet, s: bytes) -> tuple[bytes, Any]:
-        """Take all that is left of the part (Scapy's interface)."""
+        """Take all remaining octets of the part (Scapy's interface)."""
         flags, type_ = pkt.getfieldval("flags"), pkt.getfieldval("type")
         content = _struct_head(flags, s) if type_ == STRUCT else _content(flags, type_, s)
         kept = content is None or isinstance(content, bytes) or _built(flags, type_, content) != s
         return b"", s if kept else content
 
     def i2m(self, pkt: Packet | None, x: Any) -> bytes:
-        """Return the octets to send (Scapy's interface). Raises ValueError for what flags and type do not take."""
+        """Return the octets to send (Scapy's interface). Raises ValueError for content that does not fit flags and type."""
         if x is None or isinstance(x, bytes) or pkt is None:
             return x or b""
         flags, type_ = pkt.getfieldval("flags"), pkt.getfieldval("type")
@@ -64,18 +64,18 @@ class ContentField(XStrField):
         return built
 
     def i2repr(self, pkt: Packet | None, x: Any) -> str:
-        """Return what ``show()`` prints (Scapy's interface)."""
+        """Return the text that ``show()`` prints (Scapy's interface)."""
         if isinstance(x, bytes) or pkt is None:
             return x.hex() if isinstance(x, bytes) else repr(x)
         flags, type_ = pkt.getfieldval("flags"), pkt.getfieldval("type")
         if not isinstance(flags, int) or not isinstance(type_, int):
-            return repr(x)  # of a fuzzed packet, still to be drawn
+            return repr(x)  # a fuzzed packet with a value still to be drawn
         if type_ == STRUCT:
             return id_name(x) if isinstance(x, int) else repr(x)
         return printable(value_with_type(Value(flags, type_, x)))
 
     def randval(self) -> RandBin:
-        """Return what ``fuzz()`` puts here (Scapy's interface)."""
+        """Return the value that ``fuzz()`` puts here (Scapy's interface)."""
         return RandBin(RandNum(0, _FUZZED))
 
 
@@ -96,7 +96,7 @@ def _struct_head(flags: int, octets: bytes) -> Any:
 
 
 def _built(flags: int, type_: int, content: Any) -> bytes | None:
-    """Return the octets of a content, None where flags and type do not take it."""
+    """Return the octets of a content, None if it does not fit flags and type."""
     try:
         if type_ == STRUCT and isinstance(content, int):
             return content.to_bytes(_ID, "big")
@@ -126,7 +126,7 @@ class TextField(XStrField):
         return x.encode() + self.end if isinstance(x, str) else bytes(x or b"")
 
     def getfield(self, pkt: Packet, s: bytes) -> tuple[bytes, Any]:
-        """Take all that is left of the part (Scapy's interface)."""
+        """Take all remaining octets of the part (Scapy's interface)."""
         if not s.endswith(self.end):
             return b"", s
         try:
@@ -135,11 +135,11 @@ class TextField(XStrField):
             return b"", s
 
     def i2repr(self, pkt: Packet | None, x: Any) -> str:
-        """Return what ``show()`` prints (Scapy's interface)."""
+        """Return the text that ``show()`` prints (Scapy's interface)."""
         return printable(repr(x)) if isinstance(x, str) else bytes(x or b"").hex()
 
     def randval(self) -> RandBin:
-        """Return what ``fuzz()`` puts here (Scapy's interface)."""
+        """Return the value that ``fuzz()`` puts here (Scapy's interface)."""
         return RandBin(RandNum(0, _FUZZED))
 
 

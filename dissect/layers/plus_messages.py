@@ -24,7 +24,7 @@ from dissect.protocols.s7plus.values import Value, build_value
 from dissect.protocols.s7plus.walk import FormatError, Walk
 from dissect.wire.part import Part
 
-#: Octets of a message that go into one frame, as CPUs of the captures send them.
+#: Octets of a message that go into one frame, the size that the captured CPUs use.
 MOST: Final = 900
 
 
@@ -56,9 +56,9 @@ def _packets(parts: list[Part], octets: bytes) -> list[Packet]:
 
 
 def plus_message(*frames: Packet | bytes) -> S7Plus_Body:
-    """Return the message that frames carry, their data joined: an `S7Plus_Request`, for example, with its parts.
+    """Return the message in several frames, with their data joined: an `S7Plus_Request`, for example, with its parts.
 
-    Raises ValueError when they are not all the frames of one message.
+    Raises ValueError if they are not exactly the frames of one message.
     """
     pdu = parse_plus(b"".join([bytes(frame) for frame in frames]))
     layout = fixed_part(pdu)
@@ -121,7 +121,7 @@ def plus_reply(request: S7Plus, *body: Packet, return_value: int = 0) -> S7Plus:
     known = [part for part in asked.body if isinstance(part, S7Plus_IntegrityId)]
     if known:
         id_ = S7Plus_IntegrityId(integrity_id=(known[0].integrity_id + asked.sequence) & 0xFFFFFFFF)
-        # The answer to Explore has it after the object's id, every other one at its end.
+        # The answer to Explore has the id after that of the object, every other answer at its end.
         early = asked.function == tables.EXPLORE and request.version == tables.V3
         at = next((number + 1 for number, part in enumerate(parts) if isinstance(part, S7Plus_ObjectId)), len(parts))
         parts.insert(at if early else len(parts), id_)

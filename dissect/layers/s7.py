@@ -1,4 +1,4 @@
-"""S7comm as Scapy layers: the header and what every body shares (reference sections 3 and 4).
+"""S7comm as Scapy layers: the header, and the code that all bodies share (reference sections 3 and 4).
 
 A body holds the parameter block and the data block: ``S7() / S7_ReadVarRequest(items=[S7_Any(db=10, …)])``. The header's two
 lengths are filled in from it when left out. Read Var and Write Var are in `variables`, userdata in `userdata`; every other
@@ -103,7 +103,7 @@ class S7(WireLayer):
         return S7_Job if self.rosctr == tables.JOB else S7_Answer if self.rosctr in _ANSWERS else S7_Function
 
     def hashret(self) -> bytes:
-        """Return what request and answer have in common (Scapy's interface)."""
+        """Return the bytes that request and answer have in common (Scapy's interface)."""
         kind = b"U" if self.rosctr == tables.USERDATA else b"J"
         return kind + int(self.pdu_ref).to_bytes(2, "big")
 
@@ -120,7 +120,7 @@ class S7(WireLayer):
         return 0
 
     def line(self) -> Any:
-        """Return one line for header and body; every S7 of a chain wants one."""
+        """Return one line for header and body; every S7 of a chain has its own."""
         body = self.payload.describe() if isinstance(self.payload, S7_Body) else ""
         parts = ["S7", tables.ROSCTR.name(self.rosctr), *([body] if body else []), f"ref=0x{self.pdu_ref:04x}"]
         if isinstance(self.payload, S7_Body) and self.payload.detail():
@@ -133,7 +133,7 @@ class S7(WireLayer):
 
 
 def userdata_body(parameters: bytes) -> type[S7_Body] | None:
-    """Return the class of userdata with this parameter block (one octet at least), None where it is of no known form."""
+    """Return the class of userdata with this parameter block (one octet at least), None if its form is unknown."""
     parsed = parse_parameters(parameters, tables.USERDATA)
     return USERDATA_BODIES.get(parse_parameter_parts(parameters, 0, len(parameters), parsed, [])[0].layout)
 
@@ -159,7 +159,7 @@ def joined(texts: list[str]) -> str:
 
 
 def pdu_of(body: Packet) -> Pdu | None:
-    """Return the PDU that a body belongs to; None without a header, and while a value of the user's own cannot be built."""
+    """Return the PDU that a body belongs to; None without a header, or if a value set by the user cannot be built."""
     header = body.underlayer
     if not isinstance(header, S7):
         return None
@@ -233,7 +233,7 @@ class S7_Body(WireLayer):
         """
         octets = b""
         if self.raw_packet_cache is not None:
-            octets = super().self_build()  # which looks whether the octets dissected still are those of the fields
+            octets = super().self_build()  # this checks whether the dissected octets still match the fields
         if self.raw_packet_cache is not None:
             parameters = len(octets) - sum([len(self._field_octets(b"", name)) for name in self.data_fields])
         else:
@@ -253,7 +253,7 @@ class S7_Body(WireLayer):
         return built
 
     def describe(self) -> str:
-        """Return what this body is, for the summary's beginning."""
+        """Return the name of this body, for the beginning of the summary."""
         function = function_of(self)
         return tables.FUNCTIONS.name(function) if function is not None else ""
 

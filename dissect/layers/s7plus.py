@@ -66,7 +66,7 @@ def _fields(layout: Layout, **defaults: int) -> list[ScapyField]:
 
 
 class S7Plus_Request(S7Plus_Body):
-    """A request; with bit 6 of ``transport_flags`` it wants no response."""
+    """A request; with bit 6 of ``transport_flags`` it expects no response."""
 
     name = "S7comm-plus request"
     least = layouts.REQUEST.size

@@ -50,11 +50,11 @@ _CARRIERS: Final[dict[str, type[Packet]]] = {"udp": UDP, "tcp": TCP}
 
 
 class SCD(WireLayer):
-    """A message. ``size`` and ``crc`` are filled in when left out; ``data`` are octets, which a dictionary makes and reads.
+    """A message. ``size`` and ``crc`` are filled in if left out; ``data`` are octets, which a dictionary encodes and decodes.
 
-    On a bound port, what does not begin as a message stays `Raw`; under TCP it has to be whole besides. Called on octets of
-    your own, ``SCD(octets)`` reads any ten octets as the header. A message that was cut has the octets of its checksum that are
-    there, often none, as ``crc``.
+    On a bound port, octets that do not begin like a message stay `Raw`; under TCP the message must also be complete. Called on
+    octets of your own, ``SCD(octets)`` reads any ten octets as the header. In a message that was cut, ``crc`` has the captured
+    octets of the checksum, often none.
     """
 
     name = "SCD"
@@ -169,14 +169,14 @@ class SCD(WireLayer):
 
     @property
     def values(self) -> dict[str, Value]:
-        """The decoded values by name; empty without a dictionary, and for a message that is wrong or carries none."""
+        """The decoded values by name; empty without a dictionary, and for a message that is wrong or has none."""
         message = self.message
         if self.codec is None or message is None:
             return {}
         return {key_name(self.codec.dictionary, key): value for key, value in message.values.items()}
 
     def guess_payload_class(self, payload: bytes) -> type[Packet]:
-        """Return this class while the chain is not too long; `dispatch_hook` sees whether it fits (Scapy's interface)."""
+        """Return this class while the chain is not too long; `dispatch_hook` checks whether it fits (Scapy's interface)."""
         depth, under = 1, self.underlayer
         while isinstance(under, SCD):
             depth, under = depth + 1, under.underlayer
@@ -232,8 +232,9 @@ class SCD(WireLayer):
 
 @lru_cache(maxsize=_MOST_CLASSES)
 def _class_of(dictionary: Dictionary | Codec) -> type[SCD]:
-    """Return the class of a dictionary. A leading ``_`` keeps it out of what Scapy lists."""
-    codec = dictionary if isinstance(dictionary, Codec) else Codec(dictionary, limits=False)  # a tester sends anything
+    """Return the class of a dictionary. A leading ``_`` keeps it out of Scapy's lists."""
+    # a test program may send anything
+    codec = dictionary if isinstance(dictionary, Codec) else Codec(dictionary, limits=False)
     if codec.envelope.record != DEFAULT:
         raise Error(
             E_DICTIONARY, codec.dictionary.name, "it describes its own envelope, but the layer has the default one"
@@ -271,7 +272,7 @@ def bind_scd(
 
 
 def unbind_scd(port: int, transport: str | None = None) -> None:
-    """Undo `bind_scd` for ``port``, of both transports when none is named; nothing happens where nothing is bound."""
+    """Undo `bind_scd` for ``port``, for both transports if none is named; without a binding this does nothing."""
     for carrier in _CARRIERS.values() if transport is None else (_carrier(transport),):
         carrier.payload_guess = [
             (values, layer)

@@ -104,7 +104,7 @@ class SCDCrcField(Field[Any, Any]):
         return super().addfield(pkt, s, _crc(s) if val is None else val)
 
     def i2repr(self, pkt: Packet | None, x: Any) -> str:
-        """Return the number, and the right one where it differs (Scapy's interface)."""
+        """Return the number, and the right one if it differs (Scapy's interface)."""
         if isinstance(x, bytes):
             return f"{x.hex()} (cut)".lstrip()
         if not isinstance(x, int) or pkt is None or not settled(pkt):
@@ -157,12 +157,12 @@ def _whole_field(field: EnvelopeField) -> ScapyField:
 
 
 def _layer(pkt: Packet | None) -> SCD | None:
-    """Return the packet as the layer it is; Scapy asks fields without one too."""
+    """Return the packet as its layer; Scapy also calls fields without one."""
     return pkt  # type: ignore[return-value]  # these fields are in no other layer
 
 
 def built(layer: Packet) -> bytes | None:
-    """Return the layer's own octets, None while a field holds what cannot be sent: also such a packet can be shown."""
+    """Return the layer's own octets, None while a field has a value that cannot be sent: such a packet can still be shown."""
     try:
         octets: bytes = layer.self_build()
     except (ValueError, TypeError, struct.error):

@@ -4,8 +4,8 @@
 
     sniff(offline="plant.pcapng", session=S7Session) sniff(iface="eth0", session=S7Session, prn=lambda packet: packet.summary())
 
-Scapy's own TCP session takes Ethernet padding for payload, fills holes with zeros and knows no COTP fragments. Here each packet
-goes through `dissect.engine.pipeline`, which recognises ISO-on-TCP on every port, and what comes out is one packet for each
+Scapy's own TCP session takes Ethernet padding for payload, fills gaps with zeros and does not support COTP fragments. Here each
+packet goes through `dissect.engine.pipeline`, which recognises ISO-on-TCP on every port. The output is one packet for each
 whole TPKT, in the order of the stream: ``Ether / IP / TCP / TPKT / …``.
 """
 
@@ -88,13 +88,13 @@ class _Witness(Observer):
             self.messages[-1].pdu = octets
 
     def plus_pdu(self, frame: int, time_ns: int, side: Side, octets: bytes, cut: bool) -> None:
-        """An S7comm-plus PDU; one of a single frame that came in several DTs hangs on the last of them, as S7 does."""
+        """An S7comm-plus PDU; a PDU of one frame that came in several DTs is attached to the last of them, like S7."""
         if not cut and self.messages[-1].fragment and parse_plus(octets).frames == 1:
             self.messages[-1].pdu = octets
 
 
 class S7Session(DefaultSession):
-    """Delivers one packet for each whole TPKT or IBH-NetLink packet, whatever the segmentation, and none of other protocols.
+    """Delivers one packet for each whole TPKT or IBH-NetLink packet, whatever the segmentation, and none for other protocols.
 
     * The packet's time is that of the packet which completed the TPKT. Addresses, ports and VLAN are those of the direction;
       MAC addresses are known if the completing packet has them. Sequence and acknowledgement numbers are those of the
@@ -152,7 +152,7 @@ class S7Session(DefaultSession):
 
 
 def _delivered(pipeline: Pipeline, packet: Packet | None) -> Iterator[Packet]:
-    """Make a packet of each thing found since the last call."""
+    """Make a packet of each result found since the last call."""
     witness = pipeline.observer
     assert isinstance(witness, _Witness)
     messages, witness.messages = witness.messages, []
@@ -179,7 +179,7 @@ def _built(message: _Message) -> Packet:
 
 
 def _pdu(octets: bytes) -> Packet:
-    """Return the layer of a PDU. One of 0x32 whose ROSCTR does not exist stays Raw, as it does without reassembly."""
+    """Return the layer of a PDU. One that begins with 0x32 and an unknown ROSCTR stays Raw, as it does without reassembly."""
     layer: Packet = S7(octets) if is_s7(octets) else S7Plus(octets) if is_s7plus(octets) else Raw(octets)
     return layer
 

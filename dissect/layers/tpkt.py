@@ -1,4 +1,4 @@
-"""TPKT as a Scapy layer: what lies between TCP and COTP (RFC 1006 section 6).
+"""TPKT as a Scapy layer, between TCP and COTP (RFC 1006 section 6).
 
 A segment with several TPKTs gives a chain, ``TPKT / COTP_DT / … / TPKT / COTP_DT / …``, so that ``packet.getlayer(TPKT, 2)`` is
 the second one. What follows the last whole TPKT, such as the beginning of a cut one, is a `TPKT_Rest`, which is a `Raw`.
@@ -23,7 +23,7 @@ from dissect.protocols.iso.tpkt import HEADER, Framer, plausible
 CHAIN_LIMIT: Final = 32
 
 _PORT: Final = 102
-#: Seconds that a `StreamSocket` rests before it looks again for the rest of a TPKT.
+#: Seconds that a `StreamSocket` waits before it checks again for the rest of a TPKT.
 _MOMENT: Final = 0.005
 _VERSION: Final = 3
 
@@ -46,7 +46,7 @@ def _size_at(octets: bytes, at: int) -> int:
 class TPKT(WireLayer):
     """A TPKT. ``length`` counts the whole packet, this header included, and is filled in when left out.
 
-    Under TCP, what does not look like a whole TPKT with a COTP TPDU in it stays `Raw`. Called on octets of your own,
+    Under TCP, octets that do not look like a whole TPKT with a COTP TPDU in it stay `Raw`. Called on octets of your own,
     ``TPKT(octets)`` reads any four octets as the header; a TPKT that is cut keeps its content as `Raw`.
     """
 
@@ -72,9 +72,9 @@ class TPKT(WireLayer):
     def tcp_reassemble(cls, data: bytes, metadata: dict[str, Any], session: dict[str, Any]) -> Packet | None:
         """Cut one TPKT off a stream, for `StreamSocket`, by the engine's rules (`dissect.protocols.iso.tpkt.Framer`).
 
-        Octets that belong to no TPKT come as a `Raw`, what follows them later. The DT that ends a PDU of several DTs has the
-        whole PDU. While nothing is whole: None, or for a `StreamSocket`, which would wait for the rest whatever its time-out, a
-        packet that is False, which Scapy ignores.
+        Octets that belong to no TPKT are returned as a `Raw`; octets after them follow later. The DT that ends a PDU of several
+        DTs has the whole PDU. While nothing is whole: None, or for a `StreamSocket`, which would wait for the rest whatever its
+        time-out, a packet that is False, which Scapy ignores.
         """
         if not data:
             return None if metadata else _Unfinished()

@@ -24,7 +24,7 @@ _ROWS: Final[tuple[Fact[Finding], ...]] = (
          lambda of: int(of.time_ns) or None, column="ts", null=True),
     Fact("sentence", WORD, "The sentence of the rule, always the same.", lambda of: of.rule.sentence),
     Fact("detail", TEXT, "The observation, for a person; may be empty, and its wording may change.", lambda of: of.detail),
-    Fact("advice", WORD, "What to do about it.", lambda of: of.rule.advice),
+    Fact("advice", WORD, "Advice on what to do.", lambda of: of.rule.advice),
     Fact("techniques", JSON, "Techniques of MITRE ATT&CK for ICS that it may be part of; empty for most rules.",
          lambda of: [technique.as_dict() for technique in of.rule.techniques],
          shape={"type": "array", "items": {"$ref": "#/$defs/technique"}}),

@@ -228,7 +228,7 @@ _ROWS: Final[tuple[Fact[Transaction], ...]] = (
          lambda of: of.function_name if of.function >= 0 or of.rosctr > USERDATA else None, key=""),
     Fact("userdata_group", COUNT, "Function group of userdata.", lambda of: _head(of, "group"), key="", null=True),
     Fact("subfunction", COUNT, "Subfunction of userdata.", lambda of: _head(of, "subfunction"), key="", null=True),
-    Fact("about", TEXT, "What a request without items is about, for example the SZL.", None, key="", null=True),
+    Fact("about", TEXT, "The subject of a request without items, for example the SZL.", None, key="", null=True),
     Fact("certainty_said", CODE, "Whether request and answer surely belong together, or a push or an answer not captured is"
          " sure.", lambda of: of.certainty or None, key="", column="certainty", null=True, codes=tuple(CERTAINTIES)),
     Fact("doubt_said", CODE, "Why a pair or a push is only likely: gaps, or alike.",

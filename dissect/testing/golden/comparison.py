@@ -56,7 +56,7 @@ def _alone(one: Link | None, other: Link | None, options: DiffOptions) -> Iterat
 
 
 def _who(link: Link, protocol: str = "") -> str:
-    """Return the TSAPs of a connection as its ``protocol`` has them, or in the form of the other connection's protocol."""
+    """Return the TSAPs of a connection in the notation of its ``protocol``, or in that of the other connection's protocol."""
     calling = Tsap(link.calling) if link.calling is not None else None
     called = Tsap(link.called) if link.called is not None else None
     return (

@@ -43,7 +43,7 @@ class Keys:
         self._loose: dict[Exchange, Key] = {}
 
     def exact(self, transaction: Transaction) -> Key:
-        """Return the exact request without what is ignored; for an unsolicited message, the message."""
+        """Return the exact request without its ignored parts; for an unsolicited message, the message."""
         exchange = self.objects.stable(transaction)
         key = self._exact.get(exchange)
         if key is None:
@@ -100,7 +100,7 @@ def _loose(exchange: Exchange) -> Key:
 
 
 def _request_target(exchange: Exchange) -> bytes:
-    """Return what a request asks for if that is in its data: a different list or block is a different request.
+    """Return the target of a request if it is in its data: a different list or block is a different request.
 
     A different index of the same list is the same request with other parameters.
     """
@@ -114,7 +114,7 @@ def _request_target(exchange: Exchange) -> bytes:
 
 
 def action(transaction: Transaction) -> Key:
-    """Return the side and the kind of operation, without its object, unless that makes it a different request."""
+    """Return the side and the kind of operation, without its object, unless the object makes it a different request."""
     exchange = transaction.exchange
     return (
         transaction.asked_by,

@@ -107,7 +107,7 @@ def records_as_octets(case: Case) -> bool:
 
 
 def whole_of_fields(case: Case) -> bool:
-    """Whether Wireshark shows as one text what we show as fields that cover it without a gap."""
+    """Whether Wireshark shows as one text several fields of ours that cover it without a gap."""
     if case.ours is not None or not isinstance(case.theirs, bytes) or case.our_record is None:
         return False
     ends: dict[int, int] = {}

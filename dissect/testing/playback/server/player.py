@@ -36,7 +36,7 @@ CYCLE: Final = "cycle"
 
 _INCONSISTENT: Final = b"\x07"  # return code "data type inconsistent": the data have a different size from the item
 _MIN_SETUP: Final = 4
-_UNSET_LENGTH: Final = 960  # of answers that are built for a client without a setup
+_UNSET_LENGTH: Final = 960  # PDU length for answers to a client without a setup
 
 
 class Reply(NamedTuple):
