@@ -1,4 +1,4 @@
-"""TPKT as a Scapy layer, between TCP and COTP (RFC 1006 section 6).
+"""TPKT as a Scapy layer: it is between TCP and COTP (RFC 1006 section 6).
 
 A segment with several TPKTs gives a chain, ``TPKT / COTP_DT / … / TPKT / COTP_DT / …``, so that ``packet.getlayer(TPKT, 2)`` is
 the second one. What follows the last whole TPKT, such as the beginning of a cut one, is a `TPKT_Rest`, which is a `Raw`.

@@ -110,37 +110,37 @@ class ExportCompanion(WritingCompanion):
         self._feed.connection_opened(connection)
 
     def connection_closed(self, connection: Connection) -> None:
-        """Hand it on."""
+        """Pass the event on."""
         self._feed.connection_closed(connection)
 
     def transaction(self, transaction: Transaction) -> None:
-        """Hand it on."""
+        """Pass the event on."""
         self._feed.transaction(transaction)
 
     def operation(self, operation: Operation) -> None:
-        """Hand it on."""
+        """Pass the event on."""
         self._feed.operation(operation)
 
     def act(self, act: Act) -> None:
-        """Hand it on."""
+        """Pass the event on."""
         self._feed.act(act)
 
     def fact(self, fact: Fact) -> None:
-        """Hand it on."""
+        """Pass the event on."""
         self._feed.fact(fact)
 
     def finding(self, finding: Finding) -> None:
-        """Hand it on."""
+        """Pass the event on."""
         self._feed.finding(finding)
 
     def pdu(self, frame: int, time_ns: int, side: Side, octets: bytes, cut: bool) -> None:
-        """Hand it on."""
+        """Pass the event on."""
         self._feed.pdu(frame, time_ns, side, octets, cut)
 
     def plus_pdu(self, frame: int, time_ns: int, side: Side, octets: bytes, cut: bool) -> None:
-        """Hand it on."""
+        """Pass the event on."""
         self._feed.plus_pdu(frame, time_ns, side, octets, cut)
 
     def scd(self, frame: int, time_ns: int, side: Side, found: ScdMessage) -> None:
-        """Hand it on."""
+        """Pass the event on."""
         self._feed.scd(frame, time_ns, side, found)

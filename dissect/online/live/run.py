@@ -79,7 +79,7 @@ class Fanout(Observer):
         self._each(lambda one: one.connection_opened(connection), self._observers)
 
     def connection_closed(self, connection: Connection) -> None:
-        """Hand it on."""
+        """Pass the event on."""
         self._each(lambda one: one.connection_closed(connection), self._observers)
 
     def tpdu(self, frame: int, time_ns: int, side: Side, octets: bytes) -> None:
@@ -113,34 +113,34 @@ class Fanout(Observer):
         self._each(lambda one: one.scd(frame, time_ns, side, found), [one for one in self._observers if one.wants_pdus])
 
     def transaction(self, transaction: Transaction) -> None:
-        """Hand it on."""
+        """Pass the event on."""
         self._each(lambda one: one.transaction(transaction), self._observers)
 
     def operation(self, operation: Operation) -> None:
-        """Hand it on."""
+        """Pass the event on."""
         self._each(lambda one: one.operation(operation), self._observers)
 
     def act(self, act: Act) -> None:
-        """Hand it on."""
+        """Pass the event on."""
         self._each(lambda one: one.act(act), self._observers)
 
     def fact(self, fact: Fact) -> None:
-        """Hand it on."""
+        """Pass the event on."""
         self._each(lambda one: one.fact(fact), self._observers)
 
     def finding(self, finding: Finding) -> None:
-        """Hand it on."""
+        """Pass the event on."""
         observers = self._observers
         if self.wants_every_finding and (finding.bare or finding.room == COUNTED):
             observers = [one for one in observers if one.wants_every_finding]
         self._each(lambda one: one.finding(finding), observers)
 
     def repeated(self, finding: Finding) -> None:
-        """Hand it on."""
+        """Pass the event on."""
         self._each(lambda one: one.repeated(finding), self._observers)
 
     def comment(self, frame: int, text: str) -> None:
-        """Hand it on."""
+        """Pass the event on."""
         self._each(lambda one: one.comment(frame, text), self._observers)
 
 

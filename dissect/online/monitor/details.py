@@ -168,7 +168,7 @@ def watched_details(facts: WatchedFacts, clock: Clock | None = None, places: Pla
                 4,
             )
         )
-    title = "Its latest changes, the newest first" if facts.changes else "First place where it was seen"
+    title = "Its latest changes, the newest first" if facts.changes else "Where it was seen first"
     lines += [Line(""), Line(title, HEADING)]
     lines += [Line(f"  {value_line(row, clock, places)}", PLAIN, 4) for row in reversed(facts.rows)]
     return lines
