@@ -62,7 +62,13 @@ def test_a_request(version: int) -> None:
 def test_a_pdu_that_comes_from_nowhere_has_no_packet() -> None:
     pdu = parse_plus(framed(asked(1)))
     assert (pdu.frame, pdu.time_ns, pdu.connection, pdu.side, pdu.cut) == (0, 0, 0, 0, False)
-    for octets, version, frames in ((b"", -1, 0), (b"\x72\2\0", 2, 0), (KEEP_ALIVE, 0xFF, 1)):
+    for octets, version, frames in (
+        (b"", -1, 0),
+        (b"\x72", -1, 0),
+        (b"\x72\2", 2, 0),
+        (b"\x72\2\0", 2, 0),
+        (KEEP_ALIVE, 0xFF, 1),
+    ):
         pdu = parse_plus(octets)
         assert (pdu.version, pdu.frames, pdu.data_offset, pdu.data, pdu.body) == (version, frames, 0, b"", b"")
         assert (pdu.sequence, pdu.session_id, pdu.transport_flags, pdu.credit_tick) == (-1, -1, -1, -1)

@@ -213,6 +213,8 @@ def test_the_usual_qualifier_is_passed_over_as_if_it_was_read() -> None:
         (VariableAddress(0, 52, 3486, []), True),
         (VariableAddress(0, 52, 3486, [2237]), False),
         (VariableAddress(0, 52, 2237, []), False),
+        (VariableAddress(0, 52, 2237, [1, 3486]), True),
+        (VariableAddress(0, 52, 2237, [3486, 1]), False),
         (VariableAddress(0, 82, 3736, [9]), True),
         (VariableAddress(0, 0x8A0E0003, 2550, [9]), True),
         (VariableAddress(0, 0x8B0E0003, 2550, [9]), False),

@@ -152,6 +152,13 @@ def test_a_frame_that_does_not_end_gives_way_to_a_whole_one() -> None:
     assert stream.push(whole) == [b"\x72\2\0\3abc", whole]
 
 
+def test_of_two_frames_without_data_the_second_is_the_trailer() -> None:
+    empty = b"\x72\2\0\0"
+    for cut in range(1, 8):
+        stream = FrameStream()
+        assert [*stream.push((empty * 2)[:cut]), *stream.push((empty * 2)[cut:])] == [empty * 2], cut
+
+
 def test_octets_of_a_frame_may_look_like_a_frame() -> None:
     """It lacks them by its own length, and they do not fill exactly what they would be."""
     frame = framed(b"x" * 10 + KEEP_ALIVE[:3] + b"\x72\2" + b"y" * 10)

@@ -90,6 +90,8 @@ def of_one(
         (52, [2167], Value(0, BOOL, True), (ORDERED, "operating state request Bool true (unknown)", 0)),
         (0x386, [304], Value(0, BLOB, Blob(0, b"secret")), (PASSWORD, "", 0)),
         (0x386, [1846], None, (PASSWORD, "", 0)),
+        (0x386, [7, 8, 304], None, (PASSWORD, "", 0)),
+        (50, [7, 8, 7918], FIVE, (PROTECTED, "CPUcommon.CPUPassword", 50)),
         (SUBSCRIPTION, [1048], LIST, (LISTED, "CPUexecUnit.DIS.OperatingState", SUBSCRIPTION)),
         (2, [2458], Value(0, BOOL, True), (CONFIRMED, "", 2)),
     ],
@@ -116,6 +118,8 @@ def test_a_write_that_means_something_is_an_event(
         (SUBSCRIPTION, [1048], Value(ADDRESS_ARRAY, UDINT, [0x80000000, 0, 0])),
         (SUBSCRIPTION, [1048], FIVE),
         (0x8B000001, [2550, 9], FIVE),
+        (0x386, [304, 7], FIVE),
+        (50, [3451, 7], FIVE),
     ],
 )
 def test_a_write_that_means_nothing_is_no_event(object_id: int, ids: list[int], value: Value | None) -> None:
