@@ -9,10 +9,13 @@ import pytest
 from dissect.protocols.s7plus.contents import VariableAddress
 from dissect.protocols.s7plus.loads import FIRMWARE, LOADED, PROTECTED, load_text, number_of, said, written_as
 from dissect.protocols.s7plus.objects import Attribute, Element, PlusObject, every_object
-from dissect.protocols.s7plus.session import LANGUAGE, NAME, NUMBER
 from dissect.protocols.s7plus.value_tables import UINT, WSTRING
 from dissect.protocols.s7plus.values import Value
 
+#: Attributes of a block, and classes.
+NAME: Final = 233
+NUMBER: Final = 2521
+LANGUAGE: Final = 2523
 DB: Final = 2574
 FC: Final = 2579
 UDT: Final = 3932

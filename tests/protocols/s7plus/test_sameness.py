@@ -268,7 +268,8 @@ def test_the_numbers_of_a_message_are_those_of_its_head(version: int) -> None:
 
 def test_one_message_leaves_nothing_to_the_next() -> None:
     one = Seen()
-    assert (one.alike, one.has_id, one.integrity_id, one.number, one.session) == (False, False, -1, -1, -1)
+    assert (one.alike, one.has_id, one.octets, one.body) == (False, False, b"", b"")
+    assert (one.integrity_id, one.number, one.session, one.subscription_id, one.credit_tick) == (-1, -1, -1, -1, -1)
     assert one.read(pdu(ALIKE["read"], 5, 9, 4))
     assert (one.has_id, one.integrity_id) == (True, 9)
     assert one.read(pdu(ALIKE["read"], 5, 9, 4, version=2))

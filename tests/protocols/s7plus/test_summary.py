@@ -8,7 +8,6 @@ from dissect.protocols.s7plus.bodies import parse_contents
 from dissect.protocols.s7plus.contents import Contents, VariableAddress
 from dissect.protocols.s7plus.message import parse_plus
 from dissect.protocols.s7plus.objects import Attribute, PlusObject, build_object
-from dissect.protocols.s7plus.session import NAME
 from dissect.protocols.s7plus.summary import object_text, references_text, single_address, summary
 from dissect.protocols.s7plus.tables import (
     BEGIN_SEQUENCE,
@@ -41,7 +40,7 @@ from tests.protocols.s7plus.pdus import asked, framed, notified, told
     ],
 )
 def test_an_object_is_its_class_its_id_and_its_name(rid: int, class_id: int, name: str, text: str) -> None:
-    elements = [Attribute(NAME, Value(0, WSTRING, name))] if name else []
+    elements = [Attribute(233, Value(0, WSTRING, name))] if name else []
     assert object_text(PlusObject(rid, class_id, 0, 0, 0, list(elements))) == text
 
 
