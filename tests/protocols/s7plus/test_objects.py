@@ -209,6 +209,7 @@ VALUES_OF_ATTRIBUTES = [
     Value(0, STRUCT, Struct(314, [(1, _NESTED)])),
     Value(0, STRUCT, Struct(314, [(319, Value(0, UDINT, 5)), (319, Value(0, WSTRING, "second"))])),
     Value(0, STRUCT, Struct(314, [(319, Value(0x80, WSTRING, "flagged"))])),
+    Value(0, STRUCT, Struct(314, [(319, Value(0, UDINT, 1)), (65, Value(0, UDINT, 5))])),  # like a text of one letter
     Value(0, STRUCT, Struct(314, [(319, Value(0, WSTRING, b"caf\xe9"))])),
     Value(0x80, STRUCT, Struct(314, [(319, Value(0, WSTRING, "flagged"))])),
     Value(0, STRUCT, Packed(0x92000003, 5, 0, b"abc")),
