@@ -176,7 +176,7 @@ class PlusWatch:
                 del self._cpus[next(iter(self._cpus))]
             known = (Program(), Identity())
             naming = connection.naming
-            declared = naming.program(str(connection.server.host)) if naming is not None else None
+            declared = naming.program(connection.server.host) if naming is not None else None
             if declared is not None:
                 known[0].adopt(declared)
             self._cpus[host] = known
@@ -251,4 +251,4 @@ def _code_of(event: Event, transaction: Transaction) -> int:
 
 def _stations(connection: Connection) -> tuple[str, str]:
     """Return client and CPU of a connection, as `server_of` names them."""
-    return within(str(connection.client.host), connection.tcp.vlan), server_of(connection)
+    return within(connection.client.host, connection.tcp.vlan), server_of(connection)

@@ -147,4 +147,4 @@ def _incomplete(connection: Connection) -> bool:
 
 def server_of(connection: Connection) -> str:
     """Return the address of the CPU of a connection, with its VLAN if it has one."""
-    return within(str(connection.server.host), connection.tcp.vlan)
+    return within(connection.server.host, connection.tcp.vlan)

@@ -103,10 +103,6 @@ _STATE_NAMES: Final = {state: OPERATING_STATES.name(state) for state in _STATES}
 
 # Marks of a read that may matter: the ids of the operating state and the identification record.
 _READ_MARKS: Final = tuple([build_varint(id_, VLQ) for id_ in (OPERATING_STATE, DIAGNOSIS, IDENTIFICATION)])
-#: Functions whose requests a client counts separately, for the integrity id.
-_COUNTED: Final = frozenset((
-    CREATE_OBJECT, DELETE_OBJECT, SET_VARIABLE, SET_MULTI_VARIABLES, SET_VAR_SUBSTREAMED, BEGIN_SEQUENCE, END_SEQUENCE,
-))  # fmt: skip
 #: Functions whose responses only state whether they were carried out.
 _WRITING: Final = frozenset((DELETE_OBJECT, SET_VARIABLE, SET_MULTI_VARIABLES, SET_VAR_SUBSTREAMED))
 #: The contents of a sound response of these functions.
@@ -303,10 +299,19 @@ def _judge_id(
     """Judge the integrity id of a request; -1 if it has none."""
     if id_ < 0 or (session_id != session.latest and session_id not in session.given):
         return
-    counted = session.writes if function in _COUNTED else session.reads
+    counted = session.writes if _is_change(function) else session.reads
     if counted.repeats(sequence, id_):
         text = f"{FUNCTIONS.name(int(function))} has integrity id {int(id_)} again, or a lower one than before"
         events.append(Event(REPLAYED, text))
+
+
+def _is_change(function: i64) -> bool:
+    """Return whether a client counts requests of a function apart from the others, for the integrity id."""
+    if function == SET_VARIABLE or function == SET_MULTI_VARIABLES or function == SET_VAR_SUBSTREAMED:
+        return True
+    return (
+        function == CREATE_OBJECT or function == DELETE_OBJECT or function == BEGIN_SEQUENCE or function == END_SEQUENCE
+    )
 
 
 def _asks_what_matters(asked: Check) -> bool:
@@ -318,13 +323,10 @@ def _asks_what_matters(asked: Check) -> bool:
 
 
 def _may_matter(function: i64, told: Check | None) -> bool:
-    if function == CREATE_OBJECT or function == DELETE_OBJECT or function == BEGIN_SEQUENCE or function == END_SEQUENCE:
-        return True
     if function == EXPLORE:
         return told is None or not told.sound or told.met  # an incomplete response may begin with blocks
-    if function == GET_MULTI_VARIABLES or function == GET_VAR_SUBSTREAMED or function == SET_MULTI_VARIABLES:
-        return True  # reads that do not matter are not passed to this function
-    return function == SET_VARIABLE or function == SET_VAR_SUBSTREAMED
+    # reads that do not matter are not passed to this function
+    return function == GET_MULTI_VARIABLES or function == GET_VAR_SUBSTREAMED or _is_change(function)
 
 
 def _writes_what_matters(asked: Check) -> bool:
