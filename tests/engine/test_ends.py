@@ -519,6 +519,17 @@ def test_what_was_acknowledged_and_not_captured_is_a_gap_when_the_connection_end
     assert (octets.missing, octets.holes) == (27, 1)
 
 
+@each(("distance", "missing"), [(0, 27), (1, 0), (100, 0), (-1, 0)])
+def test_what_a_reset_acknowledges_counts_where_its_number_is_right(distance: int, missing: int) -> None:
+    """Any other may be of another connection."""
+    talk = begun()
+    talk.ask(read(2, dbw(1, 0)))
+    talk.seq[SERVER] += 27
+    talk.packet(CLIENT, flags=RST | ACK, seq=talk.seq[CLIENT] + distance)
+    talk.finish()
+    assert talk.pipeline.counters.octets.missing == missing
+
+
 @each(("missing", "gap"), [(1, 0), (6, 0), (7, 7), (27, 27)])
 def test_fewer_octets_than_a_message_has_are_no_gap(missing: int, gap: int) -> None:
     """They may be numbers of FINs, of which each counts one."""
@@ -667,6 +678,21 @@ def test_an_answer_that_does_not_acknowledge_the_syn_confirms_nothing() -> None:
         talk.packet(SERVER, dt(words(9, 1)), flags=flags, seq=talk.seq[SERVER] + 5_000_000)
         talk.finish()
         assert len(talk.connections) == 1
+
+
+def test_a_syn_that_is_held_back_is_no_packet_of_the_connection() -> None:
+    """Nor is a SYN/ACK that answers it; packets of what begins count from the SYN on."""
+    talk = begun()
+    count = int(talk.pipeline.frames)
+    for _ in range(2):
+        talk.packet(CLIENT, flags=SYN, seq=77_000_000)
+        talk.acked[SERVER] = 5
+        talk.packet(SERVER, flags=SYN | ACK, seq=9_000_000)
+        talk.acked[SERVER] = None
+    polled(talk, 2, 3)
+    (side,) = talk.pipeline.table.all_open()
+    assert side.tcp.packets == count + 4
+    assert side.last_ack == talk.seq[SERVER] - 27  # what the client acknowledged last: all but the last answer
 
 
 def test_a_fin_confirms_no_syn() -> None:

@@ -7,7 +7,8 @@ from typing import Final
 import pytest
 
 from dissect.engine import timers
-from tests.engine.transactions.talk import CLIENT, MS, SECOND, SERVER, Talk, ack_data, dbw, read, words
+from dissect.wire.build import COMPILED
+from tests.engine.transactions.talk import CLIENT, MS, SECOND, SERVER, START_NS, Talk, ack_data, dbw, read, words
 
 LIMIT: Final = 2 * SECOND
 
@@ -195,3 +196,75 @@ def test_connections_that_are_over_are_not_kept(talk: Talk) -> None:
     assert watch is not None
     assert (len(watch._due), len(talk.pipeline.exchange.dialogue.asking)) == (0, 0)
     assert told(talk) == []
+
+
+# ---- answers that may be there --------------------------------------------------------------------------------------
+
+
+def test_an_answer_that_may_be_among_segments_that_are_held_is_not_missed() -> None:
+    """The answer, or what is before it, was captured out of order; when the gap is given up it may be in that."""
+    talk = Talk()
+    talk.watch(SECOND // 2)
+    talk.open()
+    talk.ask(read(1, dbw(1, 0)))
+    talk.acked[CLIENT] = talk.seq[SERVER]
+    talk.seq[SERVER] += 27
+    talk.tell(words(8, 1))
+    for _ in range(20):
+        talk.silence(SECOND // 10)
+    assert told(talk) == []
+
+
+def test_requests_are_told_with_the_tick_behind_their_limit(talk: Talk) -> None:
+    """Every 50 milliseconds: requests that are due between two of them come with the second one."""
+    talk.now_ns = START_NS + SECOND
+    frames = [talk.ask(read(number, dbw(1, 0)), after_ns=20 * MS) for number in range(4)]
+    when = {}
+    for number in range(2000, 2200):
+        talk.pipeline.tick(START_NS + SECOND + number * MS)
+        for frame in told(talk):
+            when.setdefault(frame, number)
+    assert list(when) == frames
+    for frame, number in when.items():
+        due = 2000 + 20 * (frame - frames[0] + 1)
+        assert due <= number <= due + 50
+
+
+@pytest.mark.skipif(COMPILED, reason="compiled constants cannot be changed")
+@pytest.mark.parametrize(
+    ("sides", "requests", "counts"),
+    [(2, 8192, [1, 3, 5, 6]), (1024, 2, [2, 4, 6, 6]), (1024, 8192, [6, 6, 6, 6]), (3, 8192, [2, 5, 6, 6])],
+)
+def test_a_look_ends_when_it_has_seen_enough(
+    sides: int, requests: int, counts: list[int], talk: Talk, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Six sides with a request each, and one whose request was answered; the others wait for the next look."""
+    monkeypatch.setattr(timers, "_SIDES_AT_ONCE", sides)
+    monkeypatch.setattr(timers, "_REQUESTS_AT_ONCE", requests)
+    crowd(talk, 6)
+    found = []
+    talk.silence(LIMIT)
+    for _ in range(4):
+        found.append(talk.pipeline.finding_counts.get("transaction.overdue", 0))
+        talk.silence(50 * MS)
+    assert found == counts
+
+
+@pytest.mark.skipif(COMPILED, reason="compiled constants cannot be changed")
+def test_of_very_many_sides_those_whose_connection_is_over_are_forgotten(
+    talk: Talk, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(timers, "_MANY", 5)
+    for number in range(30):
+        one = Talk(client_port=1024 + number, beside=talk)
+        one.packet(SERVER)
+        one.ask(read(1, dbw(1, 0)))
+        one.packet(CLIENT, flags=4 | 16)
+        talk.silence(1100 * MS)
+    watch = talk.pipeline.timers._overdue
+    assert watch is not None
+    assert len(watch._due) <= 6
+    asked = talk.ask(read(9, dbw(1, 0)))
+    talk.silence(LIMIT)
+    talk.silence(LIMIT)
+    assert told(talk) == [asked]

@@ -302,6 +302,34 @@ def test_a_copy_in_another_vlan_is_one_of_the_latest_segments(behind: int, is_co
     assert counts["retransmission"] == (is_copy and behind > 0)
 
 
+@each(("behind", "is_copy"), [(1, True), (2, True), (3, False), (4, False)])
+def test_of_equal_requests_a_copy_is_one_of_the_latest_two(behind: int, is_copy: bool) -> None:
+    """A client that polls sends the same octets again and again: the place counts as well."""
+    talk = talks.Talk()
+    talk.vlan = 10
+    talk.open(8, 8)
+    octets = talks.dt(talks.read(1, talks.dbw(1, 0)))
+    for _ in range(6):
+        talk.packet(talks.CLIENT, octets)
+        talk.tell(talks.words(1, 1))
+    talk.vlan = 20
+    talk.packet(talks.CLIENT, octets, seq=talk.seq[talks.CLIENT] - behind * len(octets))
+    assert opened(talk) == (1 if is_copy else 2)
+
+
+def test_the_latest_segment_before_a_gap_is_still_one_of_the_latest_two() -> None:
+    for other in (False, True):
+        talk = both_captured()
+        talk.vlan = 10
+        octets = talks.dt(talks.read(6, talks.dbw(1, 0)))
+        talk.packet(talks.CLIENT, octets)
+        at = talk.seq[talks.CLIENT] - len(octets)
+        talk.packet(talks.CLIENT, talks.dt(talks.read(7, talks.dbw(1, 0))), cut=9)
+        talk.vlan = 20
+        talk.packet(talks.CLIENT, octets[:-1] + b"x" if other else octets, seq=at)
+        assert opened(talk) == (2 if other else 1)
+
+
 @each("change", [(5, 0), (-1, 0), (0, 1), (0, -1)])
 def test_octets_that_are_not_the_same_are_no_copy(change: tuple[int, int]) -> None:
     """At another place of the segment or of the stream, of two segments before."""
