@@ -35,11 +35,12 @@ def test_each_packet_is_counted_by_what_is_new_in_it() -> None:
     talk.packet(CLIENT, ASKED[12:20], seq=at + 12)
     talk.packet(CLIENT, ASKED[:10], seq=at)
     talk.packet(CLIENT, ASKED[:10], seq=at)
-    talk.packet(CLIENT, b"\0", seq=at + len(ASKED) - 1)  # a keep-alive
+    for _ in range(3):
+        talk.packet(CLIENT, b"\0", seq=at + len(ASKED) - 1)  # a keep-alive
     talk.packet(CLIENT, ASKED[-2:], seq=at + len(ASKED) - 2)
     talk.packet(CLIENT, b"old", seq=998)  # its last octet has the number of the SYN
     talk.packet(CLIENT, b"old", seq=999)
-    assert counts(talk) == {"payload": 4 + 2, "retransmission": 5, "keep_alive": 1, "before_start": 1}
+    assert counts(talk) == {"payload": 4 + 2, "retransmission": 5, "keep_alive": 3, "before_start": 1}
     talk.finish()
     assert talk.pipeline.s7.pdus == 3
 

@@ -360,6 +360,8 @@ def test_lists_and_bodies_that_are_too_short_are_reported_once_whatever_their_ou
         (userdata(1, head(1, 4, 1), build.payload(b"\x00\x11\x00\x00")), short_list),
         (job(1, b"\x29" + bytes(5) + b"\x20P_PROGRAM"), ack_data(1, b"\x29")),
         (job(1, b"\x29" + bytes(5) + b"\x20P_PROGRAM"), ack_data(1, b"\x29", code=0xD241)),
+        (userdata(1, head(1, 7, 2), build.payload(b"\0\0")), userdata(1, head(2, 7, 2, code=0))),
+        (userdata(1, head(1, 7, 2), build.payload(b"\0\0")), userdata(1, head(2, 7, 2, code=0xD209))),
     ):
         talk = Talk()
         talk.open()

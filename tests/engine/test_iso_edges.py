@@ -341,6 +341,18 @@ def test_a_last_part_that_is_a_message_by_itself_is_one_unless_the_whole_is_as_w
         assert octets.framed == octets.delivered
 
 
+def test_a_message_behind_parts_that_are_too_long_is_one() -> None:
+    """They are dropped, and all of them are counted."""
+    talk = opened()
+    for _ in range(66):
+        talk.packet(CLIENT, build.dt(bytes(1000), eot=False))
+    talk.ask(read(2, dbw(1, 0)))
+    talk.close()
+    assert [one.pdu_ref for one in talk.transactions] == [2]
+    assert details(talk, "cotp.tsdu_too_long") == [f"from {WHO[CLIENT]}"]
+    assert details(talk, "cotp.unfinished_tsdu") == [f"from {WHO[CLIENT]}: a complete PDU follows it"]
+
+
 @each("how", ["end", "gap", "cut"])
 def test_what_ends_a_message_in_parts_is_said(how: str) -> None:
     talk = opened()
@@ -502,3 +514,30 @@ def test_octets_of_no_known_protocol_are_a_tpkt_again_only_where_a_segment_begin
             talk.packet(CLIENT, octets)
         talk.finish()
         assert tsdus(talk).get("unknown", 0) == found, pieces
+
+
+@each("content", [b"what is this", framed(asked(1)), b"", b"\x32\x01", read(1, dbw(1, 0))])
+def test_a_length_that_covers_other_tpkts_hides_none_of_them(content: bytes) -> None:
+    hidden = dt(read(2, dbw(1, 0)), read(3, dbw(1, 0)))
+    octets = dt(content)
+    talk = opened()
+    talk.packet(CLIENT, octets[:2] + (len(octets) + len(hidden)).to_bytes(2, "big") + octets[4:] + hidden)
+    talk.tell(words(2, 1), words(3, 1))
+    talk.close()
+    assert [one.pdu_ref for one in talk.transactions if one.outcome == "answered"] == [2, 3]
+    assert "tpkt.false_length" in talk.slugs()
+
+
+@each("content", [b"what is this", framed(asked(1)), b"\x01\x00\x01\x00\x61\x00"])
+def test_several_tpkts_of_any_protocol_in_one_segment_are_all_taken(content: bytes) -> None:
+    talk = opened(Looking)
+    assert isinstance(talk, Looking)
+    talk.tpdus.clear()
+    said = [dt(content), EMPTY, dt(read(2, dbw(1, 0))), dt(content), dt(read(3, dbw(1, 0))), EMPTY]
+    for octets in (b"".join(said), b"".join(said)):
+        talk.packet(CLIENT, octets)
+    assert [octets for _, octets in talk.tpdus] == said * 2
+    plain = opened()
+    plain.packet(CLIENT, b"".join(said))
+    plain.packet(CLIENT, b"".join(said))
+    assert heard(talk) == heard(plain)

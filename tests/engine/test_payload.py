@@ -233,6 +233,7 @@ def test_a_decoder_that_finds_nothing_changes_nothing() -> None:
         (one.slug, one.detail, one.frames) for one in plain.findings
     ]
     assert beside.pipeline.counters.packet_counts() == plain.pipeline.counters.packet_counts()
+    assert not PayloadDecoder().claims_tsdus(beside.connections[0])
     last = beside.pipeline.protocols[-1]
     assert (last.describe(), last.counted()) == ({"scd": {}}, [(0, "SCD message")])
     assert [one.describe() for one in beside.pipeline.protocols[:-1]] == [

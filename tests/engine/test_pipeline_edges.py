@@ -226,6 +226,66 @@ def test_a_second_finish_has_nothing_left_to_do() -> None:
     assert (len(talk.findings), len(talk.connections), talk.pipeline.counters.octets.delivered) == told
 
 
+@each("vlan", [0, 7])
+def test_each_packet_of_a_connection_is_one_of_its_packets(vlan: int) -> None:
+    """With and without data, in order and not, at its beginning and its end."""
+    talk = Talk()
+    talk.vlan = vlan
+    talk.open(8, 8)
+    for ref in range(3):
+        talk.ask(read(ref, dbw(1, 0)))
+        talk.packet(SERVER)
+        talk.tell(words(ref, 1))
+        talk.packet(CLIENT)
+    at = talk.seq[CLIENT]
+    octets = dt(read(9, dbw(1, 0)))
+    talk.packet(CLIENT, octets[20:], seq=at + 20)
+    talk.packet(CLIENT, octets[:20], seq=at)
+    talk.packet(CLIENT, octets, seq=at)
+    talk.packet(CLIENT, octets, seq=at + 9_000_000)
+    talk.seq[CLIENT] += len(octets)
+    talk.packet(SERVER, octets, cut=5)
+    talk.close()
+    (connection,) = talk.connections
+    tcp = connection.tcp
+    assert (tcp.packets, tcp.first_frame, tcp.last_frame) == (talk.pipeline.frames, 1, talk.pipeline.frames)
+    assert (tcp.first_ns, tcp.last_ns) == (START_NS + MS, talk.now_ns)
+
+
+def test_an_older_acknowledgement_takes_nothing_back() -> None:
+    """Acknowledgements may be captured out of order: the highest one counts."""
+    for less in (1, 27):
+        talk = Talk()
+        talk.open()
+        talk.ask(read(1, dbw(1, 0)))
+        talk.seq[SERVER] += 27
+        talk.packet(CLIENT)
+        talk.acked[CLIENT] = talk.seq[SERVER] - less
+        talk.packet(CLIENT)
+        talk.finish()
+        assert talk.pipeline.counters.octets.missing == 27
+
+
+@each("acknowledged", [False, True])
+def test_a_gap_that_was_acknowledged_is_given_up_soon(acknowledged: bool) -> None:
+    """50 milliseconds later, or after a few packets; any other after a second."""
+    for passing in (False, True):
+        talk = Talk()
+        talk.open(8, 8)
+        talk.acked[SERVER] = talk.seq[CLIENT]
+        talk.seq[CLIENT] += 31
+        talk.ask(read(1, dbw(1, 0)))
+        if acknowledged:
+            talk.acked[SERVER] = talk.seq[CLIENT]
+        talk.packet(SERVER)
+        if passing:
+            for _ in range(12):
+                talk.packet(SERVER)
+        else:
+            talk.silence(150 * MS)
+        assert ("stream.hole" in talk.slugs()) is acknowledged, passing
+
+
 # ---- memory ---------------------------------------------------------------------------------------------------------
 
 

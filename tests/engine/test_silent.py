@@ -255,6 +255,23 @@ def test_a_probe_has_the_number_before_the_next_one(distance: int, silent: bool)
         assert idle(talk) == (said(3) if silent else [])
 
 
+@each("sent", [1, 5, 100])
+def test_octets_that_were_sent_before_the_first_acknowledgement_are_no_silence(sent: int) -> None:
+    """The first packet of one side, and what the other side acknowledges behind it, do not fit each other."""
+    talk = Talk()
+    talk.packet(CLIENT, seq=talk.seq[CLIENT] - 1 - sent)
+    for _ in range(3):
+        talk.packet(SERVER)
+        talk.packet(CLIENT, seq=talk.seq[CLIENT] - 1, after_ns=PAUSE)
+    assert idle(talk) == []
+    talk = Talk()
+    talk.packet(CLIENT, seq=talk.seq[CLIENT] - 1)
+    for _ in range(3):
+        talk.packet(SERVER)
+        talk.packet(CLIENT, seq=talk.seq[CLIENT] - 1, after_ns=PAUSE)
+    assert idle(talk) == said(4)
+
+
 def test_an_acknowledgement_between_probes_is_no_probe() -> None:
     talk = Talk()
     for _ in range(3):
