@@ -536,3 +536,13 @@ def test_an_answer_waits_a_second_or_fifty_packets_for_a_better_one(packets: int
         talk.packet(CLIENT, after_ns=1000)
     talk.pipeline.tick(talk.now_ns)
     assert bool(marked(talk)) is not waits
+
+
+def test_a_request_of_the_other_side_with_that_reference_changes_nothing() -> None:
+    """References of both sides are independent."""
+    talk = ready(8)
+    talk.tell(job(9, b"\x1b" + bytes(17)))  # the server asks for a piece of a block
+    asked = talk.packet(CLIENT, behind(read(9, dbw(1, 0))))
+    answered = talk.tell(words(9, 1))
+    assert talk.pairs() == [(asked, answered)]
+    assert marked(talk) == [PAIR]
