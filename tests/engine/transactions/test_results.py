@@ -503,6 +503,10 @@ def test_a_refusal_in_words(error: TransactionError, text: str, shown: str, code
     assert error.as_dict() == {"where": error.where, "code": code, "name": error.name, "text": error.text}
 
 
+def test_an_item_that_is_only_known_by_its_number_is_named_once() -> None:
+    assert str(item_error(3, 7, "item 7")) == "item 7: Access not allowed"
+
+
 @pytest.mark.parametrize(
     ("times", "text"), [(1, "request sent again after 300 ms"), (2, "request sent again 2 times, last after 300 ms")]
 )
