@@ -50,11 +50,6 @@ WRITE: Final = "write"
 _MAX_KNOWN: Final = 4096
 
 
-def named(*names: str) -> CodeValue:
-    """Return a value that has names but no number."""
-    return CodeValue(None, names)
-
-
 @functools.cache
 def name_code(name: str) -> CodeValue:
     """Return a value that has one name and no number; cached, so only for a small set of names."""
@@ -141,14 +136,13 @@ def ports(thing: Any, context: Context) -> list[int] | None:
     return [end.port for end in found if end.port >= 0] if found is not None else None
 
 
-def protocol(thing: Any, _context: Context) -> CodeValue | None:
-    """Return the protocol of a message or transaction; for other things, that of their connection."""
+def protocol(thing: Transaction | Message | Connection, _context: Context) -> CodeValue | None:
+    """Return the protocol of a message, a transaction or a connection; None while that of a connection is unknown."""
     if isinstance(thing, Message):
         return name_code(thing.protocol)
     if isinstance(thing, Transaction):
         return name_code(UPPER_NAMES[S7COMM_PLUS if thing.is_plus else SCD if thing.is_scd else S7COMM])
-    connection = connection_of(thing)
-    return name_code(connection.protocol) if connection is not None and connection.protocol else None
+    return name_code(thing.protocol) if thing.protocol else None
 
 
 # ---- packets and times ----------------------------------------------------------------------------------------------

@@ -38,7 +38,7 @@ def searching(literal: Literal) -> Callable[[str], bool]:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # warnings about changes in later Python versions do not help users
             search = re.compile(literal.text, re.IGNORECASE).search
-            forever = takes_too_long(literal.text, re.IGNORECASE)
+            forever = takes_too_long(literal.text)
     except (re.error, OverflowError, RecursionError) as error:
         raise SelectError(f"invalid regular expression: {error}", "", literal.start, literal.end) from None
     if forever:
@@ -49,9 +49,9 @@ def searching(literal: Literal) -> Callable[[str], bool]:
     return lambda text: search(text) is not None
 
 
-def takes_too_long(pattern: str, flags: int = 0) -> bool:
+def takes_too_long(pattern: str) -> bool:
     """Return whether a pattern has too many ways to match. The pattern must be valid."""
-    return _ways(_parser.parse(pattern, flags)) > _MOST
+    return _ways(_parser.parse(pattern)) > _MOST
 
 
 def _ways(items: Sequence[tuple[Any, Any]]) -> float:

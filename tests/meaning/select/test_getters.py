@@ -9,6 +9,7 @@ import pytest
 from dissect.engine.findings.catalogue import CATALOGUE
 from dissect.engine.findings.reporter import Finding
 from dissect.engine.pipeline import Options, Pipeline
+from dissect.engine.transactions.connection import Connection
 from dissect.engine.transactions.payloads import ScdMessage
 from dissect.engine.transactions.side import Side
 from dissect.meaning.select import Where, getters
@@ -25,6 +26,7 @@ from dissect.meaning.select.things import (
     Message,
     Packet,
 )
+from dissect.packets.tcp.connection import TcpConnection
 from dissect.packets.tcp.stream import Endpoint
 from tests.cases import each
 from tests.engine.findings import events
@@ -197,6 +199,14 @@ def test_a_connection() -> None:
     assert {name: told[name] for name in LINE} == LINE
 
 
+def test_a_connection_whose_protocol_is_unknown_has_none() -> None:
+    first, second = TALK.connections[0].tcp.ends
+    fresh = Connection(9, TcpConnection(first, second, 0, 1, 0))
+    assert fresh.protocol == ""
+    assert not Where("protocol").connection(fresh)
+    assert Where("connection == 9 and not protocol == s7comm").connection(fresh)
+
+
 def test_a_finding() -> None:
     finding = next(one for one in TALK.findings if one.slug == "security.plc_stop")
     told = said(FINDING, Found(finding, TALK.connections[0]), but="technique")
@@ -301,6 +311,8 @@ def test_a_message_that_is_cut_short(octets: bytes, expected: Said) -> None:
     told = said(MESSAGE, Message("s7comm", 5, START_NS, TALK.connections[0], 0, octets), but="pdu_ref rosctr")
     shown = {name: texts for name, texts in told.items() if name in {"malformed", "function", "address", "error"}}
     assert shown == expected
+    told = said(MESSAGE, Message("s7comm", 5, START_NS, TALK.connections[0], 0, octets))
+    assert told.get("pdu_ref", []) == (["7"] if len(octets) == 12 else [])
     cut = said(MESSAGE, Message("s7comm", 5, START_NS, TALK.connections[0], 0, octets, True))
     assert cut["cut"] == ["true"]
 
@@ -404,6 +416,12 @@ def test_numbers_that_are_zero_are_there() -> None:
     event_ = said(MESSAGE, Message("s7comm_plus", 5, 0, line_, 1, event(7)))
     assert event_["s7plus.version"] == ["254"]
     assert not event_.keys() & {"s7plus.opcode", "s7plus.session_id", "pdu_ref", "function", "s7plus.return_value"}
+    for ref, selected in ((4, True), (2, False)):  # userdata has no function of its own: its number is 0
+        assert Where("function == 0").transaction(of_ref(ref)) is selected
+    nothing = Message("s7comm", 5, 0, line_, 0, line.job(1, b"\0\1"))
+    assert Where("function == 0").message(nothing)
+    ends = (Endpoint(bytes((10, 0, 0, 1)), 0), Endpoint(bytes((10, 0, 0, 2)), 1))
+    assert said(PACKET, Packet(7, 0, ends, None))["port"] == ["0", "1"]
     rosctr = Message("s7comm", 5, 0, line_, 0, b"\x32\0" + read(1, dbw(1, 0))[2:])
     assert Where("rosctr == 0").message(rosctr)
 
