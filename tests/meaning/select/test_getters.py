@@ -220,6 +220,36 @@ def test_a_finding() -> None:
     assert techniques
 
 
+def test_severities_have_an_order() -> None:
+    rules = {rule.severity: rule for rule in CATALOGUE.values()}
+    assert rules.keys() == {"error", "warning", "note"}
+    for expression, expected in (
+        ("severity >= warning", ["error", "warning"]), ("severity > warning", ["error"]),
+        ("severity < error", ["note", "warning"]),
+        ("severity <= note", ["note"]), ("severity == warning", ["warning"]), ("severity > error", []),
+        ("severity in {note}", ["note"]),
+    ):  # fmt: skip
+        judge = Where(expression).predicate(FINDING)
+        found = [severity for severity, rule in rules.items() if judge(Found(Finding(rule, 0, [], 0, ""), None))]
+        assert sorted(found) == expected, expression
+
+
+@each(
+    ("area", "names"),
+    [
+        (0x81, ["I", "E", "0x81"]), (0x82, ["Q", "A"]), (0x83, ["M", "flags"]), (0x84, ["DB"]), (0x85, ["DI"]),
+        (0x1C, ["C", "Z"]),
+        (0x1D, ["T"]), (0x80, ["P"]), (0x87, ["V"]), (0x03, ["SI200"]),
+    ],
+)  # fmt: skip
+def test_an_area_has_its_english_and_its_german_letter_and_no_other(area: int, names: list[str]) -> None:
+    one = Message("s7comm", 5, 0, TALK.connections[0], 0, read(1, line.item(area, 1, 0, 2)))
+    letters = ["I", "E", "Q", "A", "M", "DB", "DI", "C", "Z", "T", "P", "V", "L", "SI200", "0x81"]
+    assert [letter for letter in letters if Where(f"area == {letter}").message(one)] == [
+        letter for letter in letters if letter in names
+    ]
+
+
 def test_a_finding_between_hosts_and_one_about_the_capture() -> None:
     between = Finding(CATALOGUE["transaction.slow"], 0, [], 5, "")
     between.client, between.server = "10.0.0.1 VLAN 5", "2001:db8::1"

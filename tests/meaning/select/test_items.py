@@ -296,6 +296,9 @@ def test_an_item_of_s7comm_plus_that_has_nothing_but_its_number() -> None:
     assert (facts.place, facts.area, facts.db, facts.type, facts.return_code) == (None,) * 5
     assert facts.values == []
     assert (facts.tags, facts.of_tag("x")) == ([], None)
+    lowest = plus_facts(PlusItem(3, None, None, 1)).return_code
+    assert lowest is not None
+    assert lowest.number == 1
     refused = plus_facts(PlusItem(3, None, Value(0, DINT, 1), 0x13))
     assert refused.return_code is not None
     assert (refused.return_code.number, refused.place) == (0x13, None)
