@@ -270,6 +270,22 @@ def test_the_places_of_items_are_those_of_their_values() -> None:
     assert several
 
 
+def test_objects_follow_a_deletion_only_if_its_return_value_says_so() -> None:
+    for value, details in (
+        (0, False),
+        (1, False),
+        (1 << 61, False),
+        (1 << 62, True),
+        (3 << 62, True),
+        (1 << 63, False),
+    ):
+        body = build_varint(value, VLQ64) + rid(7)
+        for held in (b"", build_object(_NAMED)):
+            said = check(framed(told(7, DELETE_OBJECT, body + held + end(9)), 3))
+            assert (said.sound, said.details) == (details or not held, details)
+            assert contents_of(said.octets).whole == said.sound
+
+
 def test_an_address_has_at_least_one_id() -> None:
     for fields in (3, 4, 5):
         addresses = rid(0) + bytes((1, fields)) + b"\0\x52\0" + b"\7" * (fields - 3)

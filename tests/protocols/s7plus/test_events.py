@@ -119,6 +119,7 @@ def test_a_state_that_is_read_among_others_is_compared_with_the_one_before(
         items = [(1, Value(0, DINT, STOPS)), (2, value), (3, Value(0, DINT, RUNS))]
         body = bodies.get_multi(WORD, address, VariableAddress(0, 49, 2237, [3486]), integrity_id=-1)
         facts = line.facts(GET_MULTI_VARIABLES, body + damage, code + bodies.multi_got(items, [])[1:])
+        assert (facts.in_request if facts is not None else 0) == len(damage)
         return [event.text for event in facts.events] if facts is not None else []
 
     assert poll(RUNS) == []
@@ -380,6 +381,8 @@ def test_requests_that_change_something_are_counted_apart_from_those_that_read(f
         assert REPLAYED not in kinds
     events = line.take(function, same[function], _ANSWERS.get(function, b""))
     name = {SET_VARIABLE: "SetVariable", EXPLORE: "Explore", DELETE_OBJECT: "DeleteObject"}.get(function)
+    if known != "no":
+        assert (line.session.writes if same is _WRITING_BODIES else line.session.reads).sequence == line.number
     replays = [said for kind, said, _ in events if kind == REPLAYED]
     assert len(replays) == (known != "no")
     if name and replays:
