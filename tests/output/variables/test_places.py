@@ -159,6 +159,8 @@ _PLACES = {
     "DB1.DBX1.3 x11": ("DB1.DBX1.3", 11, 11, "bits"),
     "DB1.DBX2.2 x2": ("DB1.DBX2.2", 18, 2, "bits"),
     "DB1.DBX0.5 x3": ("DB1.DBX0.5", 5, 3, "bits"),
+    "DB1.DBX1.0 x6": ("DB1.DBX1.0", 8, 6, "bits"),
+    "DB1.DBX4.3 x5": ("DB1.DBX4.3", 35, 5, "bits"),
     "DB1.DBW2:INT": ("DB1.DBW2", 16, 16, "number"),
     "DB1.DBB3:SINT": ("DB1.DBB3", 24, 8, "number"),
 }
@@ -219,6 +221,7 @@ def test_places_of_bits_and_octets_say_what_a_memory_says(seed: int) -> None:
         for row in rows
     ]
     assert told == expected
+    assert all(row.writes == (row.how == "write") for row in rows)
     assert len(expected) > 80
     assert any(value == "itself" for _, value, _ in expected)
 
@@ -286,3 +289,20 @@ def test_items_of_unknown_types_are_their_bytes() -> None:
         ("0x00", None, b"\1\2"), ("2 x 0x31", None, b"\1\2"), ("", None, b"\1\2"),
     ]  # fmt: skip
     assert {line_end(row, "=").partition(" = ")[2] for row in rows} == {"01 02"}
+
+
+@each("seed", range(2))
+def test_a_long_place_is_put_together_from_items_in_any_order(seed: int) -> None:
+    roll = random.Random(seed)
+    memory = roll.randbytes(40)
+    pieces = [(at, min(3, 40 - at)) for at in range(0, 40, 3)]
+    roll.shuffle(pieces)
+    talk = begun()
+    for ref, (at, size) in enumerate(pieces, 1):
+        reads(talk, ref, (db(BYTE, at, size), memory[at : at + size]))
+    reads(talk, 90, (db(BYTE, 30, 5), b"abcde"), (db(BYTE, 0, 40), bytes(40)))
+    *_, whole, newer, zeros = [row for row in rows_of(talk, "DB1.DBB5 x31") if row.type == "31 x BYTE"]
+    assert (whole.address, whole.data, whole.pieced) == ("DB1.DBB5", memory[5:36], True)
+    expected = memory[5:30] + b"abcde" + memory[35:36]
+    assert (newer.data, newer.value, newer.pieced) == (expected, list(expected), True)
+    assert (zeros.data, zeros.pieced) == (bytes(31), False)

@@ -5,10 +5,12 @@ from __future__ import annotations
 from typing import Any
 
 from dissect.engine.pipeline import Options, Pipeline
+from dissect.meaning.report.words import Places
 from dissect.output.variables.choosing import Known, choose, scd_names
 from dissect.output.variables.collector import ValueCollector
 from dissect.output.variables.model import RefusedRow, ValueRow
-from dissect.output.variables.writers import line_end
+from dissect.output.variables.writers import ValueText, line_end, value_line
+from dissect.wire.text import Clock
 from tests.cases import each
 from tests.engine.transactions import talk as line
 from tests.engine.transactions.talk import CLIENT, SERVER, Talk
@@ -213,3 +215,25 @@ def test_objects_are_named_by_address_or_name() -> None:
     talk.datagram(SERVER, plant.pdo("T1", **{"Режим 1": 8, "Расход 1": 5}))
     assert [(row.address, row.value) for row in collector.take()] == [("0x6044:0", 5), ("0x6061:0", 8)]
     assert collector.found == {"Режим 1", "Расход 1"}
+
+
+def test_a_line_tells_how_each_value_came_and_between_whom() -> None:
+    """In one packet: values of an item and of the PDO inside, PDOs of both ends."""
+    talk, collector = listening()
+    talk.open()
+    talk.ask(line.read(1, line.item(0x84, 10, 0, 2, 15)))
+    talk.tell(line.ack_data(1, b"\x04\x01", line.good(4, _ITEM)))
+    talk.ports = [50000, plant.STREAM]
+    talk.hello()
+    talk.packet(SERVER, plant.pdo("T1") + plant.pdo("R1", run=False) + plant.pdo("T1", 1))
+    rows = collector.take()
+    assert len({int(row.frame) for row in rows[-8:]}) == 1
+    assert {ends(row) for row in rows[-8:]} == {
+        ("10.0.0.1:50000", f"10.0.0.2:{plant.STREAM}"), (f"10.0.0.2:{plant.STREAM}", "10.0.0.1:50000"),
+    }  # fmt: skip
+    writer = ValueText()
+    writer.values(rows)
+    assert [str(getattr(one, "text", one)) for one in writer.take()] == [
+        value_line(row, Clock(), Places([], False)) for row in rows
+    ]
+    assert [row.how for row in rows] == ["read"] * 4 + ["pdo"] * (3 + 3 + 2 + 3)

@@ -17,7 +17,7 @@ from dissect.output.variables.statistics import MAX_DISTINCT, Pace, Statistics
 from dissect.output.variables.summary import Summary, csv_rows, json_lines, text_lines
 from dissect.wire.text import Clock
 from tests.meaning.report.support import begun
-from tests.output.variables.support import BYTE, WORD, collected, db, reads
+from tests.output.variables.support import BYTE, WORD, collected, db, reads, writes
 from tests.output.variables.test_shortcuts import busy, facts, of_rows
 
 
@@ -85,6 +85,7 @@ def test_twenty_distinct_values_are_counted() -> None:
     """The bound that the documentation names."""
     for count, said in ((20, "20"), (21, "20+")):
         lines = text_lines(summary_of(range(count)), Clock(), Places([], False))
+        assert "trend" not in lines[1].text  # unless it is asked for
         assert said in lines[2].text.split()
 
 
@@ -110,6 +111,17 @@ def test_extremes_are_exact_where_a_double_is_not(numbers: list[int]) -> None:
     assert (found.first, found.last, found.changes) == (
         numbers[0], numbers[-1], sum(one != other for one, other in pairwise(numbers)),
     )  # fmt: skip
+
+
+def test_two_values_of_a_writer_are_a_period_where_nobody_reads() -> None:
+    for count, period in ((1, None), (2, 2_000_000)):
+        talk = begun()
+        for ref in range(1, count + 1):
+            writes(talk, ref, (db(WORD, 0), b"\0\1", 0xFF))
+        (variable,) = collected(ValueCollector(sums=True), talk.packets()).variables
+        assert variable.statistics is not None
+        pace = variable.statistics.pace
+        assert (pace.period_ns if pace is not None else None) == period
 
 
 def test_two_values_of_a_reader_are_a_period() -> None:
