@@ -142,6 +142,7 @@ def test_several_reals_are_a_list_of_them() -> None:
 def test_words_of_which_only_the_traffic_shows_whether_they_exist(text: str) -> None:
     (wanted,) = one_of(text, Known(None, ["Speed", ""]))
     assert (wanted.word, wanted.area, wanted.part) == (text.lower(), -1, None)
+    assert repr(wanted) == f"Wanted({text!r})"
 
 
 @each(

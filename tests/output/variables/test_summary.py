@@ -181,6 +181,20 @@ def test_two_numbers_are_drawn() -> None:
     assert lines[2].text.endswith("10.0.0.1 (2)  ▁▁█")  # 2 ms from one to the other
 
 
+def test_values_in_a_row_are_shown_as_such() -> None:
+    talk = begun()
+    reads(
+        talk, 1, (db(INT, 0, 2), b"\0\1\xff\xfe"), (db(REAL, 8, 2), real(1.5) + real(-2.0)), (db(BYTE, 20, 2), b"\1\2")
+    )
+    summary = summary_of(talk)
+    lines = [row.text.split("  ") for row in text_lines(summary, Clock(), Places([], False))[2:]]
+    said = ["[1, -2]", "[1.5, -2.0]", "01 02"]
+    assert [value for value, line in zip(said, lines, strict=True) if value in line] == said
+    heads, *rows = csv_rows(summary)
+    assert [row[heads.index("first")] for row in rows] == said
+    assert [json.loads(row)["first"] for row in json_lines(summary)] == [[1, -2], [1.5, -2.0], [1, 2]]
+
+
 def test_a_summary_in_cells() -> None:
     heads, *rows = csv_rows(summary_of(plant()))
     level, word, octets, *_ = [dict(zip(heads, row, strict=True)) for row in rows]
