@@ -20,6 +20,7 @@ from tests.engine.transactions.talk import (
     dbw,
     dt,
     read,
+    words,
 )
 from tests.protocols.s7plus.pdus import (
     CREATE_OBJECT,
@@ -77,6 +78,9 @@ def behind(pdu: bytes) -> bytes:
         (5, 4, True),
         (900, 2, True),
         (0xFFFF, 0, False),  # the number after the last one
+        (0, 1, False),
+        (0, 0, True),
+        (0, 0x9000, True),
         (0xFFFE, 1, False),
         (5, 5 + 0x7FFF, False),
         (5, 5 + 0x8000, True),  # half of all numbers ahead is as far behind
@@ -410,3 +414,26 @@ def test_a_connection_on_another_port_is_reported_with_its_first_pdu() -> None:
         ("session.unusual_port", [frame])
     ]
     assert talk.now_ns % MS == 0
+
+
+def test_a_pdu_of_s7comm_plus_says_nothing_about_pairs_of_others() -> None:
+    """Whole or cut, on another connection: behind a gap, pairs are as certain as without it."""
+    found = []
+    for pdu, cut in ((b"", 0), (framed(asked(1)), 0), (framed(asked(1, body=bytes(50))), 20)):
+        talk = Talk()
+        talk.open(8, 8)
+        other = Talk(client_port=50001, beside=talk)
+        other.hello()
+        other.connect()
+        talk.lose(CLIENT, read(7, dbw(1, 0)))
+        talk.lose(SERVER, words(7, 1))
+        if pdu:
+            other.packet(CLIENT, dt(pdu), cut=cut)
+        for ref in range(8, 14):
+            talk.ask(read(ref, dbw(1, 0)))
+            talk.tell(words(ref, 1))
+            talk.wait(SECOND)
+        talk.finish()
+        found.append([one.certainty for one in talk.transactions if not one.is_plus])
+    assert found[0][-1] == "sure"
+    assert found == found[:1] * 3

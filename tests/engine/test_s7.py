@@ -451,3 +451,57 @@ def test_the_contents_behind_a_malformed_header_are_judged_as_well(more: int) ->
     talk.packet(CLIENT, behind(pdu))
     talk.close()
     assert len(details(talk, "s7.malformed")) == more
+
+
+@each(
+    ("request", "answer"),
+    [
+        (read(1, dbw(1, 0)), words(1, 1)),
+        (job(1, b"\x29" + bytes(5) + b"\x09P_PROGRAM"), ack(1, 0)),
+        (userdata(1, head(REQUEST, TIME, 1)), userdata(1, head(RESPONSE, TIME, 1), build.payload(bytes(10)))),
+    ],
+)
+def test_an_answer_behind_a_malformed_header_waits_for_a_better_one(request: bytes, answer: bytes) -> None:
+    for better in (False, True):
+        talk = opened()
+        asks = talk.ask(request)
+        aside = talk.packet(SERVER, behind(answer))
+        assert talk.transactions == []
+        if better:
+            talk.tell(answer)
+        talk.close()
+        assert sorted(talk.pairs()) == ([(0, aside), (asks, aside + 1)] if better else [(asks, aside)])
+
+
+def test_what_is_pushed_behind_a_malformed_header_answers_nothing() -> None:
+    talk = opened()
+    talk.ask(userdata(1, head(REQUEST, CPU, 3)))
+    aside = talk.packet(SERVER, behind(userdata(1, head(PUSH, CPU, 3))))
+    assert talk.pairs() == [(0, aside)]
+
+
+def test_a_setup_is_due_once_and_before_anything_else() -> None:
+    talk = opened()
+    for number, size in ((1, 480), (2, 960)):
+        frame = talk.ask(setup(number, 8, 8, size))
+        talk.tell(granted(number, 8, 8, size))
+        assert talk.findings[-1].slug == "session.repeated_setup"
+        assert talk.findings[-1].frames == [frame]
+    assert details(talk, "session.repeated_setup") == [
+        "asks for the same values",
+        "asks for PDU length 960, before 480",
+    ]
+    early = Talk()
+    early.hello()
+    early.connect()
+    frame = early.ask(read(1, dbw(1, 0)))
+    early.ask(read(2, dbw(1, 0)))
+    assert [(one.slug, one.frames) for one in early.findings] == [("session.data_before_setup", [frame])]
+
+
+def test_a_request_with_the_reference_of_an_open_one_is_counted_and_the_next_one_is_not() -> None:
+    talk = opened()
+    for pdu in (read(1, dbw(1, 0)), read(1, dbw(2, 0)), read(2, dbw(1, 0)), read(1, dbw(3, 0)), read(3, dbw(1, 0))):
+        talk.ask(pdu)
+    rule = talk.pipeline.exchange.ledger.rules["session.shared_reference"]
+    assert (rule.events, len(details(talk, "session.shared_reference"))) == (2, 1)
