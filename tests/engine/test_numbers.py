@@ -274,6 +274,15 @@ def a_forged_syn(talk: Talk) -> None:
     talk.close()
 
 
+def a_forged_syn_with_a_number_nearby(talk: Talk) -> None:
+    talk.open(8, 8)
+    polled(talk, 1)
+    talk.packet(CLIENT, flags=SYN, seq=talk.seq[CLIENT] + 1000)
+    talk.packet(CLIENT, dt(read(9, dbw(1, 0))), seq=talk.seq[CLIENT] + 1050)
+    polled(talk, 2)
+    talk.close()
+
+
 def a_new_connection(talk: Talk) -> None:
     talk.open()
     polled(talk, 1)
@@ -393,6 +402,7 @@ SCENES: Final[list[Callable[[Talk], None]]] = [
     a_true_end_with_a_wrong_number,
     octets_behind_a_reset,
     a_forged_syn,
+    a_forged_syn_with_a_number_nearby,
     a_new_connection,
     a_new_connection_that_only_its_octets_show,
     the_same_that_the_answers_show,
