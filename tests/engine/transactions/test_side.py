@@ -301,6 +301,7 @@ def test_octets_are_accounted_for_by_both_framers() -> None:
         [],
     )
     kept = side.kept = Kept()
+    assert (kept.framed, kept.skipped, kept.octets) == (0, 0, b"")
     kept.framed, kept.skipped, kept.octets = 7, 5, b"abc"
     protocol.add_up(side, account)
     assert (account.framed, account.skipped, account.buffered) == (207, 45, 3)
