@@ -431,3 +431,11 @@ def test_an_answer_with_an_error_code_has_items_or_has_none(talk: Talk) -> None:
     assert [one._flags for one in talk.transactions] == [0, 0, 0, BAD_DATA]
     assert {one.has_errors for one in talk.transactions} == {True}
     assert [one.error_code for one in talk.transactions] == [0x8500] * 4
+
+
+@pytest.mark.parametrize(("first", "second", "odd"), [(4, 4, False), (4, 9, True), (9, 4, True)])
+def test_transport_sizes_are_judged_where_a_block_is_not_plain(talk: Talk, first: int, second: int, odd: bool) -> None:
+    """An item has an address that no area has: the others are judged by their results."""
+    talk.ask(read(1, item(0x84, 1, 1 << 19, 2, 3), PLAIN_BYTES[1]))
+    talk.tell(ack_data(1, b"\x04\x02", good(first, b"abc") + b"\0" + good(second, b"d")))
+    assert bool(only(talk)._flags & ODD_DATA_CODE) is odd

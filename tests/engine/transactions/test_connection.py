@@ -443,3 +443,8 @@ def test_nothing_is_counted_or_known_at_first() -> None:
     traits = one.traits
     found = (traits.written, traits.sent, traits.pace_ns, traits.inquiries, traits.refusals, traits.stop_event)
     assert found == (0, 0, 0, 0, 0, None)
+
+
+def test_a_connection_without_jobs_subscribes_to_nothing() -> None:
+    one = connection()
+    assert (one.subscriptions, one.subscribes) == ({}, False)

@@ -514,3 +514,21 @@ def test_while_pairs_are_doubtful_an_early_answer_is_only_likely_too(talk: Talk)
     frame = talk.ask(request)
     (one,) = [one for one in talk.transactions if one.request_frame == frame]
     assert (one.response_frame, one.doubt) == (told, "alike")
+
+
+@pytest.mark.parametrize("answered_before", [False, True])
+def test_a_first_answer_that_had_not_got_the_request_may_belong_to_an_earlier_one(answered_before: bool) -> None:
+    """Once something was answered, it is known how this capture acknowledges."""
+    talk = Talk()
+    talk.hello()
+    talk.connect()
+    if answered_before:
+        talk.ask(read(4, dbw(1, 0)))
+        talk.tell(words(4, 1))
+    known = talk.seq[CLIENT]
+    request = talk.ask(read(5, dbw(1, 0)))
+    talk.acked[SERVER] = known
+    answered = talk.tell(words(5, 1))
+    one = talk.transactions[-1]
+    assert (one.request_frame, one.response_frame) == (request, answered)
+    assert (one.certainty, one.doubt) == ((SURE, "") if answered_before else (LIKELY, "alike"))

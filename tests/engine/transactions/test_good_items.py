@@ -148,3 +148,11 @@ def test_octets_after_the_answer_are_not_its_own() -> None:
     talk.tell(ack_data(1, b"\x04\x01", good(4, b"\0\1")[:-1]), ack_data(2, b"\x04\x01", good(4, b"\0\2")))
     first, second = talk.transactions
     assert (good_octets(first), good_octets(second)) == (None, [b"\0\2"])
+
+
+@pytest.mark.parametrize("length", [4, 32])
+def test_a_length_in_bits_or_octets_is_taken_by_the_octets_that_are_there(length: int) -> None:
+    """Transport size 6 counts octets for some devices, bits for others."""
+    found = read_of(b"\xff\x06\x00" + bytes((length,)) + b"\0\0\0\1", request=(item(0x84, 1, 0, 7, 1),))
+    assert found._flags
+    assert good_octets(found) == [b"\0\0\0\1"]

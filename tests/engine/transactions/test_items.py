@@ -17,6 +17,7 @@ from dissect.engine.transactions.naming import NamedValue, named_values
 from dissect.engine.transactions.old_names import OldNames
 from dissect.meaning.report.writers.jsonl import TransactionLines
 from dissect.meaning.tags.loading import load_tags
+from dissect.protocols.s7.tables import RETURN_CODES
 from dissect.wire.attribute_tables import ATTRIBUTES
 from dissect.wire.copies import attributes
 from tests import build
@@ -329,3 +330,8 @@ def test_what_scd_refuses_is_an_error_of_the_message() -> None:
     assert error.code == one.error_code != 0
     assert error.text == one.scd[-1].dictionary.error_text(error.code) != ""
     assert [message.frame for message in one.scd] == [one.request_frame, one.response_frame]
+
+
+def test_each_refused_item_has_the_name_of_its_own_code() -> None:
+    found = the_only(read(1, dbw(1, 0), dbw(1, 2)), ack_data(1, b"\x04\x02", refused(10) + refused(0))).items
+    assert [one.result for one in found] == ["Object does not exist", RETURN_CODES.name(0)]

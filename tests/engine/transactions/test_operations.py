@@ -580,3 +580,13 @@ def test_a_connection_of_another_protocol_is_none_that_was_not_set_up() -> None:
     talk.close()
     assert talk.connections[0].protocol == "s7comm_plus"
     assert [one.kind for one in talk.operations if one.kind == "connect"] == []
+
+
+def test_other_functions_of_the_cpu_do_not_belong_to_its_messages(talk: Talk) -> None:
+    talk.ask(events.asks(1, 4, 2, events.SUBSCRIBE))
+    talk.tell(events.tells(1, 4, 2, b"\x02\x00", sequence=1))
+    talk.ask(events.szl(2, 0x11))
+    talk.tell(events.tells(2, 4, 1, list_of(40), sequence=3))
+    talk.close()
+    told = only(talk)
+    assert (told.kind, told.result, told.parts) == ("messages", "running", 1)

@@ -12,7 +12,13 @@ from dissect.engine.transactions.side import Place, Rival, Side
 from dissect.engine.transactions.stray import Stray
 from dissect.engine.transactions.table import ConnectionTable
 from dissect.packets.tcp.stream import FAR_AHEAD, WINDOW
+from dissect.protocols.s7plus.tables import SET_VARIABLE
+from dissect.protocols.s7plus.value_tables import DINT
+from dissect.protocols.s7plus.values import Value
+from tests.engine.findings.test_plus_rules import begun
 from tests.engine.transactions.talk import CLIENT, SERVER, Talk, dbw, dt, read, tpkt
+from tests.protocols.s7plus import bodies
+from tests.protocols.s7plus.pdus import asked, framed
 
 KEY: Final = b"\x0a\0\0\1\x0a\0\0\2\xc3\x50\0\x66"
 HALF: Final = 1 << 31
@@ -185,9 +191,9 @@ def test_what_is_known_to_have_been_sent(zero: int, acked: int | None, seq: int,
 )
 def test_octets_that_the_other_side_got_and_the_capture_lacks(zero: int, acked: int, unseen: int) -> None:
     """Fewer than seven are no message, and as many as no window has are of something else."""
-    for begun in (True, False):
+    for started in (True, False):
         side, peer = pair()
-        if begun:
+        if started:
             side.begin(at(zero, 100))
         peer.first_ack = at(zero, 100)
         peer.acked = at(zero, acked)
@@ -332,3 +338,13 @@ def test_nothing_is_missing_or_begun_at_first() -> None:
     rival = Rival(tcp, 5, 6, 7, 10, 100)
     found = (rival.last_frame, rival.last_ns, rival.seq, rival.octets, rival.answered, rival.frame, rival.time_ns)
     assert found == (9, 90, 5, 6, 7, 10, 100)
+
+
+def test_a_side_is_not_at_rest_while_a_pdu_in_frames_is_begun() -> None:
+    talk = begun()
+    octets = asked(1, SET_VARIABLE, body=bodies.set_variable(0x90, [233], Value(0, DINT, 1)))
+    side = talk.pipeline.table.all_open()[0]
+    talk.ask(framed(octets[:20], 3, trailer=False))
+    assert (side.at_rest, side.unfinished) == (False, False)
+    talk.ask(framed(octets[20:], 3))
+    assert side.at_rest
