@@ -6,6 +6,7 @@ from typing import Final
 
 import pytest
 
+from dissect.engine.transactions.connection import Connection
 from dissect.engine.transactions.table import DOUBT_NS, LINGER_NS
 from dissect.packets.tcp.stream import WINDOW
 from tests.cases import each
@@ -577,6 +578,43 @@ def test_the_number_of_a_fin_is_no_octet() -> None:
         talk.packet(CLIENT, flags=FIN | ACK)
         talk.finish()
         assert talk.pipeline.counters.octets.missing == (27 if captured_fin else 28)
+
+
+class Gapped(Talk):
+    """Takes the times of the gaps of both sides before the streams of a connection are forgotten."""
+
+    def connection_closed(self, connection: Connection) -> None:
+        super().connection_closed(connection)
+        self.gaps = [int(stream.gap_ns) for stream in connection.tcp.streams]
+
+
+@each("flags", [RST, FIN | ACK])
+@each("side", [CLIENT, SERVER])
+def test_a_gap_that_was_known_before_an_idle_time_is_not_of_its_end(side: int, flags: int) -> None:
+    """It has the time of the packet before the end."""
+    talk = Gapped()
+    talk.open()
+    talk.ask(read(2, dbw(1, 0)))
+    talk.seq[SERVER] += 27
+    talk.packet(CLIENT)
+    shown_ns = talk.now_ns
+    talk.packet(side, flags=flags, after_ns=100 * SECOND)
+    talk.packet(1 - side, flags=FIN | ACK, after_ns=100 * SECOND)
+    talk.finish()
+    assert talk.gaps == [0, shown_ns]
+
+
+def test_a_gap_that_the_first_fin_shows_has_its_time() -> None:
+    talk = Gapped()
+    talk.open()
+    talk.ask(read(2, dbw(1, 0)))
+    talk.seq[SERVER] += 27
+    talk.packet(CLIENT, flags=FIN | ACK, after_ns=100 * SECOND)
+    shown_ns = talk.now_ns
+    talk.packet(SERVER, flags=FIN | ACK, after_ns=100 * SECOND)
+    talk.packet(CLIENT, after_ns=100 * SECOND)
+    talk.finish()
+    assert talk.gaps == [0, shown_ns]
 
 
 def test_octets_before_an_end_that_counts_are_missing_where_a_request_waits_for_them() -> None:

@@ -330,6 +330,14 @@ def test_the_latest_segment_before_a_gap_is_still_one_of_the_latest_two() -> Non
         assert opened(talk) == (2 if other else 1)
 
 
+@each(("cut", "shift", "is_copy"), [(0, 0, True), (9, 0, True), (9, 9, False), (9, -9, False)])
+def test_of_a_copy_that_the_capture_cut_its_whole_size_counts(cut: int, shift: int, is_copy: bool) -> None:
+    talk = both_captured()
+    octets = talks.dt(talks.read(5, talks.dbw(1, 0)))
+    talk.packet(talks.CLIENT, octets, seq=talk.seq[talks.CLIENT] - len(octets) + shift, cut=cut)
+    assert opened(talk) == (1 if is_copy else 2)
+
+
 @each("change", [(5, 0), (-1, 0), (0, 1), (0, -1)])
 def test_octets_that_are_not_the_same_are_no_copy(change: tuple[int, int]) -> None:
     """At another place of the segment or of the stream, of two segments before."""
