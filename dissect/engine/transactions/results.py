@@ -293,10 +293,15 @@ class TransactionError:
         """Return the error as the JSON contract has it."""
         return {
             "where": self.where,
-            "code": self.code if self.code != NO_CODE else None,
+            "code": known_code(self),
             "name": self.name,
             "text": self.text,
         }
+
+
+def known_code(error: TransactionError) -> int | None:
+    """Return the code of an error, None if the answer has none; -1 is an error of SCD as well."""
+    return None if error.code == NO_CODE and error.part != MESSAGE else error.code
 
 
 def item_error(code: int, number: int, address: str) -> TransactionError:

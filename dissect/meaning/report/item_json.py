@@ -12,7 +12,7 @@ from librt.strings import BytesWriter
 from mypy_extensions import i64, u8
 
 from dissect.engine.transactions.naming import NamedValue
-from dissect.engine.transactions.results import NO_CODE
+from dissect.engine.transactions.results import TransactionError, known_code
 from dissect.engine.transactions.transaction import Transaction
 from dissect.protocols.s7.items import Item
 from dissect.protocols.s7.parameters import Parameters, Setup, UserdataHead
@@ -194,11 +194,17 @@ def value_json(item: Item, data: bytes) -> str:
     return value
 
 
+def json_code(error: TransactionError) -> str:
+    """Return the code of an error as JSON."""
+    code = known_code(error)
+    return "null" if code is None else str(code)
+
+
 def errors_json(transaction: Transaction, texts: JsonTexts) -> str:
     """Return the errors of a transaction as JSON, without the brackets of their array."""
     return ",".join(
         [
-            f'{{"where":"{error.where}","code":{"null" if error.code == NO_CODE else error.code}'
+            f'{{"where":"{error.where}","code":{json_code(error)}'
             f',"name":{texts.of(error.name)},"text":{texts.of(error.text)}}}'
             for error in transaction.errors
         ]

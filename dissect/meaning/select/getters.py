@@ -14,7 +14,7 @@ from dissect.engine.findings.reporter import Finding
 from dissect.engine.transactions.connection import Connection
 from dissect.engine.transactions.operation import Operation
 from dissect.engine.transactions.payloads import ScdMessage, ScdParameters
-from dissect.engine.transactions.results import NO_CODE
+from dissect.engine.transactions.results import known_code
 from dissect.engine.transactions.transaction import Transaction
 from dissect.meaning.facts.fact import CODE, FRAME, TEXT, TSAP, WORD, Fact
 from dissect.meaning.report import facets
@@ -306,7 +306,7 @@ def errors(thing: Transaction | Operation | Message, _context: Context) -> list[
     """Return every error of an answer."""
     if isinstance(thing, Transaction):
         return [
-            CodeValue(error.code if error.code != NO_CODE else None, (error.name,)) for error in thing.errors
+            CodeValue(known_code(error), (error.name,)) for error in thing.errors
         ] if thing.has_errors else []  # fmt: skip
     if isinstance(thing, Operation):
         error = thing.error

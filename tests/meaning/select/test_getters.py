@@ -493,6 +493,17 @@ def test_transactions_of_scd() -> None:
         assert [Where(expression).transaction(one) for one in PUMPS.transactions] == [True, False]
 
 
+def test_minus_one_is_an_error_of_scd() -> None:
+    """It is the general error, and not the lack of a code."""
+    talk = Heard(plant.carrier())
+    talk.datagram(0, plant.ask("0x6001:0", tid=7))
+    talk.datagram(1, plant.refuse("0x6001:0", -1, tid=7))
+    talk.finish()
+    (one,) = talk.transactions
+    assert Where("error == -1 and error == abort").transaction(one)
+    assert [error.as_dict()["code"] for error in one.errors] == [-1]
+
+
 def test_messages_of_scd() -> None:
     asked, answer, error, short = [message(frame, PUMPS) for frame in (1, 2, 3, 4)]
     place = {"protocol": ["scd"], **UNDAMAGED}
