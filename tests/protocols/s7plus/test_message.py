@@ -304,6 +304,7 @@ def test_the_numbers_of_an_event_that_ends_too_soon() -> None:
             [("length_beyond", "length", 2, 18, 17), ("too_short", "S7comm-plus request", 4, 14, 13)],
         ),
         (framed(b""), [("too_short", "opcode", 4, 1, 0)]),
+        (framed(b"", 3), [("too_short", "opcode", 37, 1, 0)]),  # a digest fills the frame
         (framed(b"\x44abc"), [("unknown_type", "opcode", 4, 0, 0x44)]),
         (KEEP_ALIVE + b"??", [("trailing_octets", "keep-alive", 4, 4, 6)]),
         (b"\x72\3\0\1\x21\x72\3\0\0", [("bad_value", "digest_length", 4, 32, 33), ("length_beyond", "digest", 4, 38, 5)]),
