@@ -162,6 +162,8 @@ def test_blocks_inside_others_are_counted_in_the_program_as_well() -> None:
         (VariableAddress(0, 50, 2533, []), "", ""),  # no block
         (VariableAddress(0, 50, 3451, []), PROTECTED, "CPUcommon.CPUProtectionLevel"),
         (VariableAddress(0, 50, 7, [7918]), PROTECTED, "CPUcommon.CPUPassword"),
+        (VariableAddress(0, 50, 7, [8, 7918]), PROTECTED, "CPUcommon.CPUPassword"),
+        (VariableAddress(0, 50, 7, [7918, 8]), "", ""),
         (VariableAddress(0, 0x8A0E0003, 2550, [3451]), "", ""),  # a LID, and an index
         (VariableAddress(0, 82, 3736, [3451]), "", ""),
         (VariableAddress(0, 16, 7, []), FIRMWARE, "FWpackage.7"),

@@ -173,6 +173,19 @@ def test_addresses_that_do_not_fit_are_told_with_their_place(
         assert told_of(caught.value) == fault
 
 
+def test_addresses_are_shown_in_their_parts() -> None:
+    attributes = rid(52) + b"\2\2" + number(2237) + number(233)
+    for octets, wanted in (
+        (of(5, 2), [("", 6), ("DB3 LID 5.0 [CRC 0x00000007]", 17), ("DB3 LID 5.1 [CRC 0x00000007]", 28)]),
+        (
+            attributes,
+            [("52 NativeObjects.theCPUexecUnit_Rid", 6), ("2237 HWObject.DIS", 8), ("233 ObjectVariableTypeName", 10)],
+        ),
+    ):
+        _, walk = taken(octets + QUALIFIER, True)
+        assert [(part.note, part.end) for part in walk.parts] == wanted
+
+
 def test_the_number_of_items_is_returned() -> None:
     for octets, count in ((of(5, 3), 3), (rid(52) + b"\7\2\1\2" + bytes(5), 7)):
         found = Contents(3, -1, {})
