@@ -423,6 +423,19 @@ def test_all_compressed_blobs_are_noted_though_few_are_inflated() -> None:
         assert walk.faults == []
 
 
+def test_blobs_share_what_they_may_become() -> None:
+    """Of three that are inflated to 10,000 octets each the last one does not find so many left."""
+    blobs = [zlib.compress(bytes(9_999) + bytes((at,))) for at in range(3)]
+    wire = build_value(Value(0x40, BLOB, [(at + 1, Blob(0, blob)) for at, blob in enumerate(blobs)]))
+    for allowed, left, told in ((30_000, 0, 0), (40_000, 10_000, 0), (29_999, 0, 1)):
+        walk = Walk(wire, 0, len(wire), False)
+        walk.inflating = allowed
+        read_value(walk, VALUE, 0, "", 2533)
+        assert ([fault.reason for fault in walk.faults], len(walk.blobs)) == (["too_large"] * told, 3)
+        assert [fault.at for fault in walk.faults] == [wire.index(blobs[2])] * told
+        assert told or walk.inflating == left
+
+
 def test_a_blob_alone_is_looked_into_as_well() -> None:
     wire = build_value(Value(0, BLOB, Blob(0, SWOLLEN)))
     walk = Walk(wire, 0, len(wire), False)
@@ -477,6 +490,7 @@ def test_a_number_that_does_not_fit_is_not_built(type_: int, number: int, text: 
 
 
 def test_what_a_value_says_of_itself() -> None:
+    assert (Value(0, USINT, 5).offset, Value(0, USINT, 5).end, Blob(0, b"").end, Blob(0, b"").kind) == (0, 0, 0, -1)
     for flags, array, sparse in ((0, False, False), (0x10, True, False), (0x20, True, False), (0x40, False, True),
                                  (0x50, False, True), (0x80, False, False), (0x90, True, False)):  # fmt: skip
         one = Value(flags, USINT, [])
