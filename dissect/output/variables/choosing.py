@@ -113,10 +113,13 @@ def _tags(text: str, known: Known) -> list[Wanted]:
         return found
     element = _ELEMENT.fullmatch(text)
     if element:
-        for tag, naming in known.tags:
-            if tag.dims and tag.name.lower() == element[1].lower():
-                wanted = _element(text, tag, element[2].replace(" ", ""), naming)
-                return [wanted] if wanted is not None else []
+        # Each row of an array of bits is a tag by itself, and several CPUs may have an array of one name.
+        name, indexes = element[1].lower(), element[2].replace(" ", "")
+        arrays = [(tag, naming) for tag, naming in known.tags if tag.dims and tag.name.lower() == name]
+        elements = [_element(text, tag, indexes, naming) for tag, naming in arrays]
+        found = [wanted for wanted in elements if wanted is not None]
+        if found:
+            return found
     members = (f"{lower}.", f"{lower}[")
     return [of_tag(tag.name, tag, naming) for tag, naming in known.tags if tag.name.lower().startswith(members)]
 

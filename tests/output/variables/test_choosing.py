@@ -202,3 +202,30 @@ def test_a_long_name_is_shortened_in_an_error(tmp_path: Path) -> None:
         with pytest.raises(WantedError) as raised:
             one_of("a" * (size - 1) + "b", Known(load_tags([path]).naming()))
         assert str(raised.value).partition("close to it: ")[2] == shown
+
+
+def test_rows_of_an_array_of_bits_and_their_elements(tmp_path: Path) -> None:
+    """Each row begins at a word of its own."""
+    source = tmp_path / "press.db"
+    source.write_text(
+        "DATA_BLOCK \"Press\"\n{ S7_Optimized_Access := 'FALSE' }\nVERSION : 0.1\n   STRUCT\n"
+        "      bits : Array[1..2, 0..8] of Bool;\n   END_STRUCT;\nBEGIN\nEND_DATA_BLOCK\n",
+        encoding="utf-8",
+    )
+    naming = load_tags([source], numbers={"Press": 1}).naming()
+    talk = begun()
+    reads(talk, 1, (db(BYTE, 0, 4), b"\1\1\2\0"))
+    first, second = rows_of(talk, "Press.bits", naming=naming)
+    assert (first.name, first.address, first.value) == ("Press.bits[1,0..8]", "DB1.DBX0.0", [True, *[False] * 7, True])
+    assert (second.name, second.address, second.value) == (
+        "Press.bits[2,0..8]", "DB1.DBX2.0", [False, True, *[False] * 7],
+    )  # fmt: skip
+    for text, address, value in (
+        ("[1,0]", "DB1.DBX0.0", True), ("[1,8]", "DB1.DBX1.0", True), ("[2,0]", "DB1.DBX2.0", False),
+        ("[2, 1]", "DB1.DBX2.1", True), ("[2,8]", "DB1.DBX3.0", False),
+    ):  # fmt: skip
+        (row,) = rows_of(talk, f"Press.bits{text}", naming=naming)
+        assert (row.name, row.address, row.value) == (f"Press.bits{text.replace(' ', '')}", address, value)
+    for text in ("[0,0]", "[3,0]", "[2,9]", "[2]"):
+        with pytest.raises(WantedError, match="no such tag"):
+            one_of(f"Press.bits{text}", Known(naming))

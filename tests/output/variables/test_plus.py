@@ -149,3 +149,10 @@ def test_the_end_that_is_asked_has_the_variable() -> None:
     station.talk.packet(CLIENT, line.dt(framed(told(2, body=bodies.multi_got([(1, number(5))], [])), 3)))
     (row,) = station.collector.take()
     assert (str(row.client), str(row.plc), row.host) == ("10.0.0.2:102", "10.0.0.1:50000", "10.0.0.2")
+
+
+def test_an_answer_without_its_request_has_no_values() -> None:
+    station = Station()
+    station.tell(told(77, body=bodies.multi_got([(1, number(5))], [])))
+    station.talk.finish()
+    assert (station.collector.take(), station.collector.variables) == ([], [])

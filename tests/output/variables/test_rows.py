@@ -20,6 +20,7 @@ from dissect.output.variables.collector import ValueCollector
 from dissect.output.variables.model import RefusedRow, ValueRow
 from dissect.output.variables.summary import Summary
 from dissect.wire.build import COMPILED
+from tests import build
 from tests.engine.transactions import talk as line
 from tests.engine.transactions.test_results import (
     ON_CHANGE,
@@ -498,3 +499,24 @@ def test_a_value_that_is_pushed_is_at_its_packet() -> None:
         ("DB1.DBW0", 1, 0), ("DB2.DBW0", 1, 0),
     ]  # fmt: skip
     assert (collector.refused, collector.unconfirmed) == (2, 0)
+
+
+def test_pieces_of_a_tag_are_apart_by_their_bytes(tmp_path: Path) -> None:
+    """Two that begin alike are no values of one variable, nor of the whole."""
+    tags = tmp_path / "tags.csv"
+    tags.write_text("address,type,name\nDB1.DBD0,REAL,Level\n", encoding="utf-8")
+    talk = begun()
+    for ref, octets in enumerate((b"\1\2", b"\1\2\3", b"\1\2\3\4", b"\1\2"), 1):
+        reads(talk, ref, (db(BYTE, 0, len(octets)), octets))
+    rows = rows_of(talk, naming=load_tags([tags]).naming())
+    assert [(row.name, row.remark, row.first) for row in rows] == [
+        ("Level", "bytes 0 to 1 of 4", True), ("Level", "bytes 0 to 2 of 4", True), ("Level", "", True),
+        ("Level", "bytes 0 to 1 of 4", False),
+    ]  # fmt: skip
+
+
+def test_a_plc_without_variables_is_none_of_those_that_have_some() -> None:
+    talk, collector = beginning(ValueCollector(refusals=True))
+    talk.ask(line.userdata(1, line.head(1, 4, 1), build.payload(b"\0\x11\0\0")))
+    talk.tell(line.userdata(1, line.head(2, 4, 1, 0, 0), build.payload(b"\0\x11\0\0\0\x1c\0\0")))
+    assert collector.plcs == []

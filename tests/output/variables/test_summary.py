@@ -301,6 +301,10 @@ def test_sums_are_in_the_same_order_of_time_as_their_rows() -> None:
     reads(talk, 1, (db(WORD, 0), b"\0\1"))
     (row,) = rows_of(talk)
     found = Statistics()
+    for time_ns, number in ((5 * _MS, 1), (6 * _MS, 7), (9 * _MS // 2, 8)):
+        found._take(number, time_ns, row.link, 0, False)
+    assert found.trend == [8.0, 7.0]
+    found = Statistics()
     for time_ns, number in ((5 * _MS, 1), (9 * _MS, 2), (3 * _MS, 3), (5 * _MS, 4)):
         found._take(number, time_ns, row.link, 0, False)
     assert [None if math.isnan(point) else point for point in found.trend] == [4.0, None, None, None, 2.0]

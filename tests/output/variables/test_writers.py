@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import json
+import math
 from pathlib import Path
 from typing import Any, Final
 
@@ -327,6 +328,7 @@ def test_rows_that_are_written_are_a_choice_of_all(writer: type[RowWriter]) -> N
     [
         (None, "null"), (True, "true"), (7, "7"), (1.5, "1.5"), ("a\x7fb", '"a\\u007fb"'), ([], "[]"),
         ([0, 255, 256, -1], "[0,255,256,-1]"), ([True, False], "[true,false]"), ([1.5, None, "x"], '[1.5,null,"x"]'),
+        (math.nan, '"nan"'), ([math.inf, -math.inf], '["inf","-inf"]'),
         ([[1, 2], [3]], "[[1,2],[3]]"), ({"a": [1, {"b": "\x7f"}]}, '{"a":[1,{"b":"\\u007f"}]}'),
     ],
 )  # fmt: skip
