@@ -186,7 +186,8 @@ class Joiner:
 
     def _send(self, transaction: Transaction, head: UserdataHead) -> Chain | None:
         """Take a piece of a BSEND, in a request or a push; the partner's answers carry no data."""
-        piece = transaction.request or transaction.response
+        asked = transaction.request
+        piece = asked if asked is not None else transaction.response
         payload = _payload(piece) if piece is not None and head.type != RESPONSE else b""
         if len(payload) < PBC_ID.size:
             return None
@@ -197,7 +198,7 @@ class Joiner:
             self._give_up(key)
         if transaction.refused:
             return None
-        sender = int(transaction.asked_by) if piece is transaction.request else 1 - int(transaction.asked_by)
+        sender = int(transaction.asked_by) if asked is not None else 1 - int(transaction.asked_by)
         missing = self._gap(key, transaction, sender)
         chain = self._chains.get(key)
         if chain is None and follows:

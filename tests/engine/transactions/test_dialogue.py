@@ -532,3 +532,17 @@ def test_a_first_answer_that_had_not_got_the_request_may_belong_to_an_earlier_on
     one = talk.transactions[-1]
     assert (one.request_frame, one.response_frame) == (request, answered)
     assert (one.certainty, one.doubt) == ((SURE, "") if answered_before else (LIKELY, "alike"))
+
+
+def test_an_answer_that_stands_alone_takes_no_later_one_with_it(talk: Talk) -> None:
+    asked_at = [talk.ask(read(5, dbw(1, 2 * number, size))) for number, size in enumerate((1, 1, 2, 2))]
+    told = [
+        talk.tell(ack_data(5, b"\x04\x01", refused(10))),
+        talk.tell(words(5, 1, 2)),
+        talk.tell(words(5, 3)),
+        talk.tell(words(5, 4, 5)),
+    ]
+    talk.close()
+    assert sorted(talk.pairs()) == sorted(
+        [(asked_at[0], told[0]), (asked_at[1], 0), (asked_at[2], told[1]), (0, told[2]), (asked_at[3], told[3])]
+    )

@@ -400,3 +400,36 @@ def test_bsends_of_different_kinds_with_one_id_are_apart() -> None:
     (chain,) = joined(joiner, given_)
     assert (chain.r_id, chain.sent, chain.size) == (1, b"abcd", 14)
     assert (joiner.octets, joiner.open_count) == (12, 1)
+
+
+@pytest.mark.parametrize(("lost", "whole"), [("piece", False), ("answer", True), ("nothing", True)])
+def test_pieces_of_a_bsend_are_joined_unless_octets_of_their_sender_are_missing(lost: str, whole: bool) -> None:
+    """An answer of the partner carries no data."""
+    talk = Talk()
+    talk.open()
+    told = bytes.fromhex("000112081286010200000000")
+    joiner = Joiner()
+    found = []
+    seen = 0
+    for number, piece in enumerate((b"ab", b"cd", b"ef"), 1):
+        last = number == 3
+        octets = bsend(
+            number, piece, 6 if number == 1 else -1, sequence=0 if number == 1 else 2, part=-7 if last else 5
+        )
+        if number == 2 and lost == "piece":
+            talk.lose(CLIENT, octets)
+            talk.tell(userdata(number, told))
+        else:
+            talk.ask(octets)
+            if number == 2 and lost == "answer":
+                talk.lose(SERVER, userdata(number, told))
+            else:
+                talk.tell(userdata(number, told))
+        for _ in range(2):
+            talk.packet(CLIENT)
+            talk.packet(SERVER, after_ns=60_000_000)
+        found += joined(joiner, sorted(talk.transactions[seen:], key=lambda one: one.request_frame))
+        seen = len(talk.transactions)
+    talk.finish()
+    found += joined(joiner, talk.transactions[seen:])
+    assert [chain.sent for chain in found] == ([b"abcdef"] if whole else [])
