@@ -40,7 +40,7 @@ _AFTER_SUBSCRIPTION: Final = b"\x04\x00\x00\x00\x00\x00"
 
 def _begins(frame: bytes) -> bool:
     """Return whether a frame certainly begins a PDU: opcode, zeros and a known function are in the right places."""
-    pdu = parse_plus(frame, cut=True)
+    pdu = parse_plus(frame)
     if not is_beginning(pdu):
         return False
     if pdu.opcode == NOTIFICATION:
