@@ -46,6 +46,7 @@ def test_events_and_keep_alives_stand_between_frames() -> None:
         (framed(b"\x31\x00\x01" + asked(2)[3:]), False),  # both words beside the function are 0 where a PDU begins
         (framed(asked(2)[:5] + b"\x01\x00" + asked(2)[7:]), False),
         (framed(notified(subscription=0x70000000)), False),
+        (framed(notified(subscription=0x70000001)), True),
         (framed(b"", trailer=False), False),
         (KEEP_ALIVE, False),
         (event(5), False),

@@ -76,6 +76,7 @@ _VALUES: Final = {
     "nothing": Value(0x10, DINT, []),
     "flag 0x80": Value(0x80, BOOL, True),
     "structures": Value(0x20, STRUCT, Rows(7, [[], [(3, _FIVE), (300, nested(1))]])),
+    "no structures": Value(0x10, STRUCT, Rows(7, [])),
     "eight levels": nested(8),
     "raw inside": Value(0, STRUCT, Struct(314, [(7, Value(0, STRUCT, Packed(0x92000007, 0x500, 2, b"ab")))])),
     "raw": Value(0, STRUCT, Packed(0x92000007, 5, 2, b"abcd")),
