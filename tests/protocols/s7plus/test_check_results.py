@@ -287,6 +287,22 @@ def test_objects_follow_a_deletion_only_if_its_return_value_says_so() -> None:
             assert contents_of(said.octets).whole == said.sound
 
 
+def test_at_most_two_octets_come_before_the_object_of_a_sequence() -> None:
+    for count in range(5):
+        body = b"\1\0\1" + b"\7" * count + build_object(_NAMED) + end(9)
+        octets = framed(asked(7, BEGIN_SEQUENCE, body=body), 3)
+        assert contents_of(octets).whole == check(octets).sound == (count <= 2)
+
+
+def test_what_follows_the_trailer_leaves_a_pdu_without_a_judgement() -> None:
+    """The fault is that of its frames."""
+    for data in (told(7, GET_LINK, b"\0\0" + end(9)), told(7, GET_LINK, b"\0\0" + end(9) + b"\1")):
+        for octets in (framed(data, 3), framed(data[:12], 3, trailer=False) + framed(data[12:], 3)):
+            assert check(octets).sound or check(octets).odd
+            said = check(octets + b"\0")
+            assert (said.sound, said.odd) == (False, False)
+
+
 def test_an_address_has_at_least_one_id() -> None:
     for fields in (3, 4, 5):
         addresses = rid(0) + bytes((1, fields)) + b"\0\x52\0" + b"\7" * (fields - 3)

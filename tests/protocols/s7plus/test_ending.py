@@ -36,7 +36,7 @@ def read(data: bytes, version: int) -> tuple[int, bytes, list[str]]:
             return BAD, found.digest, layouts
         (fact,) = found.malformed
         assert (fact.reason, fact.field) == ("trailing_octets", "end")
-        assert fact.available == len(data) - fact.offset
+        assert (fact.needed, fact.available) == (0, len(data) - fact.offset)
         return BAD, found.digest, layouts
     assert said.integrity_id == found.integrity_id
     assert found.parts[-1].end == len(data)

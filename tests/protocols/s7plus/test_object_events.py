@@ -27,6 +27,7 @@ from dissect.protocols.s7plus.tables import (
 )
 from dissect.protocols.s7plus.value_tables import STRUCT, UDINT
 from dissect.protocols.s7plus.values import Struct, Value
+from dissect.wire.varint import VLQ64, build_varint
 from tests.protocols.s7plus import bodies
 from tests.protocols.s7plus.bodies import end, number, rid
 from tests.protocols.s7plus.lines import (
@@ -271,7 +272,8 @@ def test_an_answer_alone_may_show_blocks_or_the_cpu() -> None:
     two = b"\2" + number(SESSION_ID) + number(9) + build_object(new_object(7)) + server + bodies.FILL
     assert line.take(CREATE_OBJECT, answer=b"\0" + two, version=1) == []
     assert line.session.given == {SESSION_ID}
-    for result, body in ((REFUSED, opened), (b"\0", opened.replace(number(287), number(288)))):
+    lowest = build_varint(0x8000, VLQ64)
+    for result, body in ((REFUSED, opened), (lowest, opened), (b"\0", opened.replace(number(287), number(288)))):
         line = Line()
         assert line.take(CREATE_OBJECT, answer=result + body, version=1) == []
         assert line.session.given == set()
