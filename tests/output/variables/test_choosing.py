@@ -115,6 +115,7 @@ def test_an_address_that_is_exactly_a_tag_or_an_element_has_its_name(tmp_path: P
         ("C7", "C7", 16, None),
         ("DB1:3", "DB1.DBB3", 8, None),
         ("DB1:3.5", "DB1.DBX3.5", 1, None),
+        ("DB1:3.0", "DB1.DBX3.0", 1, None),
         ("DB1,B0", "DB1.DBB0", 8, "BYTE"),
         ("DB1:3:REAL[2]", "DB1.DBL3", 64, "REAL"),
         ("DB1.DBX3.5 x1", "DB1.DBX3.5", 1, None),

@@ -91,6 +91,16 @@ def test_lines_for_a_person(tmp_path: Path) -> None:
     ]
 
 
+def test_lines_that_no_terminal_styles_are_bytes(tmp_path: Path) -> None:
+    rows = tank(tmp_path)
+    styled, plain = ValueText(), ValueText()
+    plain.plain = True
+    for writer in (styled, plain):
+        writer.values(rows[:2])
+        writer.values(rows[2:])
+    assert plain.take() == [str(getattr(line, "text", line)).encode() for line in styled.take()]
+
+
 def test_lines_of_json(tmp_path: Path) -> None:
     writer = ValueJsonl()
     writer.values(tank(tmp_path)[1:5])
