@@ -67,7 +67,7 @@ class Bench:
         self.work = work
         self.figures: dict[str, Any] = {"build": self.build}
         self.kept = True
-        self.everything = False  # the monitor writes and serves all it can
+        self.everything = False  # the monitor writes and serves everything that it supports
 
     def own(self, engine: str, only: str = "findings") -> Watcher:
         """Return our monitor as a watcher."""

@@ -23,7 +23,7 @@ def look_alikes(case: Case) -> None:
     port = 49152
 
     def talk_of(*messages: bytes, transport: bool = True, foreign: bool = True) -> None:
-        """A connection whose two ends say these in turn; said once of each that is foreign."""
+        """A connection whose two ends send these in turn; if it is ``foreign``, it is reported once."""
         nonlocal port
         port += 1
         talk = Talk(case, client_port=port)

@@ -2,7 +2,7 @@
 
 A job other than Read Var, Write Var and Setup communication, its answer, and the payload of userdata are lists of parts: a
 structure of fixed size, or one whose last field takes the rest. Only `dissect.protocols.s7.bodies` knows their order; here its
-parts become packets, and packets become octets again. So such a list may contain any packets in any order.
+parts become packets, and packets become octets again. So a list of parts may contain any packets in any order.
 
 Counting fields are filled in when left out: they count the octets after them in the same part, the octets of the following
 parts, or how many parts of one kind follow (`dissect.wire.layout.Field.counts`).

@@ -1,8 +1,9 @@
 """S7comm as Scapy layers: the header, and the code that all bodies share (reference sections 3 and 4).
 
-A body holds the parameter block and the data block: ``S7() / S7_ReadVarRequest(items=[S7_Any(db=10, …)])``. The header's two
-lengths are filled in from it when left out. Read Var and Write Var are in `variables`, userdata in `userdata`; every other
-function is an `S7_Job` or an `S7_Answer`, whose blocks are lists of the parts in `parts` and the modules it names.
+A body holds the parameter block and the data block: ``S7() / S7_ReadVarRequest(items=[S7_Any(db=10, …)])``. If the
+two lengths in the header are left out, they are filled in from the body. Read Var and Write Var are in `variables`, userdata in
+`userdata`; every other function is an `S7_Job` or an `S7_Answer`, whose blocks are lists of the parts in `parts` and the
+modules it names.
 """
 
 from __future__ import annotations

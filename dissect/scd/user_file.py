@@ -21,7 +21,7 @@ from dissect.wire.errors import Error
 from dissect.wire.text import printable
 
 MAX_FILE: Final = 16 << 20
-#: Characters of a name; names in a list.
+#: Maximum number of characters of a name, and of names in a list.
 MAX_NAME: Final = 200
 MAX_NAMES: Final = 65536
 #: Errors of a file that its text lists; the others are counted.

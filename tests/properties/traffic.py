@@ -298,7 +298,7 @@ def _fixed(sent: Sequence[Segment]) -> int:
 def reordered(rng: Random, sent: Sequence[Segment], reach: float, copies: float = 0.0) -> list[Segment]:
     """Return the segments of one connection as in a capture that moves packets by up to ``reach`` places.
 
-    A share ``copies`` is there a second time, after the first.
+    A share ``copies`` of the packets occurs a second time, after the first.
     """
     still = _fixed(sent)
     placed: list[tuple[float, int, Segment]] = []

@@ -38,7 +38,7 @@ class TransactionItem(NamedTuple):
 
     @property
     def ok(self) -> bool:
-        """True where the item went well."""
+        """True if the item succeeded."""
         return self.result in {OK, UNCHANGED}
 
     @property

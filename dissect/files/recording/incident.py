@@ -91,7 +91,7 @@ def _holds(entry: dict[str, Any], begin_ns: int, end_ns: int) -> bool:
 
 
 def window_of(text: str, around_ns: int) -> tuple[int, int]:
-    """Return the time of an alert (a time as its JSON has it), extended by these margins. Raises ValueError."""
+    """Return the time range around an alert, whose time is given as in its JSON. Raises ValueError."""
     at = parse_moment(text).resolve(0, 0)
     return at - around_ns, at + around_ns
 

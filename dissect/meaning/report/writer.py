@@ -46,7 +46,7 @@ NETLINK: Final = "netlink"
 Choice = Callable[[Transaction], bool]
 OperationChoice = Callable[[Operation], bool]
 #: Returns whether a message is wanted, by its protocol, packet, time in nanoseconds, connection, the side that sent it, octets,
-#: whether the capture cut it, for SCD the message, and whether it is behind a malformed header.
+#: whether the capture cut it, for SCD the message, and whether it comes after a malformed header.
 MessageChoice = Callable[[str, int, int, Connection, int, bytes, bool, ScdMessage | None, bool], bool]
 
 

@@ -149,8 +149,8 @@ def expect_no_circle(listeners: list[Place], targets: list[Place]) -> None:
 def _is_own(place: Place) -> bool:
     """Return whether an address is one of this machine; nothing is sent.
 
-    A successful bind is not enough: a system may be configured to allow any address (ip_nonlocal_bind). But then a connect from
-    an address that is not its own fails.
+    A successful bind is not enough: a system may be configured to allow any address (ip_nonlocal_bind). But then
+    connecting from an address that is not its own fails.
     """
     with socket.socket(place.family, socket.SOCK_DGRAM) as probe:
         try:

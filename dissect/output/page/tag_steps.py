@@ -98,7 +98,7 @@ class TagSteps:
             self._gather()
 
     def gap(self) -> None:
-        """Bytes are missing: the next value is not connected with those before."""
+        """Bytes are missing: no line connects the next value with the one before."""
         self._broken = True
 
     def _gather(self) -> None:

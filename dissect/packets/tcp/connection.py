@@ -63,7 +63,7 @@ class TcpConnection:
         self.vlan: i64 = vlan
         self.also: tuple[int, ...] = ()
         self._streams: list[HalfStream] | None = [HalfStream(), HalfStream()]
-        self._first_octets: i64 = 0  # this and the next three are kept of the streams when they are dropped
+        self._first_octets: i64 = 0  # this and the next three keep data of dropped streams
         self._first_position: i64 = 0
         self._second_octets: i64 = 0
         self._second_position: i64 = 0

@@ -32,7 +32,7 @@ MESSAGE_REQUEST: Final = Layout(
         Field("system_diagnostics", 1, "System diagnostics.", f"{_MASK}.system", bits=(0x02, 1), shares=True),
         Field("mode_transitions", 1, "Mode transitions.", f"{_MASK}.modetrans", bits=(0x01, 0), shares=True),
         Field("reserved", 1, "0.", "s7comm.cpu.msg.req_reserved1"),
-        Field("user", 8, "Name of who asks.", "s7comm.cpu.msg.username", means=latin, holds=HOLDS_BLOCK_TEXT),
+        Field("user", 8, "Name of the requester.", "s7comm.cpu.msg.username", means=latin, holds=HOLDS_BLOCK_TEXT),
     ],
 )
 MESSAGE_ANSWER: Final = Layout(

@@ -226,7 +226,7 @@ def _tpdu_fault(tpdu: Tpdu) -> str:
 def carrier_said(tpdu: Tpdu, side: Side, time_ns: int, places: Places) -> str:
     """Return what a DT carries: a part of a message, or nothing, and then the request that it acknowledges before its answer.
 
-    ``side`` sent it, and has not taken it yet.
+    ``side`` sent it; its assembler has not taken the DT yet.
     """
     size = words.count(len(tpdu.data), "byte")
     ends = tpdu.field("eot") == 1

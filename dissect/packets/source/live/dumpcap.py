@@ -108,7 +108,7 @@ class DumpcapReader(PipeReader):
         if self._lost is not None:
             return self._lost
         described = find_interface(self._name)
-        if described is not None and described.state == "down":  # dumpcap waits for it silently
+        if described is not None and described.state == "down":  # dumpcap waits without a message
             self.went_down()
         elif described is not None:
             self.is_up()
