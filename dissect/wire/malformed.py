@@ -36,7 +36,7 @@ _CONTAINERS: Final = {
 }
 #: The end of the names of fields that are counts; others are lengths in bytes.
 _COUNTS: Final = "count"
-#: Names for people of fields with short names, and the values of fields that may have several.
+#: Names in words of fields with short names, and the values that fields may have.
 _SPOKEN: Final = {"li": "length indicator"}
 _EXPECTED: Final = {"li": "1 to 254"}
 #: The beginning of the names of fields that are a depth of nesting.

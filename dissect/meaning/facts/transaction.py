@@ -184,7 +184,7 @@ _ROWS: Final[tuple[Fact[Transaction], ...]] = (
          " `reason` `hole` was answered. Without this key the pair, or the `hole`, is sure. A push has it where it is not"
          " certain which request began its job, and so what its items are.",
          lambda of: LIKELY if of.certainty == LIKELY else None, rare=True, codes=(LIKELY,)),
-    Fact("doubt", CODE, "Only of a pair or a push that is only likely, why. `gaps`: bytes of both directions are missing from"
+    Fact("doubt", CODE, "The reason if a pair or a push is only likely. `gaps`: bytes of both directions are missing from"
          " the capture between request and answer (of a push: of the request that began its job). `alike`: the answer fits"
          " several pending requests with the same reference. It is in no answer time, mismatch or history of values.",
          lambda of: of.doubt or None, rare=True, codes=tuple(DOUBT_TEXTS)),

@@ -155,7 +155,7 @@ TRANSACTIONS: Final = _of_facts(
 
 ITEMS: Final = _of_facts(
     "items",
-    "item of a read, write, subscription or test function, with what became of it",
+    "item of a read, write, subscription or test function, with its outcome",
     ITEM,
     (
         "transaction", "item", "connection", "request_frame", "response_frame", "begin_time", "server_host", "client_host",
