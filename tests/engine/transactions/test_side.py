@@ -12,6 +12,7 @@ from dissect.engine.transactions.side import Place, Rival, Side
 from dissect.engine.transactions.stray import Stray
 from dissect.engine.transactions.table import ConnectionTable
 from dissect.packets.tcp.stream import FAR_AHEAD, WINDOW
+from dissect.protocols.ibh.framer import PacketFramer
 from dissect.protocols.s7plus.tables import SET_VARIABLE
 from dissect.protocols.s7plus.value_tables import DINT
 from dissect.protocols.s7plus.values import Value
@@ -348,3 +349,12 @@ def test_a_side_is_not_at_rest_while_a_pdu_in_frames_is_begun() -> None:
     assert (side.at_rest, side.unfinished) == (False, False)
     talk.ask(framed(octets[20:], 3))
     assert side.at_rest
+
+
+def test_a_side_of_ibh_netlink_is_at_rest_between_packets() -> None:
+    side, _ = pair()
+    framer = side.ibh = PacketFramer()
+    assert side.at_rest
+    framer.push(b"\x00")
+    assert framer.buffered == 1
+    assert not side.at_rest
