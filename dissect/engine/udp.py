@@ -40,7 +40,7 @@ class Datagrams:
             if side is None:
                 return accounts.NOT_TCP
         if side.stream.next_seq < 0:
-            side.stream.start(0)  # there are no sequence numbers, but this side was captured
+            side.begin(0)  # there are no sequence numbers, but this side was captured
         counters = self._counters
         side.tcp.packets += 1
         side.tcp.last_frame = counters.frames

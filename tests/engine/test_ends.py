@@ -628,6 +628,24 @@ def test_octets_before_an_end_that_counts_are_missing_where_a_request_waits_for_
         assert talk.connections[0].tcp.ended == "reset"
 
 
+@each("begin", [1000, 1 << 29, 1 << 30, 1 << 31])
+def test_nothing_is_missing_of_a_side_that_has_said_nothing(begin: int) -> None:
+    """Wherever its numbers begin: what the other side acknowledges is its SYN."""
+    for closes in (False, True):
+        talk = Talk()
+        talk.seq[CLIENT] = begin
+        talk.hello()
+        for ref in (1, 2):
+            talk.tell(words(ref, 1))
+        (side,) = talk.pipeline.table.all_open()
+        assert (side.unseen, side.is_ahead(begin + 1), side.is_ahead(begin + 2)) == (0, False, True)
+        if closes:
+            talk.close()
+        else:
+            talk.finish()
+        assert (talk.pipeline.counters.octets.missing, talk.outcomes()) == (0, ["orphan_answer"] * 2)
+
+
 def test_nothing_is_missing_of_a_connection_that_is_not_followed() -> None:
     talk = Talk(server_port=80)
     talk.hello()

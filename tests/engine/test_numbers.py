@@ -101,6 +101,15 @@ def a_whole_session(talk: Talk) -> None:
     talk.close()
 
 
+def the_server_speaks_first(talk: Talk) -> None:
+    talk.hello()
+    for ref in (1, 2):
+        talk.tell(words(ref, 1))
+    talk.packet(CLIENT)
+    talk.packet(SERVER)
+    talk.close()
+
+
 def met_in_its_midst(talk: Talk) -> None:
     talk.tell(words(9, 1))
     polled(talk, 1, 2)
@@ -383,6 +392,7 @@ def another_protocol(talk: Talk) -> None:
 
 SCENES: Final[list[Callable[[Talk], None]]] = [
     a_whole_session,
+    the_server_speaks_first,
     met_in_its_midst,
     out_of_order,
     sent_again,

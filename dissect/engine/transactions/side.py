@@ -111,7 +111,8 @@ class Side:
         #: continued after it; -1 for none.
         self.acked: i64 = -1
         self.first_ack: i64 = -1  # the first number that this side acknowledged
-        self.end_seq: i64 = 0  # sequence number after the octets at hand
+        #: Sequence number after the octets at hand; before the first ones their own, -1 while that is unknown.
+        self.end_seq: i64 = -1
         self.size: i64 = 0  # number of octets in that segment
         self.fin_seq: i64 = -1  # the number of its FIN, -1 for none
         self.begun_tpkt: Place | None = None  # the latest packet that left a TPKT unfinished
@@ -196,7 +197,9 @@ class Side:
     def note_end(self, seq: i64) -> None:
         """Take the sequence number of a packet without data: earlier octets were sent, even if they were not captured."""
         peer = self.peer
-        if peer is not None and peer.acked >= 0 and self.is_ahead(seq) and (seq - self.end_seq) & MASK <= WINDOW:
+        if peer is None or peer.acked < 0 or self.end_seq < 0:
+            return
+        if self.is_ahead(seq) and (seq - self.end_seq) & MASK <= WINDOW:
             if (seq - peer.acked) & MASK < HALF_SPACE:
                 peer.acked = seq
 
@@ -207,20 +210,13 @@ class Side:
 
     def is_ahead(self, ack: i64) -> bool:
         """Return whether ``ack``, of the other side, acknowledges octets of this side that were not passed on yet."""
-        known: i64 = self._known_end()
-        return ack >= 0 and known >= 0 and 0 < (ack - known) & MASK < HALF_SPACE
-
-    def _known_end(self) -> i64:
-        """Return the sequence number after the octets passed on, -1 for unknown.
-
-        Before the first one this is the number that the other side acknowledged first.
-        """
-        if self.stream.next_seq >= 0:
-            return self.end_seq
-        peer = self.peer
-        if peer is None:
-            return -1
-        return peer.first_ack
+        known: i64 = self.end_seq
+        if known < 0:
+            peer = self.peer
+            if peer is None or peer.first_ack < 0:
+                return False
+            known = peer.first_ack
+        return ack >= 0 and 0 < (ack - known) & MASK < HALF_SPACE
 
     @property
     def unseen(self) -> i64:
@@ -232,7 +228,10 @@ class Side:
         peer = self.peer
         if peer is None or peer.acked < 0:
             return 0
-        ahead: i64 = (peer.acked - self._known_end()) & MASK
+        known: i64 = self.end_seq
+        if known < 0:
+            known = peer.first_ack
+        ahead: i64 = (peer.acked - known) & MASK
         least: i64 = 2 if self.unfinished else MIN_LENGTH
         return ahead if least <= ahead < _MOST_UNSEEN else 0
 

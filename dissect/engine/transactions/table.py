@@ -479,6 +479,8 @@ class ConnectionTable:
         side1 = Side(1, second, tcp, connection, self._first)
         side0.peer = side1
         side1.peer = side0
+        if syn is not None:
+            side0.end_seq = tcp.streams[0].next_seq
         self._take_place(first)
         self._take_place(second)
         self.sides[side1.key] = side1
