@@ -232,3 +232,15 @@ def test_an_answer_sent_again_is_no_request() -> None:
     talk.packet(SERVER, dt(words(9, 1)), seq=at, after_ns=SECOND)
     talk.finish()
     assert [one.again for one in talk.transactions] == [None, None]
+
+
+@each(("held", "given_up"), [(63, False), (64, True)])
+def test_a_gap_is_given_up_when_too_much_waits_behind_it(held: int, given_up: bool) -> None:
+    """It is reported as one of the capture, like any other."""
+    talk = opened()
+    talk.acked[SERVER] = talk.seq[CLIENT]
+    talk.seq[CLIENT] += 31
+    for ref in range(held):
+        talk.ask(read(ref, dbw(1, 0)), after_ns=MS // 10)
+    found = [one.detail for one in talk.findings if one.slug == "stream.hole"]
+    assert found == (["31 bytes from 10.0.0.1:50000, between TPKTs"] if given_up else [])
