@@ -48,7 +48,7 @@ def test_nothing_is_known_at_first() -> None:
         -1,
         -1,
         -1,
-        0,
+        -1,
         -1,
         -1,
     )
