@@ -86,7 +86,7 @@ def test_such_a_place_is_found() -> None:
 def context_book(count: int) -> Sized:
     book = ContextBook()
     for number in range(count):
-        book.opened(number, number)
+        book.opened(number, number, 0, None)
     return book._known
 
 
