@@ -143,22 +143,30 @@ def _target(cutter: Cutter, choice: Choice, frame: int | None) -> int:
 class _Waiting(Signals):
     """Signals while Wireshark runs: a termination is passed on to it; it handles an interruption from the keyboard itself."""
 
-    def __init__(self, child: subprocess.Popen[bytes]) -> None:
+    def __init__(self) -> None:
         super().__init__()
+        self._child: subprocess.Popen[bytes] | None = None
+
+    def started(self, child: subprocess.Popen[bytes]) -> None:
+        """Wireshark runs: end it if a signal came while it was started."""
         self._child = child
+        if self.asked:
+            child.terminate()
 
     def react(self, again: bool, frame: object) -> None:
         """Hand the signal on."""
-        self._child.terminate()
+        if self._child is not None:
+            self._child.terminate()
 
 
 def _show(program: str, path: str, number: int) -> int:
     """Run Wireshark on a file until it is closed; return 130 when it was interrupted."""
-    try:
-        child = subprocess.Popen([program, "-r", os.path.abspath(path), "-g", str(number)], stdout=sys.stderr)  # noqa: PTH100 - a name from the user that begins with - is a file too
-    except OSError as error:
-        raise click.ClickException(f"{printable(program)} cannot be started: {error.strerror}.") from None
-    with _Waiting(child) as waiting:
+    with _Waiting() as waiting:
+        try:
+            child = subprocess.Popen([program, "-r", os.path.abspath(path), "-g", str(number)], stdout=sys.stderr)  # noqa: PTH100 - a name from the user that begins with - is a file too
+        except OSError as error:
+            raise click.ClickException(f"{printable(program)} cannot be started: {error.strerror}.") from None
+        waiting.started(child)
         code = child.wait()
     if waiting.asked:
         return EXIT_INTERRUPTED

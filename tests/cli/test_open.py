@@ -9,10 +9,11 @@ import subprocess
 import sys
 import time
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import pytest
 
+from dissect.cli import open as opening
 from dissect.cli.main import main
 from dissect.packets.source.files import open_capture
 from tests.cli.support import run
@@ -185,3 +186,25 @@ def test_an_interruption_ends_wireshark_and_leaves_nothing(tmp_path: Path, wires
         finally:
             child.kill()
     assert not list((tmp_path / "tmp").iterdir())
+
+
+@pytest.mark.skipif(os.name == "nt", reason="a process of Windows gets no SIGTERM")
+def test_a_termination_while_wireshark_starts_ends_it_too(
+    wireshark: Fake, capture: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    wireshark.does("exec sleep 20")
+    begin = subprocess.Popen
+    stray: list[int] = []
+
+    def interrupted(*arguments: Any, **about: Any) -> Any:
+        child = begin(*arguments, **about)
+        os.kill(os.getpid(), signal.SIGTERM)
+        return child
+
+    before = signal.signal(signal.SIGTERM, lambda number, _frame: stray.append(number))
+    try:
+        monkeypatch.setattr("dissect.cli.open.subprocess.Popen", interrupted)
+        assert opening._show(str(wireshark.folder / "wireshark"), str(capture), 1) == 130
+    finally:
+        signal.signal(signal.SIGTERM, before)
+    assert stray == []
