@@ -395,25 +395,26 @@ class Reminded(Talk):
 
     def __init__(self) -> None:
         super().__init__()
-        self.sums: list[tuple[str, int, list[int]]] = []
+        self.left: list[tuple[str, int, list[int]]] = []
 
     def repeated(self, finding: Finding) -> None:
-        self.sums.append((finding.slug, int(finding.repeated), finding.frames))
+        self.left.append((finding.slug, int(finding.repeated), finding.frames))
 
 
 def test_findings_beyond_the_details_are_summed_up_at_the_end_or_after_a_minute() -> None:
     for late in (False, True):
         talk = Reminded()
         talk.open()
+        frame = 0
         for number in range(MAX_DETAILED + 7):
             talk.ask(read(number, dbw(1, 0)), after_ns=0)
             frame = talk.tell(ack_data(number, b"\x04\x01", refused(0x0A)), after_ns=0)
-        assert (len(details(talk, "transaction.item_error")), talk.sums) == (MAX_DETAILED, [])
+        assert (len(details(talk, "transaction.item_error")), talk.left) == (MAX_DETAILED, [])
         if late:
             talk.silence(61 * SECOND)
         else:
             talk.finish()
-        assert talk.sums == [("transaction.item_error", 7, [frame])]
+        assert talk.left == [("transaction.item_error", 7, [frame])]
 
 
 class Broken(Talk):

@@ -407,6 +407,7 @@ def test_a_packet_whose_length_covers_others_hides_none_of_them() -> None:
     """Its own length says more than there is: the next segment begins with another packet."""
     link = Link()
     link.begin()
+    frame = 0
     for ref in (1, 2):
         link.packet(CLIENT, short(0xF1, b"what")[:-1])
         frame = link.packet(CLIENT, short(0xF1, read(ref, dbw(1, 0))))

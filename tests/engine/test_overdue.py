@@ -219,7 +219,7 @@ def test_requests_are_told_with_the_tick_behind_their_limit(talk: Talk) -> None:
     """Every 50 milliseconds: requests that are due between two of them come with the second one."""
     talk.now_ns = START_NS + SECOND
     frames = [talk.ask(read(number, dbw(1, 0)), after_ns=20 * MS) for number in range(4)]
-    when = {}
+    when: dict[int, int] = {}
     for number in range(2000, 2200):
         talk.pipeline.tick(START_NS + SECOND + number * MS)
         for frame in told(talk):

@@ -320,9 +320,9 @@ def test_the_fullest_connections_are_dropped_when_all_keep_too_much(memory: int)
     left = len(talk.pipeline.table.all_open())
     assert left == 60 - len(gone)
     assert {sizes[int(one.connection)] for one in gone[:30]} == {60_000}  # first those that keep most
-    for one in gone:
-        assert one.detail.startswith("it held ")
-        assert sizes[int(one.connection)] < int(one.detail.split()[2]) < 3 * sizes[int(one.connection)]
+    for found in gone:
+        assert found.detail.startswith("it held ")
+        assert sizes[int(found.connection)] < int(found.detail.split()[2]) < 3 * sizes[int(found.connection)]
     assert [one.tcp.ended for one in talk.connections] == ["evicted"] * len(gone)
     kept = sum(2 * sizes[int(side.connection.number)] for side in talk.pipeline.table.all_open())
     assert memory // 4 < kept <= memory // 2

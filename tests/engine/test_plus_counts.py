@@ -296,10 +296,10 @@ def test_what_is_kept_of_an_unfinished_pdu_is_known() -> None:
 def test_a_pdu_in_frames_is_one_for_an_observer(version: int) -> None:
     talk = Seen().begin()
     frames = [framed(told(1, body=bytes(50)), version, trailer=False), framed(b"end", version)]
-    for octets in frames:
-        frame = talk.packet(SERVER, dt(octets))
+    first, last = (talk.packet(SERVER, dt(octets)) for octets in frames)
+    assert last == first + 1
     talk.packet(CLIENT, dt(KEEP_ALIVE))
-    assert talk.seen == [(frame, SERVER, b"".join(frames), False), (frame + 1, CLIENT, KEEP_ALIVE, False)]
+    assert talk.seen == [(last, SERVER, b"".join(frames), False), (last + 1, CLIENT, KEEP_ALIVE, False)]
 
 
 def test_a_frame_that_the_capture_cut_ends_its_pdu() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from random import Random
+from typing import Any
 
 import pytest
 
@@ -90,7 +91,7 @@ def test_a_round_takes_several_steps() -> None:
     sides = opened(list(range(LOOK_AT_ONCE + 10)))
     search = IdleSearch()
     search.begin(both(sides))
-    looks = []
+    looks: list[Any] = []
     for _ in range(3):
         assert search.take() is None or len(looks) >= 2  # nothing is known before the round is over
         search.step()

@@ -158,7 +158,7 @@ def test_what_is_kept_of_a_body(
 @pytest.mark.parametrize("name", _PARTS)
 def test_nothing_is_noted_where_nothing_is_shown(name: str) -> None:
     shown, quiet = contents(name), contents(name, shown=False)
-    assert quiet.parts == quiet.notes == []
+    assert (quiet.parts, quiet.notes) == ([], [])
     assert shown.notes == [part[2] for part in _PARTS[name] if part[2]]
     assert (quiet.items, quiet.refusals, quiet.value, quiet.expected) == (
         shown.items, shown.refusals, shown.value, shown.expected

@@ -8,7 +8,7 @@ import pytest
 
 from dissect.protocols.s7plus.bodies import parse_contents
 from dissect.protocols.s7plus.message import parse_plus
-from dissect.protocols.s7plus.objects import PlusObject, build_elements, read_elements
+from dissect.protocols.s7plus.objects import Element, PlusObject, build_elements, read_elements
 from dissect.protocols.s7plus.tables import CREATE_OBJECT
 from dissect.protocols.s7plus.value_tables import UDINT
 from dissect.protocols.s7plus.values import Value
@@ -147,16 +147,18 @@ FEW: Final = [Variable(9, 0xAABBCCDD, 5, 0x8AC0, 0, 2, 4, []), Variable(10, 1, 1
 def test_a_list_of_variables_is_read_now_or_when_it_is_needed(blocks: list[list[Variable]]) -> None:
     made = VariableList(0x02000080 if blocks else 0, blocks)
     wire = build_elements([made])
+    ends: list[Variable] = []
     for shown in (True, False):
         found, walk = read(wire + b"\1", shown)
         assert isinstance(found, VariableList)
+        ends = [variable for block in found.blocks[-1:] for variable in block[-1:]]
         assert (walk.at, walk.depth) == (len(wire), 0)
         assert (found.first, found.count) == (made.first, sum([len(block) for block in blocks]))
         assert [[one.lid for one in block] for block in found.blocks] == [
             [one.lid for one in block] for block in blocks
         ]
         assert build_elements([found]) == wire
-    (end,) = [variable for block in found.blocks[-1:] for variable in block[-1:]] or [FEW[1]]
+    (end,) = ends or [FEW[1]]
     assert (end.crc, end.datatype, end.attributes, end.bit_offsets) == (1, 19, 0x9AC0, 3)
     assert (end.offset_1, end.offset_2, end.numbers) == (0x1234, 0x4321, [8, 6])
 
@@ -214,7 +216,7 @@ def test_a_list_that_does_not_fit_is_told_with_its_place(
 
 def test_variables_and_names_count_as_work() -> None:
     """Of 100 variables with their names each costs as much as a value."""
-    lists = [VariableList(0, [[FEW[0]] * 100]), NameList([[b"n"] * 100])]
+    lists: list[Element] = [VariableList(0, [[FEW[0]] * 100]), NameList([[b"n"] * 100])]
     for one in lists:
         body = bodies.create_object(3, Value(0, UDINT, 0), PlusObject(1, 2, 0, 0, 0, [one]), integrity_id=1)
         pdu = parse_plus(framed(asked(1, CREATE_OBJECT, body=body), 3))
