@@ -17,7 +17,7 @@ import re
 from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import Any, BinaryIO, Final, NamedTuple
 
 from dissect.files.recording.names import PART, SUFFIX
 from dissect.wire import locks
@@ -61,10 +61,14 @@ def hash_of(line: bytes) -> str:
 
 def content_hash(path: Path) -> str:
     """Return the hash of a file. Raises OSError."""
-    found = hashlib.sha256()
     with path.open("rb") as file:
-        while piece := file.read(_PIECE):
-            found.update(piece)
+        return _hash_of_rest(file)
+
+
+def _hash_of_rest(file: BinaryIO) -> str:
+    found = hashlib.sha256()
+    while piece := file.read(_PIECE):
+        found.update(piece)
     return found.hexdigest()
 
 
@@ -121,15 +125,14 @@ class Manifest:
         self.names.add(str(facts.get("name")))
 
     def add_file(self, path: Path, time: str, kind: str = FILE, **facts: Any) -> None:
-        """Write the entry of a file, which is brought to the disk before."""
+        """Write the entry of a file, which is brought to the disk before; the ring may remove it in the meantime."""
         # Windows syncs only files that may be written.
-        descriptor = os.open(path, os.O_RDWR if locks.MANDATORY else os.O_RDONLY)
-        try:
-            os.fsync(descriptor)
-            octets = os.fstat(descriptor).st_size
-        finally:
-            os.close(descriptor)
-        self.add(kind, time, name=path.name, sha256=content_hash(path), octets=octets, **facts)
+        access = os.O_RDWR if locks.MANDATORY else os.O_RDONLY
+        with os.fdopen(os.open(path, access | getattr(os, "O_BINARY", 0)), "rb") as file:
+            os.fsync(file.fileno())
+            octets = os.fstat(file.fileno()).st_size
+            sha256 = _hash_of_rest(file)
+        self.add(kind, time, name=path.name, sha256=sha256, octets=octets, **facts)
 
     def _append(self, octets: bytes) -> None:
         flags = os.O_WRONLY | os.O_CREAT | os.O_APPEND | getattr(os, "O_BINARY", 0)

@@ -6,6 +6,7 @@ import queue
 import threading
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, Final
 
@@ -79,11 +80,7 @@ class ManifestThread:
                 self._manifest = Manifest(self._path)
             if kind == manifest.LEFT and path is not None and path.name in self._manifest.names:
                 return True
-            if path is not None and path.exists():
-                self._manifest.add_file(path, moment, kind, **facts)
-            else:
-                name = {"name": path.name} if path is not None else {}
-                self._manifest.add(kind, moment, **name, **facts)
+            _enter(self._manifest, kind, moment, path, facts)
         except OSError as error:
             if self._recovery.failed():
                 self._problems.tell(
@@ -95,3 +92,13 @@ class ManifestThread:
             self._recovery.worked()
             self._problems.tell(EVIDENCE, "the manifest is written again", True)
         return True
+
+
+def _enter(kept: Manifest, kind: str, moment: str, path: Path | None, facts: dict[str, Any]) -> None:
+    """Write an entry; that of a file which the ring has removed since has its name only. Raises OSError."""
+    if path is not None:
+        with suppress(FileNotFoundError):
+            kept.add_file(path, moment, kind, **facts)
+            return
+        facts = {"name": path.name, **facts}
+    kept.add(kind, moment, **facts)

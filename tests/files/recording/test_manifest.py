@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
+import os
 from pathlib import Path
 
 import pytest
@@ -33,6 +35,26 @@ def made(folder: Path) -> tuple[Path, list[str]]:
 
 def said(folder: Path, *heads: str) -> dict[str, str]:
     return {verdict.name: verdict.state for verdict in verified(folder, heads) if not verdict.well}
+
+
+@pytest.mark.skipif(os.name == "nt", reason="Windows removes no file that is open")
+def test_a_file_that_is_removed_while_it_is_hashed_has_its_hash(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    whole, path = b"octets of a ring" * 100, tmp_path / NAMES[0]
+    path.write_bytes(whole)
+    kept = Manifest(tmp_path / f"s7dissect{ENDING}")
+    sync = os.fsync
+
+    def removing(descriptor: int) -> None:
+        sync(descriptor)
+        path.unlink(missing_ok=True)
+
+    monkeypatch.setattr("os.fsync", removing)
+    kept.add_file(path, TIME)
+    (entry,) = [json.loads(line) for line in kept.path.read_bytes().splitlines()]
+    assert not path.exists()
+    assert (entry["sha256"], entry["octets"]) == (hashlib.sha256(whole).hexdigest(), len(whole))
 
 
 def test_all_is_whole(tmp_path: Path) -> None:

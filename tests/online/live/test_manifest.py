@@ -5,12 +5,13 @@ from __future__ import annotations
 import json
 import shutil
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from dissect.engine.observer import Observer
 from dissect.engine.pipeline import Pipeline
-from dissect.files.recording.manifest import verified
+from dissect.files.recording.manifest import Manifest, verified
 from dissect.files.recording.ring_buffer import RingBuffer, RingLimits
 from dissect.online.live.evidence import RingCompanion
 from dissect.online.live.problems import Problems
@@ -48,6 +49,31 @@ def test_each_finished_file_has_its_entry(tmp_path: Path) -> None:
     assert sum([int(str(entry["packets"])) for entry in files]) == 50
     assert kinds.count("removed") == companion.ring.removed > 0
     assert [verdict for verdict in verified(tmp_path) if not verdict.well] == []
+
+
+def test_a_file_that_the_ring_removed_before_it_is_hashed_keeps_its_entry(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """On a slow disk the ring is ahead of the hashes; the entries behind such a file are written, too."""
+    add_file = Manifest.add_file
+    gone: list[str] = []
+
+    def late(kept: Manifest, path: Path, time: str, kind: str = "file", **facts: Any) -> None:
+        path.unlink(missing_ok=True)
+        gone.append(path.name)
+        add_file(kept, path, time, kind, **facts)
+
+    monkeypatch.setattr(Manifest, "add_file", late)
+    companion = ring(tmp_path)
+    put(companion, 50)
+    companion.close()
+    found = entries(tmp_path)
+    assert (found[0]["kind"], found[-1]["kind"]) == ("begin", "end")
+    files = [entry for entry in found if entry["kind"] == "file"]
+    assert [entry["name"] for entry in files] == gone
+    assert len(gone) > 1
+    assert sum([int(str(entry["packets"])) for entry in files]) == 50
+    assert not [entry for entry in files if "sha256" in entry]
 
 
 def test_what_a_kill_left_is_named_at_the_next_start(tmp_path: Path) -> None:
@@ -91,7 +117,7 @@ def test_a_full_disk_is_an_entry_as_soon_as_there_is_room(tmp_path: Path) -> Non
 from dissect.engine.observer import Observer
 from dissect.engine.pipeline import Pipeline
 from dissect.online.live.evidence import RingCompanion
-from dissect.files.recording.manifest import verified
+from dissect.files.recording.manifest import Manifest, verified
 from dissect.files.recording.ring_buffer import RingBuffer, RingLimits
 companion = RingCompanion(RingBuffer(FOLDER, RingLimits(octets=20_000)), CLOCK, {})
 companion.problems.listen(companion.problem)
